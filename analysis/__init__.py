@@ -1,0 +1,1 @@
+"""Offline analysis: arrays and files in, figures out. What a script imports."""

@@ -1,0 +1,1 @@
+"""The optical model: scenes, rays, the sweep over cavity patterns."""

@@ -1,0 +1,1 @@
+"""The digital shadow: mesh, finite-strain solver, reduced model, monitor."""

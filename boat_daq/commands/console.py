@@ -1,0 +1,74 @@
+"""How every command speaks: one JSON object on standard output, all else on standard error.
+
+Rules: results go to standard output; messages, tables' captions and progress go to standard error, so that
+`boat-daq ... --json | jq` works. A failure is one or two lines, the cause and the remedy, and exit code 1.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+
+out = Console()
+err = Console(stderr=True)
+
+
+class Advance(Protocol):
+    """Moves a bar: ``advance(done, total)`` in any one unit; may raise KeyboardInterrupt on Ctrl-C."""
+
+    def __call__(self, done: float, total: float, /) -> None: ...
+
+
+def plain(value: Any) -> Any:
+    """Return `value` as JSON's own types; arrays become lists, NaN and infinities become null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def emit_json(value: Any) -> None:
+    """Print one JSON object on standard output."""
+    typer.echo(json.dumps(plain(value), ensure_ascii=False, allow_nan=False))
+
+
+def say(text: str) -> None:
+    """Print a message for the reader on standard error."""
+    err.print(text, highlight=False, markup=False)
+
+
+@contextmanager
+def progress_bar(label: str) -> Iterator[Advance]:
+    """A bar on standard error for work of more than a second; yields ``advance(done, total)``."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
+               TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=err, transient=True) as progress:
+        task = progress.add_task(label, total=None)
+
+        def advance(done: float, total: float, /) -> None:
+            progress.update(task, completed=done, total=total)
+
+        yield advance

@@ -1,0 +1,1 @@
+"""The running instrument without a window: ports, recorder, sequencer, interlock, session."""

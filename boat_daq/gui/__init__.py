@@ -1,0 +1,1 @@
+"""Windows, pages and panels: Qt only, no arithmetic."""

@@ -1,0 +1,1 @@
+"""The board link: bytes in, events out. No thread, no clock, no port, no window."""

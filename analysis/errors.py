@@ -1,10 +1,10 @@
 """Errors of the analysis, by whose fault they are.
 
-    AnalysisError
-    +-- DataError          the data cannot carry the figure that was asked for
-    +-- RequestError       a parameter is outside what the method is defined for
-    +-- FileError          the file is not what it was taken for
-    +-- ConvergenceError   the method did not reach its own criterion
+AnalysisError
++-- DataError          the data cannot carry the figure that was asked for
++-- RequestError       a parameter is outside what the method is defined for
++-- FileError          the file is not what it was taken for
++-- ConvergenceError   the method did not reach its own criterion
 """
 
 from __future__ import annotations

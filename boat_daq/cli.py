@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 
 import typer
 
-import boat_daq
 from boat_daq.commands.console import say
 
 # A command's file is imported only when its turn comes: `boat-daq board` must not wait for Qt or numba.

@@ -1,9 +1,9 @@
 """Errors of the program: each names its cause and, where there is one, the remedy.
 
-    BoatDaqError
-    +-- OperatorError      what was asked for cannot be done as asked (a path, a plan, a limit)
-    +-- DeviceError        the port or the board does not do its part
-    +-- StorageError       the disk or the file does not do its part
+BoatDaqError
++-- OperatorError      what was asked for cannot be done as asked (a path, a plan, a limit)
++-- DeviceError        the port or the board does not do its part
++-- StorageError       the disk or the file does not do its part
 """
 
 from __future__ import annotations

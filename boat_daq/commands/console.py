@@ -63,8 +63,13 @@ def say(text: str) -> None:
 @contextmanager
 def progress_bar(label: str) -> Iterator[Advance]:
     """A bar on standard error for work of more than a second; yields ``advance(done, total)``."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
-               TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=err, transient=True) as progress:
         task = progress.add_task(label, total=None)
 

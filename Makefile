@@ -1,0 +1,77 @@
+# Everything a user or a contributor runs. On a fresh Debian machine `make demo` and `make test` need only Python.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+JOBS   ?= 2
+OUT    ?= out/demo
+
+# What Qt and the tests need from Debian; the GUI's own libraries first, then the virtual screen and the PDF viewer.
+QT_PACKAGES   := libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libglib2.0-0 libxcb-cursor0 \
+                 libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-randr0 libxcb-render-util0 libxcb-shape0 \
+                 libxcb-xkb1 fonts-dejavu-core
+TEST_PACKAGES := xvfb poppler-utils gcc
+NIGHTLY_PACKAGES := calculix-ccx chromium gcc-arm-none-eabi
+
+.PHONY: demo test check nightly bench setup setup-test system system-test clean help
+
+help:            ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
+
+demo: setup      ## set up, then a whole calibration session on the virtual board
+	$(BIN)/boat-daq demo --out $(OUT)
+
+test: setup-test check  ## set up, then linters, types, import directions and the tests
+	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n $(JOBS) -m "not nightly and not benchmark_run"
+
+check: setup-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+nightly: setup-test  ## the tests that take minutes
+	@$(call debian_install,$(NIGHTLY_PACKAGES))
+	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m nightly --timeout 3600
+
+bench: setup-test  ## print every benchmark's figure and ratio
+	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest tests/benchmarks -m benchmark_run -s -q --timeout 1200
+
+setup: $(VENV)/.installed
+setup-test: $(VENV)/.installed-test
+
+# $(1): packages. Missing ones are installed where apt-get is there and allowed; elsewhere it is said in a line.
+define debian_install
+if command -v dpkg-query >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then \
+	missing=""; for p in $(1); do \
+	  dpkg-query -W -f '$${Status} $${Provides}\n' "$$p*" 2>/dev/null | grep -q "^install ok installed" || missing="$$missing $$p"; done; \
+	if [ -n "$$missing" ]; then \
+	  if [ "$$(id -u)" = 0 ]; then as=""; elif command -v sudo >/dev/null 2>&1; then as=sudo; else \
+	    echo "please install as root: apt-get install$$missing"; exit 1; fi; \
+	  echo "installing$$missing"; \
+	  $$as apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$as apt-get install -y -qq --no-install-recommends $$missing >/dev/null; \
+	fi; \
+else echo "not a Debian system: if the window does not open, install Qt 6's libraries ($(1)) with your package manager"; fi
+endef
+
+system:
+	@$(call debian_install,$(QT_PACKAGES))
+
+system-test: system
+	@$(call debian_install,$(TEST_PACKAGES))
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v < (3, 14) else "Python 3.11 to 3.13 is needed; this is %d.%d. Try: make PYTHON=python3.12" % v)'
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { $(call debian_install,python3-venv); }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install -q --disable-pip-version-check --upgrade "pip>=25.1"
+
+$(VENV)/.installed: pyproject.toml | system $(BIN)/python
+	$(BIN)/python -m pip install -q --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/.installed-test: pyproject.toml | system-test $(BIN)/python
+	$(BIN)/python -m pip install -q --disable-pip-version-check --editable ".[cluster]" --group dev
+	@touch $@ $(VENV)/.installed
+
+clean:           ## remove what the two commands made
+	rm -rf $(VENV) out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

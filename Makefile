@@ -43,7 +43,7 @@ setup-test: $(VENV)/.installed-test
 define debian_install
 if command -v dpkg-query >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then \
 	missing=""; for p in $(1); do \
-	  dpkg-query -W -f '$${Status} $${Provides}\n' "$$p*" 2>/dev/null | grep -q "^install ok installed" || missing="$$missing $$p"; done; \
+	  dpkg-query -W -f '$${Status}\n' "$$p" "$${p}t64" 2>/dev/null | grep -q "^install ok installed" || missing="$$missing $$p"; done; \
 	if [ -n "$$missing" ]; then \
 	  if [ "$$(id -u)" = 0 ]; then as=""; elif command -v sudo >/dev/null 2>&1; then as=sudo; else \
 	    echo "please install as root: apt-get install$$missing"; exit 1; fi; \

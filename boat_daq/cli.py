@@ -1,32 +1,78 @@
-"""The one console script. Every group of commands has its own file in `boat_daq/commands/`."""
+"""The one console script. Every group of commands has its own file in `boat_daq/commands/`.
+
+A command's own imports (numpy, Qt, numba) happen when it runs, so that `--help` and `board` answer at once.
+"""
 
 from __future__ import annotations
 
+import signal
 import sys
+from types import FrameType
+from typing import Annotated
 
+import click
 import typer
 
+import boat_daq
 from boat_daq.commands.console import say
-
-# A command's file is imported only when its turn comes: `boat-daq board` must not wait for Qt or numba.
-GROUPS = {
-    "optics": "The optical model: trace, scene, sweep, optimise.",
-    "shadow": "The digital shadow: solve, table, modulus, replay, export.",
-}
 
 app = typer.Typer(
     name="boat-daq",
     help="Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.",
-    no_args_is_help=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
+    add_completion=True,
 )
 
 
+def show_version(value: bool) -> None:
+    if value:
+        typer.echo(f"boat-daq {boat_daq.__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def start(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.
+
+    Without a command it opens the window. Example: boat-daq demo --headless
+    """
+    if context.invoked_subcommand is None:
+        from boat_daq.commands.gui import gui
+
+        gui()
+
+
+def terminated(_signal: int, _frame: FrameType | None) -> None:
+    """A polite `kill` leaves as Ctrl-C does: vented, the recording closed."""
+    raise KeyboardInterrupt
+
+
 def main() -> None:
-    """Run the command line; map failures to the exit codes of the surface (0, 1, 2, 130)."""
+    """Run the command line; failures become the exit codes of the surface (0, 1, 2, 130)."""
+    signal.signal(signal.SIGTERM, terminated)
     try:
-        app()
-    except KeyboardInterrupt:
+        code = app(standalone_mode=False)
+    except click.UsageError as error:
+        error.show()
+        sys.exit(2)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(1)
+    except (KeyboardInterrupt, click.Abort):
         say("stopped")
         sys.exit(130)
+    except Exception as error:  # the error families of the packages share these two attributes
+        cause, remedy = getattr(error, "cause", None), getattr(error, "remedy", None)
+        if cause is None or remedy is None:
+            raise
+        say(f"error: {cause}")
+        if remedy:
+            say(f"  try: {remedy}")
+        sys.exit(1)
+    sys.exit(code if isinstance(code, int) else 0)

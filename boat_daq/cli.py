@@ -6,11 +6,9 @@ A command's own imports (numpy, Qt, numba) happen when it runs, so that `--help`
 from __future__ import annotations
 
 import signal
-import sys
 from types import FrameType
 from typing import Annotated
 
-import click
 import typer
 
 import boat_daq
@@ -48,25 +46,27 @@ def start(
         gui()
 
 
-def terminated(_signal: int, _frame: FrameType | None) -> None:
-    """A polite `kill` leaves as Ctrl-C does: vented, the recording closed."""
-    raise KeyboardInterrupt
+class Interruption:
+    """Turns Ctrl-C and a polite `kill` into the same KeyboardInterrupt, and remembers that it came."""
+
+    def __init__(self) -> None:
+        self.came = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self)
+
+    def __call__(self, _signal: int, _frame: FrameType | None) -> None:
+        self.came = True
+        raise KeyboardInterrupt
 
 
 def main() -> None:
     """Run the command line; failures become the exit codes of the surface (0, 1, 2, 130)."""
-    signal.signal(signal.SIGTERM, terminated)
+    interruption = Interruption()
     try:
-        code = app(standalone_mode=False)
-    except click.UsageError as error:
-        error.show()
-        sys.exit(2)
-    except click.ClickException as error:
-        error.show()
-        sys.exit(1)
-    except (KeyboardInterrupt, click.Abort):
-        say("stopped")
-        sys.exit(130)
+        app()
+    except SystemExit as leaving:
+        # Releases of typer differ in the code they leave with after Ctrl-C.
+        raise SystemExit(130 if interruption.came else leaving.code) from None
     except Exception as error:  # the error families of the packages share these two attributes
         cause, remedy = getattr(error, "cause", None), getattr(error, "remedy", None)
         if cause is None or remedy is None:
@@ -74,5 +74,4 @@ def main() -> None:
         say(f"error: {cause}")
         if remedy:
             say(f"  try: {remedy}")
-        sys.exit(1)
-    sys.exit(code if isinstance(code, int) else 0)
+        raise SystemExit(1) from None

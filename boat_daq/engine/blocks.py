@@ -1,0 +1,61 @@
+"""What travels from the reading thread to the sinks: one block of bytes and what was understood of it.
+
+Rules: a block is a value, shared by all sinks and changed by none. Every byte that came or went is in exactly one
+block, so the blocks of a session, in order, are the session. What the engine itself notices (port gone, silence, a
+sink that failed) comes the same way, as an event in a block, so that one stream tells the whole story in order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from boat_daq.errors import DeviceError
+from protocol.connection import LinkEvent
+
+
+@dataclass(frozen=True, slots=True)
+class PortLost:
+    """The port is gone: unplugged, closed at the other end, or at the end of a replay. No block follows."""
+
+    error: DeviceError
+
+
+@dataclass(frozen=True, slots=True)
+class PortSilent:
+    """The port is open and nothing came for `silent_s`; said once, again only after bytes came."""
+
+    silent_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SinkFailed:
+    """A sink raised; reading goes on, and the sink is called again with the next block."""
+
+    sink: str
+    error: Exception
+
+
+EngineEvent: TypeAlias = PortLost | PortSilent | SinkFailed
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One read (or one write) of the port.
+
+    Attributes
+    ----------
+    host_ns : host monotonic clock at the arrival, or at the sending.
+    raw : the bytes; empty when only events are told.
+    sent : False for bytes from the board, True for bytes to it.
+    events : what was understood, in order; samples among them.
+    """
+
+    host_ns: int
+    raw: bytes
+    sent: bool = False
+    events: tuple[LinkEvent | EngineEvent, ...] = ()
+
+
+Sink: TypeAlias = Callable[[Block], None]

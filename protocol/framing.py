@@ -1,0 +1,113 @@
+"""Frames: COBS with a 00 behind each, a CRC-32 inside (protocol/SPEC.md, "Carrier and framing").
+
+On the wire stands `COBS(body) 00`, body = type, seq, payload, CRC-32 little-endian. Rules of this file:
+
+- A frame ends at a 00 and nowhere else, so that any damage costs the frame it hits (two, if it hits the 00 between).
+- Nothing damaged is an error: it is counted under one of four names, and the stream goes on.
+- How the bytes are cut into chunks changes neither a frame nor a count.
+- CRC(body with its CRC at the end) is the constant 0x2144DF1C for a good body and no other: one call checks a frame,
+  and a whole chunk is split, decoded and checked by C code (`bytes.split`, `cobs`, `zlib`) without a loop in Python.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from zlib import crc32
+
+from cobs import cobs
+
+from protocol.errors import LocalError
+
+BODY_MIN = 6  # type, seq, CRC
+BODY_MAX = 200
+COLLECT_MAX = 210  # bytes without a 00 that a receiver keeps
+RESIDUE = 0x2144DF1C  # CRC-32 of anything followed by its own CRC-32
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One good frame without its checksum: `type` and `seq` 0 to 255."""
+
+    type: int
+    seq: int
+    payload: bytes
+
+
+def encode_frame(type_: int, seq: int, payload: bytes = b"") -> bytes:
+    """Return the bytes on the wire, the closing 00 included; `seq` is taken modulo 256.
+
+    Raises
+    ------
+    LocalError : the type is not a byte, or the payload longer than 194 bytes.
+    """
+    if not 0 <= type_ <= 0xFF or len(payload) > BODY_MAX - BODY_MIN:
+        raise LocalError(f"no frame can hold type {type_} with {len(payload)} bytes of payload")
+    body = bytes((type_, seq & 0xFF)) + payload
+    return bytes(cobs.encode(body + crc32(body).to_bytes(4, "little"))) + b"\0"
+
+
+class FrameReader:
+    """Bytes in, good frames out. The receiving half of either side."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._skipping = False  # in an oversize run, until its 00
+        self.bytes = 0
+        self.frames = 0  # good ones
+        self.crc_errors = 0
+        self.malformed = 0  # not COBS, or a body shorter or longer than a body can be
+        self.oversize = 0  # runs of more than 210 bytes without a 00
+
+    def receive(self, data: bytes) -> list[Frame]:
+        """Return the frames that `data` completes, in order."""
+        return [Frame(body[0], body[1], body[2:-4]) for body in self.receive_bodies(data)]
+
+    def receive_bodies(self, data: bytes) -> list[bytes]:
+        """Return the good bodies (type, seq, payload, CRC) that `data` completes: the quick form of `receive`."""
+        self.bytes += len(data)
+        if self._skipping:
+            _, delimiter, data = data.partition(b"\0")
+            if not delimiter:
+                return []
+            self._skipping = False
+        runs = (self._rest + data).split(b"\0")
+        self._rest = runs.pop()
+        if len(self._rest) > COLLECT_MAX:
+            self._rest, self._skipping = b"", True
+            self.oversize += 1
+        runs = list(filter(None, runs))  # empty frames are legal and mean nothing
+        if not runs:
+            return []
+        bodies = self._good_bodies(runs)
+        self.frames += len(bodies)
+        return bodies
+
+    def _good_bodies(self, runs: list[bytes]) -> list[bytes]:
+        try:
+            bodies = list(map(cobs.decode, runs))
+        except cobs.DecodeError:
+            return self._sort_out(runs)
+        lengths = set(map(len, bodies))
+        if min(lengths) >= BODY_MIN and max(lengths) <= BODY_MAX and set(map(crc32, bodies)) == {RESIDUE}:
+            return bodies
+        return self._sort_out(runs)
+
+    def _sort_out(self, runs: list[bytes]) -> list[bytes]:
+        """Return the good among runs that are not all good, and count the rest."""
+        good = []
+        for run in runs:
+            if len(run) > COLLECT_MAX:
+                self.oversize += 1
+                continue
+            try:
+                body = cobs.decode(run)
+            except cobs.DecodeError:
+                self.malformed += 1
+                continue
+            if not BODY_MIN <= len(body) <= BODY_MAX:
+                self.malformed += 1
+            elif crc32(body) != RESIDUE:
+                self.crc_errors += 1
+            else:
+                good.append(bytes(body))
+        return good

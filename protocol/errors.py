@@ -4,6 +4,7 @@
     +-- LocalError     this side was asked for something the contract does not allow
     +-- RemoteError    the other side broke the contract
     +-- ProfileError   a text profile cannot be used as it is written
+    +-- RecordingError a file is not a recording, or cannot be read as one
 
 Damaged bytes are not errors: they are counted, and the stream goes on.
 """
@@ -36,3 +37,7 @@ class RemoteError(ProtocolError):
 
 class ProfileError(ProtocolError):
     """A text profile cannot be used as it is written."""
+
+
+class RecordingError(ProtocolError):
+    """A file is not a recording, or cannot be read as one."""

@@ -21,9 +21,16 @@ host's monotonic clock at the arrival of the bytes; UTC with its offset names th
 from __future__ import annotations
 
 import enum
-from typing import Any, Literal
+import json
+import sqlite3
+import struct
+from contextlib import closing
+from pathlib import Path
+from typing import Any, Final, Literal
 
 import numpy as np
+
+from protocol.errors import RecordingError
 
 APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, so that `file` and we know the file for ours
 SCHEMA_VERSION = 1  # SQLite's `user_version`
@@ -194,3 +201,98 @@ TABLE_NAMES = (
 
 # `step.branch`: "unloading" from elongation to compression, "loading" back, "start" and "end" outside the cycles.
 BRANCHES = ("start", "unloading", "loading", "end")
+
+MAX_VALUE_BYTES = 64 * 2**20  # no honest text or blob of ours comes near; a larger one is refused by SQLite itself
+_HEADER: Final = struct.Struct(">16s44xI4xI28x")  # magic, user_version, application_id of SQLite's 100-byte header
+
+
+def open_recording(path: Path | str) -> sqlite3.Connection:
+    """Open a recording for reading, trusting nothing in it.
+
+    The file may come from anywhere: it is opened read-only, its schema is not run (no views, triggers or virtual
+    tables), and no value larger than `MAX_VALUE_BYTES` is read. A recording that is being written, or was left by a
+    killed program, is read up to its last commit. Close the connection soon: while it is open the writer's log grows.
+
+    Raises
+    ------
+    RecordingError : the file is missing, is not a recording, or its schema is not ours.
+    """
+    path = Path(path)
+    _check_header(path)
+    uri = f"{path.absolute().as_uri()}?mode=ro"
+    try:
+        connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False, timeout=5.0)
+    except sqlite3.Error as error:
+        raise RecordingError(f"{path} cannot be opened: {error}", "Copy it to a folder that can be written.") from error
+    try:
+        for pragma in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON", "mmap_size=0"):
+            connection.execute(f"PRAGMA {pragma}")
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
+        connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+        _check_schema(path, connection)
+    except sqlite3.Error as error:
+        connection.close()
+        raise RecordingError(f"{path} cannot be read: {error}", f"Try: boat-daq recover {path}") from error
+    except RecordingError:
+        connection.close()
+        raise
+    return connection
+
+
+def _check_header(path: Path) -> None:
+    """Refuse what is not a recording by the first 100 bytes, before SQLite looks at it."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEADER.size)
+    except FileNotFoundError:
+        raise RecordingError(f"there is no file {path}") from None
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
+    if not head:
+        raise RecordingError(f"{path} is empty (0 bytes)", "Nothing was recorded in it.")
+    if len(head) < _HEADER.size or not head.startswith(b"SQLite format 3\0"):
+        raise RecordingError(
+            f"{path} is not a recording", f"Recordings end in {SUFFIX} and are made by boat-daq record."
+        )
+    _, version, application = _HEADER.unpack(head)
+    if application != APPLICATION_ID or version < 1:
+        raise RecordingError(f"{path} is a database of another program, not a recording")
+
+
+def _check_schema(path: Path, connection: sqlite3.Connection) -> None:
+    """Refuse a file whose tables are missing, are something else, or would run something when read."""
+    rows = connection.execute("SELECT type, name, sql FROM sqlite_schema LIMIT 1000").fetchall()
+    active = [name for kind, name, sql in rows if kind in {"view", "trigger"} or "VIRTUAL" in str(sql).upper()[:20]]
+    if active:
+        raise RecordingError(
+            f"{path} holds something that runs when read ({active[0]!r})", "It was not made by boat-daq."
+        )
+    missing = set(TABLE_NAMES) - {name for kind, name, _ in rows if kind == "table"}
+    if missing:
+        raise RecordingError(
+            f"{path} is not a whole recording: no table {min(missing)!r}", f"Try: boat-daq recover {path}"
+        )
+    with closing(sqlite3.connect(":memory:")) as reference:
+        reference.executescript(TABLES)
+        for table in TABLE_NAMES:
+            query = f"SELECT name FROM pragma_table_info('{table}')"  # noqa: S608 - names are ours
+            ours, theirs = ({row[0] for row in db.execute(query)} for db in (reference, connection))
+            if not ours <= theirs:
+                raise RecordingError(f"{path}: table {table!r} has no column {min(ours - theirs)!r}")
+
+
+def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
+    """Return the table `session` as a dictionary of decoded JSON values.
+
+    Raises
+    ------
+    RecordingError : a value is not JSON, or a key that every recording has is missing.
+    """
+    try:
+        meta = {str(key): json.loads(value) for key, value in connection.execute("SELECT key, value FROM session")}
+    except (sqlite3.Error, ValueError, TypeError, RecursionError) as error:
+        raise RecordingError(f"the session's description cannot be read: {error}") from error
+    missing = [key for key in SESSION_KEYS if key not in meta]
+    if missing:
+        raise RecordingError(f"the session's description has no {missing[0]!r}")
+    return meta

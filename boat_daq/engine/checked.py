@@ -1,0 +1,86 @@
+"""Tables from a TOML file become values, or are refused by key.
+
+A hand-edited file is never half believed: an unknown key, a missing one, a wrong type or a number that is not finite
+names its key, and no default is quietly put in its place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tomllib
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+
+from boat_daq.errors import OperatorError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+T = TypeVar("T")
+
+MAX_BYTES = 1_000_000  # a plan or a settings file is a few kilobytes; more is somebody's mistake
+
+
+def refuse(where: str, key: str, why: str, remedy: str = "") -> OperatorError:
+    """Return the error that names file and key."""
+    return OperatorError(f"{where}: '{key}' {why}", remedy)
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Return the table in `text`.
+
+    Raises
+    ------
+    OperatorError : not TOML; says the line.
+    """
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise OperatorError(f"{where} is not a readable TOML file: {error}", "mend that line") from error
+
+
+def read_text(path: Path) -> str:
+    """Return a small text file's content.
+
+    Raises
+    ------
+    OperatorError : missing, unreadable, too large, or not UTF-8.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise OperatorError(f"{path} is larger than {MAX_BYTES // 1000} kB", "name the right file")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise OperatorError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
+    except UnicodeDecodeError as error:
+        raise OperatorError(f"{path} is not a text file in UTF-8", "save it as UTF-8") from error
+
+
+def _plain(value: Any, kind: type, where: str, key: str) -> Any:
+    """Return `value` as `kind`, an integer standing for a float where one is meant."""
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not kind:
+        raise refuse(where, key, f"must be of type {kind.__name__}, not {type(value).__name__} ({value!r:.40})")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise refuse(where, key, f"must be a finite number, not {value}")
+    return value
+
+
+def build(cls: type[T], table: Mapping[str, Any], where: str) -> T:
+    """Return the dataclass `cls` filled from `table`; all its fields are str, int, float or bool.
+
+    Raises
+    ------
+    OperatorError : unknown key, missing key, wrong type, not finite; each by key.
+    """
+    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    kinds = get_type_hints(cls)
+    for key in table:
+        if key not in fields:
+            raise refuse(where, key, "is not a known key", "known are " + ", ".join(fields))
+    for name, field in fields.items():
+        if name not in table and field.default is dataclasses.MISSING:
+            raise refuse(where, name, "is missing")
+    return cls(**{key: _plain(value, kinds[key], where, key) for key, value in table.items()})

@@ -276,7 +276,8 @@ def decode_message(frame: Frame, n_sensors: int) -> BoardMessage | None:
                 return _decode_hello(payload)
             case MessageType.SAMPLE:
                 counts = struct.unpack_from(f"<{2 * n_sensors}H", payload, _SAMPLE_HEAD.size)
-                return Sample(*_SAMPLE_HEAD.unpack_from(payload), counts[0::2], counts[1::2])
+                index, time_us, pressure_pa, state, flags = _SAMPLE_HEAD.unpack_from(payload)
+                return Sample(index, time_us, pressure_pa, state, flags, counts[0::2], counts[1::2])
             case MessageType.ACK:
                 type_, seq, status = _ACK.unpack_from(payload)
                 return Ack(type_, seq, _known(AckStatus, status))
@@ -291,8 +292,9 @@ def decode_message(frame: Frame, n_sensors: int) -> BoardMessage | None:
 def _decode_hello(payload: bytes) -> Hello:
     if payload and payload[0] != PROTOCOL_VERSION:
         return Hello(payload[0], 0, 0, 0, 0, 0, 0, 0, 0, 0, "")
-    *head, board_id = _HELLO.unpack_from(payload)
-    hello = Hello(*head, board_id.split(b"\0")[0].decode("ascii", "backslashreplace"))
+    fields = list(_HELLO.unpack_from(payload))
+    fields[-1] = fields[-1].split(b"\0")[0].decode("ascii", "backslashreplace")
+    hello = Hello(*fields)
     if not (1 <= hello.n_sensors <= SENSORS_MAX and 1 <= hello.adc_bits <= 16 and hello.vref_mv and hello.rate_max_hz):
         raise RemoteError(f"HELLO of an impossible board: {hello}")
     if hello.pressure_min_pa >= hello.pressure_max_pa:

@@ -21,10 +21,10 @@ from numba import njit
 from analysis.shadow.arrays import Floats, Integers
 from analysis.shadow.element import add_to_band
 
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-_N = np.stack([_POINTS * (_POINTS - 1) / 2, 1 - _POINTS**2, _POINTS * (_POINTS + 1) / 2], axis=1)
-_DN = np.stack([_POINTS - 0.5, -2 * _POINTS, _POINTS + 0.5], axis=1)
-_CROSS = np.einsum("g,gi,gj->gij", _WEIGHTS, _N, _DN)
+_POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+VALUES = np.stack([_POINTS * (_POINTS - 1) / 2, 1 - _POINTS**2, _POINTS * (_POINTS + 1) / 2], axis=1)
+DERIVATIVES = np.stack([_POINTS - 0.5, -2 * _POINTS, _POINTS + 0.5], axis=1)
+_CROSS = np.einsum("g,gi,gj->gij", WEIGHTS, VALUES, DERIVATIVES)
 
 
 @njit(cache=True)
@@ -35,9 +35,9 @@ def cavity_volume(nodes: Floats, u: Floats, edges: Integers) -> float:
         for g in range(3):
             r, dz = 0.0, 0.0
             for a in range(3):
-                r += _N[g, a] * (nodes[edge[a], 0] + u[edge[a], 0])
-                dz += _DN[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
-            volume -= _WEIGHTS[g] * np.pi * r * r * dz
+                r += VALUES[g, a] * (nodes[edge[a], 0] + u[edge[a], 0])
+                dz += DERIVATIVES[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
+            volume -= WEIGHTS[g] * np.pi * r * r * dz
     return volume
 
 
@@ -48,11 +48,11 @@ def volume_gradient(nodes: Floats, u: Floats, edges: Integers, gradient: Floats)
         for g in range(3):
             r, dz = 0.0, 0.0
             for a in range(3):
-                r += _N[g, a] * (nodes[edge[a], 0] + u[edge[a], 0])
-                dz += _DN[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
+                r += VALUES[g, a] * (nodes[edge[a], 0] + u[edge[a], 0])
+                dz += DERIVATIVES[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
             for a in range(3):
-                gradient[edge[a], 0] -= _WEIGHTS[g] * 2.0 * np.pi * r * dz * _N[g, a]
-                gradient[edge[a], 1] -= _WEIGHTS[g] * np.pi * r * r * _DN[g, a]
+                gradient[edge[a], 0] -= WEIGHTS[g] * 2.0 * np.pi * r * dz * VALUES[g, a]
+                gradient[edge[a], 1] -= WEIGHTS[g] * np.pi * r * r * DERIVATIVES[g, a]
 
 
 @njit(cache=True)
@@ -66,9 +66,9 @@ def pressure_tangent(nodes: Floats, u: Floats, edges: Integers, pressure: float,
                 for g in range(3):
                     r, dz = 0.0, 0.0
                     for i in range(3):
-                        r += _N[g, i] * (nodes[edge[i], 0] + u[edge[i], 0])
-                        dz += _DN[g, i] * (nodes[edge[i], 1] + u[edge[i], 1])
-                    rr += _WEIGHTS[g] * 2.0 * np.pi * dz * _N[g, a] * _N[g, b]
+                        r += VALUES[g, i] * (nodes[edge[i], 0] + u[edge[i], 0])
+                        dz += DERIVATIVES[g, i] * (nodes[edge[i], 1] + u[edge[i], 1])
+                    rr += WEIGHTS[g] * 2.0 * np.pi * dz * VALUES[g, a] * VALUES[g, b]
                     rz += 2.0 * np.pi * r * _CROSS[g, a, b]
                 row = equations[edge[a], 0]
                 if row < 0:

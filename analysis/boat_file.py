@@ -1,0 +1,211 @@
+"""A `.boat` file into a `Recording`, and results back into the file.
+
+Strategy: the file is opened read-only and decoded in one pass into one array of `sample_dtype`; the columns are views
+or one vectorised expression of it. The sequencer's steps and the readings become frames in the same board time as the
+samples. A damaged block is named and left out, the rest is read (fault 32).
+
+Rules: nothing recorded is ever changed; a result is added as a new row with the program's version, and only to a file
+that nobody is recording to.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from analysis.errors import FileError, RequestError
+from analysis.recording import READING_COLUMNS, STEP_COLUMNS, FloatArray, IntArray, Recording
+from protocol.recording import dtype_from_description, open_recording, read_session
+
+SQLITE_MAGIC = b"SQLite format 3\x00"
+
+
+def is_boat_file(path: Path) -> bool:
+    """True where the file starts as SQLite files do."""
+    with path.open("rb") as file:
+        return file.read(16) == SQLITE_MAGIC
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a recording read-only, trusting nothing in it; damage met while reading becomes a `FileError`."""
+    db = open_recording(path)
+    try:
+        yield db
+    except sqlite3.Error as error:
+        raise FileError(f"{path.name} cannot be read to its end: {error}", f"Try: boat-daq recover {path}") from error
+    finally:
+        db.close()
+
+
+def read_boat_file(path: str | Path) -> Recording:
+    """Decode a `.boat` file into a `Recording`.
+
+    Raises
+    ------
+    FileError : not a recording, or one without a single sample.
+    """
+    path = Path(path)
+    with opened(path) as db:
+        meta = read_session(db)
+        samples, segment, damaged = _samples(db, meta, path.name)
+        clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))
+        steps = _steps(db, clock)
+        readings = pd.read_sql_query(f"SELECT {', '.join(READING_COLUMNS)} FROM reading ORDER BY id", db)  # noqa: S608
+    if damaged:
+        meta["damaged_blocks"] = damaged
+    counts = "lit" in (samples.dtype.names or ())
+    if counts:
+        scale = float(meta["vref_mv"]) / 2.0 ** int(meta["adc_bits"])
+        signal = (samples["lit"].astype(np.float64) - samples["dark"]) * scale
+    else:
+        signal = samples["signal_mv"].astype(np.float64)
+    return Recording.from_arrays(
+        clock.time_s,
+        samples["pressure_pa"] / 1000.0,
+        signal,
+        target_kpa=target_from_steps(clock.time_s, steps),
+        lit=samples["lit"] if counts else None,
+        dark=samples["dark"] if counts else None,
+        state=samples["state"],
+        flags=samples["flags"],
+        segment=segment,
+        index=samples["index"],
+        steps=steps,
+        readings=readings,
+        meta=meta,
+        source=str(path),
+    )
+
+
+def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:
+    """Reconstruct the commanded pressure [n], kPa: each step's target from its start to its end, else NaN."""
+    target = np.full(time_s.size, np.nan)
+    for step in steps.itertuples():
+        first = np.searchsorted(time_s, step.started_s, side="left")
+        last = np.searchsorted(time_s, step.ended_s, side="right") if np.isfinite(step.ended_s) else time_s.size
+        target[first:last] = step.target_kpa
+    return target
+
+
+@dataclass(frozen=True, slots=True)
+class _Clock:
+    time_s: FloatArray
+    offset_us: Mapping[int, int]  # by segment: what is added to its board time
+
+    def seconds(self, segment: int, time_us: float) -> float:
+        return (time_us + self.offset_us[segment]) / 1e6 if segment in self.offset_us else float("nan")
+
+
+def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tuple[npt.NDArray[np.void], IntArray, int]:
+    try:
+        dtype = dtype_from_description(meta["sample_dtype"])
+    except (KeyError, ValueError, TypeError) as error:
+        raise FileError(f"{name} does not say what its samples are ({error})", "The file is damaged.") from error
+    blobs: list[npt.NDArray[np.void]] = []
+    segments: list[IntArray] = []
+    damaged = 0
+    for segment, n, blob in db.execute("SELECT segment, n, samples FROM block ORDER BY id"):
+        if len(blob) != n * dtype.itemsize:
+            damaged += 1
+            continue
+        blobs.append(np.frombuffer(blob, dtype))
+        segments.append(np.full(n, segment, dtype=np.int64))
+    if not blobs:
+        raise FileError(f"{name} holds no samples", "The session ended before the board sent any.")
+    return np.concatenate(blobs), np.concatenate(segments), damaged
+
+
+def _lay_end_to_end(db: sqlite3.Connection, time_us: IntArray, segment: IntArray, rate_hz: float) -> _Clock:
+    """Board time over all segments: within one as the board said, between two by what both clocks allow.
+
+    A board that restarts its clock is placed after the end of the segment before, by the host's clock where that
+    says more than one sampling interval. A clock that simply ran on (a pause) is left alone.
+    """
+    hosts = dict(db.execute("SELECT id, host_ns FROM segment"))
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1])
+    ends = np.concatenate([starts[1:], [segment.size]])
+    interval_us = round(1e6 / rate_hz) if rate_hz > 0 else 10_000
+    total = time_us.astype(np.int64).copy()
+    offsets: dict[int, int] = {}
+    origin = int(time_us[0])
+    for order, (first, last) in enumerate(zip(starts, ends, strict=True)):
+        name = int(segment[first])
+        offset = -origin
+        if order:
+            before = int(total[first - 1])
+            if int(time_us[first]) <= int(time_us[first - 1]):
+                waited_us = (hosts.get(name, 0) - hosts.get(int(segment[first - 1]), 0)) // 1000
+                ran_us = int(time_us[first - 1]) - int(time_us[starts[order - 1]])
+                offset = before + max(interval_us, waited_us - ran_us) - int(time_us[first])
+            else:
+                offset = offsets[int(segment[first - 1])]
+        offsets[name] = offset
+        total[first:last] += offset
+    return _Clock(total / 1e6, offsets)
+
+
+def _steps(db: sqlite3.Connection, clock: _Clock) -> pd.DataFrame:
+    rows = db.execute(
+        "SELECT id, segment, number, cycle, branch, target_kpa, ramp_kpa_per_s, started_us, arrived_us, settled_us,"
+        " ended_us, status, detail FROM step ORDER BY id"
+    ).fetchall()
+    steps = pd.DataFrame(rows, columns=list(STEP_COLUMNS))
+    for column in ("started_s", "arrived_s", "settled_s", "ended_s"):
+        times = pd.to_numeric(steps[column], errors="coerce")
+        steps[column] = [clock.seconds(int(s), float(t)) for s, t in zip(steps["segment"], times, strict=True)]
+    return steps
+
+
+def store_result(
+    path: str | Path, kind: str, content: Mapping[str, Any], parameters: Mapping[str, Any], *, seed: int | None
+) -> bool:
+    """Add a result to a closed recording, with the program's version; the same result is not added twice.
+
+    Returns
+    -------
+    True where a row was written, False where the file already holds the same result.
+
+    Raises
+    ------
+    RequestError : the recording is not closed: its one writer is still at work.
+    FileError : the file cannot be written.
+    """
+    path = Path(path)
+    with opened(path) as db:
+        if read_session(db).get("status") == "recording":
+            raise RequestError(f"{path.name} is being recorded", "Wait for its end, or `boat-daq recover` it.")
+        text = json.dumps(content, sort_keys=True, allow_nan=False)
+        asked = json.dumps(parameters, sort_keys=True)
+        query = "SELECT 1 FROM result WHERE kind=? AND parameters=? AND content=? AND program_version=?"
+        if db.execute(query, (kind, asked, text, _version())).fetchone():
+            return False
+    try:
+        with sqlite3.connect(path) as writer:
+            writer.execute(
+                "INSERT INTO result (utc, kind, program_version, seed, parameters, content) VALUES (?, ?, ?, ?, ?, ?)",
+                (datetime.datetime.now(datetime.UTC).isoformat(), kind, _version(), seed, asked, text),
+            )
+        writer.close()
+    except sqlite3.Error as error:
+        raise FileError(f"the result cannot be written into {path.name}: {error}", "Is it read-only?") from error
+    return True
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("boat-daq")
+    except PackageNotFoundError:
+        return "uninstalled"

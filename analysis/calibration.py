@@ -1,0 +1,204 @@
+"""The calibration: y(x) through the plateaus, with all that one needs to trust it.
+
+Strategy: `analysis.polynomial` solves; this file turns the solution into what a calibration certificate states:
+coefficients in the paper's monomials with standard errors and covariance, R2, residuals, range, turning points,
+whether the curve is monotone where it is used, and the bands of curve and new reading (ISO/TS 28038:2018, 6 and 7).
+
+Rules: a value; nothing in it changes. Outside `range` nothing is promised: `y` evaluates anywhere, the inverse
+refuses (`analysis.inverse`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import legendre
+from scipy import stats
+
+from analysis.polynomial import FloatArray, LeastSquares, least_squares
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A fitted polynomial y(x) = b0 + b1 x + ... .
+
+    Attributes
+    ----------
+    coefficients, std_errors : [degree + 1], monomials, b0 first.
+    covariance : [degree + 1, degree + 1] of the coefficients.
+    r2, adjusted_r2 : share of the (weighted) variance explained; NaN where y does not vary.
+    rmse : sqrt(sum of squared residuals / n).
+    residual_sd : sqrt(sum of squared residuals / (n - degree - 1)); NaN without degrees of freedom.
+    x_range, y_range : of the data.
+    turning_points : every x where the slope is zero and changes sign, inside the range or not.
+    monotone : no turning point inside the range, and not flat.
+    fit : the solution in its scaled basis.
+    x, y : the data.
+    """
+
+    coefficients: FloatArray
+    std_errors: FloatArray
+    covariance: FloatArray
+    degree: int
+    n: int
+    r2: float
+    adjusted_r2: float
+    rmse: float
+    residual_sd: float
+    x_range: tuple[float, float]
+    y_range: tuple[float, float]
+    turning_points: tuple[float, ...]
+    monotone: bool
+    fit: LeastSquares
+    x: FloatArray
+    y: FloatArray
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return self.n - self.degree - 1
+
+    @property
+    def residuals(self) -> FloatArray:
+        """[n] observed minus fitted."""
+        return self.fit.residuals
+
+    @property
+    def full_scale(self) -> float:
+        """|y(x_max) - y(x_min)| of the fitted curve."""
+        low, high = self.predict(np.asarray(self.x_range))
+        return abs(float(high - low))
+
+    @property
+    def rises(self) -> bool:
+        """True where y grows with x over the range, from end to end."""
+        low, high = self.predict(np.asarray(self.x_range))
+        return bool(high > low)
+
+    def predict(self, x: npt.ArrayLike) -> FloatArray:
+        """Return y(x), evaluated in the scaled basis."""
+        basis = self.fit.basis
+        return np.asarray(legendre.legval(basis.scaled(x), self.fit.basis_coefficients), dtype=np.float64)
+
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """Return dy/dx."""
+        basis = self.fit.basis
+        derivative = legendre.legder(self.fit.basis_coefficients)
+        return np.asarray(legendre.legval(basis.scaled(x), derivative), dtype=np.float64) / basis.half_width
+
+    def curve_sd(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the standard error of y(x) from the fit's covariance."""
+        rows = self.fit.basis.design(x) @ self.fit.basis_factor
+        return np.asarray(self.residual_sd * np.sqrt(np.einsum("...i,...i->...", rows, rows)), dtype=np.float64)
+
+    def band(self, x: npt.ArrayLike, level: float = 0.95, *, new_reading: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return the lower and upper limit of the curve, or of one new reading, at confidence `level`.
+
+        Student's t with n - degree - 1 degrees of freedom; pointwise, not simultaneous. NaN where there are none.
+        """
+        spread = self.curve_sd(x)
+        if new_reading:
+            spread = np.hypot(spread, self.residual_sd)
+        factor = stats.t.ppf(0.5 + level / 2, self.dof) if self.dof > 0 else float("nan")
+        centre = self.predict(x)
+        return centre - factor * spread, centre + factor * spread
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the keys of `fit --json`."""
+        return {
+            "degree": self.degree,
+            "n": self.n,
+            "coefficients": self.coefficients.tolist(),
+            "std_errors": self.std_errors.tolist(),
+            "covariance": self.covariance.tolist(),
+            "r2": self.r2,
+            "adjusted_r2": self.adjusted_r2,
+            "rmse": self.rmse,
+            "residual_sd": self.residual_sd,
+            "range": list(self.x_range),
+            "turning_points": list(self.turning_points),
+            "monotone": self.monotone,
+        }
+
+
+def fit_calibration(
+    x: npt.ArrayLike, y: npt.ArrayLike, degree: int = 3, *, standard_uncertainty: npt.ArrayLike | None = None
+) -> Calibration:
+    """Fit y(x), a polynomial of `degree`, by (weighted) least squares.
+
+    Parameters
+    ----------
+    x, y : [n], for instance elongation in mm and signal in mV.
+    degree : 0 to 10.
+    standard_uncertainty : [n] of y; gives weights 1/u^2. The scale of the uncertainties is still taken from the
+        residuals, so only their ratios matter.
+
+    Returns
+    -------
+    Calibration.
+
+    Raises
+    ------
+    DataError : fewer than degree + 1 distinct x, all x equal, clustered x, NaN; the message says which.
+    RequestError : degree or uncertainties outside what the method is defined for.
+
+    Examples
+    --------
+    >>> fit_calibration([0, 1, 2, 3, 4], [1, 2, 5, 10, 17], degree=2).coefficients.round(12).tolist()
+    [1.0, 0.0, 1.0]
+    """
+    x = np.asarray(x, dtype=np.float64).ravel()
+    y = np.asarray(y, dtype=np.float64).ravel()
+    weights = None
+    if standard_uncertainty is not None:
+        with np.errstate(divide="ignore"):
+            weights = 1.0 / np.asarray(standard_uncertainty, dtype=np.float64).ravel() ** 2
+    fit = least_squares(x, y, degree, weights)
+    relative = np.ones_like(y) if weights is None else weights / weights.max()
+    squares = float(relative @ fit.residuals**2)
+    mean = float(relative @ y / relative.sum())
+    total = float(relative @ (y - mean) ** 2)
+    dof = x.size - degree - 1
+    sd = float(np.sqrt(squares / dof)) if dof > 0 else float("nan")
+    turning = turning_points(fit)
+    x_range = (float(x.min()), float(x.max()))
+    return Calibration(
+        coefficients=fit.coefficients,
+        std_errors=sd * np.sqrt(np.einsum("ij,ij->i", fit.monomial_factor, fit.monomial_factor)),
+        covariance=sd**2 * fit.monomial_factor @ fit.monomial_factor.T,
+        degree=int(degree),
+        n=x.size,
+        r2=1.0 - squares / total if total > 0 else float("nan"),
+        adjusted_r2=1.0 - squares / total * (x.size - 1) / dof if total > 0 and dof > 0 else float("nan"),
+        rmse=float(np.sqrt(squares / relative.sum())),
+        residual_sd=sd,
+        x_range=x_range,
+        y_range=(float(y.min()), float(y.max())),
+        turning_points=turning,
+        monotone=total > 0 and degree > 0 and not any(x_range[0] < t < x_range[1] for t in turning),
+        fit=fit,
+        x=x,
+        y=y,
+    )
+
+
+def turning_points(fit: LeastSquares) -> tuple[float, ...]:
+    """Return every real x where the slope changes sign, ascending; none for a straight line or a constant.
+
+    Leading coefficients that are rounding error of the fit are dropped first: a line fitted as a cubic turns nowhere.
+    """
+    coefficients = fit.basis_coefficients.copy()
+    scale = np.abs(coefficients).max()
+    while coefficients.size > 1 and abs(coefficients[-1]) <= 1e-12 * scale:
+        coefficients = coefficients[:-1]
+    derivative = legendre.legder(coefficients)
+    if derivative.size < 2:
+        return ()
+    roots = legendre.legroots(derivative)
+    real = np.sort(roots[np.abs(roots.imag) < 1e-7 * (1 + np.abs(roots.real))].real)
+    before_after = 1e-5 * (1 + np.abs(real))
+    turns = legendre.legval(real - before_after, derivative) * legendre.legval(real + before_after, derivative) < 0
+    return tuple(float(u * fit.basis.half_width + fit.basis.centre) for u in real[turns])

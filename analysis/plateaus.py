@@ -1,0 +1,255 @@
+"""Plateaus of a staircase, from measured pressure.
+
+Strategy: an edge is where the means of two adjoining windows differ by more than noise and tolerance allow; a plateau
+is a stretch between edges that stays within tolerance of its own median. Several window lengths are tried and the one
+that explains most of the run is kept, so that fast and slow ramps, short and long holds, quiet and noisy sensors all
+work without a setting. A continuous run gives none or only its turning points, and is called continuous.
+
+Rules: a plateau's value is the mean of its settled part, its standard error corrected for autocorrelation; what is
+flagged or not finite is left out and counted; above a limit of lost and left-out samples the plateau is void. The
+sequencer's steps name a plateau and split a hold that two steps share; they never make one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.cycles import Cycles
+from analysis.recording import FloatArray, IntArray, Recording
+from analysis.statistics import standard_error
+
+TOLERANCE_KPA = 1.0
+SETTLING_S = 0.5
+MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
+MIN_SAMPLES = 5
+WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6)
+MIN_LEVELS = 3  # fewer distinct levels are turning points of a continuous run
+
+
+@dataclass(frozen=True, slots=True)
+class PlateauSettings:
+    """What counts as settled: within `tolerance_kpa` for `settling_s`; void above `max_damaged` lost or left out."""
+
+    tolerance_kpa: float = TOLERANCE_KPA
+    settling_s: float = SETTLING_S
+    max_damaged: float = MAX_DAMAGED
+
+
+@dataclass(frozen=True, slots=True)
+class Plateau:
+    """One hold. Values are of its settled part; per sensor where a tuple.
+
+    `cycle` is 0 outside the complete cycles; `branch` is "unloading", "loading", "start" (the extreme that opens the
+    first cycle) or "" outside; `void` says why the plateau carries no figure, or is "".
+    """
+
+    number: int
+    cycle: int
+    branch: str
+    first: int
+    settled_first: int
+    last: int
+    start_s: float
+    end_s: float
+    pressure_kpa: float
+    pressure_se_kpa: float
+    signal_mv: tuple[float, ...]
+    signal_se_mv: tuple[float, ...]
+    signal_sd_mv: tuple[float, ...]
+    n: tuple[int, ...]
+    lost: int
+    left_out: int
+    step: int | None = None
+    void: str = ""
+
+
+def find_plateaus(
+    recording: Recording, cycles: Cycles, settings: PlateauSettings | None = None
+) -> tuple[Plateau, ...]:
+    """Find the holds of a staircase; an empty tuple for a continuous run.
+
+    Parameters
+    ----------
+    recording, cycles : the run and what `find_cycles` found in it.
+    settings : tolerance, settling time, and how much damage voids a plateau.
+    """
+    settings = settings or PlateauSettings()
+    if recording.n < 20 or cycles.span_kpa <= 2 * settings.tolerance_kpa:
+        return ()
+    holds = _best_holds(recording, cycles, settings)
+    holds = [part for hold in holds for part in _split_at_breaks(hold, recording)]
+    levels = [float(np.median(cycles.smooth_kpa[a : b + 1])) for a, b in holds]
+    if _distinct(np.asarray(levels), 2 * settings.tolerance_kpa) < MIN_LEVELS:
+        return ()
+    plateaus = [
+        _measure(recording, settings, number, hold, level, cycles)
+        for number, (hold, level) in enumerate(zip(holds, levels, strict=True), 1)
+    ]
+    return _with_branches(tuple(_with_step(p, recording) for p in plateaus), cycles)
+
+
+def plateau_table(plateaus: tuple[Plateau, ...]) -> pd.DataFrame:
+    """Return the plateaus as a frame, one row each, sensors numbered from 1 in the column names."""
+    rows: list[dict[str, Any]] = []
+    for p in plateaus:
+        row: dict[str, Any] = {
+            "plateau": p.number, "cycle": p.cycle, "branch": p.branch, "start_s": p.start_s, "end_s": p.end_s,
+            "pressure_kpa": p.pressure_kpa, "pressure_se_kpa": p.pressure_se_kpa, "lost": p.lost,
+            "left_out": p.left_out, "step": p.step, "void": p.void,
+        }  # fmt: skip
+        for i, (mean, se, sd, n) in enumerate(zip(p.signal_mv, p.signal_se_mv, p.signal_sd_mv, p.n, strict=True), 1):
+            row |= {f"s{i}_mv": mean, f"s{i}_se_mv": se, f"s{i}_sd_mv": sd, f"s{i}_n": n}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _best_holds(recording: Recording, cycles: Cycles, settings: PlateauSettings) -> list[tuple[int, int]]:
+    rows = np.arange(recording.n)
+    good = recording.pressure_usable
+    pressure = recording.pressure_kpa if good.all() else np.interp(rows, rows[good], recording.pressure_kpa[good])
+    sums = np.concatenate([[0.0], np.cumsum(pressure - pressure.mean())])
+    best: list[tuple[int, int]] = []
+    covered = 0
+    for seconds in WINDOWS_S:
+        window = max(3, round(seconds / recording.interval_s))
+        if 4 * window > recording.n:
+            break
+        holds = _holds(sums, window, cycles.noise_kpa, settings.tolerance_kpa, recording.interval_s)
+        length = sum(b - a + 1 for a, b in holds)
+        if length > 1.02 * covered:
+            best, covered = holds, length
+    return best
+
+
+def _holds(
+    sums: FloatArray, window: int, noise: float, tolerance: float, interval_s: float
+) -> list[tuple[int, int]]:
+    """Stretches between edges that stay within tolerance of their median, rows (first, last)."""
+    n = sums.size - 1
+    means = (sums[window:] - sums[:-window]) / window  # means[i] covers rows i..i+window-1
+    step = means[window:] - means[: n - 2 * window + 1]  # step[i] compares both sides of row i+window
+    noise_mean = noise / np.sqrt(window)
+    flat = np.abs(step) < max(tolerance, 5.0 * np.sqrt(2.0) * noise_mean)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.view(np.int8), [0]])))
+    found = []
+    shortest = max(MIN_SAMPLES, round(0.3 / interval_s))
+    for first, last in zip(edges[::2] + window, edges[1::2] + window - 1, strict=True):
+        # the windows reach over the edge at either end: inside them the hold goes on
+        first = 0 if first == window else first
+        last = n - 1 if last == n - window else last
+        if last - first + 1 < shortest:
+            continue
+        inside = means[first : max(last - window + 2, first + 1)]
+        level = np.median(inside)
+        within = np.abs(inside - level) <= tolerance + 3.5 * noise_mean
+        if within.mean() >= 0.9:
+            found.append((int(first), int(last)))
+    return found
+
+
+def _split_at_breaks(hold: tuple[int, int], recording: Recording) -> list[tuple[int, int]]:
+    """Split a hold where a segment ends, and where one step of the sequencer ends and the next begins in it."""
+    first, last = hold
+    cuts = list(first + 1 + np.flatnonzero(np.diff(recording.segment[first : last + 1])))
+    starts = np.searchsorted(recording.time_s, recording.steps["started_s"].to_numpy(dtype=float))
+    margin = max(MIN_SAMPLES, round(SETTLING_S / recording.interval_s))
+    cuts += [int(s) for s in starts if first + margin < s < last - margin]
+    edges = [first, *sorted(set(cuts)), last + 1]
+    return [(a, b - 1) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= MIN_SAMPLES]
+
+
+def _distinct(levels: FloatArray, apart: float) -> int:
+    return 0 if not levels.size else 1 + int((np.diff(np.sort(levels)) > apart).sum())
+
+
+def _measure(
+    recording: Recording,
+    settings: PlateauSettings,
+    number: int,
+    hold: tuple[int, int],
+    level: float,
+    cycles: Cycles,
+) -> Plateau:
+    first, last = hold
+    near = np.abs(cycles.smooth_kpa[first : last + 1] - level) <= settings.tolerance_kpa + 0.5 * cycles.noise_kpa
+    away = np.flatnonzero(~near[: near.size // 2])
+    arrived = first + (int(away[-1]) + 1 if away.size else 0)
+    settled = int(np.searchsorted(recording.time_s, recording.time_s[arrived] + settings.settling_s))
+    rows = slice(min(settled, last + 1), last + 1)
+    pressure = recording.pressure_kpa[rows][recording.pressure_usable[rows]]
+    signals = [recording.signal_mv[rows, s][recording.usable[rows, s]] for s in range(recording.n_sensors)]
+    lost = sum(gap.lost for gap in recording.gaps if rows.start <= gap.row < last)
+    held = last + 1 - rows.start
+    left_out = held - min((s.size for s in signals), default=0)
+    plateau = Plateau(
+        number, 0, "", first, rows.start, last, float(recording.time_s[first]), float(recording.time_s[last]),
+        _mean(pressure), standard_error(pressure), tuple(_mean(s) for s in signals),
+        tuple(standard_error(s) for s in signals),
+        tuple(float(s.std(ddof=1)) if s.size > 1 else float("nan") for s in signals),
+        tuple(s.size for s in signals), lost, left_out,
+    )  # fmt: skip
+    return replace(plateau, void=_void_reason(held, lost, left_out, settings))
+
+
+def _void_reason(held: int, lost: int, left_out: int, settings: PlateauSettings) -> str:
+    if held - left_out < MIN_SAMPLES:
+        return f"only {held - left_out} usable samples after settling"
+    share = (lost + left_out) / (held + lost)
+    if share > settings.max_damaged:
+        return f"{share:.0%} of its samples lost or left out, above the limit of {settings.max_damaged:.0%}"
+    return ""
+
+
+def _mean(values: FloatArray) -> float:
+    return float(values.mean()) if values.size else float("nan")
+
+
+def _with_step(plateau: Plateau, recording: Recording) -> Plateau:
+    """Attach the sequencer's step that this hold overlaps most."""
+    steps = recording.steps
+    if steps.empty:
+        return plateau
+    ends = steps["ended_s"].to_numpy(dtype=float)
+    ends = np.where(np.isfinite(ends), ends, recording.time_s[-1])
+    starts = steps["started_s"].to_numpy(dtype=float)
+    overlap = np.minimum(plateau.end_s, ends) - np.maximum(plateau.start_s, starts)
+    at = int(np.argmax(overlap))
+    # a step ends with its hold: of two that touch, the later one only ramps here
+    return replace(plateau, step=int(steps["id"].iloc[at])) if overlap[at] > 0 else plateau
+
+
+def _with_branches(plateaus: tuple[Plateau, ...], cycles: Cycles) -> tuple[Plateau, ...]:
+    """Name cycle and branch: an extreme ends the branch that leads to it; the very first opens cycle 1 as "start"."""
+    named = list(plateaus)
+    for cycle in cycles.complete:
+        ways = ("unloading", "loading") if cycle.falls_first else ("loading", "unloading")
+        for i, p in enumerate(named):
+            if p.cycle or p.branch:
+                continue
+            if p.first <= cycle.first:
+                if p.last >= cycle.first:
+                    named[i] = replace(p, cycle=cycle.number, branch="start")
+            elif p.first <= cycle.turn:
+                named[i] = replace(p, cycle=cycle.number, branch=ways[0])
+            elif p.first <= cycle.last:
+                named[i] = replace(p, cycle=cycle.number, branch=ways[1])
+    return tuple(named)
+
+
+def branch_members(plateaus: tuple[Plateau, ...], cycle: int) -> tuple[IntArray, IntArray]:
+    """Return the positions of the plateaus of a cycle's unloading and loading branch, each with both extremes."""
+    inside = [i for i, p in enumerate(plateaus) if p.cycle == cycle]
+    if not inside:
+        empty = np.empty(0, dtype=np.int64)
+        return empty, empty
+    opening = [] if plateaus[inside[0]].branch == "start" or inside[0] == 0 else [inside[0] - 1]
+    chain = [*opening, *inside]
+    names = [plateaus[i].branch for i in inside]
+    first_way = next((b for b in names if b in ("unloading", "loading")), "unloading")
+    turn = max((k for k, i in enumerate(chain) if plateaus[i].branch == first_way), default=0)
+    first, second = np.asarray(chain[: turn + 1]), np.asarray(chain[turn:])
+    return (first, second) if first_way == "unloading" else (second, first)

@@ -1,0 +1,182 @@
+"""Least squares by polynomials without loss of digits.
+
+Strategy: x is centred and scaled to -1..1, the basis is Legendre's, QR solves it, and the solution is refined with
+residuals in extended precision (Björck 1967; Golub and Van Loan, Matrix Computations, 5.3.8). The change to monomials,
+where the digits are lost, is done once and exactly, in rational arithmetic.
+
+Rules: no normal equations, no raw Vandermonde matrix; a set of x that cannot carry the degree is refused with the
+reason, never solved quietly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import legendre
+from scipy import linalg
+
+from analysis.errors import DataError, RequestError
+
+FloatArray = npt.NDArray[np.float64]
+LongArray = npt.NDArray[np.longdouble]
+
+MAX_DEGREE = 10
+MAX_CONDITION = 1e8  # of the scaled basis: beyond it the x are clustered and fewer than 8 digits are left
+REFINEMENTS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class ScaledBasis:
+    """Legendre polynomials of u = (x - centre) / half_width, degrees 0 to `degree`."""
+
+    centre: float
+    half_width: float
+    degree: int
+
+    @classmethod
+    def spanning(cls, x: FloatArray, degree: int) -> ScaledBasis:
+        """Return the basis in which `x` spans -1..1."""
+        low, high = float(x.min()), float(x.max())
+        return cls(low + (high - low) / 2, (high - low) / 2, degree)
+
+    def scaled(self, x: npt.ArrayLike) -> FloatArray:
+        """Return u."""
+        return (np.asarray(x, dtype=np.float64) - self.centre) / self.half_width
+
+    def design(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the design matrix [..., degree + 1]."""
+        return np.asarray(legendre.legvander(self.scaled(x), self.degree), dtype=np.float64)
+
+    def slope_design(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the derivative of the design matrix by x, [..., degree + 1]."""
+        u = self.scaled(x)
+        columns = [legendre.legval(u, legendre.legder(unit)) for unit in np.eye(self.degree + 1)]
+        return np.stack(np.broadcast_arrays(*columns), axis=-1) / self.half_width
+
+    def to_monomials(self) -> list[list[Fraction]]:
+        """Return T, exact, with monomial coefficients = T @ basis coefficients."""
+        size = self.degree + 1
+        shift, scale = Fraction(self.centre), Fraction(self.half_width)
+        u = [-shift / scale, 1 / scale]  # u as a polynomial of x
+        columns = [[Fraction(1)]]
+        if size > 1:
+            columns.append(u)
+        for k in range(1, size - 1):  # (k+1) P_{k+1} = (2k+1) u P_k - k P_{k-1}
+            forward = [Fraction(2 * k + 1, k + 1) * c for c in _times(u, columns[k])]
+            back = [Fraction(k, k + 1) * c for c in columns[k - 1]]
+            columns.append([f - (back[i] if i < len(back) else 0) for i, f in enumerate(forward)])
+        return [[column[row] if row < len(column) else Fraction(0) for column in columns] for row in range(size)]
+
+
+@dataclass(frozen=True, slots=True)
+class LeastSquares:
+    """A solved fit, in the basis and in monomials.
+
+    `basis_factor` [p, p] is R^-1, so that the covariance of the basis coefficients is s^2 R^-1 R^-T;
+    `monomial_factor` is T R^-1. `residuals` are observed minus fitted, unweighted.
+    """
+
+    basis: ScaledBasis
+    basis_coefficients: FloatArray
+    coefficients: FloatArray
+    basis_factor: FloatArray
+    monomial_factor: FloatArray
+    residuals: FloatArray
+    leverage: FloatArray
+    condition: float
+
+
+def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None = None) -> LeastSquares:
+    """Fit a polynomial of `degree` through (x, y), minimising sum w (y - f)^2.
+
+    Raises
+    ------
+    RequestError : the degree is not 0..10, or the weights are not positive.
+    DataError : NaN or Inf, different lengths, too few distinct x, all x equal, or x too clustered.
+    """
+    _check(x, y, degree, weights)
+    basis = ScaledBasis.spanning(x, degree) if np.ptp(x) > 0 else ScaledBasis(float(x[0]), 1.0, degree)
+    root = np.ones_like(y) if weights is None else np.sqrt(weights / weights.max())
+    long_design = _long_design(basis, x) * root[:, None]
+    design = long_design.astype(np.float64)
+    q, r = linalg.qr(design, mode="economic")
+    condition = float(np.linalg.cond(r))
+    if not condition < MAX_CONDITION:
+        raise DataError(
+            f"the x are too clustered for degree {degree} (condition {condition:.0e})",
+            "Spread the points over the range, or choose a lower degree.",
+        )
+    target = (y * root).astype(np.longdouble)
+    solution: LongArray = np.zeros(degree + 1, dtype=np.longdouble)
+    for _ in range(REFINEMENTS):
+        remaining = (target - long_design @ solution).astype(np.float64)
+        solution = solution + linalg.solve_triangular(r, q.T @ remaining)
+    residuals = ((target - long_design @ solution) / root).astype(np.float64)
+    change = basis.to_monomials()
+    factor = linalg.solve_triangular(r, np.eye(degree + 1))
+    return LeastSquares(
+        basis,
+        solution.astype(np.float64),
+        _exact_product(change, solution),
+        factor,
+        (_as_long(change) @ factor.astype(np.longdouble)).astype(np.float64),
+        residuals,
+        np.einsum("ij,ij->i", q, q),
+        condition,
+    )
+
+
+def _times(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
+    product = [Fraction(0)] * (len(a) + len(b) - 1)
+    for i, left in enumerate(a):
+        for j, right in enumerate(b):
+            product[i + j] += left * right
+    return product
+
+
+def _long_design(basis: ScaledBasis, x: FloatArray) -> LongArray:
+    u = (x.astype(np.longdouble) - np.longdouble(basis.centre)) / np.longdouble(basis.half_width)
+    columns = [np.ones_like(u), u][: basis.degree + 1]
+    for k in range(1, basis.degree):
+        columns.append(((2 * k + 1) * u * columns[k] - k * columns[k - 1]) / np.longdouble(k + 1))
+    return np.stack(columns, axis=1)
+
+
+def _as_long(matrix: list[list[Fraction]]) -> LongArray:
+    def long(value: Fraction) -> np.longdouble:
+        high = float(value)
+        return np.longdouble(high) + np.longdouble(float(value - Fraction(high)))
+
+    return np.array([[long(v) for v in row] for row in matrix], dtype=np.longdouble)
+
+
+def _exact_product(matrix: list[list[Fraction]], vector: LongArray) -> FloatArray:
+    exact = []
+    for value in vector:
+        high = float(value)
+        exact.append(Fraction(high) + Fraction(float(value - np.longdouble(high))))
+    return np.array([float(sum(m * v for m, v in zip(row, exact, strict=True))) for row in matrix])
+
+
+def _check(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None) -> None:
+    if not (isinstance(degree, int | np.integer) and 0 <= degree <= MAX_DEGREE):
+        raise RequestError(f"degree {degree} is not between 0 and {MAX_DEGREE}", "Degree 3 is the usual one.")
+    if x.ndim != 1 or x.shape != y.shape or (weights is not None and weights.shape != x.shape):
+        raise DataError(f"x and y have different lengths ({x.size} and {y.size})", "Give one y for each x.")
+    for name, values in (("x", x), ("y", y)):
+        bad = int((~np.isfinite(values)).sum())
+        if bad:
+            raise DataError(f"{bad} of {values.size} values of {name} are not numbers (NaN or Inf)", "Leave them out.")
+    if weights is not None and not (np.isfinite(weights).all() and (weights > 0).all()):
+        raise RequestError("a weight is not a positive number", "Give the standard uncertainty of every point.")
+    distinct = np.unique(x).size
+    if distinct == 1 and degree > 0:
+        raise DataError(f"all {x.size} x are equal ({x[0]:g})", "A curve needs points at different x.")
+    if distinct < degree + 1:
+        raise DataError(
+            f"{distinct} distinct x where degree {degree} needs {degree + 1}",
+            "Measure at more positions, or choose a lower degree.",
+        )

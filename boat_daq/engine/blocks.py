@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from boat_daq.errors import DeviceError
-from protocol.connection import LinkEvent
+from protocol.link import LinkEvent
 
 
 @dataclass(frozen=True, slots=True)

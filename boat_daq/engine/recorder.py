@@ -1,14 +1,34 @@
-"""The recorder: a sink that keeps everything, on its own thread, and loses nothing it has acknowledged."""
+"""The recorder: a sink that keeps everything, on its own thread, and loses nothing it has acknowledged.
+
+Rules: the reading thread only puts a block into a queue. The writing thread commits what is there every 100 ms, bytes
+and the samples decoded from them in one transaction. When the disk fails, the session is told once, and what is not
+yet written is kept in bounded memory and tried again: room that is made in time loses nothing. When that memory is
+full, no later byte is taken, so that a file is always an unbroken beginning of the session.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from boat_daq.engine.blocks import Block
-from boat_daq.errors import StorageError
+from boat_daq.engine.link_health import HealthSnapshot
+from boat_daq.engine.recording_file import RecordingFile, Statement, now_utc, set_meta
+from boat_daq.engine.recording_rows import INSERT_STEP, UPDATE_STEP, RowMaker, health_row, reading_row, result_row
+from boat_daq.errors import OperatorError, StorageError
+from protocol.recording import BRANCHES, describe_dtype, sample_dtype
+
+COMMIT_S = 0.1
+RETRY_S = 1.0
+MEMORY_BYTES_MAX = 128 * 2**20  # of what is not yet written
+_ITEM_BYTES = 400  # a block costs its bytes about twice, and this
+
+_Item: TypeAlias = Block | Callable[[RowMaker], Iterator[Statement]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,19 +41,20 @@ class Acknowledged:
 
 
 class Recorder:
-    """Writes one recording; is itself the sink (`acquisition.add_sink(recorder)`).
+    """Writes one recording; is itself the sink (`acquisition.add_sink(recorder)`). Every method is thread-safe.
 
     Parameters
     ----------
     path : file to create; its name ends in .boat. An existing file is refused.
     meta : values for `session` (keys of `protocol.recording.SESSION_KEYS`; uuid, status, times, version and the
         sample type are filled in here). `n_sensors` and `sample_kind` must be there.
-    health : called once a second on the writer's thread for a row of `health` (see `link_health.LinkHealth.snapshot`).
-    on_error : called once, on the writer's thread, when the disk fails; the recorder goes on trying.
+    health : called once a second on the writing thread for a row of `health`; such as `LinkHealth.snapshot`.
+    on_error : called once, on the writing thread, when the disk fails; the recorder goes on trying.
 
     Raises
     ------
-    StorageError : the file exists, or its folder cannot be written.
+    OperatorError : the name cannot be used, or a file of that name exists.
+    StorageError : its folder cannot be written.
     """
 
     def __init__(
@@ -41,44 +62,87 @@ class Recorder:
         path: Path,
         meta: Mapping[str, Any],
         *,
-        health: Callable[[], Any] | None = None,
+        health: Callable[[], HealthSnapshot] | None = None,
         on_error: Callable[[StorageError], None] | None = None,
     ) -> None:
-        raise NotImplementedError
+        self.path = path
+        self.remark = ""  # after `close`: what the reader should know of the file
+        self._file = RecordingFile.create(path, meta)
+        dtype = describe_dtype(sample_dtype(int(meta["n_sensors"]), meta["sample_kind"]))
+        self._rows = RowMaker({**meta, "sample_dtype": dtype})
+        self._health = health
+        self._on_error = on_error
+        self._queue: list[tuple[int, _Item]] = []  # (host_ns, item)
+        self._waiting: list[Statement] = []  # not yet committed
+        self._oldest_ns: int | None = None  # of what waits
+        self._held_bytes = 0
+        self._changed = threading.Condition()
+        self._taken = self._committed = 0  # items
+        self._steps = 0
+        self._acknowledged = Acknowledged()
+        self._error: StorageError | None = None  # of the last commit
+        self._told: set[str] = set()
+        self._full = self._stopping = self._closed = False
+        self._next_look_s = self._next_try_s = 0.0
+        self._thread = threading.Thread(target=self._run, name=f"recorder {path.name}", daemon=True)
+        self._thread.start()
 
     def __call__(self, block: Block) -> None:
         """Take a block; returns at once."""
+        size = 2 * len(block.raw) + _ITEM_BYTES
+        with self._changed:
+            if self._full or self._closed:
+                return
+            if self._held_bytes + size > MEMORY_BYTES_MAX:
+                self._full = True
+                text = "no later byte is kept"
+                self._put(block.host_ns, lambda rows: rows.event(block.host_ns, "host", "recording_full", None, text))
+                return
+            self._held_bytes += size
+            self._put(block.host_ns, block)
 
     @property
     def acknowledged(self) -> Acknowledged:
         """Counters of what is committed."""
-        raise NotImplementedError
+        return self._acknowledged
+
+    @property
+    def error(self) -> StorageError | None:
+        """What the disk refuses at the moment; None when all is well."""
+        return self._error
 
     @property
     def lag_ms(self) -> float:
         """Age of the oldest thing not yet committed."""
-        raise NotImplementedError
+        with self._changed:
+            oldest = self._oldest_ns if self._oldest_ns or not self._queue else self._queue[0][0]
+        return 0.0 if oldest is None else max(0.0, (time.monotonic_ns() - oldest) / 1e6)
 
-    @property
-    def segment(self) -> int:
-        """Number of the current segment, 0 before the first."""
-        raise NotImplementedError
+    def new_segment(self, reason: str, *, paused: bool = False) -> None:
+        """Begin a segment by hand ("paused", "resumed", "reconnected").
 
-    def new_segment(self, reason: str, *, paused: bool = False) -> int:
-        """Begin a segment by hand ("paused", "resumed", "reconnected") and return its number.
-
-        START and a restarted board begin one by themselves.
+        START and a restarted board begin one by themselves. "reconnected" says that a fresh link decodes from here.
         """
-        raise NotImplementedError
+        self._later(lambda rows, host_ns: rows.begin_segment(reason, host_ns, paused=paused))
 
-    def event(self, source: str, kind: str, *, value: float | None = None, text: str = "", time_us: int | None = None) -> None:
+    def event(
+        self, source: str, kind: str, *, value: float | None = None, text: str = "", time_us: int | None = None
+    ) -> None:
         """Keep an event; source is board, host, user or sequencer."""
+        self._later(lambda rows, host_ns: rows.event(host_ns, source, kind, value, text, time_us))
 
     def step_started(
         self, number: int, cycle: int, branch: str, *, target_kpa: float, ramp_kpa_per_s: float, started_us: int
     ) -> int:
         """Keep the start of a sequencer's step and return its id."""
-        raise NotImplementedError
+        if branch not in BRANCHES:
+            raise OperatorError(f"a step's branch is one of {', '.join(BRANCHES)}, not {branch!r}")
+        with self._changed:
+            self._steps += 1
+            step_id = self._steps
+        values = (number, cycle, branch, target_kpa, ramp_kpa_per_s, started_us)
+        self._later(lambda rows, _: iter([(INSERT_STEP, (step_id, rows.segment, *values))]))
+        return step_id
 
     def step_updated(
         self,
@@ -91,21 +155,41 @@ class Recorder:
         detail: Mapping[str, Any] | None = None,
     ) -> None:
         """Fill in what has become known of a step; what is None stays as it is."""
+        text = None if detail is None else json.dumps(detail)
+        row = (arrived_us, settled_us, ended_us, status, text, step_id)
+        self._later(lambda *_: iter([(UPDATE_STEP, row)]))
 
     def reading(
-        self, step_id: int, elongation_mm: float | None, *, resolution_mm: float | None = None, source: str, reader: str = "", note: str = ""
+        self,
+        step_id: int,
+        elongation_mm: float | None,
+        *,
+        resolution_mm: float | None = None,
+        source: str,
+        reader: str = "",
+        note: str = "",
     ) -> None:
         """Keep a reading of elongation; a later one for the same step corrects it and both stay."""
+        statement = reading_row(step_id, elongation_mm, resolution_mm, source=source, reader=reader, note=note)
+        self._later(lambda *_: iter([statement]))
 
-    def result(self, kind: str, *, parameters: Mapping[str, Any], content: Mapping[str, Any], seed: int | None = None) -> None:
+    def result(
+        self, kind: str, *, parameters: Mapping[str, Any], content: Mapping[str, Any], seed: int | None = None
+    ) -> None:
         """Keep the result of an analysis."""
+        statement = result_row(kind, parameters=parameters, content=content, seed=seed)
+        self._later(lambda *_: iter([statement]))
 
     def update_meta(self, **values: Any) -> None:
         """Set keys of `session`."""
+        statements = set_meta(values)
+        self._later(lambda *_: iter(statements))
 
     def flush(self, timeout_s: float = 5.0) -> bool:
         """Wait until all that was handed over so far is committed; False when it is not in time."""
-        raise NotImplementedError
+        with self._changed:
+            target = self._taken
+            return self._changed.wait_for(lambda: self._committed >= target, timeout_s)
 
     def close(self, reason: str) -> Path:
         """Commit the rest, close into one file, check it, and return its path. May be called twice.
@@ -114,22 +198,102 @@ class Recorder:
         ------
         StorageError : the disk does not take the rest; what is written stays and `recover` closes it later.
         """
-        raise NotImplementedError
+        with self._changed:
+            if self._closed:
+                return self.path
+            self._closed = True
+        ended = {
+            "status": "closed",
+            "ended_utc": now_utc(),
+            "ended_host_ns": time.monotonic_ns(),
+            "stop_reason": reason,
+        }
+        self._later(lambda rows, _: rows.flush(last=True))
+        self._later(lambda *_: iter(set_meta(ended)))
+        with self._changed:
+            self._stopping = True
+            self._changed.notify_all()
+        self._thread.join()
+        if self._error is not None:
+            self._file.abandon()
+            raise self._error
+        if not self._file.close():
+            self.remark = "another program has the recording open: the -wal file beside it belongs to it"
+        return self.path
 
+    def _later(self, make: Callable[[RowMaker, int], Iterator[Statement]]) -> None:
+        host_ns = time.monotonic_ns()
+        with self._changed:
+            self._put(host_ns, lambda rows: make(rows, host_ns))
 
-def append_reading(path: Path, step_id: int, elongation_mm: float | None, **fields: Any) -> None:
-    """Add a reading to a closed recording (fields as `Recorder.reading`)."""
+    def _put(self, host_ns: int, item: _Item) -> None:
+        self._queue.append((host_ns, item))
+        self._taken += 1
 
+    def _run(self) -> None:
+        """The writing thread: a commit every 100 ms, a look around every second."""
+        while True:
+            with self._changed:
+                stopping = self._changed.wait_for(lambda: self._stopping, COMMIT_S)
+            now_s = time.monotonic()
+            try:
+                if now_s >= self._next_look_s:
+                    self._next_look_s = now_s + 1.0
+                    self._look_around()
+                if stopping or now_s >= self._next_try_s:
+                    self._commit()
+            except StorageError as error:
+                self._report(error)
+            except Exception as error:  # noqa: BLE001 - a writing thread must never end without a word
+                self._error = StorageError(f"{self.path} is not written any more: {error!r}", "Report this as a fault.")
+                self._report(self._error)
+                return
+            if stopping:
+                return
 
-def append_result(path: Path, kind: str, **fields: Any) -> None:
-    """Add a result to a closed recording (fields as `Recorder.result`)."""
+    def _look_around(self) -> None:
+        """Keep the link's counters; notice a file that was taken away, a disk nearly full, memory that is full."""
+        if self._health is not None:
+            health = self._health()
+            self._later(lambda rows, host_ns: health_row(host_ns, health, *rows.here))
+        if self._full:
+            self._report(StorageError(f"{self.path} is written too slowly", "What came before this is kept."))
+        self._file.check_place()
 
+    def _commit(self) -> None:
+        """Put all that waits into one transaction; what fails waits for the next try."""
+        with self._changed:
+            taken, queue, self._queue = self._taken, self._queue, []
+            if self._oldest_ns is None and queue:
+                self._oldest_ns = queue[0][0]
+        for _, item in queue:
+            self._waiting.extend(self._rows.block(item) if isinstance(item, Block) else item(self._rows))
+        self._waiting.extend(self._rows.flush())
+        if self._waiting:
+            self._write()
+        self._acknowledged = Acknowledged(self._rows.chunks, self._rows.bytes, self._rows.samples)
+        with self._changed:
+            self._oldest_ns = None
+            self._committed = taken
+            self._held_bytes = sum(2 * len(i.raw) + _ITEM_BYTES for _, i in self._queue if isinstance(i, Block))
+            self._changed.notify_all()
 
-def check_space(path: Path, *, rate_hz: float, duration_s: float, n_sensors: int) -> float:
-    """Return how many times over the plan's recording fits on the disk of `path`.
+    def _write(self) -> None:
+        try:
+            self._file.commit(self._waiting)
+        except StorageError as error:
+            self._error = error
+            self._next_try_s = time.monotonic() + RETRY_S
+            raise
+        if self._error is not None:
+            self._told.discard(self._error.cause)
+            self._error = None
+        self._waiting = []
 
-    Raises
-    ------
-    StorageError : it does not fit, or the folder cannot be written.
-    """
-    raise NotImplementedError
+    def _report(self, error: StorageError) -> None:
+        """Tell the session, once for each cause."""
+        if error.cause in self._told:
+            return
+        self._told.add(error.cause)
+        if self._on_error is not None:
+            self._on_error(error)

@@ -1,1 +1,85 @@
-"""The board link: bytes in, events out. No thread, no clock, no port, no window."""
+"""The board link: bytes in, events out. No thread, no clock, no port, no window.
+
+    link = Connection()
+    port.write(link.send(Identify(), time.monotonic_ns()))
+    while True:
+        for event in link.receive(port.read(), time.monotonic_ns()):
+            match event: ...
+        lost, again = link.poll(time.monotonic_ns())
+        port.write(again)
+
+The contract of the bytes is SPEC.md beside this file.
+"""
+
+from protocol.bulk import Decoded, decode_chunks, decode_samples
+from protocol.connection import Connection
+from protocol.errors import LocalError, ProfileError, ProtocolError, RemoteError
+from protocol.link import (
+    BoardEventReceived,
+    BoardRestarted,
+    CommandDone,
+    CommandLost,
+    Gap,
+    HelloReceived,
+    Link,
+    LinkEvent,
+    LinkStatistics,
+    Samples,
+    WrongProtocol,
+)
+from protocol.messages import (
+    AckStatus,
+    BoardEvent,
+    BootReason,
+    ClearFault,
+    Command,
+    EventCode,
+    Heartbeat,
+    Hello,
+    Identify,
+    SetLimits,
+    SetPressure,
+    Start,
+    Stop,
+    Vent,
+)
+from protocol.recording import BoardState, SampleFlag, sample_dtype
+
+__all__ = [
+    "AckStatus",
+    "BoardEvent",
+    "BoardEventReceived",
+    "BoardRestarted",
+    "BoardState",
+    "BootReason",
+    "ClearFault",
+    "Command",
+    "CommandDone",
+    "CommandLost",
+    "Connection",
+    "Decoded",
+    "EventCode",
+    "Gap",
+    "Heartbeat",
+    "Hello",
+    "HelloReceived",
+    "Identify",
+    "Link",
+    "LinkEvent",
+    "LinkStatistics",
+    "LocalError",
+    "ProfileError",
+    "ProtocolError",
+    "RemoteError",
+    "SampleFlag",
+    "Samples",
+    "SetLimits",
+    "SetPressure",
+    "Start",
+    "Stop",
+    "Vent",
+    "WrongProtocol",
+    "decode_chunks",
+    "decode_samples",
+    "sample_dtype",
+]

@@ -13,7 +13,9 @@ Each part of the work has its own file: `framing` cuts and checks, `messages` na
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -44,7 +46,7 @@ from protocol.messages import (
     decode_message,
 )
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
-from protocol.samples import Rows, SampleStream, implausible
+from protocol.samples import Integers, Rows, SampleStream, implausible
 
 _HEAD = 16  # bytes of a SAMPLE body before the counts: type, seq, index, time, pressure, state, flags
 
@@ -70,13 +72,16 @@ class Connection:
     n_sensors : number of sensors of a board whose HELLO is not among the bytes (a recording begun later); else the
         HELLO says it, and samples before it are counted as unknown.
     adc_bits : of the same board.
+    decoder_state : of another connection, to go on where it was taken; overrides the two others.
     """
 
     can_command = True
     cannot_command_reason = ""
     sample_kind: SampleKind = "counts"
 
-    def __init__(self, *, n_sensors: int | None = None, adc_bits: int = 16) -> None:
+    def __init__(
+        self, *, n_sensors: int | None = None, adc_bits: int = 16, decoder_state: dict[str, Any] | None = None
+    ) -> None:
         self._n_sensors = n_sensors
         self._adc_bits = adc_bits
         self._reader = FrameReader()
@@ -87,6 +92,24 @@ class Connection:
         self._something_to_lose = False
         self._malformed = 0
         self._unknown = 0
+        if decoder_state is not None:
+            self._n_sensors, self._adc_bits = decoder_state["n_sensors"], decoder_state["adc_bits"]
+            self._reader.restore(decoder_state["frames"])
+            self._stream.restore(decoder_state["samples"], sample_dtype(self._n_sensors or 1))
+
+    def decoder_state(self) -> dict[str, Any]:
+        """Return what the decoder remembers of the bytes so far, ready for JSON; see `Link`."""
+        return {
+            "n_sensors": self._n_sensors,
+            "adc_bits": self._adc_bits,
+            "frames": self._reader.state(),
+            "samples": self._stream.state(),
+        }
+
+    @property
+    def n_sensors(self) -> int | None:
+        """Number of sensors, None before the HELLO."""
+        return self._n_sensors
 
     @property
     def hello(self) -> Hello | None:
@@ -140,40 +163,51 @@ class Connection:
         Damaged, unknown and repeated frames are counted in `statistics`, never raised.
         """
         bodies = self._reader.receive_bodies(data)
+        return self._take(bodies, np.full(len(bodies), now_ns, np.int64))
+
+    def receive_chunks(self, chunks: Sequence[tuple[int, bytes]]) -> list[LinkEvent]:
+        """Do the same for many chunks (now_ns, data) at once; only the cutting into `Samples` is coarser."""
+        ends: list[int] = []
+        bodies = self._reader.receive_bodies(b"".join([data for _, data in chunks]), ends)
+        chunk_ends = np.cumsum([len(data) for _, data in chunks])
+        times = np.array([now_ns for now_ns, _ in chunks], np.int64)
+        return self._take(bodies, times[np.searchsorted(chunk_ends, ends)])
+
+    def _take(self, bodies: list[bytes], host_ns: Integers) -> list[LinkEvent]:
         events: list[LinkEvent] = []
         run = 0
         others = [at for at, body in enumerate(bodies) if body[0] != MessageType.SAMPLE]
         for at in [*others, len(bodies)]:
             if at > run:
-                events += self._take_samples(bodies[run:at], now_ns)
+                events += self._take_samples(bodies[run:at], host_ns[run:at])
             if at < len(bodies):
-                events += self._take_message(bodies[at], now_ns)
+                events += self._take_message(bodies[at], int(host_ns[at]))
             run = at + 1
         return events
 
-    def _take_samples(self, bodies: list[bytes], now_ns: int) -> list[LinkEvent]:
+    def _take_samples(self, bodies: list[bytes], host_ns: Integers) -> list[LinkEvent]:
         if self._n_sensors is None:
             self._unknown += len(bodies)
             return []
         needed = _HEAD + 4 * self._n_sensors
         lengths = set(map(len, bodies))
         if len(lengths) > 1 or min(lengths) < needed + 4:  # not all the same: cut to what is known, drop what is short
-            known = [body[:needed] for body in bodies if len(body) >= needed + 4]
-            self._malformed += len(bodies) - len(known)
-            bodies = known
+            long_enough = [len(body) >= needed + 4 for body in bodies]
+            self._malformed += long_enough.count(False)
+            bodies = [body[:needed] for body in compress(bodies, long_enough)]
+            host_ns = host_ns[long_enough]
         if not bodies:
             return []
         self._something_to_lose = True
-        rows = self._to_rows(bodies, now_ns)
-        return self._stream.accept(rows)
+        return self._stream.accept(self._to_rows(bodies, host_ns))
 
-    def _to_rows(self, bodies: list[bytes], now_ns: int) -> Rows:
+    def _to_rows(self, bodies: list[bytes], host_ns: Integers) -> Rows:
         assert self._n_sensors is not None
         wire: Rows = np.frombuffer(b"".join(bodies), _wire_dtype(self._n_sensors, len(bodies[0])))
         rows = np.empty(len(bodies), sample_dtype(self._n_sensors))
         for name in ("index", "time_us", "pressure_pa", "state", "flags"):
             rows[name] = wire[name]
-        rows["host_ns"] = now_ns
+        rows["host_ns"] = host_ns
         rows["lit"] = wire["counts"][:, :, 0]
         rows["dark"] = wire["counts"][:, :, 1]
         rows["flags"][implausible(rows, self._adc_bits)] |= np.uint16(SampleFlag.IMPLAUSIBLE)

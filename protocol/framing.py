@@ -12,6 +12,8 @@ On the wire stands `COBS(body) 00`, body = type, seq, payload, CRC-32 little-end
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate, compress
+from typing import Any
 from zlib import crc32
 
 from cobs import cobs
@@ -58,56 +60,73 @@ class FrameReader:
         self.malformed = 0  # not COBS, or a body shorter or longer than a body can be
         self.oversize = 0  # runs of more than 210 bytes without a 00
 
+    def state(self) -> dict[str, Any]:
+        """Return what is remembered of the bytes so far, without the counters, ready for JSON."""
+        return {"rest": self._rest.hex(), "skipping": self._skipping}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on where another reader's `state` was taken."""
+        self._rest, self._skipping = bytes.fromhex(state["rest"]), bool(state["skipping"])
+
     def receive(self, data: bytes) -> list[Frame]:
         """Return the frames that `data` completes, in order."""
         return [Frame(body[0], body[1], body[2:-4]) for body in self.receive_bodies(data)]
 
-    def receive_bodies(self, data: bytes) -> list[bytes]:
-        """Return the good bodies (type, seq, payload, CRC) that `data` completes: the quick form of `receive`."""
+    def receive_bodies(self, data: bytes, ends: list[int] | None = None) -> list[bytes]:
+        """Return the good bodies (type, seq, payload, CRC) that `data` completes: the quick form of `receive`.
+
+        To `ends`, if given, is added for each body how many bytes of `data` end with its 00.
+        """
         self.bytes += len(data)
+        start = 0
         if self._skipping:
-            _, delimiter, data = data.partition(b"\0")
-            if not delimiter:
+            start = data.find(b"\0") + 1
+            if not start:
                 return []
             self._skipping = False
-        runs = (self._rest + data).split(b"\0")
+        runs = (self._rest + data[start:]).split(b"\0")
+        offsets = None if ends is None else list(accumulate(map(len, runs), lambda end, length: end + length + 1))
+        shift = start - len(self._rest) + 1
         self._rest = runs.pop()
         if len(self._rest) > COLLECT_MAX:
             self._rest, self._skipping = b"", True
             self.oversize += 1
-        runs = list(filter(None, runs))  # empty frames are legal and mean nothing
-        if not runs:
-            return []
-        bodies = self._good_bodies(runs)
+        good, bodies = self._good_bodies(runs)
+        if ends is not None and offsets is not None:
+            ends += [offset + shift for offset in compress(offsets, good)]
         self.frames += len(bodies)
         return bodies
 
-    def _good_bodies(self, runs: list[bytes]) -> list[bytes]:
-        try:
-            bodies = list(map(cobs.decode, runs))
-        except cobs.DecodeError:
-            return self._sort_out(runs)
-        lengths = set(map(len, bodies))
-        if min(lengths) >= BODY_MIN and max(lengths) <= BODY_MAX and set(map(crc32, bodies)) == {RESIDUE}:
-            return bodies
+    def _good_bodies(self, runs: list[bytes]) -> tuple[list[bool] | list[bytes], list[bytes]]:
+        """Return which runs are good frames (as truth values), and the bodies of those."""
+        if runs and all(runs):  # else there are empty frames, which are legal and mean nothing
+            try:
+                bodies = list(map(cobs.decode, runs))
+            except cobs.DecodeError:
+                return self._sort_out(runs)
+            lengths = set(map(len, bodies))
+            if min(lengths) >= BODY_MIN and max(lengths) <= BODY_MAX and set(map(crc32, bodies)) == {RESIDUE}:
+                return runs, bodies
         return self._sort_out(runs)
 
-    def _sort_out(self, runs: list[bytes]) -> list[bytes]:
-        """Return the good among runs that are not all good, and count the rest."""
-        good = []
-        for run in runs:
-            if len(run) > COLLECT_MAX:
-                self.oversize += 1
-                continue
-            try:
-                body = cobs.decode(run)
-            except cobs.DecodeError:
-                self.malformed += 1
-                continue
-            if not BODY_MIN <= len(body) <= BODY_MAX:
-                self.malformed += 1
-            elif crc32(body) != RESIDUE:
-                self.crc_errors += 1
-            else:
-                good.append(bytes(body))
-        return good
+    def _sort_out(self, runs: list[bytes]) -> tuple[list[bool], list[bytes]]:
+        """Do the same for runs that are not all good, and count what is not."""
+        tested = [self._test(run) if run else None for run in runs]
+        return [body is not None for body in tested], [body for body in tested if body is not None]
+
+    def _test(self, run: bytes) -> bytes | None:
+        if len(run) > COLLECT_MAX:
+            self.oversize += 1
+            return None
+        try:
+            body = bytes(cobs.decode(run))
+        except cobs.DecodeError:
+            self.malformed += 1
+            return None
+        if not BODY_MIN <= len(body) <= BODY_MAX:
+            self.malformed += 1
+            return None
+        if crc32(body) != RESIDUE:
+            self.crc_errors += 1
+            return None
+        return body

@@ -7,6 +7,7 @@ bytes come out; it opens no port, reads no clock and starts no thread.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -115,6 +116,10 @@ class Link(Protocol):
         """The last HELLO, None before the first."""
 
     @property
+    def n_sensors(self) -> int | None:
+        """Number of sensors of the samples, None while not known."""
+
+    @property
     def sample_kind(self) -> SampleKind:
         """Which `recording.sample_dtype` the samples have."""
 
@@ -126,8 +131,18 @@ class Link(Protocol):
     def next_deadline_ns(self) -> int | None:
         """When `poll` has something to do at the latest; None if it waits for nothing."""
 
+    def decoder_state(self) -> dict[str, Any]:
+        """Return what the decoder remembers of the bytes so far, ready for JSON.
+
+        A link made with it (`decoder_state=`) makes the same samples of the bytes that follow: a recording begun in
+        the middle of a stream keeps it, so that it can be derived again from its own bytes alone.
+        """
+
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
         """Return what the bytes tell, in their order."""
+
+    def receive_chunks(self, chunks: Sequence[tuple[int, bytes]]) -> list[LinkEvent]:
+        """Do the same for many chunks (now_ns, data) at once; only the cutting into `Samples` is coarser."""
 
     def send(self, command: Command, now_ns: int) -> bytes:
         """Return the bytes that carry a command."""

@@ -33,6 +33,9 @@ RESTART_RUN = 16  # late samples in a row that prove a new stream
 PRESSURE_MAX_PA = 1_000_000.0  # ten times anything a soft actuator sees
 PRESSURE_MIN_PA = -110_000.0  # below vacuum: no gauge pressure at all
 DARK_EXCESS = 1 / 256  # of full scale: noise near zero light stays far below
+_REMEMBERED = (
+    "index", "raw_time", "time", "period", "unclaimed", "may_restart", "started", "lost_at_start",
+)  # fmt: skip
 
 Rows = np.ndarray[Any, np.dtype[np.void]]
 Integers = np.ndarray[Any, np.dtype[np.int64]]
@@ -92,6 +95,17 @@ class SampleStream:
         self.samples = 0
         self.lost = 0
         self._dropped = 0
+
+    def state(self) -> dict[str, Any]:
+        """Return what is remembered of the samples so far, without the counters, ready for JSON."""
+        held = [row.tobytes().hex() for row in self._held]
+        return {**{name: getattr(self, f"_{name}") for name in _REMEMBERED}, "held": held}
+
+    def restore(self, state: dict[str, Any], dtype: np.dtype[np.void]) -> None:
+        """Go on where another stream's `state` was taken; `dtype` is that of its samples."""
+        for name in _REMEMBERED:
+            setattr(self, f"_{name}", state[name])
+        self._held = [np.frombuffer(bytes.fromhex(row), dtype) for row in state["held"]]
 
     @property
     def duplicates(self) -> int:

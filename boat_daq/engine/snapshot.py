@@ -90,7 +90,6 @@ class StepMark:
     """One step of a run as the recording's table `step` keeps it; `number` is its `step_id`. Times are board time."""
 
     number: int
-    segment: int
     cycle: int
     branch: str
     target_kpa: float

@@ -1,0 +1,70 @@
+"""A block of samples as the control reads it: columns in the lab's units, made once and changed by nobody."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.recording import NOT_FOR_FIGURES, SampleFlag
+
+_PRESSURE_UNKNOWN = int(SampleFlag.PRESSURE_INVALID)
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """n samples in order of board time.
+
+    Attributes
+    ----------
+    time_us : board time, int64 [n].
+    pressure_kpa : gauge pressure [n].
+    signal_mv : (lit - dark) in mV [n, sensors].
+    raw : converter reading with the emitter on, counts; the signal where a board sends no counts [n, sensors].
+    state : `BoardState` [n].
+    flags : `SampleFlag` [n].
+    """
+
+    time_us: NDArray[np.int64]
+    pressure_kpa: NDArray[np.float64]
+    signal_mv: NDArray[np.float64]
+    raw: NDArray[np.float64]
+    state: NDArray[np.uint8]
+    flags: NDArray[np.uint16]
+
+    def __len__(self) -> int:
+        return len(self.time_us)
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Samples that may enter a figure [n]."""
+        unusable: NDArray[np.bool_] = (self.flags & int(NOT_FOR_FIGURES)) != 0
+        return ~unusable
+
+    @property
+    def pressure_known(self) -> NDArray[np.bool_]:
+        """Samples whose pressure the board vouches for [n]."""
+        unknown: NDArray[np.bool_] = (self.flags & _PRESSURE_UNKNOWN) != 0
+        return ~unknown & np.isfinite(self.pressure_kpa)
+
+    def part(self, start: int, stop: int) -> Columns:
+        """Return samples `start` to `stop`, not copied."""
+        return Columns(*(getattr(self, name)[start:stop] for name in self.__slots__))
+
+
+def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:
+    """Return a block of samples (dtype `protocol.recording.sample_dtype`) in the lab's units.
+
+    Parameters
+    ----------
+    mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry a signal.
+    """
+    if "signal_mv" in (samples.dtype.names or ()):
+        raw = signal = samples["signal_mv"]
+    else:
+        raw = samples["lit"].astype(np.float64)
+        signal = (raw - samples["dark"]) * mv_per_count
+    return Columns(
+        samples["time_us"], samples["pressure_pa"] / 1000.0, signal, raw, samples["state"], samples["flags"]
+    )  # fmt: skip

@@ -1,0 +1,222 @@
+"""The interlock: the only way to a pressure, and the watch over every sample.
+
+Rules. A pressure command exists only as the answer of `Interlock.authorise`, which knows the tightest limits of board,
+unit and plan. Every sample is looked at as a level, not as an edge: a stop button that was pressed before we came
+is as pressed as one that is pressed now. What is found latches, and no pressure is authorised until the operator
+clears it and its cause is gone. A trip vents; that is the caller's part (`control.Controller`), and it does so for
+every trip.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from boat_daq.engine.columns import Columns
+from boat_daq.engine.snapshot import Limits
+from boat_daq.errors import OperatorError
+from protocol.messages import SetPressure
+from protocol.recording import BoardState, SampleFlag
+
+MARGIN_KPA = 2.0  # beyond a limit by more than this the board vents by itself, and so do we
+IMPLAUSIBLE_KPA = 1000.0  # a good checksum is no validation: no unit of this kind reads ten atmospheres
+FLAT_PRESSURE_KPA = 20.0  # a sensor whose reading stays the same while the pressure moves so far is frozen
+FLAT_SAMPLES = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Trip:
+    """Why the interlock opened."""
+
+    kind: str  # over_pressure, under_pressure, estop, pressure_invalid, implausible, board_fault, silent, ...
+    cause: str
+    remedy: str = ""
+    value: float | None = None  # in the unit of the kind: kPa for pressures
+    time_us: int | None = None
+
+
+class Interlock:
+    """Limits, levels, latch."""
+
+    def __init__(self) -> None:
+        self._limits: dict[str, tuple[float, float]] = {}
+        self._standing: Trip | None = None
+        self.latched: Trip | None = None
+
+    # ---- limits ----------------------------------------------------------------------------------------------------
+
+    def set_limits(self, source: str, limits_kpa: tuple[float, float] | None) -> None:
+        """Put or take away (None) the limits of "board", "unit" or "plan".
+
+        Raises
+        ------
+        OperatorError : the limits are swapped, not finite, or leave out 0 kPa, where a vented unit is.
+        """
+        if limits_kpa is None:
+            self._limits.pop(source, None)
+            return
+        low, high = limits_kpa
+        if not (math.isfinite(low) and math.isfinite(high) and low <= 0 <= high and low < high):
+            raise OperatorError(
+                f"the {source}'s limits {low:g} .. {high:g} kPa cannot be kept", "give a range around 0 kPa, low < high"
+            )
+        self._limits[source] = (low, high)
+
+    @property
+    def limits(self) -> Limits | None:
+        """The tightest limits; None before any is known."""
+        if not self._limits:
+            return None
+        low_source = max(self._limits, key=lambda source: self._limits[source][0])
+        high_source = min(self._limits, key=lambda source: self._limits[source][1])
+        return Limits(self._limits[low_source][0], self._limits[high_source][1], low_source, high_source)
+
+    def check(self, target_kpa: float) -> None:
+        """Refuse a target outside the limits.
+
+        Raises
+        ------
+        OperatorError : names the limit and whose it is.
+        """
+        limits = self.limits
+        if limits is None:
+            raise OperatorError("no pressure limits are known yet", "connect a board first")
+        if not math.isfinite(target_kpa):
+            raise OperatorError(f"{target_kpa} is not a pressure")
+        if target_kpa > limits.max_kpa + 1e-9:
+            raise OperatorError(
+                f"{target_kpa:g} kPa is above the {limits.max_source}'s limit of {limits.max_kpa:g} kPa",
+                "choose a lower pressure",
+            )
+        if target_kpa < limits.min_kpa - 1e-9:
+            raise OperatorError(
+                f"{target_kpa:g} kPa is below the {limits.min_source}'s limit of {limits.min_kpa:g} kPa",
+                "choose a higher pressure",
+            )
+
+    def authorise(self, target_kpa: float, ramp_kpa_per_s: float) -> SetPressure:
+        """Return the command for a pressure, the only way there is to one.
+
+        Raises
+        ------
+        OperatorError : outside the limits, a ramp that is none, or latched.
+        """
+        if self.latched is not None:
+            raise OperatorError(f"no pressure: {self.latched.cause}", self.latched.remedy or "clear the fault first")
+        self.check(target_kpa)
+        if not 0 < ramp_kpa_per_s < 1e5:
+            raise OperatorError(f"a ramp of {ramp_kpa_per_s:g} kPa/s cannot be kept", "give a rate above 0")
+        return SetPressure(round(target_kpa * 1000), max(1, round(ramp_kpa_per_s * 1000)))
+
+    # ---- levels ----------------------------------------------------------------------------------------------------
+
+    def inspect(self, block: Columns) -> Trip | None:
+        """Look at every sample; latch and return the first trip, None where nothing new is found."""
+        if not len(block):
+            return None
+        self._standing = self._first_trip(block.part(len(block) - 1, len(block)))
+        found = self._first_trip(block)
+        return self.trip(found) if found else None
+
+    def trip(self, found: Trip) -> Trip | None:
+        """Latch `found`; returns it, or None when something was latched already."""
+        if self.latched is not None:
+            return None
+        self.latched = found
+        return found
+
+    def clear(self) -> None:
+        """Forget the latched trip.
+
+        Raises
+        ------
+        OperatorError : its level still stands in the newest sample.
+        """
+        if self._standing is not None and self._standing.kind != "board_fault":
+            raise OperatorError(f"the fault stands: {self._standing.cause}", self._standing.remedy)
+        self.latched = None
+
+    def _first_trip(self, block: Columns) -> Trip | None:
+        """Return the trip of the earliest sample that shows one."""
+        pressure, known = block.pressure_kpa, block.pressure_known
+        low, high = (self.limits.min_kpa, self.limits.max_kpa) if self.limits else (-math.inf, math.inf)
+        with np.errstate(invalid="ignore"):  # a pressure that is not a number is caught by `known`
+            levels = {
+                "estop": (block.flags & int(SampleFlag.ESTOP)) != 0,
+                "pressure_invalid": ~known,
+                "implausible": known & (np.abs(pressure) > IMPLAUSIBLE_KPA),
+                "over_pressure": known & (pressure > high + MARGIN_KPA),
+                "under_pressure": known & (pressure < low - MARGIN_KPA),
+                "board_fault": block.state == BoardState.FAULT,
+            }
+        first = [(int(np.argmax(level)), kind) for kind, level in levels.items() if level.any()]
+        if not first:
+            return None
+        index, kind = min(first, key=lambda found: found[0])  # of one sample's, the first in the order above
+        return _trip(kind, float(pressure[index]), int(block.time_us[index]), (low, high))
+
+
+def _trip(kind: str, pressure_kpa: float, time_us: int, limits_kpa: tuple[float, float]) -> Trip:
+    """Say what a level means."""
+    low, high = limits_kpa
+    cause, remedy = {
+        "estop": ("the e-stop is pressed", "release it when it is safe, then clear the fault"),
+        "pressure_invalid": ("the board calls its pressure sensor invalid", "check the sensor and its cable"),
+        "implausible": (f"the pressure reads {pressure_kpa:.0f} kPa, which no unit can hold", "check the sensor"),
+        "over_pressure": (
+            f"{pressure_kpa:.1f} kPa, over the limit of {high:g} kPa by more than {MARGIN_KPA:g}",
+            "let it vent; check the supply and its valve",
+        ),
+        "under_pressure": (
+            f"{pressure_kpa:.1f} kPa, under the limit of {low:g} kPa by more than {MARGIN_KPA:g}",
+            "let it vent; check the vacuum line and its valve",
+        ),
+        "board_fault": ("the board has latched a fault and vented", "find its cause, then clear the fault"),
+    }[kind]
+    return Trip(kind, cause, remedy, pressure_kpa, time_us)
+
+
+class FlatLine:
+    """Watches for a sensor that reads the same value while the pressure moves."""
+
+    def __init__(self) -> None:
+        self._value: np.ndarray[tuple[int], np.dtype[np.float64]] | None = None
+        self._extremes: list[tuple[float, float]] = []
+        self._samples: list[int] = []
+        self._told: set[int] = set()
+
+    @property
+    def frozen(self) -> tuple[int, ...]:
+        """Sensors (from 1) that are frozen now."""
+        return tuple(sorted(self._told))
+
+    def inspect(self, block: Columns) -> list[int]:
+        """Return the sensors (from 1) newly found frozen."""
+        if not len(block):
+            return []
+        n_sensors = block.raw.shape[1]
+        if self._value is None or len(self._value) != n_sensors:
+            self._value = np.full(n_sensors, np.nan)
+            self._extremes, self._samples = [(math.inf, -math.inf)] * n_sensors, [0] * n_sensors
+        return [sensor + 1 for sensor in range(n_sensors) if self._watch(sensor, block)]
+
+    def _watch(self, sensor: int, block: Columns) -> bool:
+        """Continue the run of equal readings of one sensor; True when it has just become a flat line."""
+        assert self._value is not None
+        readings, pressure = block.raw[:, sensor], block.pressure_kpa
+        different = np.flatnonzero(readings != readings[-1])
+        if len(different) or readings[-1] != self._value[sensor]:
+            start = int(different[-1]) + 1 if len(different) else 0
+            readings, pressure = readings[start:], pressure[start:]
+            self._value[sensor], self._extremes[sensor], self._samples[sensor] = readings[-1], (math.inf, -math.inf), 0
+            self._told.discard(sensor + 1)
+        low, high = self._extremes[sensor]
+        self._extremes[sensor] = min(low, float(pressure.min())), max(high, float(pressure.max()))
+        self._samples[sensor] += len(readings)
+        low, high = self._extremes[sensor]
+        if high - low < FLAT_PRESSURE_KPA or self._samples[sensor] < FLAT_SAMPLES or sensor + 1 in self._told:
+            return False
+        self._told.add(sensor + 1)
+        return True

@@ -92,7 +92,7 @@ def mv_per_count(meta: dict[str, Any]) -> float | None:
     """Return mV of signal for one count; None where the samples are signals in mV already."""
     if meta["sample_kind"] != "counts" or not meta.get("vref_mv") or not meta.get("adc_bits"):
         return None
-    return float(meta["vref_mv"]) / 2 ** int(meta["adc_bits"])
+    return float(meta["vref_mv"]) / (1 << int(meta["adc_bits"]))
 
 
 def signals_mv(samples: NDArray[np.void], scale_mv: float | None) -> NDArray[np.float64]:
@@ -115,8 +115,8 @@ def overview_extremes(samples: NDArray[np.void], scale_mv: float | None) -> tupl
 
 def _finite(reduce: Callable[[NDArray[np.float64]], float], values: NDArray[np.float64]) -> float | None:
     """Return the extreme of the finite values, None where there is none."""
-    values = values[np.isfinite(values)]
-    return float(reduce(values)) if len(values) else None
+    finite = values[np.isfinite(values)]
+    return float(reduce(finite)) if len(finite) else None
 
 
 class Overview:

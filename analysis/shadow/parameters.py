@@ -47,14 +47,14 @@ class ActuatorParameters:
 
     cells: int = 6
     pitch_mm: float = 12.5
-    neck_radius_mm: float = 4.4
+    neck_radius_mm: float = 4.277
     belly_radius_mm: float = 7.5
-    wall_mm: float = 2.0
+    wall_mm: float = 2.2
     envelope_radius_mm: float = 25.0
     lattice_modulus_kpa: float = 18.34
     lattice_modulus_sd_kpa: float = 1.86
     lattice_poisson: float = 0.3
-    wall_modulus_kpa: float = 1400.0
+    wall_modulus_kpa: float = 1320.9
     wall_poisson: float = 0.49
     guide_bow_mm: float = 18.0
     guide_end_mm: float = 12.5

@@ -1,0 +1,188 @@
+"""What can go wrong with a board, by name: one table, and the schedule that a virtual board follows.
+
+A fault is written NAME@SECONDS[:VALUE]; SECONDS is board time since power-on. A fault with a duration for its value
+ends by itself (0 = never), one that counts ends when it is used up, every other one stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from protocol.errors import LocalError
+
+Lasting = Literal["stays", "seconds", "count"]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultKind:
+    """A row of the table: the value taken where none is given, what it means, how the fault ends, one sentence."""
+
+    default: float
+    value_name: str
+    lasting: Lasting
+    sentence: str
+
+
+FAULTS: dict[str, FaultKind] = {
+    # the wire
+    "bit_flips": FaultKind(1e-3, "chance per byte", "stays", "One bit of a sent byte is flipped, at that chance."),
+    "drop_byte": FaultKind(1e-3, "chance per byte", "stays", "A sent byte is lost, at that chance."),
+    "garbage": FaultKind(1000, "bytes", "count", "So many random bytes come between two frames."),
+    "boot_text": FaultKind(1, "lines", "count", "Lines of text and NULs, as a boot loader prints them."),
+    "wrong_baud": FaultKind(0, "seconds", "seconds", "Every byte arrives as another one, as at a wrong baud rate."),
+    "silent": FaultKind(0, "seconds", "seconds", "The port stays open and the board obeys, but sends nothing."),
+    "unplug": FaultKind(3, "seconds", "seconds", "The port is gone, and comes back with the board still running."),
+    # frames
+    "absurd_value": FaultKind(3, "samples", "count", "Good frames say 5 MPa, 65535 counts, dark above lit, in turn."),
+    "index_gap": FaultKind(1, "samples", "count", "So many SAMPLE frames are lost on the way."),
+    "dropped": FaultKind(10, "samples", "count", "The board drops so many samples, flags the next and sends EVENT 9."),
+    "duplicate": FaultKind(1, "samples", "count", "So many SAMPLE frames come twice."),
+    "reorder": FaultKind(1, "pairs", "count", "So many pairs of SAMPLE frames come in the wrong order."),
+    "ack_lost": FaultKind(3, "answers", "count", "So many answers are lost; the commands are obeyed."),
+    "ack_late": FaultKind(400, "ms", "stays", "Answers come that much later."),
+    "ack_refused": FaultKind(4, "status", "count", "The next command is refused with that status and not obeyed."),
+    "wrong_protocol": FaultKind(2, "version", "stays", "HELLO names that version of the protocol."),
+    # the board
+    "clock_wrap": FaultKind(0, "", "stays", "The 32-bit clock wraps at that time (it starts just short of 2^32)."),
+    "drift_ppm": FaultKind(200, "ppm", "stays", "The board's clock is fast by that much; slow if negative."),
+    "jitter": FaultKind(2, "ms", "stays", "Each sample is late by up to that much (up to 0.9 of its period)."),
+    "slow_rate": FaultKind(62, "Hz", "stays", "The board samples at that rate, whatever START asked for."),
+    "reset": FaultKind(1, "boot reason", "count", "The board reboots: HELLO, vented, its clock at 0, no samples."),
+    "reset_on_open": FaultKind(0.5, "seconds", "stays", "Opening the port resets the board; it boots for so long."),
+    "estop": FaultKind(5, "seconds", "seconds", "The e-stop is pressed; at 0 it was so before, and no EVENT tells."),
+    "pressure_invalid": FaultKind(5, "seconds", "seconds", "The pressure sensor fails: flagged, vented, FAULT."),
+    # pneumatics and body
+    "overshoot": FaultKind(4, "kPa", "stays", "Each new target is overshot by that much."),
+    "beyond_limit": FaultKind(60, "kPa", "count", "The pressure is found at that value, whatever was commanded."),
+    "leak": FaultKind(5, "% per minute", "stays", "The bladder loses that share a minute behind the gauge."),
+    "dead_pump": FaultKind(0, "seconds", "seconds", "The pumps stand still; pressure only leaks or vents away."),
+    "stall": FaultKind(30, "kPa", "stays", "The pumps get no further than that from ambient, either way."),
+    "softening": FaultKind(5, "% over 50 cycles", "stays", "The body gets softer with every cycle, by that much."),
+    # sensors
+    "frozen_channel": FaultKind(1, "sensor", "stays", "That sensor repeats its last counts."),
+    "saturate": FaultKind(1, "sensor", "stays", "Light from outside drives that sensor to full scale."),
+    "ambient_step": FaultKind(300, "mV", "stays", "A lamp: the ambient light steps up by that much."),
+    "ambient_ramp": FaultKind(10, "mV/s", "stays", "The ambient light rises at that pace, up to 600 mV."),
+    "flicker": FaultKind(200, "mV", "stays", "The ambient light flickers at twice the mains' 50 Hz, by that much."),
+    "sensor_disagreement": FaultKind(20, "mV", "stays", "The last sensor is off by that much."),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault of a run; times in board microseconds since power-on."""
+
+    name: str
+    start_us: int
+    value: float
+
+    @property
+    def end_us(self) -> int | None:
+        """When it ends by itself; None where time does not end it."""
+        if FAULTS[self.name].lasting != "seconds" or self.value <= 0:
+            return None
+        return self.start_us + round(self.value * 1e6)
+
+
+def fault_list() -> str:
+    """Return the table as text, a line for each fault."""
+    rows = []
+    for name, kind in FAULTS.items():
+        value = f" (VALUE: {kind.value_name}, {kind.default:g})" if kind.value_name else ""
+        rows.append(f"  {name:20} {kind.sentence}{value}")
+    return "\n".join(rows)
+
+
+def parse_fault(text: str) -> Fault:
+    """Return the fault that NAME@SECONDS[:VALUE] names; without @SECONDS it is there from power-on.
+
+    Raises
+    ------
+    LocalError : an unknown name (the remedy lists all), or no number where one belongs.
+    """
+    name, _, rest = text.strip().partition("@")
+    seconds, _, value = rest.partition(":")
+    if name not in FAULTS:
+        raise LocalError(f"there is no fault {name!r}", "use NAME@SECONDS[:VALUE] with one of\n" + fault_list())
+    return make_fault(name, _number(text, seconds or "0"), _number(text, value) if value else None)
+
+
+def make_fault(name: str, at_s: float = 0.0, value: float | None = None) -> Fault:
+    """Return a fault by name, time and value (the table's, where None).
+
+    Raises
+    ------
+    LocalError : an unknown name, a time before power-on, a count or a duration below zero.
+    """
+    if name not in FAULTS:
+        raise LocalError(f"there is no fault {name!r}", "use one of\n" + fault_list())
+    kind = FAULTS[name]
+    value = kind.default if value is None else value
+    if at_s < 0 or (kind.lasting != "stays" and name != "beyond_limit" and value < 0):
+        raise LocalError(f"the fault {name} cannot be at {at_s:g} s with {value:g}", "use numbers of 0 or more")
+    return Fault(name, round(at_s * 1e6), value)
+
+
+def _number(text: str, part: str) -> float:
+    try:
+        number = float(part)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise LocalError(f"{part!r} in the fault {text!r} is not a number", "use NAME@SECONDS[:VALUE]")
+    return number
+
+
+class FaultSchedule:
+    """Which faults are on; moved on in board time by its owner."""
+
+    def __init__(self, faults: Iterable[Fault]) -> None:
+        self._coming = sorted(faults, key=lambda fault: fault.start_us)
+        self._on: list[Fault] = []
+        self.active: dict[str, float] = {}  # those that stay or last, by name; the latest wins
+
+    @property
+    def next_change_us(self) -> int | None:
+        """When the next fault begins or ends by itself."""
+        times = [fault.start_us for fault in self._coming[:1]]
+        times += [fault.end_us for fault in self._on if fault.end_us is not None]
+        return min(times, default=None)
+
+    def move_to(self, now_us: int) -> tuple[list[Fault], list[Fault]]:
+        """Return what has begun and what has ended up to and with `now_us`."""
+        begun = [fault for fault in self._coming if fault.start_us <= now_us]
+        self._coming = self._coming[len(begun) :]
+        self._on += [fault for fault in begun if FAULTS[fault.name].lasting != "count"]
+        ended = [fault for fault in self._on if fault.end_us is not None and fault.end_us <= now_us]
+        self._on = [fault for fault in self._on if fault not in ended]
+        self.active = {fault.name: fault.value for fault in self._on}
+        return begun, ended
+
+
+class Countdown:
+    """Faults that count: how many are left of each."""
+
+    def __init__(self) -> None:
+        self._left: dict[str, int] = {}
+
+    def add(self, name: str, count: float) -> None:
+        """Have `count` more of them."""
+        self._left[name] = self._left.get(name, 0) + int(count)
+
+    def take(self, name: str, most: int = 1) -> int:
+        """Use up to `most` of what is left, and return how many that were."""
+        if name not in self._left:
+            return 0
+        taken = min(self._left[name], most)
+        self._left[name] -= taken
+        if not self._left[name]:
+            del self._left[name]
+        return taken
+
+    @property
+    def left(self) -> Mapping[str, int]:
+        """What is left, by name; empty most of the time."""
+        return self._left

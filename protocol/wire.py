@@ -1,0 +1,53 @@
+"""The wire between virtual board and host, and what it does to bytes: nothing, unless a fault says so.
+
+Damage is drawn byte by byte in the order sent, so that it does not depend on how the bytes were handed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+
+class Wire:
+    """Bytes as the board sends them to bytes as they arrive."""
+
+    def __init__(self, seed: int) -> None:
+        self._generators = {
+            name: np.random.default_rng((seed, number)) for number, name in enumerate(("bit_flips", "drop_byte"), 101)
+        }
+        self._until: dict[str, int] = {}  # bytes until the next damage of that name
+        self._which_bit = np.random.default_rng((seed, 104))
+        self._wrong_baud = np.random.default_rng((seed, 103))
+
+    def carry(self, data: bytes, faults: Mapping[str, float]) -> bytes:
+        """Return what arrives of `data` while `faults` are on."""
+        if "silent" in faults or "unplug" in faults:
+            return b""
+        if "wrong_baud" in faults:
+            noise = self._wrong_baud.integers(1, 256, len(data), dtype=np.uint8)
+            data = (np.frombuffer(data, np.uint8) ^ noise).tobytes()
+        if "bit_flips" in faults:
+            damaged = bytearray(data)
+            for place in self._places("bit_flips", faults["bit_flips"], len(data)):
+                damaged[place] ^= 1 << int(self._which_bit.integers(8))
+            data = bytes(damaged)
+        if "drop_byte" in faults:
+            kept = bytearray(data)
+            for place in reversed(self._places("drop_byte", faults["drop_byte"], len(data))):
+                del kept[place]
+            data = bytes(kept)
+        return data
+
+    def _places(self, name: str, chance: float, length: int) -> list[int]:
+        """Return which of the next `length` bytes are hit, each with the same chance."""
+        generator = self._generators[name]
+        chance = min(max(chance, 1e-12), 1.0)
+        place = self._until[name] if name in self._until else int(generator.geometric(chance)) - 1
+        places = []
+        while place < length:
+            places.append(place)
+            place += int(generator.geometric(chance))
+        self._until[name] = place - length
+        return places

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from boat_daq import __version__
 from boat_daq.engine.blocks import Block, EngineEvent, PortLost, PortSilent, SinkFailed
+from boat_daq.engine.columns import columns
 from boat_daq.engine.link_health import HealthSnapshot
 from boat_daq.engine.recording_file import Statement, now_utc
 from boat_daq.errors import OperatorError
@@ -95,22 +96,13 @@ def mv_per_count(meta: dict[str, Any]) -> float | None:
     return float(meta["vref_mv"]) / (1 << int(meta["adc_bits"]))
 
 
-def signals_mv(samples: NDArray[np.void], scale_mv: float | None) -> NDArray[np.float64]:
-    """Return signals [n, sensors] in mV: (lit - dark) * vref / 2**bits, or as the board gave them."""
-    if "signal_mv" in (samples.dtype.names or ()):
-        return np.asarray(samples["signal_mv"], dtype=np.float64)
-    counts = samples["lit"].astype(np.float64) - samples["dark"]
-    return np.asarray(counts * (1.0 if scale_mv is None else scale_mv))
-
-
 def overview_extremes(samples: NDArray[np.void], scale_mv: float | None) -> tuple[Any, ...]:
     """Return the columns pressure_min_kpa .. flags of one row of `overview`; implausible samples are left out."""
     flags = int(np.bitwise_or.reduce(samples["flags"]))
-    good = samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0]
-    pressure = good["pressure_pa"] / 1000.0
-    signal = signals_mv(good, scale_mv)
-    low, high = ([_finite(f, column) for column in signal.T] for f in (np.min, np.max))
-    return (_finite(np.min, pressure), _finite(np.max, pressure), json.dumps(low), json.dumps(high), flags)
+    good = columns(samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0], 1.0 if scale_mv is None else scale_mv)
+    pressure_kpa = good.pressure_kpa
+    low, high = ([_finite(f, column) for column in good.signal_mv.T] for f in (np.min, np.max))
+    return (_finite(np.min, pressure_kpa), _finite(np.max, pressure_kpa), json.dumps(low), json.dumps(high), flags)
 
 
 def _finite(reduce: Callable[[NDArray[np.float64]], float], values: NDArray[np.float64]) -> float | None:

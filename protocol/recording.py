@@ -150,10 +150,11 @@ CREATE TABLE chunk (
     id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, direction INTEGER NOT NULL, raw BLOB NOT NULL,
     crc32 INTEGER NOT NULL);
 
--- a stretch of unbroken board time: a new one at START, after a reset, a reconnection, a pause
+-- a stretch of unbroken board time: a new one at START, after a reset, a reconnection, a pause; decoder is what the
+-- link remembered of the bytes before first_chunk (JSON), where a link began to be recorded, else null
 CREATE TABLE segment (
     id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, first_chunk INTEGER NOT NULL, reason TEXT NOT NULL,
-    paused INTEGER NOT NULL DEFAULT 0);
+    paused INTEGER NOT NULL DEFAULT 0, decoder TEXT);
 
 -- samples of one commit: little-endian records of session.sample_dtype
 CREATE TABLE block (

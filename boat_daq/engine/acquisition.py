@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 from boat_daq.engine.blocks import Block, EngineEvent, PortLost, PortSilent, Sink, SinkFailed
 from boat_daq.engine.transports import Transport
@@ -20,13 +21,23 @@ from protocol.link import Link, LinkEvent, LinkStatistics
 from protocol.messages import Command
 
 
+class RecordingSink(Protocol):
+    """A sink that keeps what it needs to decode the bytes again."""
+
+    def __call__(self, block: Block, /) -> None:
+        """Take a block."""
+
+    def attached(self, decoder_state: Mapping[str, Any]) -> None:
+        """Take the state of the decoder before the first block."""
+
+
 class Acquisition:
     """Reads `transport` through `link` on its own thread and hands blocks to sinks.
 
     Parameters
     ----------
     transport : an open port; closed by the reading thread at its end.
-    link : decoder and encoder, binary or text.
+    link : decoder and encoder, binary or text; kept for as long as the port is open.
     silence_s : after so long without a byte a `PortSilent` event is told, once.
     clock_ns : host monotonic clock.
     """
@@ -79,15 +90,14 @@ class Acquisition:
         with self._lock:
             self._sinks = tuple(other for other in self._sinks if other != sink)
 
-    def switch_link(self, link: Link, *, first_sink: Sink | None = None) -> None:
-        """Use `link` from the next byte on, and at the same instant put a sink before the others.
+    def add_recorder(self, recorder: RecordingSink) -> None:
+        """Put a recorder before the other sinks, and tell it what the link remembers at that instant.
 
-        A recording begins with a fresh link, so that what its file holds can be decoded again from its first byte.
+        With it the file's bytes give the same samples again, wherever in a stream the recording began.
         """
         with self._lock:
-            self._link = link
-            if first_sink is not None:
-                self._sinks = (first_sink, *self._sinks)
+            recorder.attached(self._link.decoder_state())
+            self._sinks = (recorder, *self._sinks)
 
     def send(self, command: Command) -> None:
         """Encode and write a command now.

@@ -41,7 +41,7 @@ class Acknowledged:
 
 
 class Recorder:
-    """Writes one recording; is itself the sink (`acquisition.add_sink(recorder)`). Every method is thread-safe.
+    """Writes one recording; is itself a sink (`acquisition.add_recorder(recorder)`). Every method is thread-safe.
 
     Parameters
     ----------
@@ -118,10 +118,14 @@ class Recorder:
             oldest = self._oldest_ns if self._oldest_ns or not self._queue else self._queue[0][0]
         return 0.0 if oldest is None else max(0.0, (time.monotonic_ns() - oldest) / 1e6)
 
-    def new_segment(self, reason: str, *, paused: bool = False) -> None:
-        """Begin a segment by hand ("paused", "resumed", "reconnected").
+    def attached(self, decoder_state: Mapping[str, Any]) -> None:
+        """Take what a link remembers of the bytes before the first that will come from it (`add_recorder`)."""
+        self._later(lambda rows, host_ns: rows.attached(decoder_state, host_ns))
 
-        START and a restarted board begin one by themselves. "reconnected" says that a fresh link decodes from here.
+    def new_segment(self, reason: str, *, paused: bool = False) -> None:
+        """Begin a segment by hand ("paused", "resumed").
+
+        A link, START and a restarted board begin one by themselves.
         """
         self._later(lambda rows, host_ns: rows.begin_segment(reason, host_ns, paused=paused))
 

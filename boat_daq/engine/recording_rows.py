@@ -29,7 +29,7 @@ BLOCK_SAMPLES_MAX = 20_000  # of one row; keeps a row below a megabyte
 OVERVIEW_SAMPLES = 1_000
 
 INSERT_CHUNK = "INSERT OR IGNORE INTO chunk VALUES (?, ?, ?, ?, ?)"
-INSERT_SEGMENT = "INSERT OR IGNORE INTO segment VALUES (?, ?, ?, ?, ?)"
+INSERT_SEGMENT = "INSERT OR IGNORE INTO segment VALUES (?, ?, ?, ?, ?, ?)"
 INSERT_BLOCK = "INSERT OR IGNORE INTO block VALUES (?, ?, ?, ?, ?, ?, ?)"
 INSERT_OVERVIEW = "INSERT OR IGNORE INTO overview VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 INSERT_EVENT = "INSERT OR IGNORE INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
@@ -169,15 +169,20 @@ class RowMaker:
             else:
                 yield from self._told(event, block.host_ns)
 
+    def attached(self, decoder_state: Mapping[str, Any], host_ns: int) -> Iterator[Statement]:
+        """Give the row of the segment that begins with a link, and what that link remembers of earlier bytes."""
+        reason = "reconnected" if self.segment else "opened"
+        yield from self.begin_segment(reason, host_ns, decoder=json.dumps(decoder_state))
+
     def begin_segment(
-        self, reason: str, host_ns: int, *, paused: bool = False, here: bool = False
+        self, reason: str, host_ns: int, *, paused: bool = False, here: bool = False, decoder: str | None = None
     ) -> Iterator[Statement]:
         """Give the row of a new segment, from the newest chunk (`here`) or from the next one on."""
         yield from self.flush()
         self.segment += 1
         self._time_us = None
         first_chunk = self.chunks if here else self.chunks + 1
-        yield INSERT_SEGMENT, (self.segment, host_ns, first_chunk, reason, int(paused))
+        yield INSERT_SEGMENT, (self.segment, host_ns, first_chunk, reason, int(paused), decoder)
 
     def event(
         self, host_ns: int, source: str, kind: str, value: float | None, text: str, time_us: int | None = None

@@ -1,0 +1,42 @@
+"""Polynomials through Chebyshev points of an interval or a rectangle.
+
+Strategy: values at the Gauss points of the first kind determine the coefficients by a discrete orthogonality, without
+solving a system; evaluation is a product of two small matrices, which numpy does for thousands of states at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from analysis.shadow.arrays import Floats
+
+
+def points(low: float, high: float, count: int) -> Floats:
+    """Return the Chebyshev points of an interval, increasing, shape (count,)."""
+    return (low + high) / 2.0 + (high - low) / 2.0 * chebyshev.chebpts1(count)
+
+
+def basis(values: Floats, low: float, high: float, count: int) -> Floats:
+    """Return T_0 .. T_(count-1) at each value, shape (n, count)."""
+    return chebyshev.chebvander((2.0 * np.asarray(values, dtype=float) - low - high) / (high - low), count - 1)
+
+
+def coefficients(values: Floats) -> Floats:
+    """Return the coefficients of the polynomial through values at Chebyshev points.
+
+    Parameters
+    ----------
+    values : shape (count, ...), the first axis runs over the points.
+    """
+    count = len(values)
+    vander = chebyshev.chebvander(chebyshev.chebpts1(count), count - 1)
+    weights = np.full(count, 2.0 / count)
+    weights[0] = 1.0 / count
+    return np.tensordot(vander * weights, values, axes=(0, 0))
+
+
+def tensor_coefficients(values: Floats) -> Floats:
+    """Return the coefficients over a rectangle; the first two axes of `values` run over the points of each side."""
+    first = coefficients(values)
+    return np.swapaxes(coefficients(np.swapaxes(first, 0, 1)), 0, 1)

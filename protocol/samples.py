@@ -34,14 +34,16 @@ PRESSURE_MAX_PA = 1_000_000.0  # ten times anything a soft actuator sees
 PRESSURE_MIN_PA = -110_000.0  # below vacuum: no gauge pressure at all
 DARK_EXCESS = 1 / 256  # of full scale: noise near zero light stays far below
 _REMEMBERED = (
-    "index", "raw_time", "time", "period", "unclaimed", "may_restart", "started", "lost_at_start",
+    "order", "number", "raw_time", "time", "period", "unclaimed", "may_restart", "started", "lost_at_start",
+    "no_neighbour",
 )  # fmt: skip
 
 Rows = np.ndarray[Any, np.dtype[np.void]]
+Booleans = np.ndarray[Any, np.dtype[np.bool_]]
 Integers = np.ndarray[Any, np.dtype[np.int64]]
 
 
-def implausible(rows: Rows, adc_bits: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
+def implausible(rows: Rows, adc_bits: int) -> Booleans:
     """Return which samples are absurd: kept, and left out of every figure.
 
     A pressure above 1 MPa, below vacuum or not a number; counts beyond the converter's; a dark reading more than
@@ -59,7 +61,7 @@ def implausible(rows: Rows, adc_bits: int) -> np.ndarray[Any, np.dtype[np.bool_]
     pressure = rows["pressure_pa"]
     absurd = ~((pressure >= PRESSURE_MIN_PA) & (pressure <= PRESSURE_MAX_PA))
     if rows.dtype.names is not None and "signal_mv" in rows.dtype.names:
-        result: np.ndarray[Any, np.dtype[np.bool_]] = absurd | ~np.isfinite(rows["signal_mv"]).all(axis=1)
+        result: Booleans = absurd | ~np.isfinite(rows["signal_mv"]).all(axis=1)
         return result
     lit, dark, full = rows["lit"], rows["dark"], 1 << adc_bits
     excess = dark > lit + np.uint32(full * DARK_EXCESS)
@@ -77,13 +79,21 @@ class SampleStream:
 
     Parameters
     ----------
-    index_wrap, time_wrap_us : where the board's index and clock begin again at 0.
+    index_wrap, time_wrap_us : where the board's index and clock begin again at 0; a device whose lines carry no index
+        has None: its samples are ordered by their time and numbered as they come, and their loss cannot be seen.
+    announces_restart : whether a restart resets the clock only together with a HELLO. A device without HELLO may
+        begin again at any time; a run of late samples then proves it whatever their clock.
     """
 
-    def __init__(self, *, index_wrap: int = WRAP, time_wrap_us: int = WRAP) -> None:
-        self._index_wrap = index_wrap
+    def __init__(
+        self, *, index_wrap: int | None = WRAP, time_wrap_us: int = WRAP, announces_restart: bool = True
+    ) -> None:
+        self._indexed = index_wrap is not None
+        self._order_wrap = time_wrap_us if index_wrap is None else index_wrap
         self._time_wrap = time_wrap_us
-        self._index: int | None = None  # of the last sample kept
+        self._announces_restart = announces_restart
+        self._order: int | None = None  # index of the last sample kept, or its raw time where there is no index
+        self._number = 0  # of the next sample, where there is no index
         self._raw_time = 0  # of the last sample kept, as the board wrote it
         self._time = 0  # the same, unwrapped
         self._period = 0  # between the last two neighbours, us
@@ -91,6 +101,7 @@ class SampleStream:
         self._may_restart = False
         self._started = False  # a START was answered, its first sample is still to come
         self._held: list[Rows] = []  # late samples that may prove a restart
+        self._no_neighbour = True  # the next sample begins a stream: the time before it is no sampling period
         self._lost_at_start = 0  # samples of a new stream before the first that came
         self.samples = 0
         self.lost = 0
@@ -125,121 +136,151 @@ class SampleStream:
     def unwrapped_time(self, raw_time_us: int) -> int:
         """Return the time of an event on the samples' clock."""
         step: int = _wrapped(raw_time_us - self._raw_time, self._time_wrap)
-        return raw_time_us if self._index is None or (self._may_restart and step < 0) else self._time + step
+        return raw_time_us if self._order is None or (self._may_restart and step < 0) else self._time + step
 
     def accept(self, rows: Rows) -> list[LinkEvent]:
-        """Return the gaps and the samples to keep; `rows` (n >= 1, raw index and time) is changed in place."""
-        index = rows["index"].astype(np.int64)
+        """Return the gaps and the samples to keep; `rows` (raw index and time) is changed in place."""
         events: list[LinkEvent] = []
-        if self._index is None or self._may_restart:
-            self._begin(int(index[0]), int(rows["time_us"][0]), events)
-        assert self._index is not None
-        steps = np.diff(index, prepend=self._index)
-        if (steps == 1).all() and not self._held:
-            kept = rows
-        else:
-            steps = _wrapped(steps, self._index_wrap)
+        if self._order is None or self._may_restart:
+            rows = self._without_repeats(rows)
+            if len(rows):
+                self._begin(rows, events)
+        if not len(rows):
+            return events
+        assert self._order is not None
+        steps = np.diff(self._orders(rows), prepend=self._order)
+        if not (steps == 1).all() or self._held:
+            steps = _wrapped(steps, self._order_wrap)
             position = np.cumsum(steps)
-            reached = np.maximum.accumulate(np.concatenate(([0], position)))
-            late = position <= reached[:-1]
+            reached = np.maximum.accumulate(np.concatenate(([0], position)))[:-1]
+            late = position < reached + self._indexed
             if late.any() or self._held:
                 restart = self._restart_in(rows, late)
                 if restart is not None:
                     return events + self._split(rows, late, restart)
-                rows, position, reached = rows[~late], position[~late], reached[:-1][~late]
+                rows, position, reached = rows[~late], position[~late], reached[~late]
                 if not len(rows):
                     return events
-            kept, steps = rows, position - reached
-        self._unwrap(kept, steps)
-        self._count(kept, steps, events)
+            steps = position - reached
+        if not self._indexed:
+            self._order = int(rows["time_us"][-1])
+            rows["index"] = np.arange(self._number, self._number + len(rows))
+            self._number += len(rows)
+            steps = np.ones(len(rows), np.int64)
+        self._unwrap(rows, steps)
+        self._count(rows, steps, events)
         return events
 
-    def _begin(self, index: int, raw_time: int, events: list[LinkEvent]) -> None:
-        """Decide what the first sample after a START, a HELLO or nothing at all is: more of the stream, or a new."""
-        known, started = self._index, self._started
-        if known == index and raw_time == self._raw_time:
-            return  # a repeat of the last one says nothing
+    def _orders(self, rows: Rows) -> Integers:
+        return rows["index" if self._indexed else "time_us"].astype(np.int64)
+
+    def _without_repeats(self, rows: Rows) -> Rows:
+        """Drop repeats of the last sample kept: they say nothing about a new stream."""
+        if self._order is None:
+            return rows
+        repeats = (self._orders(rows) == self._order) & (rows["time_us"] == self._raw_time)
+        leading = len(rows) if repeats.all() else int(repeats.argmin())
+        self._dropped += leading
+        return rows[leading:]
+
+    def _begin(self, rows: Rows, events: list[LinkEvent]) -> None:
+        """Decide what the first sample after a START, a HELLO or nothing at all is: the old stream, or a new."""
+        known, started, order = self._order, self._started, int(self._orders(rows)[0])
         self._may_restart = self._started = False
-        if known is not None and _wrapped(index - known, self._index_wrap) > 0:
+        if known is not None and _wrapped(order - known, self._order_wrap) > 0:
             if started and self._unclaimed:  # the stream we found was ours: an answer to START came late
                 self.lost += self._unclaimed
                 events.append(Gap(self._unclaimed, self._unclaimed, self._time))
                 self._unclaimed = 0
             return
-        step = _wrapped(raw_time - self._raw_time, self._time_wrap)
-        if known is None or step < 0:
-            self._time = raw_time
-            self._raw_time = raw_time
-        self._index = index - 1
-        ours = started or known is not None
-        self._unclaimed, self._lost_at_start = (0, index) if ours else (index, 0)
+        self._new_stream(rows)
+        if self._indexed:
+            ours = started or known is not None
+            self._unclaimed, self._lost_at_start = (0, order) if ours else (order, 0)
+
+    def _new_stream(self, rows: Rows) -> None:
+        """Put the accounts right before the first of `rows`; the clock goes on unless it began again too."""
+        raw_time = int(rows["time_us"][0])
+        if self._order is None or _wrapped(raw_time - self._raw_time, self._time_wrap) < 0:
+            self._time = self._raw_time = raw_time
+        self._order = int(self._orders(rows)[0]) - 1
+        self._number = self._period = 0
+        self._no_neighbour = True
 
     def _unwrap(self, rows: Rows, steps: Integers) -> None:
         """Turn the raw times of kept samples into the unwrapped clock."""
         raw = rows["time_us"].copy()
         elapsed = np.diff(raw, prepend=self._raw_time)
-        if (elapsed < 0).any() or steps.max() > 1:
+        neighbours = steps == 1
+        neighbours[0] &= not self._no_neighbour
+        self._no_neighbour = False
+        if elapsed.min() < 0 or steps.max() > 1:
             elapsed = _wrapped(elapsed, self._time_wrap)
             for at in np.flatnonzero(steps > 1):
-                neighbours = np.flatnonzero(steps[:at] == 1)
-                period = int(elapsed[neighbours[-1]]) if len(neighbours) else self._period
+                before = np.flatnonzero(neighbours[:at])
+                period = int(elapsed[before[-1]]) if len(before) else self._period
                 wraps = round((int(steps[at]) * period - int(elapsed[at])) / self._time_wrap)
                 elapsed[at] += max(wraps, 0) * self._time_wrap
             rows["flags"][elapsed < 0] |= np.uint16(SampleFlag.IMPLAUSIBLE)
         rows["time_us"] = self._time + np.cumsum(elapsed)
-        neighbours = np.flatnonzero(steps == 1)
-        if len(neighbours):
-            self._period = int(elapsed[neighbours[-1]])
+        if neighbours.any():
+            self._period = int(elapsed[len(rows) - 1 - int(neighbours[::-1].argmax())])
         self._raw_time = int(raw[-1])
         self._time = int(rows["time_us"][-1])
 
     def _count(self, rows: Rows, steps: Integers, events: list[LinkEvent]) -> None:
         steps[0] += self._lost_at_start
         self._lost_at_start = 0
-        for at in np.flatnonzero(steps > 1):
-            lost = int(steps[at]) - 1
-            self.lost += lost
-            rows["flags"][at] |= SampleFlag.GAP_BEFORE
-            events.append(Gap(lost, int(rows["index"][at]), int(rows["time_us"][at])))
+        if steps.max() > 1:
+            for at in np.flatnonzero(steps > 1):
+                lost = int(steps[at]) - 1
+                self.lost += lost
+                rows["flags"][at] |= SampleFlag.GAP_BEFORE
+                events.append(Gap(lost, int(rows["index"][at]), int(rows["time_us"][at])))
         self.samples += len(rows)
-        self._index = int(rows["index"][-1])
+        if self._indexed:
+            self._order = int(rows["index"][-1])
         rows.flags.writeable = False
         events.append(Samples(rows))
 
-    def _restart_in(self, rows: Rows, late: np.ndarray[Any, np.dtype[np.bool_]]) -> int | None:
+    def _restart_in(self, rows: Rows, late: Booleans) -> int | None:
         """Hold the late samples back; return where the last of a run that proves a restart stands."""
         raw_kept = self._raw_time
-        for at in range(len(rows)):
+        for at in np.flatnonzero(late):
             row = rows[at : at + 1].copy()
-            if not late[at]:
+            if at and not late[at - 1]:
                 self._drop_held()
-                raw_kept = int(row["time_us"][0])
-                continue
-            before = self._held[-1] if self._held else None
-            if before is not None and (int(row["index"][0]) - int(before["index"][0])) % self._index_wrap != 1:
+                raw_kept = int(rows["time_us"][at - 1])
+            if self._held and not self._follows(self._held[-1], row):
                 self._drop_held()
-                before = None
-            raw_before = raw_kept if before is None else int(before["time_us"][0])
-            if _wrapped(int(row["time_us"][0]) - raw_before, self._time_wrap) > 0:
+            clock_goes_on = _wrapped(int(row["time_us"][0]) - raw_kept, self._time_wrap) > 0
+            if clock_goes_on or not self._announces_restart:
                 self._held.append(row)
             else:
                 self._drop_held()
                 self._dropped += 1
             if len(self._held) == RESTART_RUN:
-                return at
+                return int(at)
+        if not late[-1]:
+            self._drop_held()
         return None
+
+    def _follows(self, before: Rows, row: Rows) -> bool:
+        """Return whether a sample is the one right behind another."""
+        later: bool = _wrapped(int(row["time_us"][0]) - int(before["time_us"][0]), self._time_wrap) > 0
+        step = int(row["index"][0]) - int(before["index"][0])
+        return later and (not self._indexed or step % self._order_wrap == 1)
 
     def _drop_held(self) -> None:
         self._dropped += len(self._held)
         self._held = []
 
-    def _split(self, rows: Rows, late: np.ndarray[Any, np.dtype[np.bool_]], restart: int) -> list[LinkEvent]:
+    def _split(self, rows: Rows, late: Booleans, restart: int) -> list[LinkEvent]:
         """Deliver what was before the restart, then begin again with the samples held back."""
         new = np.concatenate([*self._held, rows[restart + 1 :]])
         self._held = []
-        before = rows[: restart + 1][~late[: restart + 1]].copy()
-        events = self.accept(before) if len(before) else []
+        events = self.accept(rows[: restart + 1][~late[: restart + 1]])
         events.append(BoardRestarted(None))
-        self._index = int(new["index"][0]) - 1
-        self._unclaimed = self._index + 1
+        self._new_stream(new)
+        self._unclaimed = int(new["index"][0]) if self._indexed else 0
         return events + self.accept(new)

@@ -67,20 +67,16 @@ class Interlock:
     @property
     def limits(self) -> Limits | None:
         """The tightest limits; None before any is known."""
-        if not self._limits:
-            return None
-        low_source = max(self._limits, key=lambda source: self._limits[source][0])
-        high_source = min(self._limits, key=lambda source: self._limits[source][1])
-        return Limits(self._limits[low_source][0], self._limits[high_source][1], low_source, high_source)
+        return _tightest(self._limits)
 
-    def check(self, target_kpa: float) -> None:
-        """Refuse a target outside the limits.
+    def check(self, target_kpa: float, *, new_plan: bool = False) -> None:
+        """Refuse a target outside the limits; for a new plan those of the one before do not count.
 
         Raises
         ------
         OperatorError : names the limit and whose it is.
         """
-        limits = self.limits
+        limits = _tightest({k: v for k, v in self._limits.items() if k != "plan"}) if new_plan else self.limits
         if limits is None:
             raise OperatorError("no pressure limits are known yet", "connect a board first")
         if not math.isfinite(target_kpa):
@@ -127,16 +123,15 @@ class Interlock:
         self.latched = found
         return found
 
-    def clear(self) -> None:
-        """Forget the latched trip.
+    def require_gone(self) -> None:
+        """Refuse to forget a trip whose level stands in the newest sample; the board clears its own latch.
 
         Raises
         ------
-        OperatorError : its level still stands in the newest sample.
+        OperatorError : names the level.
         """
         if self._standing is not None and self._standing.kind != "board_fault":
             raise OperatorError(f"the fault stands: {self._standing.cause}", self._standing.remedy)
-        self.latched = None
 
     def _first_trip(self, block: Columns) -> Trip | None:
         """Return the trip of the earliest sample that shows one."""
@@ -156,6 +151,14 @@ class Interlock:
             return None
         index, kind = min(first, key=lambda found: found[0])  # of one sample's, the first in the order above
         return _trip(kind, float(pressure[index]), int(block.time_us[index]), (low, high))
+
+
+def _tightest(limits_kpa: dict[str, tuple[float, float]]) -> Limits | None:
+    if not limits_kpa:
+        return None
+    low_source = max(limits_kpa, key=lambda source: limits_kpa[source][0])
+    high_source = min(limits_kpa, key=lambda source: limits_kpa[source][1])
+    return Limits(limits_kpa[low_source][0], limits_kpa[high_source][1], low_source, high_source)
 
 
 def _trip(kind: str, pressure_kpa: float, time_us: int, limits_kpa: tuple[float, float]) -> Trip:

@@ -167,6 +167,8 @@ def _check(plan: Plan) -> None:
     for low, high in (("low_kpa", "high_kpa"), ("min_kpa", "max_kpa")):
         if not getattr(plan, low) < getattr(plan, high):
             raise refuse(where, low, f"must be below '{high}'", "swap the two" if getattr(plan, low) else "")
+    if not plan.min_kpa <= 0 <= plan.max_kpa:
+        raise refuse(where, "min_kpa" if plan.min_kpa > 0 else "max_kpa", "leaves out 0 kPa, where a vented unit is")
     if plan.low_kpa < plan.min_kpa:
         raise refuse(where, "low_kpa", f"is below the plan's own limit of {plan.min_kpa:g} kPa")
     if plan.high_kpa > plan.max_kpa:

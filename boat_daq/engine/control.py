@@ -1,0 +1,415 @@
+"""The control: what the board says goes in, what it is told comes out. No thread, no port, no clock of its own.
+
+    link events, the operator's buttons, the time  ->  Controller  ->  effects, in order
+
+It joins the sequencer (what next), the interlock (whether at all) and the dialogue with the board, and keeps the rules
+between them: a pressure leaves only as the interlock's own answer, and only once the board has acknowledged limits and
+watchdog; whatever trips, vents, and latches. The same object runs behind a serial port and in the tests, where a
+virtual board answers it without a thread.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from boat_daq.engine.columns import Columns, columns
+from boat_daq.engine.dialogue import Dialogue, Effect
+from boat_daq.engine.interlock import FlatLine, Interlock, Trip
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.preflight import Check, require, zero_check
+from boat_daq.engine.sequencer import VENTED_KPA, Ended, GoTo, Sequencer, VentNow
+from boat_daq.engine.snapshot import LastSample, SessionState
+from boat_daq.errors import OperatorError
+from protocol.link import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples
+from protocol.messages import (
+    AckStatus,
+    BootReason,
+    ClearFault,
+    Command,
+    Heartbeat,
+    Hello,
+    Identify,
+    SetLimits,
+    SetPressure,
+    Stop,
+    Vent,
+)
+from protocol.recording import BoardState, SampleFlag
+
+SILENCE_S = 1.0
+ZERO_SAMPLES = 50
+MANUAL_RAMP_KPA_PER_S = 10.0
+
+_AT_REST = (BoardState.IDLE, BoardState.VENTED)
+_RUN = (SessionState.RUNNING, SessionState.PAUSED)
+
+
+class Controller:
+    """One board under control.
+
+    Parameters
+    ----------
+    rate_hz : samples per second to ask for; the board's highest where that is less.
+    can_command : False for a link that only listens.
+    zero_tolerance_kpa : of the pressure sensor on a vented unit.
+    """
+
+    def __init__(self, *, rate_hz: int = 100, can_command: bool = True, zero_tolerance_kpa: float = 1.0) -> None:
+        self.rate_hz = rate_hz
+        self.sequencer = Sequencer()
+        self.interlock = Interlock()
+        self.flat_line = FlatLine()
+        self.hello: Hello | None = None
+        self.last: LastSample | None = None
+        self.target_kpa: float | None = None
+        self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
+        self.silent = False
+        self._zero_tolerance_kpa = zero_tolerance_kpa
+        self._mv_per_count = 1.0
+        self._recent = np.empty(0)
+        self._watched = False  # samples came on this link
+        self._last_sample_ns = 0
+        self._effects: list[Effect] = []
+        self.dialogue = Dialogue(self._effects.append, can_command=can_command)
+
+    def take(self) -> list[Effect]:
+        """Return the effects since the last call, in order."""
+        effects = list(self._effects)
+        self._effects.clear()
+        return effects
+
+    # ---- the link --------------------------------------------------------------------------------------------------
+
+    def link_opened(self, now_ns: int) -> None:
+        """A port is open: ask who is there."""
+        self.dialogue.now_ns = self._last_sample_ns = now_ns
+        self._watched = self.silent = False
+        self.dialogue.begin()
+
+    def link_lost(self, cause: str) -> None:
+        """The port is gone. Nothing can be sent: the board's watchdog vents."""
+        self._watched = False
+        self.dialogue.restart()
+        if self.pressurised or self.sequencer.state in _RUN:
+            self._trip(Trip("link_lost", cause, "plug it in again; the board vents by itself"))
+        else:
+            self.dialogue.note("link_lost", cause, "warning")
+
+    @property
+    def up(self) -> bool:
+        """Whether samples come and their pace is known."""
+        return self._watched and self.dialogue.meter.known and not self.silent
+
+    def events(self, events: Sequence[object], now_ns: int) -> None:
+        """Take what the link tells (`protocol.link.LinkEvent`), in its order; what is not the control's passes by."""
+        self.dialogue.now_ns = now_ns
+        for event in events:
+            match event:
+                case Samples(array):
+                    self._take_samples(columns(array, self._mv_per_count))
+                case CommandDone(command, _, status) if status is not None:
+                    self._answered(command, status)
+                case CommandLost(command, _):
+                    self._trip(self.dialogue.lost(command, watched=self._watched))
+                case BoardEventReceived(found, _):
+                    self._trip(self.dialogue.board_event(found.code, found.value))
+                case HelloReceived(hello) if self.dialogue.identifying:
+                    self._greet(hello)
+                case BoardRestarted(hello):
+                    self._restarted(hello)
+                case _:
+                    pass
+
+    def tick(self, now_ns: int) -> None:
+        """Do what time alone brings: feed, repeat a vent, notice silence. Called every few ten milliseconds."""
+        self.dialogue.now_ns = now_ns
+        silence_s = max(SILENCE_S, 3.0 / self.rate_hz)
+        if self._watched and not self.silent and now_ns - self._last_sample_ns > silence_s * 1e9:
+            self.silent = True
+            self._silence(f"no data for {silence_s:g} s")
+        self.dialogue.tick(idle=self._idle)
+
+    # ---- the operator ----------------------------------------------------------------------------------------------
+
+    def arm(
+        self, plan: Plan, *, wait_for_reading: bool = False, first_cycle: int = 1, complete_cycles: int = 0
+    ) -> None:
+        """Check a plan against the limits and make it ready.
+
+        Raises
+        ------
+        OperatorError : see `Session.arm`.
+        """
+        self._require_command()
+        self._require_unlatched("arm")
+        for target_kpa in (plan.high_kpa, plan.low_kpa):
+            self.interlock.check(target_kpa, new_plan=True)
+        self.sequencer.arm(
+            plan, wait_for_reading=wait_for_reading, first_cycle=first_cycle, complete_cycles=complete_cycles
+        )
+        self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
+
+    def preflight(self) -> list[Check]:
+        """Return the lines of the check before the first pressure."""
+        latched = self.interlock.latched
+        recent = float(self._recent.mean()) if len(self._recent) else None
+        at_rest = self.last is not None and self.last.state in _AT_REST
+        return [
+            Check("link") if self.up else Check("link", "no samples come from the board", "check the link"),
+            Check("limits") if self.interlock.limits else Check("limits", "no limits are known", "connect a board"),
+            Check("fault", latched.cause, latched.remedy or "clear the fault first") if latched else Check("fault"),
+            zero_check(recent, vented=at_rest, tolerance_kpa=self._zero_tolerance_kpa),
+        ]
+
+    def start(self, extra: Sequence[Check] = ()) -> None:
+        """Begin the armed plan: pre-flight, limits and watchdog acknowledged, then the first step.
+
+        Raises
+        ------
+        OperatorError : what the pre-flight found, or nothing is armed.
+        """
+        if self.sequencer.state is not SessionState.ARMED:
+            raise OperatorError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
+        self._once_guarded(self.sequencer.start, extra)
+
+    def resume(self) -> None:
+        """Go on after a pause, with the same care as at the start.
+
+        Raises
+        ------
+        OperatorError : not paused, or what the pre-flight found.
+        """
+        if self.sequencer.state is not SessionState.PAUSED:
+            raise OperatorError(f"cannot resume while the run is {self.sequencer.state}")
+        self._once_guarded(self.sequencer.resume)
+
+    def pause(self) -> None:
+        """Vent and wait."""
+        self.sequencer.pause()
+        self._act()
+
+    def stop(self, reason: str = "stopped") -> None:
+        """End the run, or a pressure set by hand."""
+        self.dialogue.forget_pending()
+        self.sequencer.stop(reason)
+        if self.target_kpa is not None:
+            self._vent()
+        self._act()
+
+    def vent(self) -> None:
+        """Vent now, whatever goes on; says so even while another vent is on its way."""
+        self.dialogue.forget_pending()
+        self.target_kpa = None
+        if self.dialogue.can_command:
+            self.dialogue.send(Vent())
+        self.dialogue.note("vent", "vented by the operator", "info")
+        self.sequencer.abort("vented by the operator", SessionState.ABORTED)
+        self._act()
+
+    def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float = MANUAL_RAMP_KPA_PER_S) -> None:
+        """Go to a pressure by hand.
+
+        Raises
+        ------
+        OperatorError : see `Session.set_pressure`.
+        """
+        self._require_command()
+        if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
+            raise OperatorError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
+        self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # says no now, not after the board's answers
+        if self.target_kpa is not None:
+            self._go(target_kpa, ramp_kpa_per_s)
+        else:
+            self._once_guarded(lambda: self._go(target_kpa, ramp_kpa_per_s))
+
+    def clear_fault(self) -> None:
+        """Forget what is latched, here and on the board.
+
+        Raises
+        ------
+        OperatorError : its cause stands.
+        """
+        self.interlock.require_gone()
+        if self._watched and self.last is not None and self.last.state is BoardState.FAULT:
+            self.dialogue.send(ClearFault())
+        else:
+            self._cleared()
+
+    def leave(self) -> None:
+        """Say goodbye: vent, disarm the watchdog, stop the samples."""
+        self.stop("disconnected")
+        if self.dialogue.can_command:
+            self.dialogue.vent()
+            self.dialogue.send(Heartbeat(0))
+        self.dialogue.send(Stop())
+        self._watched = False
+
+    # ---- samples ---------------------------------------------------------------------------------------------------
+
+    def _take_samples(self, block: Columns) -> None:
+        if not len(block):
+            return
+        dialogue = self.dialogue
+        self._last_sample_ns, dialogue.board_us = dialogue.now_ns, int(block.time_us[-1])
+        dialogue.meter.add(dialogue.now_ns, dialogue.board_us)
+        if self.silent:
+            self.silent = False
+            dialogue.note("samples_again", "samples come again", "info")
+        self._watched = True
+        self.last = _last_sample(block, self.target_kpa)
+        self._recent = np.concatenate([self._recent, block.pressure_kpa[block.pressure_known]])[-ZERO_SAMPLES:]
+        found = self.interlock.inspect(block)
+        if found is not None:
+            self._tripped(found)
+        for sensor in self.flat_line.inspect(block):
+            text = f"sensor {sensor} reads the same value while the pressure moves"
+            dialogue.note("flat_line", text, "warning", "check its emitter, receiver and cable", value=sensor)
+        self.sequencer.feed(block)
+        self._act()
+        if self.target_kpa is None and not dialogue.venting and abs(self.last.pressure_kpa) <= VENTED_KPA:
+            self.pressurised = False
+        dialogue.tick(idle=self._idle)
+
+    @property
+    def _idle(self) -> bool:
+        """Whether there is nothing to guard."""
+        return not self.pressurised and self.last is not None and self.last.state in _AT_REST
+
+    def _silence(self, text: str) -> None:
+        if self.pressurised or self.sequencer.state in _RUN:
+            self._trip(Trip("silent", text, "check the cable; the board vents by itself"))
+            return
+        self.dialogue.note("silent", text, "warning", "check the board and its cable")
+        self.dialogue.vent()
+
+    # ---- answers ---------------------------------------------------------------------------------------------------
+
+    def _greet(self, hello: Hello) -> None:
+        """The board says who it is: tell it limits and rate."""
+        self.hello = hello
+        self._mv_per_count = hello.vref_mv / 2**hello.adc_bits
+        low, high = hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000
+        if low <= 0 <= high:  # else there is nothing that could be kept, and no pressure
+            self.interlock.set_limits("board", (low, high))
+        if hello.rate_max_hz < self.rate_hz:
+            self.dialogue.note("rate", f"the board samples at most {hello.rate_max_hz} times a second", "warning")
+            self.rate_hz = hello.rate_max_hz
+        self.dialogue.introduce(hello, self._limits_command(), self.rate_hz)
+
+    def _restarted(self, hello: Hello | None) -> None:
+        """The board has forgotten everything: it is vented, and so is the run."""
+        reason = "" if hello is None else f" ({_boot_reason(hello.boot_reason)})"
+        self._watched = False
+        self.dialogue.restart()
+        self._trip(Trip("board_restarted", f"the board restarted{reason}", "check its supply, then clear the fault"))
+        if hello is None:
+            self.dialogue.send(Identify())
+        else:
+            self._greet(hello)
+
+    def _answered(self, command: Command, status: AckStatus | int) -> None:
+        if status != AckStatus.DONE:
+            self._trip(self.dialogue.refused(command, status, pressurised=self.pressurised))
+            return
+        if isinstance(command, SetPressure) and command.target_pa == _pascal(self.target_kpa):
+            self.sequencer.commanded()
+        elif isinstance(command, ClearFault):
+            self._cleared()
+        self.dialogue.done(command)
+        self._act()
+
+    def _cleared(self) -> None:
+        self.interlock.latched = None
+        self.sequencer.cleared()
+        self.dialogue.note("fault_cleared", "fault cleared by the operator", "info")
+
+    # ---- pressure --------------------------------------------------------------------------------------------------
+
+    def _once_guarded(self, then: Callable[[], None], extra: Sequence[Check] = ()) -> None:
+        """Do `then` after the pre-flight, once limits and watchdog are acknowledged; a second press changes nothing."""
+        limits = self._limits_command()
+        if self.dialogue.pending:
+            return
+        require([*self.preflight(), *extra])
+        assert limits is not None  # the pre-flight asks for them
+        self.dialogue.once_guarded(limits, then)
+
+    def _act(self) -> None:
+        """Turn the sequencer's actions into effects; a pressure goes through the interlock."""
+        for action in self.sequencer.take():
+            match action:
+                case GoTo(target_kpa, ramp_kpa_per_s):
+                    self._go(target_kpa, ramp_kpa_per_s)
+                case VentNow():
+                    self._vent()
+                case _:
+                    self._effects.append(action)
+            if isinstance(action, Ended):
+                level = "error" if action.reason.startswith("aborted") else "info"
+                self.dialogue.note("run_ended", action.reason, level)
+        if self.sequencer.state in (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT):
+            self.interlock.set_limits("plan", None)
+
+    def _go(self, target_kpa: float, ramp_kpa_per_s: float) -> None:
+        try:
+            command = self.interlock.authorise(target_kpa, ramp_kpa_per_s)
+        except OperatorError as error:  # latched since it was asked for
+            self._trip(Trip("refused", error.cause, error.remedy))
+            return
+        self.pressurised, self.target_kpa = True, target_kpa
+        self.dialogue.send(command)
+
+    def _vent(self) -> None:
+        self.target_kpa = None
+        self.dialogue.vent()
+
+    def _trip(self, found: Trip | None) -> None:
+        if found is not None and self.interlock.trip(found):
+            self._tripped(found)
+
+    def _tripped(self, found: Trip) -> None:
+        """Vent, tell, leave the run."""
+        self.dialogue.forget_pending()
+        self._vent()
+        self.dialogue.note(found.kind, found.cause, "error", found.remedy, value=found.value)
+        self.sequencer.abort(found.cause, SessionState.FAULT)
+        self._act()
+
+    def _limits_command(self) -> SetLimits | None:
+        limits = self.interlock.limits
+        if limits is None:
+            return None
+        return SetLimits(round(limits.min_kpa * 1000), round(limits.max_kpa * 1000))
+
+    def _require_command(self) -> None:
+        if not self.dialogue.can_command:
+            raise OperatorError("this link only listens", "use firmware or a profile that commands pressure")
+
+    def _require_unlatched(self, what: str) -> None:
+        latched = self.interlock.latched
+        if latched is not None:
+            raise OperatorError(f"cannot {what}: {latched.cause}", latched.remedy or "clear the fault first")
+
+
+def _pascal(pressure_kpa: float | None) -> int | None:
+    return None if pressure_kpa is None else round(pressure_kpa * 1000)
+
+
+def _last_sample(block: Columns, target_kpa: float | None) -> LastSample:
+    """Return the newest sample; a state this program does not know is taken for FAULT."""
+    state = int(block.state[-1])
+    return LastSample(
+        time_s=float(block.time_us[-1]) / 1e6,
+        pressure_kpa=float(block.pressure_kpa[-1]),
+        target_kpa=math.nan if target_kpa is None else target_kpa,
+        signal_mv=tuple(block.signal_mv[-1].tolist()),
+        state=BoardState(state) if state <= max(BoardState) else BoardState.FAULT,
+        flags=SampleFlag(int(block.flags[-1])),
+    )
+
+
+def _boot_reason(value: int) -> str:
+    return BootReason(value).name.lower().replace("_", " ") if value <= max(BootReason) else f"reason {value}"

@@ -1,0 +1,222 @@
+"""The dialogue with one board: what it is told, what it answers, and what a missing or a bad answer means.
+
+A refused command is not done, and a command without an answer is not known to be done: under pressure both are trips.
+A vent is repeated until it is acknowledged. Nothing here decides about pressure; `control.Controller` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from boat_daq.engine.interlock import Trip
+from boat_daq.engine.sequencer import Ended, Marked, Noted, SegmentBreak
+from boat_daq.engine.watchdog import FAST, LONGEST_MS, Feeder, SpeedMeter
+from protocol.messages import (
+    AckStatus,
+    ClearFault,
+    Command,
+    EventCode,
+    Heartbeat,
+    Hello,
+    Identify,
+    SetLimits,
+    SetPressure,
+    Start,
+    Stop,
+    Vent,
+)
+
+VENT_AGAIN_S = 0.25
+
+_WORDS = {
+    AckStatus.UNKNOWN_COMMAND: "it does not know the command",
+    AckStatus.WRONG_LENGTH: "the command came with a wrong length",
+    AckStatus.OUT_OF_LIMITS: "out of its limits",
+    AckStatus.NOT_IN_THIS_STATE: "not in its present state",
+    AckStatus.FAULT_LATCHED: "it has latched a fault",
+    AckStatus.NOT_SUPPORTED: "it does not support the command",
+}
+_TRIPPING = {
+    EventCode.OVER_PRESSURE: ("the board vented: over-pressure, {} Pa", "check supply and valve"),
+    EventCode.UNDER_PRESSURE: ("the board vented: under-pressure, {} Pa", "check vacuum line and valve"),
+    EventCode.HEARTBEAT_LOST: (
+        "the board vented: it had heard nothing for {} ms",
+        "free the computer from other work, or slow a virtual board down",
+    ),
+    EventCode.ESTOP_PRESSED: ("the e-stop was pressed", "release it when it is safe, then clear the fault"),
+    EventCode.TARGET_NOT_REACHED: ("the board vented: target not reached, {} Pa", "look for a leak or a dead pump"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Wish for a frame to the board."""
+
+    command: Command
+
+
+Effect: TypeAlias = Send | Marked | SegmentBreak | Noted | Ended
+
+
+class Dialogue:
+    """One board, spoken to.
+
+    Parameters
+    ----------
+    emit : takes every effect, in order.
+    can_command : False for a link that only listens; then nothing is sent but what starts and stops the samples.
+    """
+
+    def __init__(self, emit: Callable[[Effect], None], *, can_command: bool) -> None:
+        self._emit = emit
+        self.can_command = can_command
+        self.feeder = Feeder()
+        self.meter = SpeedMeter()
+        self.identifying = False
+        self.now_ns = 0
+        self.board_us = 0  # of the newest sample
+        self._vent_sent_ns: int | None = None  # of a vent that is not acknowledged
+        self._awaited: list[Command] = []
+        self._then: Callable[[], None] | None = None
+
+    def begin(self) -> None:
+        """Ask who is there; what was waited for on an earlier port will not come."""
+        self.restart()
+        self._vent_sent_ns = None
+        if self.can_command:
+            self.send(Identify())
+
+    def restart(self) -> None:
+        """Forget what the board has forgotten."""
+        self.feeder, self.meter = Feeder(), SpeedMeter()
+        self.identifying = True
+        self.forget_pending()
+
+    def introduce(self, hello: Hello, limits: SetLimits | None, rate_hz: int) -> None:
+        """Answer a HELLO: watchdog, limits, samples.
+
+        The watchdog of a virtual board, which may run faster than we do, waits until its speed is known.
+        """
+        self.identifying = False
+        if self.can_command and "SIMULATED" not in hello.board_id:
+            self.send(Heartbeat(LONGEST_MS))
+        if self.can_command and limits is not None:
+            self.send(limits)
+        self.send(Start(rate_hz))
+
+    def send(self, command: Command) -> None:
+        """Send a command."""
+        if isinstance(command, Vent):
+            self._vent_sent_ns = self.now_ns
+        self.feeder.sent(command, self.now_ns, self.board_us)
+        self._emit(Send(command))
+
+    def vent(self) -> None:
+        """Vent, unless a vent is on its way."""
+        if self.venting or not self.can_command:
+            return
+        self.send(Vent())
+
+    @property
+    def venting(self) -> bool:
+        """Whether a vent waits for its acknowledgement."""
+        return self._vent_sent_ns is not None
+
+    @property
+    def pending(self) -> bool:
+        """Whether something waits for its guards."""
+        return self._then is not None
+
+    def once_guarded(self, limits: SetLimits, then: Callable[[], None]) -> None:
+        """Do `then` once the board has acknowledged watchdog and limits."""
+        guards: list[Command] = [Heartbeat(self.feeder.timeout_ms(self.meter.speed)), limits]
+        self._awaited, self._then = list(guards), then
+        for command in guards:
+            self.send(command)
+
+    def forget_pending(self) -> None:
+        """Wait for nothing any more."""
+        self._awaited, self._then = [], None
+
+    def tick(self, *, idle: bool) -> None:
+        """Repeat a vent, feed the watchdog; `idle`: nothing is under pressure and the board is at rest."""
+        if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
+            self.send(Vent())
+        if self.can_command and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
+            # A fast board's watchdog is not worth feeding while there is nothing to guard.
+            off = idle and not self.pending and self.meter.speed > FAST
+            self.send(Heartbeat(0 if off else self.feeder.armed_ms))
+
+    def done(self, command: Command) -> None:
+        """The board has done it."""
+        if isinstance(command, Vent):
+            self._vent_sent_ns = None
+        elif isinstance(command, Heartbeat):
+            self.feeder.armed_ms = command.timeout_ms
+        if self._then is not None and command in self._awaited:
+            self._awaited.remove(command)
+            if not self._awaited:
+                then, self._then = self._then, None
+                then()
+
+    def refused(self, command: Command, status: AckStatus | int, *, pressurised: bool) -> Trip | None:
+        """The board will not do it: return the trip that follows, or say it."""
+        text = f"the board refused {_name(command)}: {_WORDS.get(AckStatus(status)) if status in _WORDS else status}"
+        match command:
+            case SetPressure():
+                return Trip("refused", text, "check the limits, then clear the fault")
+            case Heartbeat() | SetLimits() if self.pending or pressurised:
+                return Trip("refused", text, "there is no pressure without limits and watchdog")
+            case Vent():
+                self.note("refused", text, "error", "open the valve by hand")
+            case ClearFault():
+                self.note("refused", text, "error", "remove the cause of the fault first")
+            case Heartbeat(0) | Stop():
+                pass  # the board keeps its watchdog, or sends nothing anyway
+            case Start() if self.meter.known:
+                pass  # it samples already
+            case _:
+                self.note("refused", text, "error")
+        return None
+
+    def lost(self, command: Command, *, watched: bool) -> Trip | None:
+        """Nobody answered, three times: return the trip that follows, or ask again."""
+        text = f"the board did not answer {_name(command)}"
+        match command:
+            case Vent():
+                self.send(Vent())
+            case Identify():
+                if self.identifying:
+                    self.send(Identify())
+            case Stop():
+                pass
+            case _ if watched:
+                return Trip("no_answer", text, "check the link")
+            case Start():
+                self.note("no_answer", text, "error", "check the link")
+            case _:
+                pass  # asked of a board that has restarted, or gone, since
+        return None
+
+    def board_event(self, code: EventCode | int, value: int) -> Trip | None:
+        """Return the trip that an event of the board means, or say what it says."""
+        if code in _TRIPPING:
+            cause, remedy = _TRIPPING[EventCode(code)]
+            return Trip("board_" + EventCode(code).name.lower(), cause.format(value), remedy, float(value))
+        if code == EventCode.SENSOR_SATURATED:
+            text = f"sensor {value + 1} is saturated"
+            self.note("saturated", text, "warning", "reduce the light or its gain", value=value + 1)
+        elif code == EventCode.SAMPLES_DROPPED:
+            self.note("dropped", f"the board dropped {value} samples", "warning", "ask for a lower rate", value=value)
+        return None
+
+    def note(self, kind: str, text: str, level: str, remedy: str = "", *, value: float | None = None) -> None:
+        """Tell the operator and the recording."""
+        self._emit(Noted(kind, text, level, remedy, value))
+
+
+def _name(command: Command) -> str:
+    words = {SetPressure: "SET_PRESSURE", SetLimits: "SET_LIMITS", ClearFault: "CLEAR_FAULT"}
+    return words.get(type(command), type(command).__name__.upper())

@@ -1,0 +1,123 @@
+"""A bench without threads, ports or clocks: the virtual board, the link and the controller, moved on by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from boat_daq.engine.control import Controller
+from boat_daq.engine.dialogue import Send
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.sequencer import Ended, Marked, Noted, SegmentBreak
+from boat_daq.engine.snapshot import SessionState
+from protocol.connection import Connection
+from protocol.faults import parse_fault
+from protocol.messages import Command
+from protocol.virtual_board import VirtualBoard
+
+QUICK = Plan(
+    name="quick", kind="staircase", cycles=1, step_kpa=45.0, ramp_kpa_per_s=20.0,
+    settling_s=0.3, window_s=0.5, min_dwell_s=0.8, max_dwell_s=5.0, signal_drift_mv_per_s=8.0,
+)  # fmt: skip
+
+
+class Bench:
+    """One board on a table, at `speed` times real time; `step` moves both clocks on.
+
+    Attributes
+    ----------
+    host_alive : False kills the host: nothing is received, nothing sent.
+    plugged : False cuts both directions.
+    pressures : true gauge pressure (kPa) after every step.
+    """
+
+    def __init__(self, *faults: str, speed: float = 1.0, seed: int = 0, rate_hz: int = 100) -> None:
+        self.board = VirtualBoard(seed=seed, faults=[parse_fault(fault) for fault in faults])
+        self.link = Connection()
+        self.control = Controller(rate_hz=rate_hz)
+        self.speed = speed
+        self.now_ns = 1_000_000_000
+        self.host_alive = self.plugged = True
+        self.sent: list[Command] = []
+        self.marks: dict[int, object] = {}
+        self.notes: list[Noted] = []
+        self.ends: list[str] = []
+        self.breaks: list[SegmentBreak] = []
+        self.pressures: list[float] = []
+        self.control.link_opened(self.now_ns)
+        self.flush()
+
+    @property
+    def state(self) -> SessionState:
+        return self.control.sequencer.state
+
+    @property
+    def pressure_kpa(self) -> float:
+        """True pressure, not as measured."""
+        return self.board._pneumatics.pressure_kpa
+
+    def flush(self) -> None:
+        """Carry the controller's effects out."""
+        for effect in self.control.take():
+            match effect:
+                case Send(command):
+                    self.sent.append(command)
+                    data = self.link.send(command, self.now_ns)
+                    if self.plugged and self.host_alive:
+                        self.board.receive(data)
+                case Marked(mark):
+                    self.marks[mark.number] = mark
+                case Noted():
+                    self.notes.append(effect)
+                case Ended(reason):
+                    self.ends.append(reason)
+                case SegmentBreak():
+                    self.breaks.append(effect)
+
+    def step(self, host_s: float = 0.02) -> None:
+        """Let `host_s` of host time pass, `speed` times that on the board."""
+        self.now_ns += round(host_s * 1e9)
+        data = self.board.advance(round(host_s * self.speed * 1e6))
+        self.pressures.append(self.pressure_kpa)
+        if not self.host_alive:
+            return
+        if self.plugged and data:
+            self.control.events(self.link.receive(data, self.now_ns), self.now_ns)
+            self.flush()
+        lost, again = self.link.poll(self.now_ns)
+        if self.plugged:
+            self.board.receive(again)
+        self.control.events(lost, self.now_ns)
+        self.control.tick(self.now_ns)
+        self.flush()
+
+    def do(self, *buttons: Callable[[], None]) -> None:
+        """Press buttons, then carry out what follows."""
+        for button in buttons:
+            button()
+        self.flush()
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False, *, step_s: float = 0.02) -> bool:
+        """Step on for `seconds` of board time, or until the condition holds; returns whether it did."""
+        for _ in range(round(seconds / step_s / self.speed)):
+            if until():
+                return True
+            self.step(step_s)
+        return until()
+
+    def connected(self) -> Bench:
+        """Step on until samples come and their pace is known."""
+        assert self.run(5.0 * self.speed, lambda: self.control.up)
+        return self
+
+    def running(self, plan: Plan = QUICK, **options: object) -> Bench:
+        """Connect, arm and start."""
+        self.connected()
+        self.do(lambda: self.control.arm(plan, **options), self.control.start)
+        assert self.run(2.0 * self.speed, lambda: self.state is SessionState.RUNNING)
+        return self
+
+    def sent_of(self, kind: type[Command]) -> list[Command]:
+        return [command for command in self.sent if isinstance(command, kind)]
+
+    def said(self, kinds: Iterable[str]) -> list[Noted]:
+        return [note for note in self.notes if note.kind in kinds]

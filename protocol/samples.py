@@ -214,7 +214,7 @@ class SampleStream:
         neighbours = steps == 1
         neighbours[0] &= not self._no_neighbour
         self._no_neighbour = False
-        if elapsed.min() < 0 or steps.max() > 1:
+        if elapsed.min() < 0 or elapsed.max() >= self._time_wrap // 2 or steps.max() > 1:
             elapsed = _wrapped(elapsed, self._time_wrap)
             for at in np.flatnonzero(steps > 1):
                 before = np.flatnonzero(neighbours[:at])

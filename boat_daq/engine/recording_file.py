@@ -141,6 +141,10 @@ class RecordingFile:
                 self._connection.rollback()
             raise storage_error(self.path, error) from error
 
+    def columns(self, table: str) -> list[str]:
+        """Return the names of a table's columns."""
+        return [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})")]
+
     def check_place(self) -> None:
         """Notice what no write would tell: that the file was removed, or that the disk is nearly full.
 

@@ -1,0 +1,286 @@
+"""What a killed session or a bad disk left: found, checked, closed properly; or what is readable, saved elsewhere.
+
+Rules: a recording that a living program writes is left alone. The file is checked read-only first: SQLite replays its
+log up to the last whole commit, so a torn or zeroed tail costs nothing that was acknowledged. A sound file is closed
+in place. A damaged one is never touched: all rows that can be read go into a new file beside it, and what could not
+be read is named.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from boat_daq.engine.file_lock import is_being_written
+from boat_daq.engine.recording_file import RecordingFile, Statement, set_meta
+from boat_daq.engine.recording_rows import INSERT_EVENT, Overview, mv_per_count
+from boat_daq.errors import OperatorError, StorageError
+from protocol.errors import RecordingError
+from protocol.recording import SUFFIX, TABLE_NAMES, dtype_from_description, open_recording, read_session
+
+Progress = Callable[[float, float], None]
+_ROWS = 1_000  # of one transaction
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """What was done.
+
+    Attributes
+    ----------
+    status : "recovered", "salvaged" (into another file), or "closed" (there was nothing to do).
+    path : the file to use from now on.
+    damaged : what could not be read, or does not match its checksum; empty for a sound file.
+    """
+
+    status: str
+    path: Path
+    samples: int
+    chunks: int
+    damaged: tuple[str, ...] = ()
+
+
+def find_interrupted(folder: Path) -> list[Path]:
+    """Return the recordings of a folder that were begun, not closed, and that nobody writes."""
+    return [path for path in sorted(folder.glob(f"*{SUFFIX}")) if _is_interrupted(path)]
+
+
+def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
+    """Close properly what a killed session left, or save what is readable of a damaged file.
+
+    Parameters
+    ----------
+    path : a recording.
+    progress : told (rows, rows in all) while rows are copied or checked; raising from it cancels.
+
+    Raises
+    ------
+    StorageError : a living program writes it, or the folder cannot be written.
+    RecordingError : not a recording, or so damaged that nothing says what its bytes are.
+    """
+    if is_being_written(path):
+        raise StorageError(f"{path} is being written by another program", "Let that program close it.")
+    faults = _check(path, progress)
+    if any(fault.structural for fault in faults):
+        return _salvage(path, faults, progress)
+    with closing(open_recording(path)) as db:
+        status = read_session(db)["status"]
+        counts = _counts(db)
+    log_left = path.with_name(path.name + "-wal").exists()
+    if status == "recording":
+        _close_in_place(path)
+        status = "recovered"
+    elif log_left:
+        RecordingFile.reopen(path).close()
+    return Recovery(status, path, *counts, tuple(fault.text for fault in faults))
+
+
+@dataclass(frozen=True, slots=True)
+class _Fault:
+    text: str
+    structural: bool = False  # the tree of pages is damaged, not a value in it
+
+
+def _is_interrupted(path: Path) -> bool:
+    try:
+        with closing(open_recording(path)) as db:
+            return bool(read_session(db)["status"] == "recording") and not is_being_written(path)
+    except RecordingError:
+        return False
+
+
+def _check(path: Path, progress: Progress | None) -> list[_Fault]:
+    """Look for damage without writing anything."""
+    try:
+        with closing(open_recording(path)) as db:
+            found = [text for (text,) in db.execute("PRAGMA quick_check(10)")]
+            if found != ["ok"]:
+                return [_Fault(str(text), structural=True) for text in found]
+            return [_Fault(text) for text in _wrong_checksums(db, progress)]
+    except (sqlite3.DatabaseError, RecordingError) as error:
+        if not _looks_like_ours(path):
+            raise
+        return [_Fault(str(error), structural=True)]
+
+
+def _looks_like_ours(path: Path) -> bool:
+    """Whether a file that cannot be opened as a recording may still hold one."""
+    try:
+        with closing(_open_damaged(path)) as db:
+            return bool(db.execute("SELECT count(*) FROM session").fetchone()[0])
+    except (OSError, sqlite3.DatabaseError):
+        return False
+
+
+def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Iterator[str]:
+    total = db.execute("SELECT coalesce(max(id), 0) FROM chunk").fetchone()[0]
+    for number, raw, checksum in db.execute("SELECT id, raw, crc32 FROM chunk ORDER BY id"):
+        if crc32(raw) != checksum:
+            yield f"the raw bytes of chunk {number} do not match their checksum"
+        if progress is not None and number % _ROWS == 0:
+            progress(number, total)
+
+
+def _counts(db: sqlite3.Connection) -> tuple[int, int]:
+    samples, chunks = db.execute(
+        "SELECT (SELECT coalesce(sum(n), 0) FROM block), (SELECT count(*) FROM chunk)"
+    ).fetchone()
+    return int(samples), int(chunks)
+
+
+def _close_in_place(path: Path) -> None:
+    """Complete the overview, mark the recording, and close it into one file."""
+    with closing(open_recording(path)) as db:
+        meta = read_session(db)
+        statements = [*_missing_overview(db, meta), *_end(db, meta)]
+    file = RecordingFile.reopen(path)
+    try:
+        file.commit(statements)
+    except StorageError:
+        file.abandon()
+        raise
+    file.close()
+
+
+def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
+    last_row, last_block = db.execute(
+        "SELECT coalesce(max(id), 0), coalesce(max(last_block), 0) FROM overview"
+    ).fetchone()
+    dtype = dtype_from_description(meta["sample_dtype"])
+    overview = Overview(mv_per_count(meta), next_id=last_row + 1)
+    for number, segment, blob in db.execute(
+        "SELECT id, segment, samples FROM block WHERE id > ? ORDER BY id", (last_block,)
+    ):
+        yield from overview.add(number, segment, np.frombuffer(blob, dtype))
+    yield from overview.finish()
+
+
+def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
+    """Give what the killed program could not write: when it ended, and that it was killed."""
+    last_ns = db.execute("SELECT host_ns FROM chunk ORDER BY id DESC LIMIT 1").fetchone()
+    ended_ns = last_ns[0] if last_ns else meta["started_host_ns"]
+    passed = timedelta(microseconds=(ended_ns - meta["started_host_ns"]) / 1000)
+    ended_utc = (datetime.fromisoformat(meta["started_utc"]) + passed).isoformat(timespec="milliseconds")
+    ended = {"ended_host_ns": ended_ns, "ended_utc": ended_utc, "stop_reason": "interrupted", "status": "recovered"}
+    yield from set_meta(ended)
+    number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
+    yield (
+        INSERT_EVENT,
+        (number, ended_ns, None, None, "host", "recovered", None, "the session ended here without closing"),
+    )
+
+
+def _open_damaged(path: Path) -> sqlite3.Connection:
+    """Open read-only what SQLite would refuse: with this pragma it reads a file that is shorter than it should be."""
+    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+    for pragma in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON", "mmap_size=0", "writable_schema=ON"):
+        connection.execute(f"PRAGMA {pragma}")
+    return connection
+
+
+def _salvage(path: Path, faults: list[_Fault], progress: Progress | None) -> Recovery:
+    """Copy all rows that can be read into a new file."""
+    target = _free_name(path)
+    with closing(_open_damaged(path)) as db:
+        meta = read_session(db)
+        file = RecordingFile.create(target, meta)
+        reader = _RowReader(db)
+        try:
+            file.commit(set_meta(meta))
+            for done, table in enumerate(name for name in TABLE_NAMES if name not in {"session", "overview"}):
+                _copy(reader, file, table)
+                if progress is not None:
+                    progress(done + 1, len(TABLE_NAMES) - 2)
+        except BaseException:
+            file.abandon()
+            target.unlink(missing_ok=True)
+            raise
+        file.abandon()
+    _close_in_place(target)
+    with closing(open_recording(target)) as copy:
+        counts = _counts(copy)
+    damaged = (*(fault.text for fault in faults), *reader.lost)
+    return Recovery("salvaged", target, *counts, damaged)
+
+
+def _free_name(path: Path) -> Path:
+    for number in range(1, 1000):
+        target = path.with_name(f"{path.stem}.salvaged{'' if number == 1 else number}{SUFFIX}")
+        if not target.exists():
+            return target
+    raise OperatorError(f"there are a thousand salvaged files of {path.name} already")
+
+
+def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:
+    batch: list[Statement] = []
+    names = file.columns(table)
+    marks = ", ".join("?" * len(names))
+    sql = f"INSERT OR IGNORE INTO {table} ({', '.join(names)}) VALUES ({marks})"  # noqa: S608 - names are the schema's
+    for row in reader.rows(table, names):
+        batch.append((sql, row))
+        if len(batch) >= _ROWS:
+            file.commit(batch)
+            batch = []
+    file.commit(batch)
+
+
+@dataclass(slots=True)
+class _RowReader:
+    """Reads tables by their keys and goes on behind what cannot be read."""
+
+    db: sqlite3.Connection
+    lost: list[str] = field(default_factory=list)
+
+    def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
+        """Give the readable rows in order."""
+        last = 0
+        sql = f"SELECT {', '.join(names)} FROM {table} WHERE id > ? ORDER BY id"  # noqa: S608 - names are the schema's
+        while True:
+            try:
+                for row in self.db.execute(sql, (last,)):
+                    last = row[0]
+                    yield row
+            except sqlite3.DatabaseError as error:
+                behind = self._readable_behind(table, last)
+                upto = "to the end" if behind is None else f"to {behind - 1}"
+                self.lost.append(f"{table}: rows {last + 1} {upto} cannot be read ({error})")
+                if behind is None:
+                    return
+                last = behind - 1
+            else:
+                return
+
+    def _readable_behind(self, table: str, last: int) -> int | None:
+        """Return the first key behind `last` that can be read again, found by doubling and halving; None at the end."""
+        low, high = last, last + 1
+        while (found := self._key_from(table, high)) is _UNREADABLE:
+            low, high = high, high + (high - last)
+            if high - last > 1 << 40:
+                return None
+        while high - low > 1:
+            middle = (low + high) // 2
+            if self._key_from(table, middle) is _UNREADABLE:
+                low = middle
+            else:
+                high = middle
+        found = self._key_from(table, high)
+        return found if isinstance(found, int) else None
+
+    def _key_from(self, table: str, start: int) -> object:
+        """Return the first key at or behind `start` whose row can be read, None when there is none."""
+        try:
+            row = self.db.execute(f"SELECT * FROM {table} WHERE id >= ? ORDER BY id LIMIT 1", (start,)).fetchone()  # noqa: S608
+        except sqlite3.DatabaseError:
+            return _UNREADABLE
+        return None if row is None else int(row[0])
+
+
+_UNREADABLE = object()

@@ -1,0 +1,284 @@
+"""What the program remembers: its settings and the library of units, each a small TOML file.
+
+Rules. A file is replaced whole or not at all: written beside, flushed to the disk, renamed; the one before stays as
+`.bak`. A hand-edited file is refused by key (`checked`), never half believed, and no default quietly replaces a limit.
+Files carry a version; a newer one than this program's is refused, so that an older program never cuts it down. The
+folders are the system's own (platformdirs), or the one in the environment variable BOAT_DAQ_HOME.
+
+A unit keeps its limits and every calibration that was ever stored with it. Calibrations are added, never changed: the
+last accepted one is in force, and one that is withdrawn is a newer entry that says so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+import tomli_w
+
+from boat_daq.engine.checked import build, parse_toml, read_text, refuse
+from boat_daq.errors import OperatorError, StorageError
+
+VERSION = 1
+HOME_VARIABLE = "BOAT_DAQ_HOME"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What the operator can set.
+
+    Parameters
+    ----------
+    rate_hz : samples per second asked of a board.
+    baud : of a serial port.
+    zero_tolerance_kpa : of the pressure sensor on a vented unit, before the first pressure.
+    resolution_mm : of the grid that elongation is read from.
+    allow_remote : whether a board may be reached beyond this computer.
+    recordings : folder for new recordings; empty for the one the program starts in.
+    operator, unit, port, profile : as last used.
+    """
+
+    version: int = VERSION
+    rate_hz: int = 100
+    baud: int = 115_200
+    zero_tolerance_kpa: float = 1.0
+    resolution_mm: float = 0.5
+    allow_remote: bool = False
+    recordings: str = ""
+    operator: str = ""
+    unit: str = ""
+    port: str = ""
+    profile: str = ""
+
+    def __post_init__(self) -> None:
+        _check_version("settings", self.version)
+        if not 1 <= self.rate_hz <= 65_535:
+            raise refuse("settings", "rate_hz", f"must be 1 to 65535, not {self.rate_hz}")
+        if not 300 <= self.baud <= 12_000_000:
+            raise refuse("settings", "baud", f"must be 300 to 12000000, not {self.baud}")
+        for key in ("zero_tolerance_kpa", "resolution_mm"):
+            if not 0 < getattr(self, key) <= 10:
+                raise refuse("settings", key, f"must be above 0 and at most 10, not {getattr(self, key)}")
+
+
+@dataclass(frozen=True, slots=True)
+class StoredCalibration:
+    """One entry of a unit's history; `content` is what the analysis made, as plain JSON values."""
+
+    utc: str
+    accepted: bool
+    content: Mapping[str, Any]
+    recording: str = ""
+    operator: str = ""
+    note: str = ""
+    program_version: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A sensorized actuator: its limits, how its stage is wired, and its calibrations, oldest first.
+
+    `polarity` is +1 where the board's voltage rises with light, -1 where its stage inverts.
+    """
+
+    name: str
+    min_kpa: float = -40.0
+    max_kpa: float = 50.0
+    polarity: int = -1
+    note: str = ""
+    version: int = VERSION
+    history: tuple[StoredCalibration, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        where = f"unit {self.name!r:.60}"
+        _check_version(where, self.version)
+        if not _NAME.fullmatch(self.name) or self.name.strip(" .") != self.name or self.name.lower() in _RESERVED:
+            raise refuse(where, "name", "must be 1 to 40 letters, digits, spaces, or any of _ . -")
+        if not self.min_kpa <= 0 <= self.max_kpa or not self.min_kpa < self.max_kpa:
+            raise refuse(where, "min_kpa", "and 'max_kpa' must lie around 0 kPa, the lower one first", "swap the two?")
+        if self.polarity not in (-1, 1):
+            raise refuse(where, "polarity", f"must be 1 or -1, not {self.polarity}")
+
+    @property
+    def calibration(self) -> StoredCalibration | None:
+        """The one in force: the newest entry, where it is accepted."""
+        return self.history[-1] if self.history and self.history[-1].accepted else None
+
+
+def home(kind: str = "config") -> Path:
+    """Return the folder for "config" or "data"."""
+    override = os.environ.get(HOME_VARIABLE)
+    if override:
+        return Path(override)
+    find = platformdirs.user_config_path if kind == "config" else platformdirs.user_data_path
+    return find("boat-daq", appauthor=False)
+
+
+def load_settings(folder: Path | None = None) -> Settings:
+    """Return the stored settings, the defaults where nothing was stored yet.
+
+    Raises
+    ------
+    OperatorError : the file is refused, by key.
+    """
+    path = (folder or home()) / "settings.toml"
+    if not path.exists():
+        return Settings()
+    return build(Settings, parse_toml(read_text(path), str(path)), str(path))
+
+
+def save_settings(settings: Settings, folder: Path | None = None) -> None:
+    """Store the settings.
+
+    Raises
+    ------
+    StorageError : the folder cannot be written.
+    """
+    write_whole((folder or home()) / "settings.toml", tomli_w.dumps(dataclasses.asdict(settings)))
+
+
+class UnitLibrary:
+    """The units on the shelf, one file each."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder or home("data") / "units"
+
+    def names(self) -> list[str]:
+        """Return the names of the stored units, sorted."""
+        return sorted(path.stem for path in self.folder.glob("*.toml"))
+
+    def load(self, name: str) -> Unit:
+        """Return a unit; one that was never stored has the default limits and no calibration.
+
+        Raises
+        ------
+        OperatorError : no usable name, or the file is refused, by key.
+        """
+        unit = Unit(name)
+        path = self._path(unit)
+        if not path.exists():
+            return unit
+        table = parse_toml(read_text(path), str(path))
+        entries = table.pop("history", [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise refuse(str(path), "history", "must be a list of tables")
+        history = tuple(_entry(entry, str(path)) for entry in entries)
+        found = build(_UnitFile, table, str(path))
+        if found.name != name:
+            raise refuse(str(path), "name", f"is {found.name!r}, the file's is {name!r}")
+        return Unit(**dataclasses.asdict(found), history=history)
+
+    def save(self, unit: Unit) -> None:
+        """Store a unit.
+
+        Raises
+        ------
+        OperatorError : entries of its history would be lost.
+        StorageError : the folder cannot be written.
+        """
+        stored = self.load(unit.name)
+        if unit.history[: len(stored.history)] != stored.history:
+            raise OperatorError(f"unit {unit.name}: a stored calibration is missing", "add to the history of the file")
+        table = {f.name: getattr(unit, f.name) for f in dataclasses.fields(_UnitFile)}
+        table["history"] = [{**_fields(entry), "content": json.dumps(dict(entry.content))} for entry in unit.history]
+        write_whole(self._path(unit), tomli_w.dumps(table))
+
+    def add_calibration(self, name: str, content: Mapping[str, Any], *, accepted: bool = True, **more: str) -> Unit:
+        """Add a calibration to a unit's history, store it, and return the unit.
+
+        Parameters
+        ----------
+        content : plain JSON values; it is read back as it was.
+        more : recording, operator, note, program_version.
+
+        Raises
+        ------
+        OperatorError, StorageError : see `load` and `save`.
+        """
+        unit = self.load(name)
+        plain = json.loads(json.dumps(dict(content), allow_nan=False))
+        entry = StoredCalibration(datetime.now(UTC).isoformat(timespec="seconds"), accepted, plain, **more)
+        unit = dataclasses.replace(unit, history=(*unit.history, entry))
+        self.save(unit)
+        return unit
+
+    def _path(self, unit: Unit) -> Path:
+        return self.folder / f"{unit.name}.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class _UnitFile:
+    """Keys of a unit's file beside its history; limits have no default here."""
+
+    name: str
+    min_kpa: float
+    max_kpa: float
+    polarity: int
+    note: str
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class _EntryFile:
+    """Keys of a history entry; `content` is JSON."""
+
+    utc: str
+    accepted: bool
+    content: str
+    recording: str = ""
+    operator: str = ""
+    note: str = ""
+    program_version: str = ""
+
+
+def _fields(entry: StoredCalibration) -> dict[str, Any]:
+    return {f.name: getattr(entry, f.name) for f in dataclasses.fields(entry)}
+
+
+def _entry(table: Mapping[str, Any], where: str) -> StoredCalibration:
+    found = build(_EntryFile, table, f"{where}, history")
+    try:
+        content = json.loads(found.content)
+    except (ValueError, RecursionError) as error:
+        raise refuse(where, "history.content", f"is not JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise refuse(where, "history.content", "must be a JSON object")
+    return StoredCalibration(**{**dataclasses.asdict(found), "content": content})
+
+
+def _check_version(where: str, version: int) -> None:
+    if not 1 <= version <= VERSION:
+        raise refuse(where, "version", f"is {version}; this program knows up to {VERSION}", "update boat-daq")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Replace a file at once, the one before kept as `.bak`: after a crash either the old or the new is there.
+
+    Raises
+    ------
+    StorageError : the folder or the file cannot be written.
+    """
+    new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with new.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        if path.exists():
+            shutil.copy2(path, path.with_name(path.name + ".bak"))
+        new.replace(path)
+    except OSError as error:
+        new.unlink(missing_ok=True)
+        raise StorageError(f"{path} cannot be written: {error.strerror}", "check the folder and the disk") from error

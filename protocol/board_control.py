@@ -62,13 +62,6 @@ class BoardControl:
         events, self.events = self.events, []
         return events
 
-    def restore_levels(self, estop: bool, pressure_invalid: bool) -> None:
-        """Find e-stop and pressure sensor as they stand after a reset: levels, no events."""
-        if estop:
-            self.set_estop(True, announce=False)
-        if pressure_invalid:
-            self.set_pressure_invalid(True)
-
     def feed(self, now_us: int) -> None:
         """Feed the watchdog: a good frame came."""
         self._fed_us = now_us

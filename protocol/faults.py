@@ -18,21 +18,34 @@ Lasting = Literal["stays", "seconds", "count"]
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """A row of the table: the value taken where none is given, what it means, how the fault ends, one sentence."""
+    """A row of the table.
+
+    Parameters
+    ----------
+    default : value taken where none is given; `value_name` says what it means.
+    lasting : how the fault ends.
+    sentence : what happens.
+    low, high : values that are possible.
+    """
 
     default: float
     value_name: str
     lasting: Lasting
     sentence: str
+    low: float = 0.0
+    high: float = 1e9
 
 
 FAULTS: dict[str, FaultKind] = {
     # the wire
-    "bit_flips": FaultKind(1e-3, "chance per byte", "stays", "One bit of a sent byte is flipped, at that chance."),
-    "drop_byte": FaultKind(1e-3, "chance per byte", "stays", "A sent byte is lost, at that chance."),
+    "bit_flips": FaultKind(
+        1e-3, "chance per byte", "stays", "One bit of a sent byte is flipped, at that chance.", 0, 1
+    ),
+    "drop_byte": FaultKind(1e-3, "chance per byte", "stays", "A sent byte is lost, at that chance.", 0, 1),
     "garbage": FaultKind(1000, "bytes", "count", "So many random bytes come between two frames."),
     "boot_text": FaultKind(1, "lines", "count", "Lines of text and NULs, as a boot loader prints them."),
     "wrong_baud": FaultKind(0, "seconds", "seconds", "Every byte arrives as another one, as at a wrong baud rate."),
+    "other_device": FaultKind(0, "seconds", "seconds", "The port is another device's: text instead of frames."),
     "silent": FaultKind(0, "seconds", "seconds", "The port stays open and the board obeys, but sends nothing."),
     "unplug": FaultKind(3, "seconds", "seconds", "The port is gone, and comes back with the board still running."),
     # frames
@@ -43,31 +56,39 @@ FAULTS: dict[str, FaultKind] = {
     "reorder": FaultKind(1, "pairs", "count", "So many pairs of SAMPLE frames come in the wrong order."),
     "ack_lost": FaultKind(3, "answers", "count", "So many answers are lost; the commands are obeyed."),
     "ack_late": FaultKind(400, "ms", "stays", "Answers come that much later."),
-    "ack_refused": FaultKind(4, "status", "count", "The next command is refused with that status and not obeyed."),
-    "wrong_protocol": FaultKind(2, "version", "stays", "HELLO names that version of the protocol."),
+    "ack_refused": FaultKind(4, "status", "count", "The next SET_PRESSURE is refused with that status.", 1, 6),
+    "wrong_protocol": FaultKind(2, "version", "stays", "HELLO names that version of the protocol.", 0, 255),
     # the board
     "clock_wrap": FaultKind(0, "", "stays", "The 32-bit clock wraps at that time (it starts just short of 2^32)."),
-    "drift_ppm": FaultKind(200, "ppm", "stays", "The board's clock is fast by that much; slow if negative."),
+    "drift_ppm": FaultKind(200, "ppm", "stays", "The board's clock is fast by that much; slow if negative.", -1e5, 1e5),
     "jitter": FaultKind(2, "ms", "stays", "Each sample is late by up to that much (up to 0.9 of its period)."),
-    "slow_rate": FaultKind(62, "Hz", "stays", "The board samples at that rate, whatever START asked for."),
-    "reset": FaultKind(1, "boot reason", "count", "The board reboots: HELLO, vented, its clock at 0, no samples."),
+    "slow_rate": FaultKind(62, "Hz", "stays", "The board samples at that rate, whatever START asked for.", 1, 2e4),
+    "reset": FaultKind(
+        1, "boot reason", "count", "The board reboots: HELLO, vented, its clock at 0, no samples.", 0, 4
+    ),
     "reset_on_open": FaultKind(0.5, "seconds", "stays", "Opening the port resets the board; it boots for so long."),
     "estop": FaultKind(5, "seconds", "seconds", "The e-stop is pressed; at 0 it was so before, and no EVENT tells."),
     "pressure_invalid": FaultKind(5, "seconds", "seconds", "The pressure sensor fails: flagged, vented, FAULT."),
     # pneumatics and body
-    "overshoot": FaultKind(4, "kPa", "stays", "Each new target is overshot by that much."),
-    "beyond_limit": FaultKind(60, "kPa", "count", "The pressure is found at that value, whatever was commanded."),
+    "overshoot": FaultKind(4, "kPa", "stays", "Each new target is overshot by that much.", 0, 30),
+    "beyond_limit": FaultKind(
+        60, "kPa", "count", "The pressure is found at that value, whatever was commanded.", -90, 150
+    ),
     "leak": FaultKind(5, "% per minute", "stays", "The bladder loses that share a minute behind the gauge."),
     "dead_pump": FaultKind(0, "seconds", "seconds", "The pumps stand still; pressure only leaks or vents away."),
     "stall": FaultKind(30, "kPa", "stays", "The pumps get no further than that from ambient, either way."),
-    "softening": FaultKind(5, "% over 50 cycles", "stays", "The body gets softer with every cycle, by that much."),
+    "softening": FaultKind(
+        5, "% over 50 cycles", "stays", "The body gets softer with every cycle, by that much.", -100, 100
+    ),
     # sensors
-    "frozen_channel": FaultKind(1, "sensor", "stays", "That sensor repeats its last counts."),
-    "saturate": FaultKind(1, "sensor", "stays", "Light from outside drives that sensor to full scale."),
-    "ambient_step": FaultKind(300, "mV", "stays", "A lamp: the ambient light steps up by that much."),
-    "ambient_ramp": FaultKind(10, "mV/s", "stays", "The ambient light rises at that pace, up to 600 mV."),
-    "flicker": FaultKind(200, "mV", "stays", "The ambient light flickers at twice the mains' 50 Hz, by that much."),
-    "sensor_disagreement": FaultKind(20, "mV", "stays", "The last sensor is off by that much."),
+    "frozen_channel": FaultKind(1, "sensor", "stays", "That sensor repeats its last counts.", 1, 2),
+    "saturate": FaultKind(1, "sensor", "stays", "Light from outside drives that sensor to full scale.", 1, 2),
+    "ambient_step": FaultKind(300, "mV", "stays", "A lamp: the ambient light steps up by that much.", -100, 2000),
+    "ambient_ramp": FaultKind(10, "mV/s", "stays", "The ambient light rises at that pace, up to 600 mV.", -100, 1e4),
+    "flicker": FaultKind(
+        200, "mV", "stays", "The ambient light flickers at twice the mains' 50 Hz, by that much.", 0, 1000
+    ),
+    "sensor_disagreement": FaultKind(20, "mV", "stays", "The last sensor is off by that much.", -1e3, 1e3),
 }
 
 
@@ -115,14 +136,16 @@ def make_fault(name: str, at_s: float = 0.0, value: float | None = None) -> Faul
 
     Raises
     ------
-    LocalError : an unknown name, a time before power-on, a count or a duration below zero.
+    LocalError : an unknown name, a time before power-on, a value that is not possible.
     """
     if name not in FAULTS:
         raise LocalError(f"there is no fault {name!r}", "use one of\n" + fault_list())
     kind = FAULTS[name]
     value = kind.default if value is None else value
-    if at_s < 0 or (kind.lasting != "stays" and name != "beyond_limit" and value < 0):
-        raise LocalError(f"the fault {name} cannot be at {at_s:g} s with {value:g}", "use numbers of 0 or more")
+    if not 0 <= at_s <= 1e9:
+        raise LocalError(f"the fault {name} cannot be at {at_s:g} s", "count seconds from power-on")
+    if not kind.low <= value <= kind.high:
+        raise LocalError(f"the fault {name} cannot have the value {value:g}", f"use {kind.low:g} to {kind.high:g}")
     return Fault(name, round(at_s * 1e6), value)
 
 

@@ -6,8 +6,7 @@ meanwhile. Rules of this file:
 - The same seed and the same bytes in at the same board times give the same bytes out, however `advance` is cut up: the
   control ticks at fixed times, noise belongs to the number of a tick or a sample, and what is computed by the block is
   computed element by element.
-- Everything leaves through one door, `_send`, in the order of board time; the wire's faults stand there.
-- Between two messages samples are made and framed by the block.
+- Everything leaves in the order of board time; between two messages samples are made and framed by the block.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.board_control import HARD_LIMITS_PA, BoardControl
-from protocol.faults import Countdown, Fault, FaultSchedule
+from protocol.faults import Fault, FaultSchedule
 from protocol.framing import Frame, FrameReader
 from protocol.light import ADC_BITS, FULL_SCALE, VREF_MV, SampleNoise
 from protocol.messages import (
@@ -33,24 +32,22 @@ from protocol.messages import (
     Hello,
     Identify,
     MessageType,
+    SetPressure,
     Start,
     Stop,
     decode_command,
-    encode_message,
 )
 from protocol.plant import PUMP_REACH_KPA, TICK_US, Body, Pneumatics, Sensors
 from protocol.recording import SampleFlag
-from protocol.sample_frames import encode_samples, frame_length
 from protocol.sampler import PlantBlock, SampleBlock, Sampler, truth_dtype
+from protocol.transmitter import Transmitter
 from protocol.units import find_unit
-from protocol.wire import Wire
 
 RATE_MAX_HZ = 20_000
 _TICKS_AT_ONCE = 400
 _PUMP_NOISE = 0.15  # kPa/s a tick: some 0.03 kPa of ripple in the pressure
 _SATURATION_QUIET_US = 1_000_000  # a sensor that saturates again sooner has not stopped
 _KPA_PER_CYCLE = 180.0  # travel of a full cycle, for softening
-_EVENT_ROOM = 20  # bytes of an EVENT on the wire, and some
 
 
 class VirtualBoard:
@@ -79,10 +76,7 @@ class VirtualBoard:
         self._seed = seed
         self._schedule = FaultSchedule(faults)
         self._since_us: dict[str, int] = {}  # when each fault began
-        self._countdown = Countdown()
-        self._wire = Wire(seed)
-        self._out = bytearray()
-        self._room: int | None = None
+        self._transmitter = Transmitter(self.n_sensors, self._schedule, seed)
         self._boot_at_us: int | None = None  # a board that boots neither hears nor speaks
         self._refusal: AckStatus | None = None
         self._truth: list[NDArray[np.void]] | None = [] if log_truth else None
@@ -92,8 +86,6 @@ class VirtualBoard:
         self._sampler = Sampler(self.unit, seed)
         self._pump_noise = SampleNoise(seed, 0, 0)
         self._travel_kpa = 0.0
-        self._absurd = 0
-        self._held = np.empty((0, frame_length(self.n_sensors)), np.uint8)  # of a pair in the wrong order, the first
         self._later: list[tuple[int, BoardMessage]] = []
         self._last_saturated_us = [-_SATURATION_QUIET_US] * self.n_sensors
         clock_wrap = next((fault.start_us for fault in faults if fault.name == "clock_wrap"), 0)
@@ -120,7 +112,8 @@ class VirtualBoard:
     def opened(self) -> None:
         """Tell the board that its port was opened; some reset on that."""
         if "reset_on_open" in self._schedule.active:
-            self._sampler.stop()
+            self._reset_control()
+            self._transmitter.off = True
             self._boot_at_us = self.now_us + round(1e6 * self._schedule.active["reset_on_open"])
 
     def receive(self, data: bytes) -> None:
@@ -142,18 +135,16 @@ class VirtualBoard:
         if dt_us < 0:
             raise ValueError("board time does not run backwards")
         self._true_us += dt_us
-        self._room = room
+        self._transmitter.room = room
         end = self._board_time(self._true_us)
         while self.now_us < end:
-            stop = min(end, self.now_us + _TICKS_AT_ONCE * TICK_US)
-            changes = [self._schedule.next_change_us, self._boot_at_us]
-            self._run(min([stop, *(change for change in changes if change is not None)]))
-            if self._boot_at_us is not None and self.now_us >= self._boot_at_us:
-                self._boot(BootReason.RESET_PIN)
-            self._apply_faults(*self._schedule.move_to(self.now_us))
-        out = bytes(self._out)
-        self._out.clear()
-        return out
+            changes = [time for time in (self._schedule.next_change_us, self._boot_at_us) if time is not None]
+            self._run(min([end, self.now_us + _TICKS_AT_ONCE * TICK_US, *changes]))
+            if changes and self.now_us >= min(changes):
+                if self.now_us == self._boot_at_us:
+                    self._boot(BootReason.RESET_PIN)
+                self._apply_faults(*self._schedule.move_to(self.now_us))
+        return self._transmitter.take()
 
     def take_truth(self) -> NDArray[np.void]:
         """Return the truth of the samples made since the last call (`sampler.truth_dtype`)."""
@@ -173,23 +164,26 @@ class VirtualBoard:
         """Return what the 32-bit clock shows."""
         return (now_us - self._booted_us + self._clock_start_us) & 0xFFFFFFFF
 
-    def _boot(self, reason: int, clock_start_us: int = 0) -> None:
-        self._boot_at_us = None
+    def _reset_control(self) -> None:
+        """Forget what was commanded; without current the valve opens."""
+        self._sampler.stop()
+        self._later.clear()
+        self._pneumatics.vent()
+        self._control = BoardControl(self._pneumatics, RATE_MAX_HZ)
+
+    def _boot(self, reason: int, *, clock_start_us: int = 0) -> None:
+        self._reset_control()
+        self._boot_at_us, self._boot_reason = None, reason
         self._booted_us, self._clock_start_us = self.now_us, clock_start_us
         self._reader = FrameReader()
-        self._seq = 0
-        self._dropped = 0
-        self._later.clear()
         self._answered: tuple[int, int, AckStatus] | None = None
-        self._sampler.stop()
-        self._control = BoardControl(self._pneumatics, RATE_MAX_HZ)
-        active = self._schedule.active
-        if self.now_us:
-            self._pneumatics.vent()  # the valve opens without current
-            self._control.restore_levels("estop" in active, "pressure_invalid" in active)
-        self._boot_reason = reason
-        self._send_message(self._hello())
-        self._send_message(BoardEvent(self._clock(self.now_us), EventCode.BOOTED, reason))
+        self._transmitter.reset()
+        if "estop" in self._schedule.active:
+            self._control.set_estop(True, announce=False)
+        if "pressure_invalid" in self._schedule.active:
+            self._control.set_pressure_invalid(True)
+        self._transmitter.send(self._hello())
+        self._transmitter.send(BoardEvent(self._clock(self.now_us), EventCode.BOOTED, reason))
 
     def _hello(self) -> Hello:
         return Hello(
@@ -224,12 +218,12 @@ class VirtualBoard:
         self._pneumatics.overshoot_kpa = active.get("overshoot", 0.0)
         self._pneumatics.leak_per_s = active.get("leak", 0.0) / 100 / 60
         for code, value in self._control.take_events():
-            self._send_message(BoardEvent(self._clock(self.now_us), code, value))
+            self._transmitter.send(BoardEvent(self._clock(self.now_us), code, value))
 
     def _begin(self, fault: Fault) -> None:
         match fault.name:
             case "estop":
-                self._control.set_estop(True, announce=fault.start_us > 0)
+                self._control.set_estop(True, announce=fault.start_us > 0)  # pressed before power-on: a level only
             case "pressure_invalid":
                 self._control.set_pressure_invalid(True)
             case "reset":
@@ -240,13 +234,13 @@ class VirtualBoard:
                 self._sampler.change_rate(self.now_us, round(fault.value))
             case "garbage":
                 generator = np.random.default_rng((self._seed, fault.start_us))
-                self._send(generator.bytes(int(fault.value)))
+                self._transmitter.send_raw(generator.bytes(int(fault.value)))
             case "boot_text":
-                self._send(b"\0\0BOAT boot loader 1.0, press any key\r\n" * int(fault.value))
+                self._transmitter.send_raw(b"\0\0BOAT boot loader 1.0, press any key\r\n" * int(fault.value))
             case "ack_refused":
                 self._refusal = AckStatus(int(fault.value))
             case name:
-                self._countdown.add(name, fault.value)
+                self._transmitter.countdown.add(name, fault.value)
 
     # ---- commands ------------------------------------------------------------------------------------------------
 
@@ -261,12 +255,12 @@ class VirtualBoard:
         answer: BoardMessage = Ack(frame.type, frame.seq, status)
         if frame.type == MessageType.IDENTIFY:
             answer = self._hello()
-        if self._countdown.take("ack_lost"):
+        if self._transmitter.countdown.take("ack_lost"):
             return
         if "ack_late" in self._schedule.active:
             self._later.append((self.now_us + round(1000 * self._schedule.active["ack_late"]), answer))
         else:
-            self._send_message(answer)
+            self._transmitter.send(answer)
 
     def _act(self, frame: Frame) -> AckStatus:
         command = decode_command(frame)
@@ -274,7 +268,7 @@ class VirtualBoard:
             return command
         if isinstance(command, Identify):
             return AckStatus.DONE
-        if self._refusal is not None:
+        if self._refusal is not None and isinstance(command, SetPressure):
             refusal, self._refusal = self._refusal, None
             return refusal
         status = self._control.obey(command, self.now_us)
@@ -359,67 +353,10 @@ class VirtualBoard:
     def _emit(self, samples: SampleBlock, messages: list[tuple[int, BoardMessage]]) -> None:
         """Send samples and messages in the order of their times, a message before the sample of the same instant."""
         samples.bodies["time_us"] = (samples.time_us - self._booted_us + self._clock_start_us) & 0xFFFFFFFF
-        self._make_absurd(samples.bodies)
         start = 0
         for time_us, message in messages:
             cut = int(np.searchsorted(samples.time_us, time_us))
-            self._send_samples(samples.bodies[start:cut])
-            self._send_message(message)
+            self._transmitter.send_samples(samples.bodies[start:cut])
+            self._transmitter.send(message)
             start = cut
-        self._send_samples(samples.bodies[start:])
-
-    def _make_absurd(self, bodies: NDArray[np.void]) -> None:
-        for row in range(self._countdown.take("absurd_value", bodies.size)):
-            kind = self._absurd % 3
-            self._absurd += 1
-            if kind == 0:
-                bodies["pressure_pa"][row] = 5_000_000
-            elif kind == 1:
-                bodies["counts"][row] = 0xFFFF
-            else:
-                bodies["counts"][row] = bodies["counts"][row][:, ::-1]
-
-    def _send_samples(self, bodies: NDArray[np.void]) -> None:
-        """Frame and send, or drop what finds no room; the first sample behind a drop says so."""
-        lost = self._countdown.take("dropped", bodies.size)
-        self._dropped += lost
-        bodies = bodies[lost:]
-        fitting = bodies.size
-        if self._room is not None:
-            fitting = (self._room - len(self._out) - _EVENT_ROOM) // frame_length(self.n_sensors)
-        sent = bodies[: max(0, fitting)]
-        if sent.size:
-            if self._dropped:
-                time_us = int(sent["time_us"][0])
-                self._send_message(BoardEvent(time_us, EventCode.SAMPLES_DROPPED, self._dropped))
-                sent["flags"][0] |= SampleFlag.DROPPED_BEFORE
-                self._dropped = 0
-            frames = encode_samples(sent, self._seq)
-            self._seq += sent.size
-            self._send(self._arrange(frames).tobytes())
-        self._dropped += bodies.size - sent.size
-
-    def _arrange(self, frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Lose, repeat or swap whole frames, where a fault says so."""
-        if not self._countdown.left and not len(self._held):
-            return frames
-        frames = frames[self._countdown.take("index_gap", len(frames)) :]
-        twice = self._countdown.take("duplicate", len(frames))
-        frames = np.concatenate([np.repeat(frames[:twice], 2, axis=0), frames[twice:]])
-        frames = np.concatenate([self._held, frames])
-        self._held = frames[:0]
-        swapped = 2 * self._countdown.take("reorder", len(frames) // 2)
-        order = np.arange(swapped) ^ 1
-        rest = frames[swapped:]
-        if "reorder" in self._countdown.left:
-            self._held, rest = rest, rest[:0]
-        return np.concatenate([frames[order], rest])
-
-    def _send_message(self, message: BoardMessage) -> None:
-        frame = encode_message(message, self._seq)
-        self._seq += 1
-        self._send(frame)
-
-    def _send(self, data: bytes) -> None:
-        if self._boot_at_us is None:
-            self._out += self._wire.carry(data, self._schedule.active)
+        self._transmitter.send_samples(samples.bodies[start:])

@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -265,7 +266,11 @@ def _serve_in_process(settings: BoardSettings) -> ServedBoard:
 
 
 def _serve_for_parent(text: str) -> None:
-    """Serve as the settings in `text` (JSON) say until standard input ends, as it does with the parent."""
+    """Serve as the settings in `text` (JSON) say until standard input ends, as it does with the parent.
+
+    Ctrl-C is the parent's: a board that went first could not be vented any more.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     settings = json.loads(text)
     server = BoardServer(BoardSettings(**{**settings, "faults": tuple(settings["faults"])}))
     stop = threading.Event()

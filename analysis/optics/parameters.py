@@ -1,0 +1,152 @@
+"""What a simulation is asked: the pattern, the guide, the light. Every number that the paper leaves out has a name here.
+
+Each value checks itself when it is made: a number outside its physical range is refused with its cause and remedy
+before any geometry is built. Lengths are in mm, angles in degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from analysis.errors import RequestError
+
+Face = Literal["outer", "inner"]
+Order = Literal["time", "bounce", "index"]
+Emission = Literal["uniform", "lambertian"]
+ORDERS: tuple[Order, ...] = ("time", "bounce", "index")
+
+
+def _finite(name: str, value: float) -> None:
+    if not math.isfinite(value):
+        raise RequestError(f"{name} is {value}, which is not a number", "give a finite number")
+
+
+def _between(name: str, value: float, low: float, high: float, unit: str = "") -> None:
+    _finite(name, value)
+    if not low <= value <= high:
+        raise RequestError(f"{name} is {value:g}{unit}, outside {low:g} to {high:g}{unit}",
+                           f"choose {name} within {low:g} to {high:g}{unit}")
+
+
+def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise RequestError(f"{name} is '{value}', which is unknown", f"choose one of {', '.join(allowed)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """The cavities of one guide: a centred row of equal rectangular cavities in one of its faces.
+
+    Parameters
+    ----------
+    cavities : how many, 0 (a plain guide) or more; the paper's are 3, 5 and 7.
+    width_mm : along the centreline.
+    depth_mm : from the face inwards.
+    spacing_mm : between neighbours, wall to wall along the centreline.
+    face : which face carries them, 'outer' (away from the other guide; default) or 'inner'.
+    """
+
+    cavities: int = 5
+    width_mm: float = 1.0
+    depth_mm: float = 0.5
+    spacing_mm: float = 0.9
+    face: Face = "outer"
+
+    def __post_init__(self) -> None:
+        if self.cavities != int(self.cavities) or not 0 <= self.cavities <= 99:
+            raise RequestError(f"{self.cavities} cavities", "choose a whole number from 0 to 99")
+        _one_of("face", self.face, ("outer", "inner"))
+        _between("cavity width", self.width_mm, 0.01, 50.0, " mm")
+        _between("cavity depth", self.depth_mm, 0.001, 50.0, " mm")
+        _finite("cavity spacing", self.spacing_mm)
+        if self.spacing_mm <= 0 and self.cavities > 1:
+            raise RequestError(f"cavities overlap: a spacing of {self.spacing_mm:g} mm puts each into its neighbour",
+                               "choose a spacing above 0 mm")
+
+    @property
+    def row_mm(self) -> float:
+        """Length of the whole row along the centreline, mm."""
+        return self.cavities * self.width_mm + max(self.cavities - 1, 0) * self.spacing_mm
+
+    @property
+    def values(self) -> tuple[float, float, float, float]:
+        """cavities, width_mm, depth_mm, spacing_mm: the order used in tables and files."""
+        return (float(self.cavities), self.width_mm, self.depth_mm, self.spacing_mm)
+
+
+PAPER_OPTIMUM = Design(5, 1.0, 0.5, 0.9)
+
+
+@dataclass(frozen=True, slots=True)
+class Waveguide:
+    """What the paper leaves out of the guide, with the default of each.
+
+    Parameters
+    ----------
+    thickness_mm : of both guides and of the stems, 2.0 (the emitter's and the receiver's packages are 2 mm).
+    index : of the resin at 860 nm, 1.50 (+- 0.02 is not known better).
+    attenuation_db_per_cm : bulk loss, 0.
+    stem_mm : emitter to junction and junction to receiver, 3 (paper).
+    receiver_mm : width of the receiver's segment; None is the whole end face. 0 receives nothing.
+    backing_mm : resin behind the emitter's point, 0.1 (the emitter is glued in with the same resin).
+    knots : points of each guide's interpolating curve, 10 (paper); more where a file gives more.
+    """
+
+    thickness_mm: float = 2.0
+    index: float = 1.50
+    attenuation_db_per_cm: float = 0.0
+    stem_mm: float = 3.0
+    receiver_mm: float | None = None
+    backing_mm: float = 0.1
+    knots: int = 10
+
+    def __post_init__(self) -> None:
+        _between("guide thickness", self.thickness_mm, 0.05, 50.0, " mm")
+        _between("refractive index", self.index, 1.0, 5.0)
+        _between("attenuation", self.attenuation_db_per_cm, 0.0, 1000.0, " dB/cm")
+        _between("stem", self.stem_mm, 0.1, 500.0, " mm")
+        _between("emitter's backing", self.backing_mm, 1e-6, 100.0, " mm")
+        if self.receiver_mm is not None:
+            _between("receiver width", self.receiver_mm, 0.0, 500.0, " mm")
+        if not 7 <= self.knots <= 200:
+            raise RequestError(f"{self.knots} knots a guide", "choose 7 to 200")
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """The rays and the rules of their following.
+
+    Parameters
+    ----------
+    rays : released by the emitter, 250 (paper).
+    cone_deg : full aperture of the fan, 120 (paper).
+    emission : 'uniform' in angle, or 'lambertian' (as many rays in each equal step of sine).
+    secondary : budget of reflected rays for the whole simulation, 100 (paper).
+    order : in which the budget is spent: by 'time' of flight, by 'bounce' or by 'index' of the released ray.
+    path_cap_mm : a ray is given up after this way, 1000.
+    faintest : a ray whose power falls below this part of a released one's is dropped, 1e-12.
+    phase : shift of the fan in steps of its own angle, -0.5..0.5; a repeat with another phase is an independent sample.
+    """
+
+    rays: int = 250
+    cone_deg: float = 120.0
+    emission: Emission = "uniform"
+    secondary: int = 100
+    order: Order = "time"
+    path_cap_mm: float = 1000.0
+    faintest: float = 1e-12
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.rays <= 100_000_000:
+            raise RequestError(f"{self.rays} rays", "choose 1 to 100 000 000 rays")
+        _between("cone", self.cone_deg, 0.001, 179.9, " degrees")
+        _one_of("emission", self.emission, ("uniform", "lambertian"))
+        if not 0 <= self.secondary <= 10_000_000:
+            raise RequestError(f"a budget of {self.secondary} secondary rays", "choose 0 to 10 000 000")
+        _one_of("order", self.order, ORDERS)
+        _between("path cap", self.path_cap_mm, 1.0, 1e7, " mm")
+        _between("faintest power", self.faintest, 0.0, 0.1)
+        _between("phase of the fan", self.phase, -0.5, 0.5)

@@ -25,7 +25,7 @@ TICK_S = TICK_US / 1e6
 PUMP_KPA_PER_S = 40.0  # as fast as the pumps go
 PUMP_REACH_KPA = (-70.0, 90.0)  # as far as they can
 _OMEGA = 9.0  # rad/s of the regulated pressure
-_DAMPING = 0.75
+_DAMPING = 0.6
 _VENT_S = 0.25  # time constant of the open valve
 _LINE_LEAK_PER_S = 0.002  # share of the pressure lost when the pumps stand still
 

@@ -106,7 +106,9 @@ def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Lin
 def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Progress | None) -> None:
     meta = read_session(db)
     dtype = dtype_from_description(meta["sample_dtype"])
-    total = db.execute("SELECT coalesce(sum(n), 0) FROM block").fetchone()[0]
+    total, chunks = db.execute("SELECT (SELECT coalesce(sum(n), 0) FROM block), (SELECT count(*) FROM chunk)").fetchone()
+    if total and not chunks:
+        raise _Difference("there are no raw bytes to derive the samples from (the recording was imported)")
     gaps: list[tuple[int, int, int]] = []
     derived = _pieces(_derived(db, meta, tally, gaps))
     stored = _pieces(_stored(db, dtype, Overview(mv_per_count(meta))))

@@ -39,6 +39,7 @@ class FullModel:
     Parameters
     ----------
     parameters : geometry, materials, mesh density.
+    mesh : a mesh from elsewhere in place of the parametric one, its base at 0 (see `mesh_files.read_mesh`).
     tolerance : relative residual at which a state counts as found.
 
     Raises
@@ -47,9 +48,11 @@ class FullModel:
         If the parameters make no mesh.
     """
 
-    def __init__(self, parameters: ActuatorParameters | None = None, *, tolerance: float = TOLERANCE) -> None:
+    def __init__(self, parameters: ActuatorParameters | None = None, *, mesh: Mesh | None = None,
+                 tolerance: float = TOLERANCE) -> None:
         self.parameters = parameters or ActuatorParameters()
-        self.mesh = build_mesh(self.parameters)
+        self.mesh = mesh or build_mesh(self.parameters)
+        self.length_mm = float(self.mesh.nodes[self.mesh.tip, 1].max())
         self.problem = actuator_problem(self.parameters, self.mesh)
         self.solver = Solver(self.problem, tolerance)
 
@@ -68,12 +71,12 @@ class FullModel:
     @cached_property
     def vacuum_limit(self) -> CriticalState:
         """The state in which the actuator loses its stability under vacuum."""
-        return find_limit(Solver(self.problem), self.stability, self.parameters.length_mm, -1)
+        return find_limit(Solver(self.problem), self.stability, self.length_mm, -1)
 
     @cached_property
     def inflation_limit(self) -> CriticalState:
         """The state in which the actuator loses its stability under pressure."""
-        return find_limit(Solver(self.problem), self.stability, self.parameters.length_mm, 1)
+        return find_limit(Solver(self.problem), self.stability, self.length_mm, 1)
 
     def solve(self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None,
               start: Solution | None = None) -> Solution:

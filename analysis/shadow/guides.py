@@ -53,12 +53,13 @@ class Guides:
     tracked: Embedding
 
 
-def rest_centreline(parameters: ActuatorParameters, points: int | None = None) -> Floats:
+def rest_centreline(parameters: ActuatorParameters, length_mm: float, points: int | None = None) -> Floats:
     """Return a guide at rest, equally spaced along its arc.
 
     Parameters
     ----------
     parameters : bow and end pieces.
+    length_mm : distance between base and tip plate.
     points : how many; by default one every 0.5 mm (to the nearest whole number).
 
     Returns
@@ -67,13 +68,13 @@ def rest_centreline(parameters: ActuatorParameters, points: int | None = None) -
         Shape (n, 2), (r, z) in mm.
     """
     p = parameters
-    half = p.length_mm / 2.0 + p.guide_end_mm
+    half = length_mm / 2.0 + p.guide_end_mm
     s = np.linspace(-1.0, 1.0, 4001)
-    curve = np.stack([p.guide_bow_mm * (1.0 - s * s), p.length_mm / 2.0 + half * s], axis=1)
+    curve = np.stack([p.guide_bow_mm * (1.0 - s * s), length_mm / 2.0 + half * s], axis=1)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
     count = points or max(TRACKED, round(arc[-1] / SAMPLING_MM) + 1)
     at = np.interp(np.linspace(0.0, arc[-1], count), arc, s)
-    return np.stack([p.guide_bow_mm * (1.0 - at * at), p.length_mm / 2.0 + half * at], axis=1)
+    return np.stack([p.guide_bow_mm * (1.0 - at * at), length_mm / 2.0 + half * at], axis=1)
 
 
 def locate(mesh: Mesh, points: Floats) -> tuple[Integers, Floats]:
@@ -142,13 +143,13 @@ def embed(mesh: Mesh, points: Floats, length_mm: float) -> Embedding:
 
 
 def make_guides(parameters: ActuatorParameters, mesh: Mesh) -> Guides:
-    """Embed centreline and tracked points of a guide in the actuator's mesh."""
-    length = parameters.length_mm
-    return Guides(embed(mesh, rest_centreline(parameters), length),
-                  embed(mesh, rest_centreline(parameters, TRACKED), length))
+    """Embed centreline and tracked points of a guide in a mesh whose base is at 0."""
+    length = float(mesh.nodes[mesh.tip, 1].max())
+    return Guides(embed(mesh, rest_centreline(parameters, length), length),
+                  embed(mesh, rest_centreline(parameters, length, TRACKED), length))
 
 
 def both_guides(half_plane: Floats) -> Floats:
     """Return guide 1 and its mirror image in (x, z), shape (2, n, 2), of points (r, z-axis), shape (n, 2)."""
     along, across = half_plane[:, 1], half_plane[:, 0]
-    return np.stack([np.stack([along, across], axis=1), np.stack([along, -across], axis=1)])
+    return np.stack([np.stack([along, across], axis=1), np.stack([along, 0.0 - across], axis=1)])

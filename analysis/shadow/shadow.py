@@ -29,6 +29,12 @@ from analysis.shadow.solver import Solution
 from analysis.shadow.table import load_table
 
 Model = Literal["full", "reduced"]
+_NODE_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
+_NODE_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
+_GAUSS = np.array([-1.0, 1.0])
+EXTRAPOLATION = np.stack([(1 + np.sqrt(3.0) * x * _NODE_XI) * (1 + np.sqrt(3.0) * y * _NODE_ETA) / 4.0
+                          for y in _GAUSS for x in _GAUSS], axis=1)
+"""Bilinear weights of the 2 x 2 Gauss points at the eight nodes, shape (8, 4)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,12 +151,18 @@ class Shadow:
             If the state lies beyond the critical pressure.
         """
         begun = time.perf_counter()
+        solution, answered = self.solution(elongation_mm=elongation_mm, pressure_kpa=pressure_kpa, model=model)
+        return self._frame(solution, answered, begun)
+
+    def solution(self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None,
+                 model: Model = "reduced") -> tuple[Solution, Model]:
+        """Return the state as nodal displacements, and which model answered; arguments and errors as `state`."""
         q, p = self._complete(elongation_mm, pressure_kpa)
         if model == "reduced" and q is not None and p is not None and bool(self.table.holds(np.array(p), np.array(q))):
             u, force = self.table.displacement(p, q)
-            return self._frame(Solution(u, p, q, force, 0, 0.0), "reduced", begun)
+            return Solution(u, p, q, force, 0, 0.0), "reduced"
         self._last = self._solve_full(elongation_mm, pressure_kpa)
-        return self._frame(self._last, "full", begun)
+        return self._last, "full"
 
     def _complete(self, q: float | None, p: float | None) -> tuple[float | None, float | None]:
         """Fill in what is not measured from the nominal curve; None where the table does not reach."""
@@ -194,18 +206,17 @@ class Shadow:
 
 @njit(cache=True)
 def nodal_stretch(f: Floats, quads: Integers, nodes: int) -> Floats:
-    """Average the greatest principal stretch of each element's Gauss points to its nodes, shape (nodes,)."""
-    total, seen = np.zeros(nodes), np.zeros(nodes)
+    """Extrapolate the greatest principal stretch from 2 x 2 Gauss points to the nodes and average, shape (nodes,)."""
+    total, seen, at = np.zeros(nodes), np.zeros(nodes), np.empty(f.shape[1])
     for e in range(f.shape[0]):
-        value = 0.0
         for g in range(f.shape[1]):
             rr, rz, zr, zz, tt = f[e, g]
             a, b, c = rr * rr + zr * zr, rz * rz + zz * zz, rr * rz + zr * zz
             plane = 0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c * c)
-            value += max(np.sqrt(plane), abs(tt)) / f.shape[1]
-        for i in quads[e]:
-            total[i] += value
-            seen[i] += 1.0
+            at[g] = max(np.sqrt(plane), abs(tt))
+        for i in range(8):
+            total[quads[e, i]] += np.dot(EXTRAPOLATION[i], at)
+            seen[quads[e, i]] += 1.0
     return total / np.maximum(seen, 1.0)
 
 

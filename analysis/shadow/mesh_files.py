@@ -1,0 +1,160 @@
+"""Meshes and states as files: VTU for ParaView, MSH for Gmsh, INP for CalculiX; and meshes back from VTU and MSH.
+
+Strategy: meshio writes and reads; parts are cells with a number (`part`, in MSH also a physical group with its name):
+lattice 1 and wall 2 are eight-node quadrilaterals, cavity 3, base 4 and tip 5 three-node lines. A mesh from elsewhere is
+taken if it has these; clockwise elements are turned over, wetted edges are directed by the element that owns them.
+
+Rules: coordinates are (r, axis, 0) in mm. A file that is not such a mesh is refused with what is missing.
+"""
+
+from __future__ import annotations
+
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from analysis.errors import FileError, RequestError
+from analysis.shadow.arrays import Floats, Integers
+from analysis.shadow.calculix import calculix_deck
+from analysis.shadow.element import EDGES
+from analysis.shadow.full_model import FullModel
+from analysis.shadow.mesh import LATTICE, WALL, Mesh, check_quality
+from analysis.shadow.solver import Solution
+
+PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
+_TURNED = [0, 3, 2, 1, 7, 6, 5, 4]
+
+
+def write_state(model: FullModel, solution: Solution, path: Path, file_format: str) -> None:
+    """Write a state (VTU), the mesh at rest (MSH) or the whole problem at the state's pressure (INP).
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    RequestError
+        If the format is unknown.
+    """
+    if file_format not in ("vtu", "msh", "inp"):
+        raise RequestError(f"'{file_format}' is no format of a mesh here", "choose vtu, msh or inp")
+    try:
+        if file_format == "inp":
+            path.write_text(calculix_deck(model.parameters, model.mesh, solution.pressure_kpa), encoding="ascii")
+        elif file_format == "msh":
+            meshio.write(path, to_meshio(model.mesh, named=True), file_format="gmsh22", binary=False)
+        else:
+            meshio.write(path, to_meshio(model.mesh, solution.displacement_mm), file_format="vtu")
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
+
+
+def to_meshio(mesh: Mesh, displacement_mm: Floats | None = None, *, named: bool = False) -> meshio.Mesh:
+    """Return a mesh with its parts (as Gmsh's physical groups if `named`), and a state's displacements where given."""
+    lines = [("base", line_cells(mesh, mesh.base)), ("tip", line_cells(mesh, mesh.tip)), ("cavity", mesh.cavity)]
+    quads = [("lattice", mesh.quads[mesh.material == LATTICE]), ("wall", mesh.quads[mesh.material == WALL])]
+    cells = [("quad8", c) for _, c in quads] + [("line3", c[:, [0, 2, 1]]) for _, c in lines]
+    part = [np.full(len(c), PARTS[name]) for name, c in quads + lines]
+    points = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
+    state = {} if displacement_mm is None else {
+        "displacement_mm": np.column_stack([displacement_mm, np.zeros(len(points))])}
+    groups = {name: np.array([n, 2 if n <= 2 else 1]) for name, n in PARTS.items()}
+    if named:
+        return meshio.Mesh(points, cells, field_data=groups,
+                           cell_data={"gmsh:physical": part, "gmsh:geometrical": part})
+    return meshio.Mesh(points, cells, point_data=state, cell_data={"part": part})
+
+
+def line_cells(mesh: Mesh, members: Integers) -> Integers:
+    """Return the element edges whose three nodes are all members, shape (k, 3): start, middle, end."""
+    edges = mesh.quads[:, EDGES].reshape(-1, 3)
+    chosen: Integers = edges[np.isin(edges, members).all(axis=1)]
+    return chosen
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Read a mesh with parts lattice, wall, cavity, base and tip.
+
+    Raises
+    ------
+    FileError
+        If the file is no mesh, or lacks a part.
+    RequestError
+        If an element is folded or a node lies beyond the axis.
+    """
+    kind = {".vtu": "vtu", ".msh": "gmsh"}.get(path.suffix.lower())
+    refusal = FileError(f"{path} is not a mesh that can be read here", "give a .vtu or .msh file")
+    if kind is None:
+        raise refusal
+    try:
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio talks, and leaves the program
+            found = meshio.read(path, file_format=kind)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - its readers raise whatever a broken file makes them raise
+        raise refusal from error
+    return from_meshio(found, path)
+
+
+def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
+    """Return our mesh from meshio's.
+
+    Raises
+    ------
+    FileError, RequestError
+        As `read_mesh`.
+    """
+    cells = by_part(found, path)
+    missing = [name for name in ("lattice", "cavity", "base", "tip") if not len(cells[name])]
+    if missing:
+        raise FileError(f"{path.name} has no part named {', '.join(missing)}",
+                        "mark lattice and wall as quad8, cavity, base and tip as line3, as `shadow export` does")
+    quads = np.concatenate([cells["lattice"], cells["wall"]])
+    used, flat = np.unique(quads, return_inverse=True)
+    rank = np.full(len(found.points), -1)
+    rank[used] = np.arange(len(used))
+    quads = flat.reshape(quads.shape)
+    nodes = np.asarray(found.points, dtype=float)[used, :2]
+    nodes[:, 1] -= nodes[:, 1].min()
+    mesh = Mesh(nodes, anticlockwise(nodes, quads),
+                np.repeat([LATTICE, WALL], [len(cells["lattice"]), len(cells["wall"])]),
+                rank[cells["cavity"][:, [0, 2, 1]]], np.unique(rank[cells["base"]]), np.unique(rank[cells["tip"]]))
+    if min(mesh.cavity.min(), mesh.base.min(), mesh.tip.min()) < 0:
+        raise FileError(f"{path.name} has a cavity, base or tip that is not on the mesh", "export the mesh again")
+    mesh = replace(mesh, cavity=directed(mesh, path))
+    check_quality(mesh)
+    return mesh
+
+
+def by_part(found: meshio.Mesh, path: Path) -> dict[str, Integers]:
+    """Return the cells of each part; parts are told by physical names, else by the number in `part`."""
+    numbers = {name: int(data[0]) for name, data in found.field_data.items() if name in PARTS} or PARTS
+    labels = found.cell_data.get("gmsh:physical") or found.cell_data.get("part")
+    if labels is None:
+        raise FileError(f"{path.name} does not say which cells are lattice, wall, cavity, base and tip",
+                        "give it physical groups (Gmsh) or a cell array 'part'")
+    kinds = {"lattice": ("quad8", 8), "wall": ("quad8", 8), "cavity": ("line3", 3), "base": ("line3", 3),
+             "tip": ("line3", 3)}
+    parts: dict[str, Integers] = {}
+    for name, (kind, width) in kinds.items():
+        blocks = [block.data[np.asarray(label) == numbers.get(name, -1)]
+                  for block, label in zip(found.cells, labels, strict=True) if block.type == kind]
+        parts[name] = np.concatenate([np.empty((0, width), dtype=np.int64), *blocks]).astype(np.int64)
+    return parts
+
+
+def anticlockwise(points: Floats, quads: Integers) -> Integers:
+    """Turn over the elements that run clockwise."""
+    x, y = points[quads[:, :4], 0], points[quads[:, :4], 1]
+    area = (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
+    return np.where(area[:, None] < 0.0, quads[:, _TURNED], quads)
+
+
+def directed(mesh: Mesh, path: Path) -> Integers:
+    """Direct each wetted edge as the element that owns it runs: the solid on the left hand."""
+    owned = {frozenset(edge): edge for edge in mesh.quads[:, EDGES].reshape(-1, 3).tolist()}
+    try:
+        return np.array([owned[frozenset(edge)] for edge in mesh.cavity.tolist()])
+    except KeyError as error:
+        raise FileError(f"{path.name} has a wetted edge that belongs to no element", "export the mesh again") from error

@@ -1,0 +1,185 @@
+"""`boat-daq shadow`: the mechanical model of the actuator, asked from the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from analysis.shadow.full_model import FullModel
+    from analysis.shadow.parameters import ActuatorParameters
+    from analysis.shadow.solver import Solution
+
+app = typer.Typer(help="The digital shadow: solve, table, modulus, states, replay, export.", no_args_is_help=True,
+                  rich_markup_mode=None)
+
+ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
+MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
+
+
+def chosen_parameters(path: Path | None) -> ActuatorParameters:
+    """Return the parameters of a file, or the defaults."""
+    from analysis.shadow.parameter_files import read_parameters
+    from analysis.shadow.parameters import ActuatorParameters
+
+    return ActuatorParameters() if path is None else read_parameters(path)
+
+
+def chosen_model(parameters: Path | None, mesh: Path | None) -> FullModel:
+    """Return the full model of the chosen parameters and mesh."""
+    from analysis.shadow.full_model import FullModel
+    from analysis.shadow.mesh_files import read_mesh
+
+    return FullModel(chosen_parameters(parameters), mesh=None if mesh is None else read_mesh(mesh))
+
+
+@app.command()
+def solve(
+    pressure: Annotated[float | None, typer.Option(help="Pressure in the bladders, kPa.")] = None,
+    elongation: Annotated[float | None, typer.Option(help="Elongation of the tip, mm.")] = None,
+    model: Annotated[str, typer.Option(help="full or reduced.")] = "full",
+    parameters: ParametersOption = None,
+    mesh: MeshOption = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the state into this PNG, SVG or PDF.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Solve the state at a pressure, at an elongation, or with both imposed (then the tip needs a force).
+
+    Beyond the critical pressure the actuator is not stable; such a state is refused with that pressure.
+
+    Example: boat-daq shadow solve --pressure -30 --json
+    """
+    if model not in ("full", "reduced"):
+        raise typer.BadParameter(f"'{model}' is neither full nor reduced", param_hint="--model")
+    if pressure is None and elongation is None:
+        raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
+    if mesh is not None and (model == "reduced" or plot is not None):
+        raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
+    from analysis.shadow.guides import both_guides
+
+    full, solution, answered, seconds = answer(pressure, elongation, model, parameters, mesh)
+    limit = full.vacuum_limit
+    result = {
+        "pressure_kpa": solution.pressure_kpa, "elongation_mm": solution.elongation_mm,
+        "lowest_eigenvalue": full.stability.lowest_eigenvalue(solution), "iterations": solution.iterations,
+        "seconds": seconds, "tracked_points_mm": both_guides(full.tracked(solution)), "model": answered,
+        "tip_force_mn": solution.tip_force_mn, "critical_pressure_kpa": limit.pressure_kpa,
+    }
+    if plot is not None:
+        draw(solution, parameters, plot)
+    if as_json:
+        emit_json(result)
+    else:
+        say(f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {answered} model, "
+            f"{1e3 * seconds:.1f} ms, {solution.iterations} iterations")
+        say(f"lowest eigenvalue {result['lowest_eigenvalue']:.3f} (1 at rest, 0 at the critical pressure of "
+            f"{limit.pressure_kpa:.1f} kPa)")
+
+
+def answer(pressure: float | None, elongation: float | None, model: str, parameters: Path | None,
+           mesh: Path | None) -> tuple[FullModel, Solution, str, float]:
+    """Return the model, its state, which model answered, and the seconds that it took."""
+    import time
+
+    from analysis.shadow.shadow import Shadow
+
+    if model == "full":
+        full = chosen_model(parameters, mesh)
+        full.refuse_beyond_limits(pressure, elongation)  # finds the limits, once for all states: not one state's cost
+        begun = time.perf_counter()
+        return full, full.solve(pressure_kpa=pressure, elongation_mm=elongation), "full", time.perf_counter() - begun
+    with progress_bar("building the table") as progress:
+        shadow = Shadow(chosen_parameters(parameters), progress=progress)
+    begun = time.perf_counter()
+    solution, answered = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
+    return shadow.model, solution, answered, time.perf_counter() - begun
+
+
+def draw(solution: Solution, parameters: Path | None, path: Path) -> None:
+    """Draw a state into a file."""
+    from analysis.shadow.figure import shadow_figure
+    from analysis.shadow.shadow import Shadow
+
+    with progress_bar("building the table") as progress:
+        shadow = Shadow(chosen_parameters(parameters), progress=progress)
+    state = shadow.state(pressure_kpa=solution.pressure_kpa, elongation_mm=solution.elongation_mm)
+    save_figure(shadow_figure(state, shadow.topology), path)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of its suffix."""
+    from analysis.errors import FileError
+
+    try:
+        figure.savefig(path, dpi=144)
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path} cannot be written: {error}", "choose a .png, .svg or .pdf in a writable folder") from error
+    say(f"wrote {path}")
+
+
+@app.command()
+def table(
+    parameters: ParametersOption = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw error against the number of shapes into this file.")] = None,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="Build it again even if it is in the cache.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Build the reduced model (or take it from the cache) and say its range, its error and its speed.
+
+    Example: boat-daq shadow table --plot errors.png
+    """
+    import time
+
+    from analysis.shadow.charts import basis_chart, states_per_second
+    from analysis.shadow.reduced import TableSettings
+    from analysis.shadow.table import build_table, load_table
+
+    chosen = chosen_parameters(parameters)
+    begun = time.perf_counter()
+    with progress_bar("building the table") as progress:
+        made = build_table(chosen, None, progress) if rebuild else load_table(chosen, progress=progress)
+    seconds = time.perf_counter() - begun
+    result = {
+        "pressure_range_kpa": made.pressure_range_kpa, "elongation_range_mm": made.elongation_range_mm,
+        "modes": made.shapes.shape[1], "errors_mm": made.errors_mm, "error_bound_mm": made.error_bound_mm,
+        "error_bound_percent": 100.0 * made.error_bound_mm / float(abs(made.nominal_mm_range[1])),
+        "held_out": TableSettings().held_out, "critical_pressure_kpa": float(made.critical_kpa),
+        "states_per_s": states_per_second(made), "seconds": seconds,
+    }
+    if plot is not None:
+        save_figure(basis_chart(chosen), plot)
+    if as_json:
+        emit_json(result)
+        return
+    (p0, p1), (q0, q1) = made.pressure_range_kpa, made.elongation_range_mm
+    say(f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm; {result['modes']} shapes, ready in {seconds:.1f} s")
+    say(f"no tracked point off by more than {made.error_bound_mm:.2g} mm; {result['states_per_s']:,.0f} states/s")
+
+
+@app.command()
+def export(
+    out: Annotated[Path, typer.Option(help="File to write.")],
+    file_format: Annotated[str, typer.Option("--format", help="vtu, msh or inp.")],
+    pressure: Annotated[float, typer.Option(help="Pressure of the state, kPa (msh holds the rest alone).")] = 0.0,
+    parameters: ParametersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the mesh with its state (vtu), the mesh (msh), or the whole problem for CalculiX (inp).
+
+    Example: boat-daq shadow export --format inp --pressure 50 --out actuator.inp
+    """
+    from analysis.shadow.mesh_files import write_state
+
+    model = chosen_model(parameters, None)
+    write_state(model, model.solve(pressure_kpa=pressure), out, file_format)
+    if as_json:
+        emit_json({"out": out, "format": file_format, "pressure_kpa": pressure, "nodes": len(model.mesh.nodes),
+                   "elements": len(model.mesh.quads)})
+    else:
+        say(f"wrote {out}: {len(model.mesh.nodes)} nodes, {len(model.mesh.quads)} elements, {pressure:+g} kPa")

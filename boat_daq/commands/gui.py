@@ -1,0 +1,23 @@
+"""`boat-daq gui`: the lab window."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def gui(
+    port: Annotated[str | None, typer.Option(help="Connect to this port at once.")] = None,
+    board: Annotated[bool, typer.Option("--board", help="Open it on a virtual board.")] = False,
+    speed: Annotated[float, typer.Option(min=1, max=1000, help="Of the virtual board.")] = 1.0,
+) -> None:
+    """The lab window. Esc vents, in any state. Example:
+
+    boat-daq gui --board
+    """
+    if port is not None and board:
+        raise typer.BadParameter("use either --port or --board")
+    from boat_daq.gui.app import run
+
+    raise typer.Exit(run(port, board=board, speed=speed))

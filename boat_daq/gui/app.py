@@ -1,0 +1,55 @@
+"""The window's start: one application, one session, one desk, one window."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+
+from PySide6.QtCore import QLocale
+from PySide6.QtWidgets import QApplication
+
+from boat_daq.engine.session import Session
+from boat_daq.engine.settings import home, load_settings
+from boat_daq.gui import style
+from boat_daq.gui.main_window import MainWindow
+from boat_daq.viewmodels.desk import Desk
+
+
+def make_application() -> QApplication:
+    """Return the one application with the program's font and base style."""
+    app = QApplication.instance()
+    if not isinstance(app, QApplication):
+        app = QApplication(sys.argv[:1])
+    app.setApplicationName("boat-daq")
+    app.setApplicationDisplayName("boat-daq")
+    app.setDesktopFileName("boat-daq")
+    app.setStyle("Fusion")
+    app.setFont(style.base_font())
+    QLocale.setDefault(QLocale.c())
+    return app
+
+
+def make_window() -> MainWindow:
+    """Return a window on a new session, with the stored settings.
+
+    Raises
+    ------
+    OperatorError : the stored settings are refused, by key.
+    """
+    settings = load_settings()
+    recordings = Path(settings.recordings).expanduser() if settings.recordings else Path.cwd() / "recordings"
+    return MainWindow(Desk(Session(settings), home("config"), recordings))
+
+
+def run(port: str | None = None, *, board: bool = False, speed: float = 1.0) -> int:
+    """Open the window, connected to `port` or to a virtual board where asked; returns the exit code."""
+    app = make_application()
+    window = make_window()
+    window.show()
+    if board:
+        window.desk.start_virtual_board(speed=speed)
+    elif port:
+        window.desk.notices.attempt(lambda: window.desk.connection.connect(port))
+    signal.signal(signal.SIGINT, lambda *_: window.close())
+    return app.exec()

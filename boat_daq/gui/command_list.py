@@ -1,0 +1,118 @@
+"""The list of all commands with their keys, handed to the registry of a window."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from PySide6.QtWidgets import QApplication
+
+from boat_daq.gui.commands import Command, Registry
+from boat_daq.gui.plot_card import PlotCard
+from boat_daq.viewmodels.desk import PAGES
+
+if TYPE_CHECKING:
+    from boat_daq.gui.main_window import MainWindow
+
+
+def register(registry: Registry, window: MainWindow) -> None:
+    """Add every command of `window`."""
+    for command in (*session(window), *edit(window), *view(window), *sequence(window), *pages(window), *help_(window)):
+        registry.add(command)
+
+
+def session(window: MainWindow) -> list[Command]:
+    """Return the commands of the link and the recording."""
+    desk = window.desk
+    return [
+        Command("Session", "Vent now", "Esc", desk.vent),
+        Command("Session", "Connect …", "Ctrl+K", desk.ask_connect, apart=True),
+        Command("Session", "Start the virtual board", "Ctrl+Shift+B", desk.start_virtual_board),
+        Command("Session", "Disconnect", "Ctrl+Shift+K", desk.disconnect, lambda: desk.snapshot.port is not None),
+        Command("Session", "Start or close the recording", "Ctrl+R", desk.toggle_recording, desk.connected, apart=True),
+        Command("Session", "Mark this moment …", "M", window.live.ask_marker, desk.connected),
+        Command("Session", "Close the window", "Ctrl+Q", window.close, apart=True),
+    ]
+
+
+def edit(window: MainWindow) -> list[Command]:
+    """Return the commands of undo and of the readings."""
+    stack = window.undo.stack
+    return [
+        Command("Edit", "Undo", "Ctrl+Z", stack.undo, stack.canUndo),
+        Command("Edit", "Redo", "Ctrl+Shift+Z", stack.redo, stack.canRedo),
+        Command("Edit", "Read from a photograph …", "Ctrl+P", window.live.open_photograph, apart=True),
+        Command("Edit", "Paste readings", "Ctrl+Shift+V", window.live.paste_readings),
+    ]
+
+
+def view(window: MainWindow) -> list[Command]:
+    """Return the commands of the picture and the look."""
+    live = window.live
+
+    def plot(deed: str) -> None:
+        shown = [card for card in window.findChildren(PlotCard) if card.isVisible()]
+        focus = QApplication.focusWidget()
+        chosen = next(
+            (card for card in shown if focus is not None and card.isAncestorOf(focus)), shown[0] if shown else None
+        )
+        if chosen is not None and deed == "copy":
+            chosen.copy()
+        elif chosen is not None:
+            window.save_plot(chosen, deed)
+
+    return [
+        Command("View", "Hold or follow the picture", "Space", live.toggle_hold),
+        Command("View", "Zoom in on time", "Ctrl+=", lambda: live.zoom(0.5)),
+        Command("View", "Zoom out on time", "Ctrl+-", lambda: live.zoom(2.0)),
+        Command("View", "Show the last 10 s", "Ctrl+0", lambda: live.set_window(10.0)),
+        Command("View", "Show the whole session", "Ctrl+9", live.show_all),
+        Command("View", "Cursor A", "A", lambda: live.plots.place_cursor("a"), apart=True),
+        Command("View", "Cursor B", "B", lambda: live.plots.place_cursor("b")),
+        Command("View", "Both signals on one axis", "T", live.toggle_together),
+        Command("View", "Overlay the last cycles", "O", live.toggle_overlay),
+        Command("View", "Copy the plot", "Ctrl+Shift+C", lambda: plot("copy"), apart=True),
+        Command("View", "Save the plot as PNG …", "Ctrl+S", lambda: plot("png")),
+        Command("View", "Save the plot as SVG …", "Ctrl+Shift+S", lambda: plot("svg")),
+        Command("View", "Save the plot's data as CSV …", "Ctrl+E", lambda: plot("csv")),
+        Command("View", "Follow the system's theme", "Ctrl+Alt+S", lambda: window.choose_theme("system"), apart=True),
+        Command("View", "Light", "Ctrl+Alt+L", lambda: window.choose_theme("light")),
+        Command("View", "Dark", "Ctrl+Alt+D", lambda: window.choose_theme("dark")),
+        Command("View", "Full screen", "F11", window.toggle_full_screen),
+    ]
+
+
+def sequence(window: MainWindow) -> list[Command]:
+    """Return the commands of the run."""
+    desk = window.desk
+
+    def button(text: str, keys: str, key: str, *, apart: bool = False) -> Command:
+        return Command(
+            "Sequence", text, keys, lambda: desk.press(key), lambda: key in desk.sequence.allowed(desk.snapshot), apart
+        )
+
+    return [
+        button("Arm the plan", "F5", "arm"),
+        button("Start", "F6", "start"),
+        button("Pause", "F7", "pause"),
+        button("Resume", "Shift+F7", "resume"),
+        button("Stop", "F8", "stop"),
+        button("Put the armed plan away", "Shift+F5", "disarm"),
+        button("Clear the fault", "Shift+F8", "clear"),
+        Command("Sequence", "Edit the plan", "P", window.live.show_plan, apart=True),
+        Command("Sequence", "Show the readings", "R", window.live.show_readings),
+    ]
+
+
+def pages(window: MainWindow) -> list[Command]:
+    """Return the commands that go to a page."""
+    return [Command("Go", name, f"Ctrl+{i}", partial(window.go, name)) for i, name in enumerate(PAGES, 1)]
+
+
+def help_(window: MainWindow) -> list[Command]:
+    """Return the commands that help."""
+    return [
+        Command("Help", "Find a command …", "Ctrl+Shift+P", window.show_palette),
+        Command("Help", "Keys", "?", window.show_keys),
+        Command("Help", "First steps", "F1", window.show_first_steps),
+    ]

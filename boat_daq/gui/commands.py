@@ -1,0 +1,75 @@
+"""Every deed of the window, once: menus, shortcuts, the palette and the shortcut sheet are made of this list."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QMainWindow, QMenu
+
+MENUS = ("Session", "Edit", "View", "Sequence", "Go", "Help")
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One deed.
+
+    Parameters
+    ----------
+    menu : one of `MENUS`.
+    text : what it does, a verb first.
+    shortcut : as Qt writes it, e.g. "Ctrl+K"; every command has one.
+    run : the deed.
+    available : whether it can be done now.
+    apart : whether a line stands above it in its menu.
+    """
+
+    menu: str
+    text: str
+    shortcut: str
+    run: Callable[[], object]
+    available: Callable[[], bool] = lambda: True
+    apart: bool = False
+
+
+class Registry:
+    """The commands of a window, in the order of its menus."""
+
+    def __init__(self, window: QMainWindow) -> None:
+        self._window = window
+        self.commands: list[Command] = []
+        self._actions: list[tuple[Command, QAction]] = []
+        self._menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
+        for menu in self._menus.values():
+            menu.aboutToShow.connect(self.refresh)
+
+    def add(self, command: Command) -> QAction:
+        """Add a command to its menu; returns its action."""
+        menu = self._menus[command.menu]
+        if command.apart:
+            menu.addSeparator()
+        action = QAction(command.text, self._window)
+        action.setShortcut(QKeySequence(command.shortcut))
+        action.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
+        action.triggered.connect(lambda *_: self.run(command))
+        menu.addAction(action)
+        self.commands.append(command)
+        self._actions.append((command, action))
+        return action
+
+    def run(self, command: Command) -> None:
+        """Do a command if it can be done now."""
+        if command.available():
+            command.run()
+
+    def refresh(self) -> None:
+        """Grey out what cannot be done now; the shortcut of a greyed command asks again when it is pressed."""
+        for command, action in self._actions:
+            action.setEnabled(command.available())
+
+    def wake(self) -> None:
+        """Let every shortcut be heard again after a menu has closed."""
+        for _, action in self._actions:
+            action.setEnabled(True)

@@ -1,0 +1,123 @@
+"""The ways to connect: a board at a port, another firmware through a profile, the virtual board. Not modal."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, QVBoxLayout, QWidget
+
+from boat_daq.gui import style, widgets
+from boat_daq.gui.files import ask_open
+from boat_daq.viewmodels.connection import VIRTUAL_UNITS
+from boat_daq.viewmodels.desk import Desk
+
+SPEEDS = (("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0), ("100 times faster", 100.0))
+
+
+class ConnectPanel(QDialog):
+    """Choose a port and connect."""
+
+    def __init__(self, parent: QWidget, desk: Desk) -> None:
+        super().__init__(parent)
+        self.desk = desk
+        self.setWindowTitle("Connect")
+        self.setModal(False)
+        self.setMinimumWidth(style.FORM_WIDTH)
+        self.port = QComboBox()
+        self.port.setEditable(True)
+        self.port.setAccessibleName("Port")
+        self.port.setLineEdit(widgets.field("Port", placeholder="a port, socket://HOST:PORT or replay:FILE"))
+        self.unit = widgets.field("Unit on the bench", desk.connection.unit, width=3 * style.CONTROL_HEIGHT)
+        self.profile = QPlainTextEdit()
+        self.profile.setAccessibleName("Profile of another firmware")
+        self.profile.setPlaceholderText(
+            "Empty for a BOAT board. For other firmware: a profile's TOML or its path, "
+            "or an RX8 line of Bridge Control Panel."
+        )
+        self.profile.setFixedHeight(3 * style.CONTROL_HEIGHT)
+        self.profile.setPlainText(desk.connection.profile)
+        self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
+        self.speed = widgets.choice("Speed of the virtual board", list(SPEEDS))
+        layout = QVBoxLayout(self)
+        layout.setSpacing(style.CARD_PADDING)
+        layout.addWidget(self._board())
+        layout.addWidget(self._virtual())
+
+    def _board(self) -> QWidget:
+        frame, inside = widgets.card()
+        inside.addWidget(widgets.label("A board", "subtitle"))
+        inside.addWidget(
+            widgets.label(
+                "It is recognised by what it says of itself, whatever its port is called.", "muted", wrap=True
+            )
+        )
+        grid = QGridLayout()
+        grid.addWidget(widgets.label("Port"), 0, 0)
+        grid.addWidget(self.port, 0, 1)
+        grid.addWidget(widgets.button("Look again", self.look), 0, 2)
+        grid.addWidget(widgets.label("Unit"), 1, 0)
+        grid.addWidget(self.unit, 1, 1)
+        grid.addWidget(widgets.label("Profile"), 2, 0, Qt.AlignmentFlag.AlignTop)
+        grid.addWidget(self.profile, 2, 1)
+        grid.addWidget(widgets.button("Open …", self._open_profile), 2, 2, Qt.AlignmentFlag.AlignTop)
+        grid.setColumnStretch(1, 1)
+        inside.addLayout(grid)
+        self.connect_button = widgets.button("Connect", self.connect_board, "primary")
+        self.disconnect_button = widgets.button("Disconnect", self.disconnect_board)
+        inside.addLayout(widgets.row(None, self.disconnect_button, self.connect_button))
+        return frame
+
+    def _virtual(self) -> QWidget:
+        frame, inside = widgets.card()
+        inside.addWidget(widgets.label("The virtual board", "subtitle"))
+        inside.addWidget(
+            widgets.label(
+                "A simulated unit, pump and board, to learn and to try. All it gives is marked SIMULATED.",
+                "muted",
+                wrap=True,
+            )
+        )
+        self.virtual_button = widgets.button("Start the virtual board", self.start_virtual)
+        inside.addLayout(widgets.row(self.virtual_unit, self.speed, None, self.virtual_button))
+        return frame
+
+    def open_fresh(self) -> None:
+        """Look for ports and show the panel."""
+        self.look()
+        self.unit.setText(self.desk.connection.unit)
+        self.show()
+        self.raise_()
+        self.port.setFocus()
+
+    def look(self) -> None:
+        """Look for ports again."""
+        typed = self.port.currentText() or self.desk.connection.last_port
+        self.port.clear()
+        for found in self.desk.connection.ports():
+            self.port.addItem(found.text, found.port)
+        self.port.setEditText(typed)
+
+    def connect_board(self) -> None:
+        """Connect to the port that is chosen or typed."""
+        text = self.port.currentText()
+        known = self.port.findText(text)
+        port = str(self.port.itemData(known)) if known >= 0 else text
+
+        def deed() -> None:
+            self.desk.connection.set_unit(self.unit.text())
+            self.desk.connection.connect(port, self.profile.toPlainText().strip())
+
+        if self.desk.notices.attempt(deed):
+            self.hide()
+
+    def disconnect_board(self) -> None:
+        """Vent and close the link."""
+        self.desk.notices.attempt(self.desk.connection.disconnect)
+
+    def start_virtual(self) -> None:
+        """Start a virtual board and connect to it."""
+        unit, speed = str(self.virtual_unit.currentData()), float(self.speed.currentData())
+        if self.desk.notices.attempt(lambda: self.desk.connection.start_virtual_board(unit, speed)):
+            self.hide()
+
+    def _open_profile(self) -> None:
+        ask_open(self, self.desk, "Open a profile", "toml", lambda path: self.profile.setPlainText(str(path)))

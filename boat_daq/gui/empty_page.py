@@ -1,0 +1,42 @@
+"""An empty state: what will be here, and the one action that brings it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from boat_daq.engine.session import SessionSnapshot
+from boat_daq.gui import style, widgets
+
+
+class EmptyState(QWidget):
+    """A title, a sentence, a button."""
+
+    def __init__(self, title: str, words: str, action: str, deed: Callable[[], object]) -> None:
+        super().__init__()
+        frame, inside = widgets.card()
+        frame.setFixedWidth(style.FORM_WIDTH)
+        inside.setContentsMargins(*(6 * style.STEP,) * 4)
+        inside.setSpacing(style.CARD_PADDING)
+        self.title = widgets.label(title, "title")
+        self.words = widgets.label(words, "muted", wrap=True)
+        self.button = widgets.button(action, deed, "primary")
+        self.button.setVisible(bool(action))
+        inside.addWidget(self.title)
+        inside.addWidget(self.words)
+        inside.addLayout(widgets.row(self.button, None))
+        layout = QVBoxLayout(self)
+        layout.addWidget(frame, 0, Qt.AlignmentFlag.AlignCenter)
+
+
+class EmptyPage(QWidget):
+    """A page that has nothing to show yet."""
+
+    def __init__(self, title: str, words: str, action: str, deed: Callable[[], object]) -> None:
+        super().__init__()
+        widgets.page_layout(self).addWidget(EmptyState(title, words, action, deed))
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Nothing here changes."""

@@ -1,0 +1,48 @@
+"""Asking for a file without stopping the window: no dialog here is modal, VENT stays in reach while one is open."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog, QWidget
+
+from boat_daq.viewmodels.desk import Desk
+
+Then = Callable[[Path], object]
+
+
+def ask_save(parent: QWidget, desk: Desk, stem: str, suffix: str, then: Then) -> QFileDialog:
+    """Ask where to save a file of that `suffix` (no dot), then call `then(path)`; its error goes to the strip."""
+    dialog = _dialog(parent, desk, f"Save {suffix.upper()}", suffix)
+    dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
+    dialog.setDefaultSuffix(suffix)
+    dialog.selectFile(f"{re.sub(r'[^A-Za-z0-9]+', '-', stem).strip('-').lower()}.{suffix}")
+    dialog.fileSelected.connect(lambda name: _finish(desk, Path(name), then, f"Saved {Path(name).name}"))
+    return dialog
+
+
+def ask_open(parent: QWidget, desk: Desk, title: str, suffixes: str, then: Then) -> QFileDialog:
+    """Ask for an existing file with one of the `suffixes` (parted by spaces), then call `then(path)`."""
+    dialog = _dialog(parent, desk, title, suffixes)
+    dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
+    dialog.fileSelected.connect(lambda name: _finish(desk, Path(name), then, ""))
+    return dialog
+
+
+def _dialog(parent: QWidget, desk: Desk, title: str, suffixes: str) -> QFileDialog:
+    patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
+    folder = str(desk.preferences.get("folder", str(Path.home())))
+    dialog = QFileDialog(parent.window(), title, folder, f"{title} ({patterns})")
+    dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
+    dialog.setWindowModality(Qt.WindowModality.NonModal)
+    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    dialog.show()
+    return dialog
+
+
+def _finish(desk: Desk, path: Path, then: Then, done: str) -> None:
+    desk.preferences.set("folder", str(path.parent))
+    desk.notices.attempt(lambda: then(path), done=done)

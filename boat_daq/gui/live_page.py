@@ -1,0 +1,287 @@
+"""The live page: the large figures, the plots, the run's line, the question of the moment, and the pane beside them."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
+
+from boat_daq.engine.session import SessionSnapshot
+from boat_daq.gui import style, widgets
+from boat_daq.gui.first_steps import FirstSteps
+from boat_daq.gui.live_plots import LivePlots
+from boat_daq.gui.overlay_plots import OverlayPlots
+from boat_daq.gui.photograph_panel import PhotographPanel
+from boat_daq.gui.plan_form import PlanForm
+from boat_daq.gui.readings_panel import ReadingBar, ReadingsTable
+from boat_daq.gui.sequence_panel import SequencePanel
+from boat_daq.gui.shadow_pane import ShadowPane
+from boat_daq.gui.style import Theme
+from boat_daq.viewmodels import formatting
+from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.live import HEADINGS, WINDOWS_S, Span
+
+
+class Figure(QWidget):
+    """One measured value: what it is, small; the value, large and still; its unit, smaller."""
+
+    def __init__(self, title: str, unit: str, example: str) -> None:
+        super().__init__()
+        self.title, self.example = title, example
+        self.swatch = QFrame()
+        self.swatch.setFixedSize(style.STEP, 4 * style.STEP)
+        self.name = widgets.label(title, "muted")
+        self.value = QLabel(formatting.NOTHING)
+        self.value.setTextFormat(Qt.TextFormat.PlainText)
+        self.unit = widgets.label(unit, "set")
+        self.note = widgets.label("", "small")
+        head = widgets.row(self.swatch, self.name, None, spacing=6)
+        line = widgets.row(self.value, self.unit, self.note, None, spacing=6)
+        for widget in (self.value, self.unit, self.note):
+            line.setAlignment(widget, Qt.AlignmentFlag.AlignBaseline)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addLayout(head)
+        layout.addLayout(line)
+        self.resize_text(style.FONT_MEASURED)
+
+    def resize_text(self, pixels: int) -> None:
+        """Set the size of the value, and room for the longest one so that nothing moves."""
+        font = style.measured_font(pixels)
+        self.value.setFont(font)
+        self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
+        self.value.setMinimumWidth(style.text_width(font, self.example))
+
+    def set(self, text: str, note: str = "") -> None:
+        """Show a value."""
+        widgets.set_text(self.value, text)
+        widgets.set_text(self.note, note)
+        self.value.setAccessibleName(f"{self.title}: {text} {self.unit.text()} {note}".strip())
+
+    def tint(self, colour: str) -> None:
+        """Take the colour that the plots give this value."""
+        self.swatch.setStyleSheet(f"background: {colour}; border-radius: 2px;")
+
+
+class LivePage(QWidget):
+    """The live page on a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.plots = LivePlots(desk.live)
+        self.figures = self._figures()
+        self.spans = widgets.label("", "small")
+        self.spans.setTextFormat(Qt.TextFormat.RichText)
+        self.spans.hide()
+        self.sequence = SequencePanel(desk)
+        self.reading = ReadingBar(desk)
+        self.pane = self._pane()
+        self.middle = QStackedWidget()
+        self.first_steps, self.overlay = FirstSteps(desk), OverlayPlots(desk.overlay)
+        for widget in (self.first_steps, self.plots, self.overlay):
+            self.middle.addWidget(widget)
+        self.overlaid = False
+        self.photograph = PhotographPanel(self, desk)
+        self.marker = self._marker()
+        left = widgets.column(
+            self._head(), self.marker, self.middle, self.spans, self.sequence, self.reading, spacing=style.GAP
+        )
+        left.setStretchFactor(self.middle, 1)
+        layout = widgets.page_layout(self)
+        across = QHBoxLayout()
+        across.setSpacing(style.GAP)
+        across.addLayout(left, 1)
+        across.addWidget(self.pane)
+        layout.addLayout(across)
+
+    def _figures(self) -> dict[str, Figure]:
+        return {
+            "s1": Figure("Sensor 1", "mV", "8 888.8"), "s2": Figure("Sensor 2", "mV", "8 888.8"),
+            "mm": Figure("Elongation", "mm", "+8.88"), "kpa": Figure("Pressure", "kPa", "+88.8"),
+            "target": Figure("Target", "kPa", "+88.8"),
+        }  # fmt: skip
+
+    def _head(self) -> QFrame:
+        frame, layout = widgets.card()
+        line = QHBoxLayout()
+        line.setSpacing(5 * style.STEP)
+        for figure in self.figures.values():
+            line.addWidget(figure)
+        line.addStretch(1)
+        layout.addLayout(line)
+        self.window_choice = widgets.choice(
+            "Time shown", [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
+        )
+        self.window_choice.setCurrentIndex(WINDOWS_S.index(self.desk.live.window_s))
+        self.window_choice.activated.connect(lambda _: self.set_window(self.window_choice.currentData()))
+        self.hold = widgets.button("Hold picture", self.toggle_hold, tip="Hold the picture; data go on (Space)")
+        self.hold.setCheckable(True)
+        for widget in (widgets.label("Show", "muted"), self.window_choice, self.hold):
+            self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
+        return frame
+
+    def _marker(self) -> QFrame:
+        frame, layout = widgets.card()
+        self.note = widgets.field("Note for this moment", placeholder="What happens at this moment?")
+        self.note.returnPressed.connect(self._mark)
+        layout.addLayout(
+            widgets.row(
+                widgets.label("Marker", "subtitle"),
+                self.note,
+                widgets.button("Mark", self._mark),
+                widgets.button("Cancel", frame.hide),
+            )
+        )
+        frame.hide()
+        return frame
+
+    def ask_marker(self) -> None:
+        """Ask for the note of a marker."""
+        self.desk.request("Live")
+        self.note.clear()
+        self.marker.show()
+        self.note.setFocus()
+
+    def _mark(self) -> None:
+        self.desk.mark(self.note.text().strip())
+        self.marker.hide()
+
+    def open_photograph(self) -> None:
+        """Show the panel that reads from a picture."""
+        self.photograph.show()
+        self.photograph.raise_()
+
+    def toggle_overlay(self) -> None:
+        """Show the last cycles over each other, or the plots again."""
+        self.overlaid = not self.overlaid
+
+    def show_first_steps(self, wanted: bool) -> None:
+        """Show the three first steps until something is connected."""
+        self.middle.setCurrentWidget(self.first_steps if wanted else self.plots)
+
+    def _choose_middle(self) -> None:
+        has_data = self.desk.live.has_data()
+        wanted = self.first_steps if not has_data else self.overlay if self.overlaid else self.plots
+        if self.middle.currentWidget() is not wanted:
+            self.middle.setCurrentWidget(wanted)
+
+    def _pane(self) -> QTabWidget:
+        tabs = QTabWidget()
+        tabs.setFixedWidth(style.PANE_WIDTH)
+        tabs.setDocumentMode(True)
+        tabs.tabBar().setDrawBase(False)
+        self.shadow = ShadowPane(self.desk)
+        self.table = ReadingsTable(self.desk)
+        self.plan = PlanForm(self.desk)
+        tabs.addTab(self.shadow, "Shadow")
+        tabs.addTab(self.plan, "Plan")
+        tabs.addTab(self.table, "Readings")
+        tabs.setAccessibleName("Shadow, plan, readings")
+        return tabs
+
+    def set_window(self, seconds: float) -> None:
+        """Show so many seconds."""
+        self.desk.live.set_window(seconds)
+        self.desk.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
+        self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
+
+    def toggle_hold(self) -> None:
+        """Hold the picture, or follow again."""
+        if self.desk.live.following:
+            self.desk.live.pause()
+        else:
+            self.desk.live.follow()
+
+    def zoom(self, factor: float) -> None:
+        """Show `factor` times the present length."""
+        self.desk.live.zoom(factor)
+
+    def show_all(self) -> None:
+        """Show the whole session."""
+        self.set_window(math.inf)
+
+    def toggle_together(self) -> None:
+        """Put both signals on one axis, or part them."""
+        self.desk.live.together = not self.desk.live.together
+        self.plots.arrange()
+
+    def show_plan(self) -> None:
+        """Show the plan's form."""
+        self.desk.request("Live")
+        self.pane.setCurrentWidget(self.plan)
+        self.plan.choice.setFocus()
+
+    def show_readings(self) -> None:
+        """Show the table of readings."""
+        self.desk.request("Live")
+        self.pane.setCurrentWidget(self.table)
+        self.table.view.setFocus()
+
+    def paste_readings(self) -> None:
+        """Paste a column of readings from the selected plateau on."""
+        self.show_readings()
+        self.table.paste()
+
+    def draw(self) -> None:
+        """Draw one frame of the plots and of the shadow."""
+        if self.plots.isVisible():
+            self.plots.draw()
+        self.shadow.draw()
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show figures, run and readings; a few times a second."""
+        head = self.desk.live.headline(snapshot)
+        self.figures["s1"].set(head.signals[0])
+        self.figures["s2"].set(head.signals[1] if len(head.signals) > 1 else formatting.NOTHING)
+        self.figures["mm"].set(head.elongation, head.band)
+        self.figures["kpa"].set(head.pressure)
+        self.figures["target"].set(head.target)
+        self._choose_middle()
+        if self.overlay.isVisible():
+            self.overlay.draw()
+        self.hold.setChecked(not self.desk.live.following)
+        limits = snapshot.limits
+        self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
+        self.plots.arrange()
+        self.plots.show_markers()
+        self._show_spans(self.desk.live.statistics())
+        self.sequence.refresh(snapshot)
+        self.reading.refresh(snapshot)
+        self.pane_refresh(snapshot)
+
+    def pane_refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show what the visible tab of the pane needs."""
+        current = self.pane.currentWidget()
+        if current is self.table:
+            self.table.refresh(snapshot)
+        elif current is self.plan:
+            self.plan.refresh(snapshot)
+        else:
+            self.shadow.refresh(snapshot)
+
+    def _show_spans(self, spans: list[Span]) -> None:
+        self.spans.setVisible(bool(spans))
+        if spans:
+            rows = [(self.desk.live.difference(), *HEADINGS[1:]), *(span.cells for span in spans)]
+            cells = (
+                "".join(f"<td align='right' style='padding-right: 16px'>{cell}</td>" for cell in row) for row in rows
+            )
+            self.spans.setText("<table>" + "".join(f"<tr>{line}</tr>" for line in cells) + "</table>")
+
+    def paint(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        colours = (*theme.sensors[:2], theme.elongation, theme.pressure, theme.target)
+        for figure, colour in zip(self.figures.values(), colours, strict=True):
+            figure.tint(colour)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Grow figures and pane on a wide window."""
+        wide = self.window().width() >= style.WIDE_FROM
+        self.pane.setFixedWidth(style.PANE_WIDTH_WIDE if wide else style.PANE_WIDTH)
+        for figure in self.figures.values():
+            figure.resize_text(style.FONT_MEASURED_WIDE if wide else style.FONT_MEASURED)
+        super().resizeEvent(event)

@@ -1,0 +1,162 @@
+"""The plots of the live page: signals, elongation, pressure over one time axis; cursors, markers, the mouse.
+
+Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows how many samples there are.
+"""
+
+from __future__ import annotations
+
+from time import monotonic
+from typing import Any
+
+from PySide6.QtCore import Qt
+
+from boat_daq.gui import style
+from boat_daq.gui.plot import Plot, sensor_ink
+from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.style import Theme
+from boat_daq.viewmodels.live import Frame, LiveModel, sensor_names
+
+
+class LivePlots(PlotCard):
+    """Four plots over one time axis: a signal each (or both in the first), elongation, pressure."""
+
+    def __init__(self, model: LiveModel) -> None:
+        super().__init__("Live signals", show_title=False)
+        self.model = model
+        self.theme: Theme = style.LIGHT
+        self.last: Frame | None = None
+        self.first = self.add("Signal 1", "mV", time=True)
+        self.second = self.add("Signal 2", "mV", time=True)
+        self.length = self.add("Elongation", "mm", time=True)
+        self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="min:s", time=True)
+        self.link_x()
+        self._curves()
+        self._arrange()
+        self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
+        self._markers: list[tuple[Plot, Any]] = []
+        self.columns_of = lambda: self.model.table(self.last)
+        for plot in self.plots:
+            box = plot.item.getViewBox()
+            box.setMouseEnabled(x=True, y=False)
+            box.sigRangeChangedManually.connect(lambda *_: self._moved())
+
+    def _curves(self) -> None:
+        self.s1 = self.first.curve("Sensor 1", sensor_ink(1))
+        self.s2_with = self.first.curve("Sensor 2", sensor_ink(2))
+        self.s2 = self.second.curve("Sensor 2", sensor_ink(2))
+        self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
+        self.mm = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
+        self.kpa = self.pressure.curve("Pressure", lambda t: t.pressure)
+        self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, dashed=True)
+        self.limits = [self.pressure.line(lambda t: t.fault, style_=Qt.PenStyle.DotLine) for _ in range(2)]
+
+    def _arrange(self) -> None:
+        """Show the rows that have something to show."""
+        both = self.model.together
+        self.s2_with.show(both)
+        self._show_row(self.second, not both)
+        self._show_row(self.length, self.model.inverse is not None)
+        self.first.title = "Signals" if both else "Signal 1"
+        self.first.paint(self.theme)
+
+    def _show_row(self, plot: Plot, visible: bool) -> None:
+        if plot.item.isVisible() != visible:
+            plot.item.setVisible(visible)
+        height = 0 if not visible else 16_777_215
+        plot.item.setMaximumHeight(height)
+        self.view.ci.layout.setRowStretchFactor(self.plots.index(plot), 1 if visible else 0)
+
+    def arrange(self) -> None:
+        """Look again at which rows are shown."""
+        self._arrange()
+
+    def paint(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.theme = theme
+        super().paint(theme)
+
+    def draw(self) -> bool:
+        """Draw one frame; returns whether there was anything to draw."""
+        frame = self.model.frame(self.view.width())
+        if frame is None:
+            return False
+        self.last = frame
+        columns = frame.columns
+        time_s, names = columns["time_s"], sensor_names(columns)
+        self.s1.set(time_s, columns[names[0]])
+        if len(names) > 1:
+            (self.s2_with if self.model.together else self.s2).set(time_s, columns[names[1]])
+        self.kpa.set(time_s, columns["pressure_kpa"])
+        self.target.set(time_s, columns["target_kpa"])
+        if frame.elongation is not None:
+            found = frame.elongation
+            self.mm.set(time_s, found.mm)
+            self.band.set(*found.band(time_s))
+        self.first.x_range(frame.low_s, frame.high_s)
+        self._ranges(frame)
+        return True
+
+    def _ranges(self, frame: Frame) -> None:
+        ranges = self.model.ranges(frame, monotonic())
+        if ranges is None:
+            return
+        names = sensor_names(frame.columns)
+        self.first.y_range(*ranges[names[0]])
+        if len(names) > 1:
+            self.second.y_range(*ranges[names[1]])
+        self.pressure.y_range(*ranges["pressure_kpa"])
+        if "elongation_mm" in ranges:
+            self.length.y_range(*ranges["elongation_mm"])
+
+    def show_limits(self, low_kpa: float | None, high_kpa: float | None) -> None:
+        """Draw the pressure limits in force."""
+        for line, value in zip(self.limits, (low_kpa, high_kpa), strict=True):
+            line.setVisible(value is not None)
+            if value is not None:
+                line.setValue(value)
+
+    def _moved(self) -> None:
+        low, high = self.first.item.getViewBox().viewRange()[0]
+        self.model.look_at(low, high)
+
+    def place_cursor(self, which: str) -> None:
+        """Put cursor "a" or "b" at a third or two thirds of the picture, or take it away."""
+        if self._cursors[which]:
+            for plot, line in self._cursors[which]:
+                plot.forget_line(line)
+            self._cursors[which] = []
+            self.model.put_cursor(which, None)
+            return
+        at = self.model.place(which)
+        self.model.put_cursor(which, at)
+        for plot in self.plots:
+            line = plot.line(
+                lambda t: t.text,
+                at=at,
+                vertical=True,
+                movable=True,
+                style_=Qt.PenStyle.SolidLine,
+                label=which.upper() if plot is self.first else "",
+            )
+            line.setHoverPen(style.colour(self.theme.accent))
+            line.sigDragged.connect(lambda moved, which=which: self._drag(which, moved.value()))
+            self._cursors[which].append((plot, line))
+        self.paint(self.theme)
+
+    def _drag(self, which: str, at: float) -> None:
+        self.model.put_cursor(which, at)
+        for _, line in self._cursors[which]:
+            line.setValue(at)
+
+    def show_markers(self) -> None:
+        """Draw the markers that are new."""
+        for marker in self.model.markers[len(self._markers) :]:
+            line = self.first.line(
+                lambda t: t.muted,
+                at=marker.time_s,
+                vertical=True,
+                style_=Qt.PenStyle.DotLine,
+                label=marker.note or "\u25be",
+            )
+            self._markers.append((self.first, line))
+            self.paint(self.theme)

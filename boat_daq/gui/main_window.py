@@ -1,0 +1,247 @@
+"""The one window: head, pages, strip, the one timer that pulls, and the commands.
+
+Rules: nothing is pushed into Qt. A frame timer draws the visible page's moving parts as often as a change could be
+seen, and a calm timer shows figures and states a few times a second. Nothing modal, ever.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from typing import Any
+
+from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QWindow
+from PySide6.QtWidgets import QApplication, QHBoxLayout, QMainWindow, QStackedWidget, QVBoxLayout, QWidget
+
+from boat_daq.gui import style
+from boat_daq.gui.command_list import register
+from boat_daq.gui.commands import Registry
+from boat_daq.gui.connect_panel import ConnectPanel
+from boat_daq.gui.files import ask_save
+from boat_daq.gui.header import Header
+from boat_daq.gui.live_page import LivePage
+from boat_daq.gui.navigation import Navigation
+from boat_daq.gui.palette import Palette, ShortcutSheet
+from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.strip import Strip
+from boat_daq.gui.style import Theme
+from boat_daq.gui.undo import UndoStack
+from boat_daq.viewmodels.desk import PAGES, Desk
+
+CALM_MS = 100
+THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
+
+
+class VentKey(QObject):
+    """Hears Esc where no shortcut is heard: while a menu, a list or a dialog is open."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+
+    def watch(self, window: QWindow | None) -> None:
+        """Watch a window from now on."""
+        if window is not None:
+            window.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Vent on Esc; the key goes its way all the same."""
+        if (
+            isinstance(event, QKeyEvent)
+            and event.type() is QEvent.Type.KeyPress
+            and event.key() == Qt.Key.Key_Escape
+            and QApplication.activePopupWidget() is not None
+        ):
+            self.desk.vent()
+        return False
+
+
+class MainWindow(QMainWindow):
+    """The window on a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.theme: Theme = style.system_theme()
+        self.undo = UndoStack(desk.notices)
+        desk.changes.to = self.undo
+        desk.request = self.show_request
+        self.setMinimumSize(*style.WINDOW_MINIMUM)
+        self.header = Header(desk)
+        self.strip = Strip(desk)
+        self.pages = self._make_pages()
+        self.navigation = Navigation(PAGES, self.go, self.show_keys)
+        self.stack = QStackedWidget()
+        for page in self.pages.values():
+            self.stack.addWidget(page)
+        self._lay_out()
+        self.connect_panel = ConnectPanel(self, desk)
+        self.commands = Registry(self)
+        register(self.commands, self)
+        self.palette_ = Palette(self, self.commands)
+        self.keys: ShortcutSheet | None = None
+        self.vent_key = VentKey(desk)
+        application().focusWindowChanged.connect(self.vent_key.watch)
+        QGuiApplication.styleHints().colorSchemeChanged.connect(lambda _: self.follow_theme())
+        for plots in self.findChildren(PlotCard):
+            plots.save_wanted.connect(self.save_plot)
+        self.follow_theme()
+        self._restore()
+        self._start_timers()
+
+    def _make_pages(self) -> dict[str, Any]:
+        from boat_daq.gui.pages import make_pages
+
+        self.live = LivePage(self.desk)
+        return {"Live": self.live, **make_pages(self.desk)}
+
+    def _lay_out(self) -> None:
+        body = QWidget()
+        body.setObjectName("body")
+        middle = QHBoxLayout()
+        middle.setSpacing(0)
+        middle.addWidget(self.navigation)
+        middle.addWidget(self.stack, 1)
+        whole = QVBoxLayout(body)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.setSpacing(0)
+        whole.addWidget(self.header)
+        whole.addLayout(middle, 1)
+        whole.addWidget(self.strip)
+        self.setCentralWidget(body)
+
+    def _start_timers(self) -> None:
+        self.frame_timer = QTimer(self)
+        self.frame_timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self.frame_timer.timeout.connect(self.draw)
+        self.frame_timer.start(CALM_MS)
+        self.calm_timer = QTimer(self)
+        self.calm_timer.timeout.connect(self.refresh)
+        self.calm_timer.start(CALM_MS)
+        self.refresh()
+
+    # ---- the two timers ------------------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw the moving parts of the visible page, and say when to come again."""
+        page = self.stack.currentWidget()
+        if page is self.live and not self.isMinimized():
+            self.live.draw()
+        width = self.live.plots.view.width()
+        wanted = self.desk.live.frame_interval_ms(width, connected=self.desk.connected() and page is self.live)
+        if self.frame_timer.interval() != wanted:
+            self.frame_timer.setInterval(wanted)
+
+    def refresh(self) -> None:
+        """Show the head, the visible page and the strip as they are now."""
+        snapshot = self.desk.tick()
+        self.header.refresh(snapshot)
+        self.pages[self.page].refresh(snapshot)
+        self.strip.refresh()
+        title = self.desk.title()
+        if title != self.windowTitle():
+            self.setWindowTitle(title)
+
+    # ---- going about ---------------------------------------------------------------------------------------------
+
+    @property
+    def page(self) -> str:
+        """Return the name of the page that is shown."""
+        return PAGES[self.stack.currentIndex()]
+
+    def go(self, name: str) -> None:
+        """Show a page."""
+        self.stack.setCurrentWidget(self.pages[name])
+        self.navigation.show_page(name)
+        self.desk.preferences.set("page", name)
+        self.pages[name].refresh(self.desk.snapshot)
+
+    def show_request(self, what: str) -> None:
+        """Show what a view model asks for: a page by its name, or one of the panels."""
+        if what in self.pages:
+            self.go(what)
+        elif what == "connect":
+            self.connect_panel.open_fresh()
+        elif what == "unit":
+            self.go("Runs")
+        elif what == "plan":
+            self.live.show_plan()
+        elif what == "photograph":
+            self.live.open_photograph()
+
+    def show_palette(self) -> None:
+        """Open the command palette."""
+        self.palette_.open_fresh()
+
+    def show_first_steps(self) -> None:
+        """Show the three first steps over the live page."""
+        self.go("Live")
+        self.live.show_first_steps(True)
+
+    def toggle_full_screen(self) -> None:
+        """Fill the screen, or go back."""
+        self.setWindowState(self.windowState() ^ Qt.WindowState.WindowFullScreen)
+
+    def show_keys(self) -> None:
+        """Show the shortcut sheet."""
+        if self.keys is None:
+            self.keys = ShortcutSheet(self, self.commands)
+        self.keys.show()
+        self.keys.raise_()
+
+    def save_plot(self, card: PlotCard, suffix: str) -> None:
+        """Ask where to save a plot."""
+        ask_save(self, self.desk, card.title, suffix, card.save)
+
+    # ---- look ----------------------------------------------------------------------------------------------------
+
+    def follow_theme(self) -> None:
+        """Take the theme that is preferred, or the system's."""
+        self.set_theme(THEMES.get(self.desk.preferences.get("theme", "system")) or style.system_theme())
+
+    def choose_theme(self, name: str) -> None:
+        """Prefer a theme: system, light or dark."""
+        self.desk.preferences.set("theme", name)
+        self.follow_theme()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Repaint everything in `theme`."""
+        self.theme = theme
+        app = application()
+        app.setPalette(style.palette(theme))
+        app.setStyleSheet(style.style_sheet(theme))
+        for widget in self.findChildren(QWidget):
+            paint = getattr(widget, "paint", None)
+            if callable(paint):
+                paint(theme)
+
+    # ---- coming and going ----------------------------------------------------------------------------------------
+
+    def sizeHint(self) -> QSize:
+        """Return the size of a first start."""
+        return QSize(*style.WINDOW_SIZE)
+
+    def _restore(self) -> None:
+        geometry = self.desk.preferences.get("geometry", "")
+        if not (geometry and self.restoreGeometry(QByteArray(base64.b64decode(geometry)))):
+            self.resize(self.sizeHint())
+        window_s = float(self.desk.preferences.get("window_s", 60.0))
+        self.live.set_window(window_s if window_s > 0 else math.inf)
+        page = self.desk.preferences.get("page", "Live")
+        self.go(page if page in self.pages else "Live")
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Remember the window; vent and close properly."""
+        self.desk.preferences.set("geometry", base64.b64encode(bytes(self.saveGeometry().data())).decode())
+        self.frame_timer.stop()
+        self.calm_timer.stop()
+        self.desk.close()
+        super().closeEvent(event)
+
+
+def application() -> QApplication:
+    """Return the one application."""
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    return app

@@ -1,0 +1,39 @@
+"""The pages' names at the left; Ctrl+1 to Ctrl+7 go there too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QButtonGroup, QVBoxLayout, QWidget
+
+from boat_daq.gui import style, widgets
+
+
+class Navigation(QWidget):
+    """Buttons for the pages; `go(name)` is called with the one chosen."""
+
+    def __init__(self, pages: Sequence[str], go: Callable[[str], None], show_keys: Callable[[], None]) -> None:
+        super().__init__()
+        self.setObjectName("navigation")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self.setFixedWidth(style.NAVIGATION_WIDTH)
+        self.setAccessibleName("Pages")
+        self._group = QButtonGroup(self)
+        self.buttons = {}
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, style.GAP, 0, style.GAP)
+        layout.setSpacing(0)
+        for i, name in enumerate(pages, 1):
+            button = widgets.button(name, partial(go, name), "nav", tip=f"Ctrl+{i}")
+            button.setCheckable(True)
+            self._group.addButton(button)
+            self.buttons[name] = button
+            layout.addWidget(button)
+        layout.addStretch(1)
+        layout.addWidget(widgets.button("?  Keys", show_keys, "nav", name="Show the keys"))
+
+    def show_page(self, name: str) -> None:
+        """Mark the page that is shown."""
+        self.buttons[name].setChecked(True)

@@ -1,0 +1,106 @@
+"""The command palette (type what you want) and the shortcut sheet (?): both read the one list of commands."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QKeyEvent, QKeySequence
+from PySide6.QtWidgets import QDialog, QGridLayout, QHeaderView, QTreeWidget, QTreeWidgetItem, QVBoxLayout, QWidget
+
+from boat_daq.gui import style, widgets
+from boat_daq.gui.commands import MENUS, Command, Registry
+from boat_daq.viewmodels.matching import ranked
+
+
+class Palette(QDialog):
+    """A field and the commands that match it; Enter does the first."""
+
+    def __init__(self, parent: QWidget, registry: Registry) -> None:
+        super().__init__(parent, Qt.WindowType.Popup)
+        self.over, self.registry = parent, registry
+        self.setAccessibleName("Command palette")
+        self.setFixedWidth(style.FORM_WIDTH)
+        self.field = widgets.field("Command", placeholder="What do you want to do?")
+        self.list = QTreeWidget()
+        self.list.setAccessibleName("Matching commands")
+        self.list.setColumnCount(2)
+        self.list.setHeaderHidden(True)
+        self.list.setRootIsDecorated(False)
+        self.list.header().setStretchLastSection(False)
+        self.list.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.list.header().setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
+        self.list.setFixedHeight(8 * style.STRIP_HEIGHT)
+        layout = QVBoxLayout(self)
+        layout.addWidget(self.field)
+        layout.addWidget(self.list)
+        self.field.textChanged.connect(self._match)
+        self.field.returnPressed.connect(self._run)
+        self.list.itemActivated.connect(lambda _: self._run())
+        self.list.itemClicked.connect(lambda _: self._run())
+        self.field.installEventFilter(self)
+
+    def open_fresh(self) -> None:
+        """Show an empty palette under the header."""
+        self.field.clear()
+        self._match("")
+        self.move(self.over.mapToGlobal(self.over.rect().center()) - self.rect().center())
+        self.show()
+        self.field.setFocus()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Let the arrow keys of the field move in the list."""
+        if (
+            isinstance(event, QKeyEvent)
+            and event.type() is QEvent.Type.KeyPress
+            and event.key() in (Qt.Key.Key_Down, Qt.Key.Key_Up)
+        ):
+            self.list.keyPressEvent(event)
+            return True
+        return super().eventFilter(watched, event)
+
+    def _match(self, text: str) -> None:
+        self.list.clear()
+        able = [c for c in self.registry.commands if c.available()]
+        for command in ranked(text, able, lambda c: f"{c.menu} {c.text}"):
+            item = QTreeWidgetItem([command.text, shown(command)])
+            item.setData(0, Qt.ItemDataRole.UserRole, command)
+            self.list.addTopLevelItem(item)
+        first = self.list.topLevelItem(0)
+        if first is not None:
+            self.list.setCurrentItem(first)
+
+    def _run(self) -> None:
+        item = self.list.currentItem()
+        self.hide()
+        if item is not None:
+            command: Command = item.data(0, Qt.ItemDataRole.UserRole)
+            self.registry.run(command)
+
+
+class ShortcutSheet(QDialog):
+    """Every command with its keys, by menu."""
+
+    def __init__(self, parent: QWidget, registry: Registry) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Keys")
+        self.setModal(False)
+        grid = QGridLayout(self)
+        grid.setHorizontalSpacing(6 * style.STEP)
+        grid.setVerticalSpacing(4 * style.STEP)
+        grid.setContentsMargins(*(6 * style.STEP,) * 4)
+        for place, menu in enumerate(MENUS):
+            lines = [c for c in registry.commands if c.menu == menu]
+            block = QGridLayout()
+            block.setVerticalSpacing(style.STEP)
+            block.setHorizontalSpacing(4 * style.STEP)
+            block.addWidget(widgets.label(menu, "subtitle"), 0, 0, 1, 2)
+            for i, command in enumerate(lines, 1):
+                block.addWidget(widgets.label(shown(command), "muted"), i, 0)
+                block.addWidget(widgets.label(command.text), i, 1)
+            block.setRowStretch(len(lines) + 1, 1)
+            block.setColumnStretch(1, 1)
+            grid.addLayout(block, place // 3, place % 3)
+
+
+def shown(command: Command) -> str:
+    """Return a command's keys as the system writes them."""
+    return QKeySequence(command.shortcut).toString(QKeySequence.SequenceFormat.NativeText)

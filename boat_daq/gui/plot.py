@@ -1,0 +1,249 @@
+"""One plot as every page uses it: a thin wrapper around pyqtgraph that keeps its fast paths.
+
+Rules: width-1 cosmetic pens, no antialiasing, no autorange (a page sets the range, from a view model), fixed axis
+widths so that nothing jumps, ticks at 1-2-5, colours by role so that a change of theme repaints them. What a plot
+shows can be had as columns (`columns`), which is what its CSV is made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import Qt
+
+from boat_daq.gui import style
+from boat_daq.gui.style import Theme
+from boat_daq.viewmodels import axis
+
+Ink = Callable[[Theme], str]
+Array = NDArray[np.float64]
+L = TypeVar("L", bound="Layer")
+EMPTY: Array = np.zeros(0)
+
+pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
+
+
+def sensor_ink(number: int) -> Ink:
+    """Return the colour role of a sensor, numbered from 1."""
+    return lambda theme: theme.sensors[(number - 1) % len(theme.sensors)]
+
+
+class TickAxis(pg.AxisItem):  # type: ignore[misc]
+    """An axis whose ticks are 1-2-5 (or clock divisions) and whose minus is a minus."""
+
+    def __init__(self, orientation: str, *, time: bool = False) -> None:
+        super().__init__(orientation)
+        self.time = time
+        self.enableAutoSIPrefix(False)
+        self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
+
+    def tickSpacing(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, float]]:
+        """Return the one level of ticks."""
+        span = maxVal - minVal
+        return [(axis.time_step(span) if self.time else axis.tick_step(span), 0.0)]
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Return the labels of `values`."""
+        if self.time:
+            return [axis.clock(value, spacing) for value in values]
+        return [str(text).replace("-", "\u2212") for text in super().tickStrings(values, scale, spacing)]
+
+
+class Layer:
+    """One thing drawn in a plot: its pyqtgraph item, its colour role, its data for the CSV."""
+
+    def __init__(self, name: str, item: Any, ink: Ink, paint: Callable[[Any, str], None]) -> None:
+        self.name = name
+        self.item = item
+        self.ink = ink
+        self._paint = paint
+        self.x: Array = EMPTY
+        self.y: Array = EMPTY
+
+    def paint(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self._paint(self.item, self.ink(theme))
+
+    def show(self, visible: bool) -> None:
+        """Show or hide."""
+        self.item.setVisible(visible)
+
+
+class Curve(Layer):
+    """A polyline; NaN breaks it when `gaps` is set."""
+
+    gaps = False
+
+    def set(self, x: Array, y: Array) -> None:
+        """Draw `y` over `x` (same length)."""
+        self.x, self.y = x, y
+        self.item.setData(x, y, connect="finite" if self.gaps else "all", skipFiniteCheck=not self.gaps)
+
+
+class Band(Layer):
+    """The surface between two curves."""
+
+    def __init__(
+        self, name: str, item: Any, ink: Ink, paint: Callable[[Any, str], None], edges: tuple[Any, Any]
+    ) -> None:
+        super().__init__(name, item, ink, paint)
+        self._edges = edges
+        self.low: Array = EMPTY
+
+    def set(self, x: Array, low: Array, high: Array) -> None:
+        """Fill between `low` and `high` over `x` (same length, finite)."""
+        self.x, self.low, self.y = x, low, high
+        self._edges[0].setData(x, low)
+        self._edges[1].setData(x, high)
+
+
+class Points(Layer):
+    """Markers; filled or open, of one shape."""
+
+    def set(self, x: Array, y: Array) -> None:
+        """Put a marker at each (x, y)."""
+        self.x, self.y = x, y
+        self.item.setData(x=x, y=y)
+
+
+class Plot:
+    """One plot of a card.
+
+    Parameters
+    ----------
+    item : the pyqtgraph item, made by `make_item`.
+    title : what its vertical axis measures, e.g. "Signal".
+    unit : e.g. "mV".
+    """
+
+    def __init__(self, item: Any, title: str, unit: str, *, x_title: str = "", x_unit: str = "") -> None:
+        self.item, self.title, self.unit = item, title, unit
+        self.x_title, self.x_unit = x_title, x_unit
+        self.layers: list[Layer] = []
+        self._lines: list[tuple[Any, Ink, Qt.PenStyle]] = []
+        item.hideButtons()
+        item.setMenuEnabled(False)
+        item.getViewBox().disableAutoRange()
+        item.getAxis("left").setWidth(style.AXIS_WIDTH)
+        item.showGrid(x=True, y=True, alpha=1.0)
+
+    def curve(self, name: str, ink: Ink, *, gaps: bool = False, dashed: bool = False) -> Curve:
+        """Add a curve; `dashed` is for what is set, not measured."""
+        pen_style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
+        item = pg.PlotCurveItem()
+        layer = Curve(name, item, ink, lambda it, colour: it.setPen(pg.mkPen(colour, width=1, style=pen_style)))
+        layer.gaps = gaps
+        return self._add(layer)
+
+    def band(self, name: str, ink: Ink, *, alpha: int = style.BAND_ALPHA) -> Band:
+        """Add a translucent fill between two curves, behind the rest."""
+        edges = (pg.PlotCurveItem(pen=None), pg.PlotCurveItem(pen=None))
+        item = pg.FillBetweenItem(*edges)
+        item.setZValue(-10)
+        return self._add(Band(name, item, ink, lambda it, colour: it.setBrush(style.colour(colour, alpha)), edges))
+
+    def points(
+        self, name: str, ink: Ink, *, filled: bool = True, symbol: str = "o", size: int = style.POINT_SIZE
+    ) -> Points:
+        """Add markers: filled for loading, open for unloading."""
+        item = pg.ScatterPlotItem(size=size, symbol=symbol, pxMode=True)
+
+        def paint(it: Any, colour: str) -> None:
+            it.setPen(pg.mkPen(colour, width=1))
+            it.setBrush(pg.mkBrush(colour if filled else None))
+
+        return self._add(Points(name, item, ink, paint))
+
+    def line(
+        self,
+        ink: Ink,
+        *,
+        at: float = 0.0,
+        vertical: bool = False,
+        style_: Qt.PenStyle = Qt.PenStyle.DashLine,
+        movable: bool = False,
+        label: str = "",
+    ) -> Any:
+        """Add a straight line over the whole plot."""
+        item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=label or None)
+        if label:
+            item.label.setPosition(0.94)
+        self._lines.append((item, ink, style_))
+        self.item.addItem(item, ignoreBounds=True)
+        return item
+
+    def forget_line(self, item: Any) -> None:
+        """Take a line away."""
+        self._lines = [entry for entry in self._lines if entry[0] is not item]
+        self.item.removeItem(item)
+
+    def _add(self, layer: L) -> L:
+        self.layers.append(layer)
+        self.item.addItem(layer.item, ignoreBounds=True)
+        return layer
+
+    def x_range(self, low: float, high: float) -> None:
+        """Show [low, high] horizontally."""
+        if high > low:
+            self.item.getViewBox().setXRange(low, high, padding=0)
+
+    def y_range(self, low: float, high: float) -> None:
+        """Show [low, high] vertically."""
+        if high > low:
+            self.item.getViewBox().setYRange(low, high, padding=0)
+
+    def fit(self, *, x_margin: float = 0.04) -> None:
+        """Frame all that is drawn; for pages that change on request, never in a frame."""
+        layers = [layer for layer in self.layers if layer.item.isVisible() and layer.x.size]
+        low, high = axis.extremes(*(layer.x for layer in layers))
+        if low <= high:
+            self.x_range(*axis.padded(low, high, x_margin))
+        low, high = axis.extremes(
+            *(layer.y for layer in layers), *(layer.low for layer in layers if isinstance(layer, Band))
+        )
+        if low <= high:
+            self.y_range(*axis.framed(low, high))
+
+    def columns(self) -> dict[str, Array]:
+        """Return what is drawn: for each layer its x and y, named with their units."""
+        result: dict[str, Array] = {}
+        for layer in self.layers:
+            if layer.x.size and layer.item.isVisible():
+                result[f"{layer.name}: {self.x_title} ({self.x_unit})"] = layer.x
+                if isinstance(layer, Band):
+                    result[f"{layer.name}: low ({self.unit})"] = layer.low
+                result[f"{layer.name}: {self.title} ({self.unit})"] = layer.y
+        return result
+
+    def paint(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        for side in ("left", "bottom"):
+            ruler = self.item.getAxis(side)
+            ruler.setPen(pg.mkPen(theme.grid, width=1))
+            ruler.setTickPen(pg.mkPen(theme.grid, width=1))
+            ruler.setTextPen(pg.mkPen(theme.muted))
+            ruler.setStyle(tickFont=style.small_font())
+        self._titles(theme)
+        for layer in self.layers:
+            layer.paint(theme)
+        for item, ink, pen_style in self._lines:
+            item.setPen(pg.mkPen(ink(theme), width=1, style=pen_style))
+            if hasattr(item, "label"):
+                item.label.setColor(ink(theme))
+
+    def _titles(self, theme: Theme) -> None:
+        look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
+        self.item.getAxis("left").setLabel(f"{self.title} ({self.unit})" if self.unit else self.title, **look)
+        if self.x_title:
+            self.item.getAxis("bottom").setLabel(
+                f"{self.x_title} ({self.x_unit})" if self.x_unit else self.x_title, **look
+            )
+
+
+def make_item(*, time: bool = False) -> Any:
+    """Return an empty pyqtgraph plot with our axes."""
+    return pg.PlotItem(axisItems={"left": TickAxis("left"), "bottom": TickAxis("bottom", time=time)}, enableMenu=False)

@@ -1,0 +1,153 @@
+"""A framed surface with one or more plots over each other, their title, readout and the menu that takes them away.
+
+Every plot of the program sits in one of these, so every plot copies, saves PNG, SVG and CSV the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyqtgraph as pg
+from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QGuiApplication, QPainter, QPixmap
+from PySide6.QtSvg import QSvgGenerator
+from PySide6.QtWidgets import QFrame, QMenu, QToolButton, QWidget
+
+from boat_daq.gui import style, widgets
+from boat_daq.gui.plot import Plot, make_item
+from boat_daq.gui.style import Theme
+from boat_daq.viewmodels import tables
+
+Columns = Mapping[str, Any]
+
+
+class PlotCard(QFrame):
+    """Plots in a frame.
+
+    Parameters
+    ----------
+    title : what the card shows; also its accessible name and the stem of saved files.
+    """
+
+    save_wanted = Signal(object, str)  # the card and a suffix: the window asks where to
+
+    def __init__(self, title: str, *, show_title: bool = True, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("card")
+        self.setAccessibleName(f"Plot: {title}")
+        self.title = title
+        self.plots: list[Plot] = []
+        self.columns_of: Callable[[], Columns] | None = None  # what CSV saves; by default what is drawn
+        self.view = pg.GraphicsLayoutWidget()
+        self.view.setFrameShape(QFrame.Shape.NoFrame)
+        self.view.ci.layout.setContentsMargins(0, style.STEP, style.STEP, 0)
+        self.view.ci.layout.setSpacing(style.STEP)
+        self.view.setAccessibleName(title)
+        self.heading = widgets.label(title if show_title else "", "subtitle")
+        self.readout = widgets.label("", "small")
+        self.menu_button = self._menu_button()
+        layout = widgets.column(spacing=0)
+        layout.setContentsMargins(style.GAP, style.STEP, style.STEP, style.STEP)
+        self.bar = widgets.row(self.heading, None, self.readout, self.menu_button)
+        layout.addLayout(self.bar)
+        layout.addWidget(self.view, 1)
+        self.setLayout(layout)
+
+    def add(
+        self, title: str, unit: str, *, x_title: str = "", x_unit: str = "", time: bool = False, stretch: int = 1
+    ) -> Plot:
+        """Add a plot under the ones there are; only a plot with an x title shows the labels of its lower axis."""
+        item = make_item(time=time)
+        at = len(self.plots)
+        self.view.addItem(item, row=at, col=0)
+        self.view.ci.layout.setRowStretchFactor(at, stretch)
+        ruler = item.getAxis("bottom")
+        if x_title:
+            ruler.setHeight(style.AXIS_HEIGHT)
+        else:
+            ruler.setStyle(showValues=False)
+            ruler.setHeight(style.STEP)
+        plot = Plot(item, title, unit, x_title=x_title, x_unit=x_unit)
+        self.plots.append(plot)
+        return plot
+
+    def link_x(self) -> None:
+        """Give all plots of the card the first one's horizontal range."""
+        first = self.plots[0].item
+        for plot in self.plots[1:]:
+            plot.item.setXLink(first)
+
+    def paint(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.view.setBackground(theme.surface)
+        for plot in self.plots:
+            plot.paint(theme)
+
+    def columns(self) -> Columns:
+        """Return what the CSV holds."""
+        if self.columns_of is not None:
+            return self.columns_of()
+        merged: dict[str, Any] = {}
+        for plot in self.plots:
+            for name, values in plot.columns().items():
+                merged.setdefault(name, values)
+        return merged
+
+    def picture(self, scale: float = 2.0) -> QPixmap:
+        """Return the card's plots as a picture of `scale` times the screen's size."""
+        size = self.view.size()
+        pixmap = QPixmap(QSize(round(size.width() * scale), round(size.height() * scale)))
+        pixmap.fill(self.view.backgroundBrush().color())
+        painter = QPainter(pixmap)
+        self.view.render(painter, QRectF(pixmap.rect()), self.view.viewport().rect())
+        painter.end()
+        return pixmap
+
+    def copy(self) -> None:
+        """Put the picture on the clipboard."""
+        QGuiApplication.clipboard().setPixmap(self.picture())
+
+    def save(self, path: Path) -> None:
+        """Save as the ending of `path` says: .png, .svg or .csv.
+
+        Raises
+        ------
+        OSError : the path cannot be written.
+        """
+        if path.suffix == ".csv":
+            tables.save_csv(path, self.columns())
+        elif path.suffix == ".svg":
+            self._save_svg(path)
+        elif not self.picture().save(str(path), "PNG"):
+            raise OSError(f"{path} cannot be written")
+
+    def _save_svg(self, path: Path) -> None:
+        generator = QSvgGenerator()
+        generator.setFileName(str(path))
+        generator.setSize(self.view.size())
+        generator.setViewBox(self.view.viewport().rect())
+        generator.setTitle(self.title)
+        painter = QPainter(generator)
+        if not painter.isActive():
+            raise OSError(f"{path} cannot be written")
+        self.view.render(painter)
+        painter.end()
+
+    def _menu_button(self) -> QToolButton:
+        tool = QToolButton()
+        tool.setText("\u22ef")
+        tool.setToolTip("Copy or save this plot")
+        tool.setAccessibleName(f"Copy or save: {self.title}")
+        tool.setProperty("role", "quiet")
+        tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
+        tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        menu = QMenu(tool)
+        menu.addAction("Copy picture", self.copy)
+        for kind in ("PNG", "SVG", "CSV"):
+            menu.addAction(f"Save {kind} \u2026", partial(self.save_wanted.emit, self, kind.lower()))
+        tool.setMenu(menu)
+        tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        return tool

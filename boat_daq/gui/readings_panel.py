@@ -1,0 +1,240 @@
+"""The question of the moment with its field, and the table of all readings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt
+from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import QAbstractItemView, QFrame, QHeaderView, QTableView, QWidget
+
+from boat_daq.engine.session import SessionSnapshot
+from boat_daq.gui import style, widgets
+from boat_daq.gui.files import ask_open
+from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.readings import HEADINGS, Row
+
+EDITABLE = 3
+Index = QModelIndex | QPersistentModelIndex
+
+
+class ReadingBar(QFrame):
+    """Asks for the elongation of the plateau that waits; its field has the focus, Enter goes on."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self._asked: int | None = None
+        self.setObjectName("card")
+        self.question = widgets.label("", "set", name="Reading asked for")
+        self.field = widgets.field("Elongation in mm", placeholder="mm", width=3 * style.CONTROL_HEIGHT)
+        self.field.setProperty("role", "reading")
+        self.field.returnPressed.connect(self.enter)
+        self.photo = widgets.button(
+            "Photograph …", lambda: desk.request("photograph"), tip="Read it from a picture of the grid (Ctrl+P)"
+        )
+        self.simulated = widgets.button(
+            "Read the simulated grid", self._simulated, tip="What an eye would read on the simulated unit"
+        )
+        self.skip = widgets.button("Skip", self._skip, tip="Go on without a reading")
+        line = widgets.row(
+            self.question,
+            self.field,
+            widgets.label("mm, Enter goes on", "muted"),
+            None,
+            self.simulated,
+            self.photo,
+            self.skip,
+        )
+        line.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
+        self.setLayout(line)
+        self.hide()
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the question where a plateau waits, and take the focus once."""
+        waiting = snapshot.waiting_for_reading
+        self.setVisible(waiting is not None)
+        step = waiting.step_id if waiting else None
+        self.simulated.setVisible(self.desk.can_read_simulated())
+        if step == self._asked:
+            return
+        self._asked = step
+        self.field.clear()
+        if waiting is not None:
+            widgets.set_text(self.question, self.desk.readings.question(snapshot))
+            widgets.set_state(self, "true", "attention")
+            if not isinstance(QGuiApplication.focusObject(), QWidget) or self.window().isActiveWindow():
+                self.field.setFocus()
+
+    def enter(self) -> None:
+        """Keep what was typed."""
+        text, step = self.field.text(), self._asked
+        if step is None or not text.strip():
+            return
+        kept = self.desk.notices.attempt(lambda: self.desk.readings.enter(step, text))
+        widgets.set_state(self.field, "" if kept else "true", "wrong")
+
+    def _simulated(self) -> None:
+        if self._asked is not None:
+            self.desk.read_simulated(self._asked)
+
+    def _skip(self) -> None:
+        self.desk.notices.attempt(self.desk.session.skip_reading)
+
+
+class ReadingsTableModel(QAbstractTableModel):
+    """Qt's view of the rows of `ReadingsModel`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.rows: list[Row] = []
+
+    def show_rows(self, rows: list[Row]) -> None:
+        """Show other rows; those that are there are updated in place, so that an edit is not lost."""
+        if rows == self.rows:
+            return
+        grown = len(rows) - len(self.rows)
+        if grown > 0:
+            self.beginInsertRows(QModelIndex(), len(self.rows), len(rows) - 1)
+            self.rows = rows
+            self.endInsertRows()
+        elif grown < 0:
+            self.beginResetModel()
+            self.rows = rows
+            self.endResetModel()
+        self.rows = rows
+        if rows:
+            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(HEADINGS) - 1))
+
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
+        """Return the number of plateaus."""
+        return 0 if parent.isValid() else len(self.rows)
+
+    def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
+        """Return the number of columns."""
+        return 0 if parent.isValid() else len(HEADINGS)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        """Return a heading."""
+        if role == Qt.ItemDataRole.DisplayRole and orientation is Qt.Orientation.Horizontal:
+            return HEADINGS[section]
+        return None
+
+    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        """Return a cell's text, place and weight."""
+        row = self.rows[index.row()]
+        if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
+            return row.cells[index.column()]
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            side = Qt.AlignmentFlag.AlignRight if index.column() in (0, 2, 3) else Qt.AlignmentFlag.AlignLeft
+            return side | Qt.AlignmentFlag.AlignVCenter
+        if role == Qt.ItemDataRole.FontRole and (row.current or row.outlier):
+            font = QFont(style.base_font())
+            font.setBold(True)
+            return font
+        if role == Qt.ItemDataRole.ToolTipRole and row.source:
+            return f"source: {row.source}"
+        return None
+
+    def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
+        """Keep an edited reading."""
+        step = self.rows[index.row()].step_id
+        return self.desk.notices.attempt(lambda: self.desk.readings.enter(step, str(value)))
+
+    def flags(self, index: Index) -> Qt.ItemFlag:
+        """Only the reading can be edited."""
+        base = Qt.ItemFlag.ItemIsSelectable | Qt.ItemFlag.ItemIsEnabled
+        return base | Qt.ItemFlag.ItemIsEditable if index.column() == EDITABLE else base
+
+
+class ReadingsView(QTableView):
+    """The table; Ctrl+V pastes a column from the selected plateau on, Delete withdraws."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.setAccessibleName("Readings of elongation")
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setAlternatingRowColors(True)
+        self.setShowGrid(False)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Paste and delete; the rest is the table's own."""
+        if event.matches(QKeySequence.StandardKey.Paste):
+            self.paste(QGuiApplication.clipboard().text())
+        elif event.key() == Qt.Key.Key_Delete:
+            self._withdraw()
+        else:
+            super().keyPressEvent(event)
+
+    def paste(self, text: str) -> None:
+        """Enter a column from the selected plateau on."""
+        steps = [row.step_id for row in self.model_rows()]
+        if steps:
+            at = steps[max(self.currentIndex().row(), 0)]
+            self.desk.notices.attempt(lambda: self.desk.readings.paste(text, at))
+
+    def model_rows(self) -> list[Row]:
+        """Return the rows shown."""
+        model = self.model()
+        return model.rows if isinstance(model, ReadingsTableModel) else []
+
+    def _withdraw(self) -> None:
+        row = self.currentIndex().row()
+        if row >= 0:
+            self.desk.notices.attempt(lambda: self.desk.readings.put(self.model_rows()[row].step_id, None, "typed"))
+
+
+class ReadingsTable(QWidget):
+    """The table of readings with its buttons."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.model = ReadingsTableModel(desk)
+        self.view = ReadingsView(desk)
+        self.view.setModel(self.model)
+        header = self.view.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setStretchLastSection(True)
+        self.empty = widgets.label(
+            "Each plateau of a staircase gets a line here. Arm and start a plan to begin.", "muted", wrap=True
+        )
+        self.count = widgets.label("", "small")
+        layout = widgets.column(self.empty, self.view, self.count, spacing=style.GAP)
+        layout.setContentsMargins(0, style.GAP, 0, 0)
+        layout.addLayout(
+            widgets.row(
+                widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected line on"),
+                widgets.button("Import …", self._import),
+                None,
+            )
+        )
+        self.setLayout(layout)
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the rows as they are now."""
+        before = len(self.model.rows)
+        rows = self.desk.readings.rows(snapshot)
+        self.model.show_rows(rows)
+        self.empty.setVisible(not rows)
+        self.view.setVisible(bool(rows))
+        widgets.set_text(self.count, self.desk.readings.summary(rows))
+        if len(rows) > before:
+            self.view.scrollToBottom()
+
+    def paste(self) -> None:
+        """Paste the clipboard's column from the selected plateau on."""
+        self.view.paste(QGuiApplication.clipboard().text())
+
+    def _import(self) -> None:
+        ask_open(
+            self,
+            self.desk,
+            "Import readings",
+            "csv txt tsv",
+            lambda path: self.view.paste(path.read_text(encoding="utf-8-sig")),
+        )

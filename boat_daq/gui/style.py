@@ -1,0 +1,175 @@
+"""Every colour, size and space of the window, once; and the style sheet made of them.
+
+Rules: no colour or size is written anywhere else in `boat_daq.gui`. Data colours are Okabe and Ito's, lightened for
+the dark theme; red is for VENT and faults alone; text has a contrast of 4.5 : 1 or more in both themes (a test
+measures it). Space goes in steps of 4 px at 100 %; Qt scales the whole window with the
+screen, so tokens are device-independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from string import Template
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetrics, QGuiApplication, QPalette
+
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """Colours of one theme as `#rrggbb`."""
+
+    name: str
+    window: str  # behind everything
+    surface: str  # cards and plots
+    sunken: str  # fields and tracks
+    line: str  # hairlines and borders
+    grid: str  # grid of the plots
+    text: str
+    muted: str  # second voice: units, captions
+    accent: str  # the one accent
+    on_accent: str
+    accent_soft: str  # selected row, hovered entry
+    fault: str  # VENT and faults alone
+    on_fault: str
+    fault_soft: str
+    ok: str
+    warn: str
+    warn_soft: str
+    simulated: str
+    on_simulated: str
+    sensors: tuple[str, str, str, str]
+    pressure: str
+    elongation: str
+    target: str
+
+
+LIGHT = Theme(
+    name="light", window="#eef0f3", surface="#ffffff", sunken="#f5f6f8", line="#d3d8de", grid="#e4e7eb",
+    text="#1a2027", muted="#555f6b", accent="#3847a8", on_accent="#ffffff", accent_soft="#e5e8f7",
+    fault="#c3161c", on_fault="#ffffff", fault_soft="#fbe9e9", ok="#0a6b4f", warn="#8a5300", warn_soft="#fdf1dc",
+    simulated="#f0e442", on_simulated="#1a2027",
+    sensors=("#0072b2", "#d55e00", "#56b4e9", "#e69f00"), pressure="#009e73", elongation="#cc79a7", target="#6b7683",
+)  # fmt: skip
+DARK = Theme(
+    name="dark", window="#14181d", surface="#1c2127", sunken="#242a31", line="#38414b", grid="#2b323a",
+    text="#e9edf1", muted="#a3aeb9", accent="#a3b1ff", on_accent="#14181d", accent_soft="#2c3350",
+    fault="#d5282e", on_fault="#ffffff", fault_soft="#43201f", ok="#4fd0a5", warn="#f0b45a", warn_soft="#3b2f1b",
+    simulated="#f0e442", on_simulated="#1a2027",
+    sensors=("#56b4e9", "#ff9a52", "#8fd0f5", "#f5c04a"), pressure="#3ccba0", elongation="#e6a3c7", target="#93a0ad",
+)  # fmt: skip
+
+# Space and size, device-independent pixels.
+STEP = 4
+GAP = 2 * STEP
+PAGE_MARGIN = 3 * STEP
+CARD_PADDING = 3 * STEP
+RADIUS = 6
+HEADER_HEIGHT = 56
+STRIP_HEIGHT = 40
+NAVIGATION_WIDTH = 124
+PANE_WIDTH = 308
+PANE_WIDTH_WIDE = 400
+WIDE_FROM = 1600  # from this window width on the pane and the figures grow
+CONTROL_HEIGHT = 32
+VENT_WIDTH = 176
+VENT_HEIGHT = 44
+AXIS_WIDTH = 64
+AXIS_HEIGHT = 36
+CURSOR_GRAB = 8
+POINT_SIZE = 8
+WINDOW_SIZE = (1280, 800)
+WINDOW_MINIMUM = (960, 640)
+FORM_WIDTH = 560
+THUMBNAIL = (168, 44)
+
+# Type, pixels: measured is large and still, set is medium, chrome is small.
+FONT_CHROME = 13
+FONT_SMALL = 12
+FONT_SET = 16
+FONT_TITLE = 18
+FONT_MEASURED = 34
+FONT_MEASURED_WIDE = 48
+FAMILIES = ("Inter", "Segoe UI", "SF Pro Text", "Helvetica Neue", "Noto Sans", "Liberation Sans", "DejaVu Sans")
+
+BAND_ALPHA = 56  # of 255: a band lets the grid and the curve through
+BAND_ALPHA_WIDE = 30
+HISTORY_ALPHA = 110
+
+
+def style_sheet(theme: Theme) -> str:
+    """Return the style sheet of the whole program in `theme`."""
+    colours = {field.name: getattr(theme, field.name) for field in fields(theme)}
+    sheet = Template((HERE / "sheet.css").read_text(encoding="utf-8"))
+    return sheet.substitute(
+        colours,
+        icons=(HERE / "icons").as_posix(),
+        fault_text="#ff8a86" if theme.name == "dark" else theme.fault,
+        font_chrome=FONT_CHROME, font_small=FONT_SMALL, font_set=FONT_SET, font_title=FONT_TITLE,
+        radius=RADIUS, inner_height=CONTROL_HEIGHT - 8, vent_height=VENT_HEIGHT - 4, vent_width=VENT_WIDTH - 4,
+    )  # fmt: skip
+
+
+def palette(theme: Theme) -> QPalette:
+    """Return Qt's palette in `theme`, for what no style sheet reaches (placeholders, links, disabled text)."""
+    result = QPalette()
+    roles = QPalette.ColorRole
+    for role, colour in (
+        (roles.Window, theme.window), (roles.Base, theme.surface), (roles.AlternateBase, theme.sunken),
+        (roles.WindowText, theme.text), (roles.Text, theme.text), (roles.ButtonText, theme.text),
+        (roles.Button, theme.surface), (roles.Highlight, theme.accent), (roles.HighlightedText, theme.on_accent),
+        (roles.PlaceholderText, theme.muted), (roles.Link, theme.accent), (roles.ToolTipBase, theme.text),
+        (roles.ToolTipText, theme.surface), (roles.Mid, theme.line),
+    ):  # fmt: skip
+        result.setColor(role, QColor(colour))
+    return result
+
+
+def colour(value: str, alpha: int = 255) -> QColor:
+    """Return a token as Qt's colour, with `alpha` of 255."""
+    result = QColor(value)
+    result.setAlpha(alpha)
+    return result
+
+
+def base_font() -> QFont:
+    """Return the program's font: the system's first of `FAMILIES`, with figures of one width."""
+    known = set(QFontDatabase.families())
+    font = QFont(next((name for name in FAMILIES if name in known), QFont().defaultFamily()))
+    font.setPixelSize(FONT_CHROME)
+    return tabular(font)
+
+
+def tabular(font: QFont) -> QFont:
+    """Return `font` with figures of one width, so that a changing number stands still."""
+    font.setFeature(QFont.Tag("tnum"), 1)
+    return font
+
+
+def small_font() -> QFont:
+    """Return the font of axis labels and captions."""
+    font = base_font()
+    font.setPixelSize(FONT_SMALL)
+    return font
+
+
+def measured_font(pixels: int) -> QFont:
+    """Return the font of a measured value."""
+    font = tabular(QFont(base_font()))
+    font.setPixelSize(pixels)
+    font.setWeight(QFont.Weight.DemiBold)
+    return font
+
+
+def text_width(font: QFont, text: str) -> int:
+    """Return the width of `text` in `font`, pixels."""
+    return QFontMetrics(font).horizontalAdvance(text)
+
+
+def system_theme() -> Theme:
+    """Return the theme that the system asks for; light where it does not say."""
+    scheme = QGuiApplication.styleHints().colorScheme()
+    return DARK if scheme == Qt.ColorScheme.Dark else LIGHT

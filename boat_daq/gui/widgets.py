@@ -1,0 +1,144 @@
+"""Small makers of the controls that every page uses, so that a page reads as what it shows.
+
+Rules: a control has an accessible name (its text, where it has one); a role names its look in the style sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QBoxLayout,
+    QComboBox,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
+
+from boat_daq.gui import style
+
+
+def label(text: str = "", role: str = "", *, name: str = "", wrap: bool = False) -> QLabel:
+    """Return a label in one of the roles title, subtitle, muted, small, set."""
+    widget = QLabel(text)
+    widget.setTextFormat(Qt.TextFormat.PlainText)
+    widget.setWordWrap(wrap)
+    if role:
+        widget.setProperty("role", role)
+    if name:
+        widget.setAccessibleName(name)
+    return widget
+
+
+def button(text: str, on_click: Callable[[], Any], role: str = "", *, name: str = "", tip: str = "") -> QPushButton:
+    """Return a button; role primary is the one next step of a page."""
+    widget = QPushButton(text)
+    widget.setAutoDefault(False)
+    if role:
+        widget.setProperty("role", role)
+    widget.setAccessibleName(name or text)
+    if tip:
+        widget.setToolTip(tip)
+    widget.clicked.connect(lambda *_: on_click())
+    return widget
+
+
+def field(name: str, text: str = "", *, placeholder: str = "", width: int = 0) -> QLineEdit:
+    """Return a text field named for a screen reader."""
+    widget = QLineEdit(text)
+    widget.setAccessibleName(name)
+    widget.setPlaceholderText(placeholder)
+    if width:
+        widget.setFixedWidth(width)
+    return widget
+
+
+def choice(name: str, entries: list[tuple[str, Any]]) -> QComboBox:
+    """Return a choice of (text, value) entries."""
+    widget = QComboBox()
+    widget.setAccessibleName(name)
+    widget.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
+    for text, value in entries:
+        widget.addItem(text, value)
+    return widget
+
+
+def card() -> tuple[QFrame, QVBoxLayout]:
+    """Return a framed surface and its layout."""
+    frame = QFrame()
+    frame.setObjectName("card")
+    layout = QVBoxLayout(frame)
+    layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
+    layout.setSpacing(style.STEP)
+    return frame, layout
+
+
+def row(*items: QWidget | int | None, spacing: int = style.GAP) -> QHBoxLayout:
+    """Return a horizontal layout of widgets; an int is a space, None a stretch."""
+    layout = QHBoxLayout()
+    _fill(layout, items, spacing)
+    return layout
+
+
+def column(*items: QWidget | int | None, spacing: int = style.STEP) -> QVBoxLayout:
+    """Return a vertical layout of widgets; an int is a space, None a stretch."""
+    layout = QVBoxLayout()
+    _fill(layout, items, spacing)
+    return layout
+
+
+def holder(layout: QBoxLayout) -> QWidget:
+    """Return a widget that holds `layout`, for where only a widget goes."""
+    widget = QWidget()
+    widget.setObjectName("plain")
+    layout.setContentsMargins(0, 0, 0, 0)
+    widget.setLayout(layout)
+    return widget
+
+
+def page_layout(page: QWidget) -> QVBoxLayout:
+    """Give `page` its margins and return its layout."""
+    page.setObjectName("page")
+    page.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+    layout = QVBoxLayout(page)
+    layout.setContentsMargins(style.PAGE_MARGIN, style.PAGE_MARGIN, style.PAGE_MARGIN, style.PAGE_MARGIN)
+    layout.setSpacing(style.GAP)
+    return layout
+
+
+def set_text(widget: Any, text: str) -> None:
+    """Set a text only where it differs: an unchanged label costs no layout."""
+    if widget.text() != text:
+        widget.setText(text)
+
+
+def set_state(widget: QWidget, value: str, key: str = "state") -> None:
+    """Set a style property and have the sheet looked up again, only where it differs."""
+    if widget.property(key) != value:
+        widget.setProperty(key, value)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)
+
+
+def grow(widget: QWidget) -> QWidget:
+    """Let `widget` take the room there is."""
+    widget.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+    return widget
+
+
+def _fill(layout: QBoxLayout, items: tuple[QWidget | int | None, ...], spacing: int) -> None:
+    layout.setSpacing(spacing)
+    for item in items:
+        if item is None:
+            layout.addStretch(1)
+        elif isinstance(item, int):
+            layout.addSpacing(item)
+        else:
+            layout.addWidget(item)

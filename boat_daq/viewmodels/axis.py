@@ -1,0 +1,110 @@
+"""The vertical range of a live plot: rungs of 1-2-5, with hysteresis, so that the picture stands still.
+
+The range grows at once when data leave it, and shrinks only after the data have needed a smaller rung for `patience_s`
+seconds on end. Called at a few hertz, never in the frame: pyqtgraph's own autorange doubles the cost of one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+LADDER = (1.0, 2.0, 5.0)
+DIVISIONS = 7  # at most so many labelled ticks over a range
+
+
+def rung(span: float) -> float:
+    """Return the smallest step of 1, 2, 5 x 10^n that is not below `span` (which is > 0)."""
+    decade = 10.0 ** math.floor(math.log10(span))
+    return next((step * decade for step in LADDER if step * decade >= span * (1 - 1e-12)), 10 * decade)
+
+
+def tick_step(span: float) -> float:
+    """Return the spacing of labelled ticks over a range of `span`."""
+    return rung(span / DIVISIONS) if span > 0 and math.isfinite(span) else 1.0
+
+
+def framed(low: float, high: float, *, smallest: float = 0.0) -> tuple[float, float]:
+    """Return a range of whole tick steps around [low, high], at least `smallest` wide."""
+    middle, span = (low + high) / 2, max(high - low, smallest, 1e-9)
+    step = tick_step(span) / 2
+    low, high = min(low, middle - span / 2), max(high, middle + span / 2)
+    margin = 0.04 * span
+    return math.floor((low - margin) / step) * step, math.ceil((high + margin) / step) * step
+
+
+def padded(low: float, high: float, margin: float) -> tuple[float, float]:
+    """Return [low, high] widened by the share `margin` on either side; a point becomes an interval."""
+    width = (high - low) or max(abs(high), 1.0)
+    return low - margin * width, high + margin * width
+
+
+@dataclass(slots=True)
+class SteadyRange:
+    """A range that follows data calmly.
+
+    Parameters
+    ----------
+    smallest : the least width, in the axis's unit, so that noise does not fill the plot.
+    patience_s : how long the data must need less before the range shrinks.
+    """
+
+    smallest: float = 1.0
+    patience_s: float = 1.5
+    low: float = math.nan
+    high: float = math.nan
+    _roomy_since: float = field(default=math.nan, init=False)
+
+    def update(self, low: float, high: float, now_s: float) -> tuple[float, float]:
+        """Take the extremes of what is shown at `now_s`; return the range to show."""
+        if not (math.isfinite(low) and math.isfinite(high)):
+            return (self.low, self.high) if math.isfinite(self.low) else (0.0, self.smallest)
+        wanted = framed(low, high, smallest=self.smallest)
+        if not math.isfinite(self.low) or low < self.low or high > self.high:
+            self._take(wanted)
+        elif wanted[1] - wanted[0] < 0.7 * (self.high - self.low):
+            if math.isnan(self._roomy_since):
+                self._roomy_since = now_s
+            elif now_s - self._roomy_since >= self.patience_s:
+                self._take(wanted)
+        else:
+            self._roomy_since = math.nan
+        return self.low, self.high
+
+    def _take(self, wanted: tuple[float, float]) -> None:
+        self.low, self.high = wanted
+        self._roomy_since = math.nan
+
+
+def extremes(*columns: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the least and greatest finite value of all `columns`; NaN, NaN where there is none."""
+    low, high = math.inf, -math.inf
+    for column in columns:
+        finite = column[np.isfinite(column)]
+        if finite.size:
+            low, high = min(low, float(finite.min())), max(high, float(finite.max()))
+    return (low, high) if low <= high else (math.nan, math.nan)
+
+
+TIME_STEPS_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 86400)
+
+
+def time_step(span_s: float) -> float:
+    """Return the spacing of labelled ticks over `span_s` seconds: 1-2-5 below a second, clock divisions above."""
+    wanted = span_s / 8
+    if wanted < 1:
+        return rung(max(wanted, 1e-6))
+    return float(next((step for step in TIME_STEPS_S if step >= wanted), TIME_STEPS_S[-1]))
+
+
+def clock(time_s: float, step_s: float) -> str:
+    """Return a tick's label: `2.4`, `0:05`, `1:03:00` as the step between ticks needs."""
+    if step_s < 1:
+        return f"{time_s:.{max(1, -math.floor(math.log10(step_s)))}f}".replace("-", "\u2212")
+    sign, whole = ("\u2212" if time_s < -0.5 else ""), abs(round(time_s))
+    hours, rest = divmod(whole, 3600)
+    minutes, seconds = divmod(rest, 60)
+    return f"{sign}{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{sign}{minutes}:{seconds:02d}"

@@ -1,0 +1,192 @@
+"""The whole window without Qt: the session, the pages' models, and what they share.
+
+Rules: parents know children, children never reach up or sideways. The window asks `tick()` from its one timer; nothing
+is pushed into it, so threads meet Qt nowhere else. What the user does goes through `notices.attempt`, so that no error
+ends the window.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from boat_daq.engine.session import LinkState, Session, SessionSnapshot, SessionState
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.changes import Change, Changes, History
+from boat_daq.viewmodels.connection import ConnectionModel
+from boat_daq.viewmodels.live import LiveModel, Marker
+from boat_daq.viewmodels.notices import Level, Notices
+from boat_daq.viewmodels.overlay import OverlayModel
+from boat_daq.viewmodels.preferences import Preferences
+from boat_daq.viewmodels.readings import ReadingsModel
+from boat_daq.viewmodels.sequence import SequenceModel
+from boat_daq.viewmodels.shadow_live import ShadowLive
+from boat_daq.viewmodels.work import Bench
+
+PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
+LEVELS = {"info": Level.INFORMATION, "warning": Level.WARNING, "error": Level.FAULT}
+
+
+class Redirect(Changes):
+    """Changes that go to whatever history the window has put here."""
+
+    def __init__(self) -> None:
+        self.to: Changes = History()
+
+    def push(self, change: Change) -> None:
+        """Hand the change on."""
+        self.to.push(change)
+
+
+class Desk:
+    """The window's state.
+
+    Parameters
+    ----------
+    session : the one door to the board.
+    folder : settings and units.
+    recordings : where recordings go.
+    """
+
+    def __init__(self, session: Session, folder: Path, recordings: Path) -> None:
+        self.session = session
+        self.folder, self.recordings = folder, recordings
+        self.preferences = Preferences(folder)
+        self.notices = Notices()
+        self.bench = Bench()
+        self.changes = Redirect()
+        self.connection = ConnectionModel(session, self.preferences)
+        self.live = LiveModel(lambda: session.ring)
+        self.overlay = OverlayModel(lambda: session.ring, session.steps, self.picture_time)
+        self.shadow = ShadowLive(lambda: session.ring, lambda: self.live.inverse)
+        self.sequence = SequenceModel(session, self.changes)
+        self.readings = ReadingsModel(session, self.changes)
+        self.request: Callable[[str], None] = lambda what: None
+        self.snapshot = session.snapshot()
+        self._last_message = max((m.number for m in self.snapshot.messages), default=0)
+
+    def tick(self) -> SessionSnapshot:
+        """Take a snapshot and what background work has brought; say what is new in the strip."""
+        self.snapshot = self.session.snapshot()
+        self.notices.attempt(self.connection.tick)
+        self.bench.poll()
+        for message in self.snapshot.messages:
+            if message.number > self._last_message:
+                self._last_message = message.number
+                self.notices.say(LEVELS.get(message.level, Level.WARNING), message.cause, message.remedy)
+        return self.snapshot
+
+    def vent(self) -> None:
+        """Vent now, whatever else goes on."""
+        self.session.vent()
+
+    def ask_connect(self) -> None:
+        """Show the ways to connect."""
+        self.request("connect")
+
+    def show_unit(self) -> None:
+        """Show the unit and its calibrations."""
+        self.request("unit")
+
+    def unit_text(self, snapshot: SessionSnapshot) -> str:
+        """Return unit and calibration in a line."""
+        return snapshot.unit or self.connection.unit
+
+    def picture_time(self, time_us: int) -> float | None:
+        """Return the ring's time of an instant of board time, or None where the ring no longer holds it."""
+        last, now = self.snapshot.last, self.live.now_s()
+        if last is None or math.isnan(now):
+            return None
+        return now - (last.time_s - time_us * 1e-6)
+
+    def title(self) -> str:
+        """Return the window's title; a simulated board is said there too."""
+        parts = ["boat-daq"]
+        if self.snapshot.simulated:
+            parts.append("SIMULATED")
+        if self.snapshot.recording is not None:
+            parts.append(self.snapshot.recording.name)
+        return " \u2013 ".join(parts)
+
+    def start_virtual_board(self, unit: str = "SA1", speed: float = 1.0) -> None:
+        """Start a virtual board and connect to it."""
+        self.notices.attempt(lambda: self.connection.start_virtual_board(unit, speed))
+
+    def disconnect(self) -> None:
+        """Vent and close the link."""
+        self.notices.attempt(self.connection.disconnect)
+
+    def connected(self) -> bool:
+        """Whether data come."""
+        return self.snapshot.link is LinkState.UP
+
+    def press(self, button: str) -> None:
+        """Press a button of the sequence; a start records first, so that no run is ever lost."""
+
+        def deed() -> None:
+            if button == "start" and self.snapshot.recording is None:
+                self.record()
+            self.sequence.press(button)
+
+        self.notices.attempt(deed)
+
+    def set_pressure(self, target: str, ramp: str) -> None:
+        """Command a pressure by hand, as typed."""
+
+        def deed() -> None:
+            try:
+                self.sequence.set_pressure(target, ramp)
+            except ValueError:
+                raise OperatorError(
+                    f"{target!r} kPa at {ramp!r} kPa/s are not two numbers", "Type e.g. 20 and 5."
+                ) from None
+
+        self.notices.attempt(deed)
+
+    def can_read_simulated(self) -> bool:
+        """Whether there is a simulated grid to read."""
+        return self.connection.simulated_mm() is not None
+
+    def read_simulated(self, step_id: int) -> None:
+        """Read the simulated unit's grid as an eye would: to the nearest half millimetre of its division."""
+        x = self.connection.simulated_mm()
+        if x is not None:
+            self.notices.attempt(lambda: self.readings.put(step_id, x, "simulated"))
+
+    def record(self) -> Path:
+        """Start a recording under a name of unit and time; returns its path.
+
+        Raises
+        ------
+        BoatDaqError : the folder cannot be written, or nothing is connected.
+        """
+        self.recordings.mkdir(parents=True, exist_ok=True)
+        stamp = datetime.now(UTC).astimezone().strftime("%Y-%m-%d_%H%M%S")
+        path = self.recordings / f"{self.connection.unit}_{stamp}.boat"
+        self.session.start_recording(path, {"unit": self.connection.unit, "operator": self.readings.reader})
+        return path
+
+    def toggle_recording(self) -> None:
+        """Start a recording, or close the one that runs."""
+        if self.snapshot.recording is None:
+            self.notices.attempt(self.record, done="Recording")
+        elif self.snapshot.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
+            self.notices.say(
+                Level.WARNING, "a sequence runs", "Stop the sequence first; its recording goes on until then."
+            )
+        else:
+            self.notices.attempt(self.session.stop_recording, done="Recording closed")
+
+    def mark(self, note: str) -> None:
+        """Put a marker with a note at the newest sample."""
+        now = self.live.now_s()
+        if self.notices.attempt(lambda: self.session.mark(note)) and not math.isnan(now):
+            self.live.markers.append(Marker(now, note))
+
+    def close(self) -> None:
+        """Vent, close the recording and the link, end the work under way."""
+        self.bench.close()
+        self.session.close()
+        self.connection.close()

@@ -1,0 +1,330 @@
+"""What the live page shows: the last seconds of every signal, thinned to extremes, with cursors, markers and figures.
+
+Rules: drawing never touches more points than the screen has columns for, whatever the length of the run (the ring keeps
+a min-max pyramid, so no spike is lost). Pausing stops the picture, never the data. Vertical ranges are asked for at a
+few hertz. Elongation is shown only while a calibration is loaded, and only inside its range.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.engine.session import SessionSnapshot
+from boat_daq.viewmodels.axis import SteadyRange, extremes
+from boat_daq.viewmodels.formatting import NOTHING, number
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Array]
+
+WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
+HEADLINE_S = 0.2  # a figure is the mean of so much signal, so that it can be read
+MAX_POINTS = 2400  # of one curve in one frame
+RANGE_EVERY_S = 0.25
+PIXELS_A_FRAME = 0.5  # a picture that has moved by less need not be drawn
+FASTEST_MS, CALM_MS, REST_MS = 16, 33, 250
+
+
+class Ring(Protocol):
+    """The part of the engine's ring buffer that a page needs."""
+
+    def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, Array]:
+        """Return copies of the columns."""
+
+    def draw(
+        self, from_s: float | None = None, to_s: float | None = None, *, max_points: int = 4000
+    ) -> dict[str, Array]:
+        """Return the columns of a span, thinned to extremes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Elongation:
+    """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range."""
+
+    mm: Array
+    expanded_mm: Array
+    disagree: NDArray[np.bool_]
+
+    def band(self, time_s: Array) -> tuple[Array, Array, Array]:
+        """Return times, lower and upper edge where the elongation is known."""
+        keep = np.isfinite(self.mm)
+        return time_s[keep], (self.mm - self.expanded_mm)[keep], (self.mm + self.expanded_mm)[keep]
+
+
+Inverse = Callable[[Array], Elongation]  # [n, sensors] mV -> elongation
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture: the horizontal range and the columns in it."""
+
+    low_s: float
+    high_s: float
+    columns: Columns
+    elongation: Elongation | None
+    sensors: int
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """The large figures, as text."""
+
+    signals: tuple[str, ...]
+    pressure: str
+    target: str
+    elongation: str
+    band: str
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Statistics of one column between the cursors."""
+
+    name: str
+    unit: str
+    decimals: int
+    mean: float
+    sd: float
+    low: float
+    high: float
+    slope_per_s: float
+    snr_db: float
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Return the row as text, in the order of `HEADINGS`."""
+        d = self.decimals
+        return (
+            f"{self.name} ({self.unit})", number(self.mean, d), number(self.sd, d + 1), number(self.low, d),
+            number(self.high, d), number(self.slope_per_s, d + 1, sign=True), f"{number(self.snr_db, 1)} dB",
+        )  # fmt: skip
+
+
+HEADINGS = ("", "mean", "sd", "min", "max", "slope per s", "SNR (mean / sd)")
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """A note at an instant of the picture's time."""
+
+    time_s: float
+    note: str
+
+
+def sensor_names(columns: Columns) -> list[str]:
+    """Return the names of the signal columns, in order of their sensor."""
+    return sorted(name for name in columns if name.startswith("s") and name.endswith("_mv"))
+
+
+def signals(columns: Columns) -> Array:
+    """Return the signals side by side, [n, sensors] mV."""
+    return np.column_stack([columns[name] for name in sensor_names(columns)])
+
+
+@dataclass(slots=True)
+class LiveModel:
+    """State of the live page.
+
+    Parameters
+    ----------
+    ring : gives the ring of the moment; None before the first connection.
+    """
+
+    ring: Callable[[], Ring | None]
+    inverse: Inverse | None = None
+    window_s: float = 60.0
+    together: bool = False  # both signals on one axis
+    cursor_a: float | None = None
+    cursor_b: float | None = None
+    markers: list[Marker] = field(default_factory=list)
+    _frozen: tuple[float, float] | None = None
+    _ranges: dict[str, SteadyRange] = field(default_factory=dict)
+    _ranged_at: float = -math.inf
+
+    @property
+    def following(self) -> bool:
+        """Whether the picture moves with the data."""
+        return self._frozen is None
+
+    def has_data(self) -> bool:
+        """Whether a sample has come."""
+        return not math.isnan(self.now_s())
+
+    def now_s(self) -> float:
+        """Return the picture's time of the newest sample; NaN without one."""
+        ring = self.ring()
+        newest = ring.view(last=1)["time_s"] if ring is not None else np.zeros(0)
+        return float(newest[-1]) if newest.size else math.nan
+
+    def set_window(self, seconds: float) -> None:
+        """Show so many seconds (inf: all there is), following again."""
+        self.window_s = seconds
+        self._frozen = None
+
+    def look_at(self, low_s: float, high_s: float) -> None:
+        """Show a fixed span, as when the mouse moved the picture."""
+        self._frozen = (low_s, high_s)
+
+    def pause(self) -> None:
+        """Hold the picture; data go on."""
+        self._frozen = self.span_s()
+
+    def follow(self) -> None:
+        """Move with the data again."""
+        self._frozen = None
+
+    def zoom(self, factor: float) -> None:
+        """Show `factor` times the present length, about the right edge while following, else about the middle."""
+        low, high = self.span_s()
+        if self._frozen is None:
+            self.window_s = max(1.0, (high - low) * factor)
+        else:
+            middle, half = (low + high) / 2, (high - low) * factor / 2
+            self._frozen = (middle - half, middle + half)
+
+    def span_s(self) -> tuple[float, float]:
+        """Return the horizontal range to show."""
+        if self._frozen is not None:
+            return self._frozen
+        now = self.now_s()
+        if math.isnan(now):
+            return 0.0, min(self.window_s, 60.0)
+        if math.isinf(self.window_s):
+            ring = self.ring()
+            first = float(ring.draw(max_points=4)["time_s"][0]) if ring is not None else 0.0
+            return first, max(now, first + 1.0)
+        return now - self.window_s, now
+
+    def frame(self, width: int) -> Frame | None:
+        """Return what to draw on `width` pixels; None before the first sample."""
+        ring = self.ring()
+        low, high = self.span_s()
+        if ring is None:
+            return None
+        columns = ring.draw(low, high, max_points=min(MAX_POINTS, max(200, 2 * width)))
+        if not columns["time_s"].size:
+            return None
+        elongation = self.inverse(signals(columns)) if self.inverse is not None else None
+        return Frame(low, high, columns, elongation, len(sensor_names(columns)))
+
+    def frame_interval_ms(self, width: int, *, connected: bool) -> int:
+        """Return how long the picture may wait: no frame is paid for that could not be seen."""
+        if not connected:
+            return REST_MS
+        low, high = self.span_s()
+        moves_ms = 1000 * PIXELS_A_FRAME * (high - low) / max(width, 1)
+        return int(min(CALM_MS, max(FASTEST_MS, moves_ms)))
+
+    def ranges(self, frame: Frame, now_s: float) -> dict[str, tuple[float, float]] | None:
+        """Return the vertical ranges, or None where it is too soon to look again."""
+        if now_s - self._ranged_at < RANGE_EVERY_S:
+            return None
+        self._ranged_at = now_s
+        columns = frame.columns
+        wanted = {name: extremes(columns[name]) for name in sensor_names(columns)}
+        wanted["pressure_kpa"] = extremes(columns["pressure_kpa"], columns["target_kpa"])
+        if frame.elongation is not None:
+            wanted["elongation_mm"] = extremes(frame.elongation.mm)
+        if self.together:
+            low, high = extremes(*(columns[name] for name in sensor_names(columns)))
+            wanted |= dict.fromkeys(sensor_names(columns), (low, high))
+        smallest = {"pressure_kpa": 10.0, "elongation_mm": 1.0}
+        for name in wanted:
+            self._ranges.setdefault(name, SteadyRange(smallest=smallest.get(name, 10.0)))
+        return {name: self._ranges[name].update(low, high, now_s) for name, (low, high) in wanted.items()}
+
+    def headline(self, snapshot: SessionSnapshot, sensors: int = 2) -> Headline:
+        """Return the large figures: means of the last moment, or dashes."""
+        ring = self.ring()
+        last = snapshot.last
+        if ring is None or last is None:
+            return Headline((NOTHING,) * sensors, NOTHING, NOTHING, NOTHING, "")
+        rate = snapshot.health.rate_hz if snapshot.health is not None else None
+        recent = ring.view(last=max(1, round(HEADLINE_S * (rate or 100.0))))
+        means = np.array([[recent[name].mean() for name in sensor_names(recent)]])
+        mm, band = self._elongation_text(means)
+        return Headline(
+            tuple(number(value, 1) for value in means[0]),
+            number(float(np.mean(recent["pressure_kpa"])), 1, sign=True),
+            number(last.target_kpa, 1, sign=True),
+            mm,
+            band,
+        )
+
+    def _elongation_text(self, means: Array) -> tuple[str, str]:
+        if self.inverse is None:
+            return NOTHING, ""
+        found = self.inverse(means)
+        if not math.isfinite(found.mm[0]):
+            return NOTHING, "outside the calibrated range"
+        band = f"\u00b1{number(float(found.expanded_mm[0]), 2)} (k = 2)"
+        return number(float(found.mm[0]), 2, sign=True), band + ("  sensors disagree" if found.disagree[0] else "")
+
+    def place(self, which: str) -> float:
+        """Return where a new cursor stands: a third or two thirds into the picture."""
+        low, high = self.span_s()
+        return low + (high - low) * (1 / 3 if which == "a" else 2 / 3)
+
+    def put_cursor(self, which: str, time_s: float | None) -> None:
+        """Put cursor "a" or "b" at an instant; None takes it away."""
+        if which == "a":
+            self.cursor_a = time_s
+        else:
+            self.cursor_b = time_s
+
+    def difference(self) -> str:
+        """Return the time between the cursors in words; empty without two."""
+        if self.cursor_a is None or self.cursor_b is None:
+            return ""
+        return f"B \u2212 A = {number(self.cursor_b - self.cursor_a, 3, sign=True)} s"
+
+    def statistics(self) -> list[Span]:
+        """Return the statistics of every column between the two cursors; empty without two."""
+        ring = self.ring()
+        if ring is None or self.cursor_a is None or self.cursor_b is None:
+            return []
+        low, high = sorted((self.cursor_a, self.cursor_b))
+        columns = ring.view(low)
+        inside = columns["time_s"] <= high
+        time_s = columns["time_s"][inside]
+        if time_s.size < 2:
+            return []
+        result = [
+            _span(f"Sensor {name[1:-3]}", "mV", 1, time_s, columns[name][inside]) for name in sensor_names(columns)
+        ]
+        if self.inverse is not None:
+            mm = self.inverse(signals({k: v[inside] for k, v in columns.items()})).mm
+            result.append(_span("Elongation", "mm", 3, time_s, mm))
+        result.append(_span("Pressure", "kPa", 2, time_s, columns["pressure_kpa"][inside]))
+        return result
+
+    def table(self, frame: Frame | None) -> dict[str, Array]:
+        """Return every sample of the span shown, for a CSV, undecimated."""
+        ring = self.ring()
+        if ring is None or frame is None:
+            return {}
+        columns = ring.view(frame.low_s)
+        inside = columns["time_s"] <= frame.high_s
+        result = {name: values[inside] for name, values in columns.items()}
+        if self.inverse is not None:
+            found = self.inverse(signals(result))
+            result |= {"elongation_mm": found.mm, "elongation_expanded_mm": found.expanded_mm}
+        return result
+
+
+def _span(name: str, unit: str, decimals: int, time_s: Array, values: Array) -> Span:
+    """Return the statistics of one column; SNR is its mean over its sd, as the cursors see it."""
+    keep = np.isfinite(values)
+    x, y = time_s[keep] - time_s[0], values[keep]
+    if y.size < 2:
+        return Span(name, unit, decimals, *([math.nan] * 6))
+    sd, mean = float(y.std(ddof=1)), float(y.mean())
+    centred = x - x.mean()
+    slope = float(centred @ (y - mean) / (centred @ centred)) if centred.any() else math.nan
+    snr = 20 * math.log10(abs(mean) / sd) if sd > 0 and mean else math.inf
+    return Span(name, unit, decimals, mean, sd, float(y.min()), float(y.max()), slope, snr)

@@ -1,0 +1,282 @@
+"""The sequence: a plan in a form, its staircase as a picture, and the buttons a run allows at each instant.
+
+Rules: a plan is checked as it is typed, by the plan's own rules; what is refused says which field and why. Which button
+may be pressed is one table over the session's states.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
+from boat_daq.engine.session import Limits, Phase, Session, SessionSnapshot, SessionState
+from boat_daq.errors import BoatDaqError
+from boat_daq.viewmodels.changes import Change, Changes
+from boat_daq.viewmodels.formatting import duration, number, plain_number, target
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One field of the plan's form."""
+
+    key: str
+    label: str
+    unit: str
+    help: str
+    whole: bool = False
+
+
+ENTRIES = (
+    Entry(
+        "cycles", "Cycles", "", "Complete cycles, each from the highest pressure to the lowest and back.", whole=True
+    ),
+    Entry("high_kpa", "Highest", "kPa", "Where every cycle begins and ends."),
+    Entry("low_kpa", "Lowest", "kPa", "Where every cycle turns."),
+    Entry("step_kpa", "Step", "kPa", "Distance between the plateaus of a staircase."),
+    Entry("ramp_kpa_per_s", "Ramp", "kPa/s", "How fast the pressure changes on its way to a target."),
+    Entry("min_dwell_s", "Shortest hold", "s", "A plateau is held at least so long."),
+    Entry("max_dwell_s", "Longest hold", "s", "A plateau that is not steady by then is marked."),
+    Entry("tolerance_kpa", "Tolerance", "kPa", "The pressure has arrived while it is this close to its target."),
+    Entry("settling_s", "Settling", "s", "Left out of a plateau's mean after the arrival."),
+)
+
+S = SessionState
+BUTTONS = {
+    S.IDLE: ("arm",),
+    S.ARMED: ("start", "disarm"),
+    S.RUNNING: ("pause", "stop"),
+    S.PAUSED: ("resume", "stop"),
+    S.FINISHING: (),
+    S.ABORTED: ("arm",),
+    S.FAULT: ("clear",),
+}
+STATE_WORDS = {
+    S.IDLE: ("\u25cb", "Idle"),
+    S.ARMED: ("\u25d4", "Armed"),
+    S.RUNNING: ("\u25b6", "Running"),
+    S.PAUSED: ("\u2016", "Paused, vented"),
+    S.FINISHING: ("\u25d1", "Finishing"),
+    S.ABORTED: ("\u25a0", "Stopped before its end"),
+    S.FAULT: ("\u25a0", "Fault, vented"),
+}
+BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loading", "end": "end"}
+
+
+@dataclass(frozen=True, slots=True)
+class Staircase:
+    """The plan as a picture: pressure over estimated time, and where each step begins."""
+
+    time_s: Array
+    pressure_kpa: Array
+    step_starts_s: Array
+
+
+def staircase(plan: Plan) -> Staircase:
+    """Return the plan's picture by the plan's own estimate of each step."""
+    time_s, pressure, starts = [0.0], [0.0], []
+    for step in plan.steps:
+        begin, before = time_s[-1], pressure[-1]
+        whole = plan.step_duration_s(before, step.target_kpa)
+        ramp = min(abs(step.target_kpa - before) / plan.ramp_kpa_per_s, whole)
+        starts.append(begin)
+        time_s += [begin + ramp, begin + whole]
+        pressure += [step.target_kpa, step.target_kpa]
+    return Staircase(np.array(time_s), np.array(pressure), np.array(starts))
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A staircase in the unit square, y upwards: line, done part as a polygon, limits and zero as heights."""
+
+    line: tuple[tuple[float, float], ...]
+    done: tuple[tuple[float, float], ...]
+    limits: tuple[float, ...]
+    zero: float
+
+
+def drawing(picture: Staircase, done_to_s: float, limits_kpa: tuple[float, float] | None) -> Drawing:
+    """Return `picture` in the unit square, its first `done_to_s` seconds as a polygon that ends with "now"."""
+    edges = [*limits_kpa] if limits_kpa else []
+    low = min(float(picture.pressure_kpa.min()), 0.0, *edges) - 4
+    high = max(float(picture.pressure_kpa.max()), 0.0, *edges) + 4
+    end = float(picture.time_s[-1]) or 1.0
+
+    def height(kpa: float) -> float:
+        return (kpa - low) / (high - low)
+
+    line = tuple((float(t) / end, float(height(p))) for t, p in zip(picture.time_s, picture.pressure_kpa, strict=True))
+    zero = float(height(0.0))
+    done: tuple[tuple[float, float], ...] = ()
+    if done_to_s > 0:
+        x = done_to_s / end
+        at = float(height(np.interp(done_to_s, picture.time_s, picture.pressure_kpa)))
+        done = ((0.0, zero), *(point for point in line if point[0] < x), (x, at), (x, zero))
+    return Drawing(line, done, tuple(height(v) for v in edges), zero)
+
+
+class SequenceModel:
+    """The plan on the bench and the run that goes.
+
+    Parameters
+    ----------
+    session : the one door to the board.
+    changes : where an edit of the plan is kept for undo.
+    """
+
+    def __init__(self, session: Session, changes: Changes) -> None:
+        self.session = session
+        self._changes = changes
+        self.plans = built_in_plans()
+        self.plan = self.plans["calibration"]
+        self.wait_for_reading = True
+        self.revision = 0
+        self._picture: tuple[Plan, Staircase] | None = None
+
+    @property
+    def estimate(self) -> str:
+        """Return the plan in a line: cycles, plateaus, time."""
+        plateaus = sum(step.plateau for step in self.plan.steps)
+        words = f"{plateaus} plateaus, " if plateaus else ""
+        return f"{words}about {duration(self.plan.duration_s)}" + (
+            " and the readings" if self.wait_for_reading and plateaus else ""
+        )
+
+    def drawing(self, snapshot: SessionSnapshot) -> Drawing:
+        """Return the staircase with limits and the done part of the run."""
+        limits = snapshot.limits
+        plan = snapshot.plan if snapshot.plan is not None else self.plan
+        if self._picture is None or self._picture[0] is not plan:
+            self._picture = (plan, staircase(plan))
+        picture = self._picture[1]
+        return drawing(picture, done_s(picture, snapshot), (limits.min_kpa, limits.max_kpa) if limits else None)
+
+    def choose(self, name: str) -> None:
+        """Take one of the plans by name."""
+        self._replace(self.plans[name], f"choice of plan {name}")
+
+    def open(self, path: Path) -> None:
+        """Take a plan from a TOML file.
+
+        Raises
+        ------
+        OperatorError : it is refused, by key.
+        """
+        plan = plan_from_toml(path.read_text(encoding="utf-8"), path.name)
+        self.plans[plan.name] = plan
+        self._replace(plan, f"choice of plan {plan.name}")
+
+    def save(self, path: Path) -> None:
+        """Write the plan as TOML."""
+        path.write_text(self.plan.to_toml(), encoding="utf-8")
+
+    def edit(self, key: str, text: str) -> str:
+        """Set one field from what was typed; return why it was refused, or an empty string."""
+        entry = next(e for e in ENTRIES if e.key == key)
+        try:
+            value = plain_number(text)
+        except ValueError:
+            return f"{entry.label}: {text!r} is not a number"
+        if entry.whole and value != int(value):
+            return f"{entry.label}: a whole number is needed"
+        if value == getattr(self.plan, key):
+            return ""
+        try:
+            changed: dict[str, Any] = {key: int(value) if entry.whole else value}
+            plan = dataclasses.replace(self.plan, **changed)
+        except BoatDaqError as error:
+            return f"{error.cause}. {error.remedy}".strip()
+        self._replace(plan, f"{entry.label} of the plan")
+        return ""
+
+    def value(self, key: str) -> str:
+        """Return a field as text."""
+        value = getattr(self.plan, key)
+        return f"{value:g}".replace("-", "\u2212")
+
+    def _replace(self, plan: Plan, text: str) -> None:
+        before = self.plan
+        self._changes.push(Change(text, lambda: self._take(plan), lambda: self._take(before)))
+
+    def _take(self, plan: Plan) -> None:
+        self.plan = plan
+        self.revision += 1
+
+    def allowed(self, snapshot: SessionSnapshot) -> tuple[str, ...]:
+        """Return the buttons that may be pressed."""
+        return BUTTONS[snapshot.state] if snapshot.can_command else ()
+
+    def press(self, button: str) -> None:
+        """Press a button of `BUTTONS`.
+
+        Raises
+        ------
+        BoatDaqError : what stands in the way.
+        """
+        if button == "arm":
+            self.session.arm(self.plan, wait_for_reading=self.wait_for_reading and self.plan.kind == "staircase")
+        else:
+            deeds = {
+                "start": self.session.start, "disarm": self.session.disarm, "pause": self.session.pause,
+                "resume": self.session.resume, "stop": self.session.stop, "clear": self.session.clear_fault,
+            }  # fmt: skip
+            deeds[button]()
+
+    def set_pressure(self, text: str, ramp: str) -> None:
+        """Command a pressure by hand.
+
+        Raises
+        ------
+        BoatDaqError : outside limits, or something stands in the way.
+        ValueError : not a number.
+        """
+        self.session.set_pressure(plain_number(text), plain_number(ramp))
+
+
+def state_text(snapshot: SessionSnapshot) -> str:
+    """Return the run's state with its shape, e.g. `Running`."""
+    shape, word = STATE_WORDS[snapshot.state]
+    return f"{shape} {word}"
+
+
+def progress_text(snapshot: SessionSnapshot) -> str:
+    """Return cycle, step and time left in a line."""
+    progress = snapshot.progress
+    if progress is None:
+        return ""
+    where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"
+    left = f"{duration(progress.time_left_s)} left"
+    step = f"step {progress.step} of {progress.steps}"
+    return f"{where}   {step}   {_phase(progress.phase)} at {target(progress.target_kpa)}   {left}"
+
+
+def _phase(phase: Phase) -> str:
+    return {Phase.RAMPING: "ramping", Phase.WAITING_FOR_READING: "waiting for the reading"}.get(phase, str(phase.value))
+
+
+def done_s(picture: Staircase, snapshot: SessionSnapshot) -> float:
+    """Return how far the run is on the picture's own time."""
+    progress = snapshot.progress
+    if progress is None or not progress.step:
+        return 0.0
+    i = min(progress.step, picture.step_starts_s.size) - 1
+    end = picture.step_starts_s[i + 1] if i + 1 < picture.step_starts_s.size else picture.time_s[-1]
+    return float(min(picture.step_starts_s[i] + progress.step_time_s, end))
+
+
+def limits_text(limits: Limits | None) -> str:
+    """Return the limits in force and whose they are."""
+    if limits is None:
+        return ""
+    low, high = number(limits.min_kpa, 0, sign=True), number(limits.max_kpa, 0, sign=True)
+    whose = (
+        limits.min_source if limits.min_source == limits.max_source else f"{limits.min_source} and {limits.max_source}"
+    )
+    return f"limits {low} to {high} kPa, of the {whose}"

@@ -1,0 +1,44 @@
+"""What a plot holds, as a CSV file that a spreadsheet opens without harm.
+
+Columns may differ in length; text cells that a spreadsheet would run as a formula are neutralised, numbers untouched.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+
+
+def cell(value: Any) -> str:
+    """Return `value` as a CSV cell: numbers at full precision, text that begins like a formula behind an apostrophe."""
+    if isinstance(value, str):
+        return f"'{value}" if value.startswith(FORMULA_STARTS) else value
+    if value is None or value != value:
+        return ""
+    return repr(float(value)) if isinstance(value, float) or hasattr(value, "dtype") else str(value)
+
+
+def csv_text(columns: Mapping[str, Sequence[Any]]) -> str:
+    """Return `columns` (name -> values) as CSV; shorter columns end in empty cells."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([cell(name) for name in columns])
+    length = max((len(values) for values in columns.values()), default=0)
+    for i in range(length):
+        writer.writerow([cell(values[i]) if i < len(values) else "" for values in columns.values()])
+    return out.getvalue()
+
+
+def save_csv(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
+    """Write `columns` to `path`.
+
+    Raises
+    ------
+    OSError : the path cannot be written.
+    """
+    path.write_text(csv_text(columns), encoding="utf-8", newline="")

@@ -44,6 +44,7 @@ from protocol.messages import (
     Vent,
 )
 from protocol.recording import BoardState, SampleFlag, sample_dtype
+from protocol.text_profile import TextConnection, TextProfile, load_profile
 
 __all__ = [
     "AckStatus",
@@ -77,9 +78,12 @@ __all__ = [
     "SetPressure",
     "Start",
     "Stop",
+    "TextConnection",
+    "TextProfile",
     "Vent",
     "WrongProtocol",
     "decode_chunks",
     "decode_samples",
+    "load_profile",
     "sample_dtype",
 ]

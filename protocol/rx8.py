@@ -1,0 +1,146 @@
+"""Packets of the PSoC 'Bridge Control Panel': its RX8 format string, and the reader it describes.
+
+    RX8 [h=43] @1S1 @0S1 @1S2 @0S2 [t=00]
+
+`[h=...]` are the header's bytes in hexadecimal, `[t=...]` the tail's, either may be missing but not both; between them
+one mark a byte: `@nNAME` is byte n of variable NAME, 0 the lowest, and `x` a byte to skip. A variable may have 1 to 4
+bytes in any order, all of them once. Letters' case matters in names only.
+
+The packets carry no checksum. What can be checked is checked: a packet counts when its header and tail fit and, where
+the stream is not yet in step or the format has no tail, when the next packet's header (and tail, if it has one)
+fits behind it. After a misfit the search goes on one byte behind the failed start, never behind the whole packet:
+a header byte among the data costs nothing then.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from protocol.errors import ProfileError
+
+_FORMAT = re.compile(
+    r"\s*rx8\s+(?:\[h=(?P<head>[^\]]*)\])?(?P<body>[^\[\]]*)(?:\[t=(?P<tail>[^\]]*)\])?\s*", re.IGNORECASE
+)
+_MARK = re.compile(r"@(\d)([A-Za-z_]\w*)")
+_PACKET_MAX = 200  # bytes
+
+
+@dataclass(frozen=True, slots=True)
+class PacketFormat:
+    """A parsed format string; `variables` are (name, offsets of its bytes, lowest first)."""
+
+    head: bytes
+    tail: bytes
+    length: int
+    variables: tuple[tuple[str, tuple[int, ...]], ...]
+
+
+def parse_format(text: str) -> PacketFormat:
+    """Return what an RX8 format string says.
+
+    Raises
+    ------
+    ProfileError : not such a string; no header and no tail; a byte of a variable missing or given twice.
+    """
+    match = _FORMAT.fullmatch(text)
+    if match is None:
+        raise ProfileError(
+            f"rx8.format is not an RX8 format: {text!r}", "write it like RX8 [h=43] @1S1 @0S1 @1S2 @0S2 [t=00]"
+        )
+    head, tail = _hex("h", match["head"]), _hex("t", match["tail"])
+    if not head + tail:
+        raise ProfileError("rx8.format has neither a header nor a tail", "packets without either cannot be found")
+    places: dict[str, dict[int, int]] = {}
+    marks = match["body"].split()
+    for offset, mark in enumerate(marks, len(head)):
+        if mark in ("x", "X"):
+            continue
+        byte = _MARK.fullmatch(mark)
+        if byte is None:
+            raise ProfileError(f"rx8.format has the unknown mark {mark!r}", "marks are @nNAME and x")
+        if places.setdefault(byte[2], {}).setdefault(int(byte[1]), offset) != offset:
+            raise ProfileError(f"rx8.format gives {mark} twice", "give each byte of a variable once")
+    for name, bytes_ in places.items():
+        if sorted(bytes_) != list(range(len(bytes_))) or len(bytes_) > 4:
+            raise ProfileError(
+                f"rx8.format leaves out a byte of {name}", f"a variable has the bytes @0{name}, @1{name} up to @3{name}"
+            )
+    length = len(head) + len(marks) + len(tail)
+    if not places or length > _PACKET_MAX:
+        raise ProfileError("rx8.format has no variable, or more than 200 bytes", "")
+    variables = tuple((name, tuple(bytes_[n] for n in sorted(bytes_))) for name, bytes_ in places.items())
+    return PacketFormat(head, tail, length, variables)
+
+
+def _hex(which: str, text: str | None) -> bytes:
+    try:
+        return bytes.fromhex(text or "")
+    except ValueError:
+        raise ProfileError(f"rx8.format: [{which}={text}] is not hexadecimal", "write bytes like 43 or 0D 0A") from None
+
+
+class PacketReader:
+    """Bytes in, rows of numbers out, one for each packet.
+
+    Parameters
+    ----------
+    format_ : the packet; a row has its variables in their order.
+    signed : whether each is signed.
+    """
+
+    def __init__(self, format_: PacketFormat, signed: tuple[bool, ...]) -> None:
+        self._format = format_
+        self._columns = [(places, is_signed) for (_, places), is_signed in zip(format_.variables, signed, strict=True)]
+        self._rest = b""
+        self._in_step = False
+        self._searching = False
+        self.frames = 0
+        self.malformed = 0  # stretches of bytes that were no packet
+        self.crc_errors = self.oversize = 0  # a packet has no checksum, and one length
+
+    def state(self) -> dict[str, Any]:
+        """Return what is remembered of the bytes so far, without the counters, ready for JSON."""
+        return {"rest": self._rest.hex(), "in_step": self._in_step, "searching": self._searching}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on where another reader's `state` was taken."""
+        self._rest = bytes.fromhex(state["rest"])
+        self._in_step, self._searching = bool(state["in_step"]), bool(state["searching"])
+
+    def receive(self, data: bytes) -> list[list[float]]:
+        """Return the values of the packets that `data` completes."""
+        data = self._rest + data
+        format_, at, rows = self._format, 0, []
+        while True:
+            confirm = self._confirming_bytes()
+            if len(data) - at < format_.length + confirm:
+                break
+            behind = at + format_.length
+            if self._fits(data[at:behind]) and (not confirm or self._fits(data[behind : behind + confirm])):
+                rows.append([float(self._value(data, at, *column)) for column in self._columns])
+                self._in_step, self._searching = True, False
+                at = behind
+                continue
+            self.malformed += not self._searching
+            self._in_step, self._searching = False, True
+            at += 1
+        self._rest = data[at:]
+        self.frames += len(rows)
+        return rows
+
+    def _confirming_bytes(self) -> int:
+        """Return how many bytes of the next packet must be there to believe this one."""
+        if not self._in_step:
+            return self._format.length
+        return 0 if self._format.tail else len(self._format.head)
+
+    def _fits(self, packet: bytes) -> bool:
+        """Return whether a packet, or its first bytes, has the header and tail."""
+        whole = len(packet) == self._format.length
+        return packet.startswith(self._format.head) and (not whole or packet.endswith(self._format.tail))
+
+    @staticmethod
+    def _value(data: bytes, at: int, offsets: tuple[int, ...], signed: bool) -> int:
+        return int.from_bytes(bytes(data[at + offset] for offset in offsets), "little", signed=signed)

@@ -1,0 +1,240 @@
+"""Ports: bytes unchanged, and every failure one kind of error with a reason and a remedy."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import pty
+import socket
+import termios
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import serial
+
+from boat_daq.engine.replay import ReplayEnded
+from boat_daq.engine.transports import SerialTransport, list_ports, open_error, open_transport
+from boat_daq.errors import DeviceError
+from protocol.recording import open_recording
+from protocol.virtual_board import VirtualBoard
+from tests.boat_daq.board_link import record_run
+
+EVERY_BYTE = bytes(range(256)) * 4
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[io.FileIO, str]]:
+    """A pseudo-terminal's master and the name of its slave."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    name = os.ttyname(slave)
+    os.close(slave)
+    with os.fdopen(master, "r+b", buffering=0) as file:
+        yield file, name
+
+
+def read_all(transport, n: int, timeout_s: float = 2.0) -> bytes:
+    data, end = b"", time.monotonic() + timeout_s
+    while len(data) < n and time.monotonic() < end:
+        data += transport.read()
+    return data
+
+
+def test_a_pseudo_terminal_carries_every_byte_both_ways(terminal):
+    """NUL, ETX and newlines arrive as they were sent, in both directions."""
+    master, name = terminal
+    port = open_transport(name)
+    master.write(EVERY_BYTE)
+    assert read_all(port, len(EVERY_BYTE)) == EVERY_BYTE
+    port.write(EVERY_BYTE)
+    assert master.read(4096) == EVERY_BYTE
+    port.close()
+
+
+def test_a_read_without_data_returns_soon_and_empty(terminal):
+    """A stop flag is seen in time: 50 ms, not for ever and not at once."""
+    port = open_transport(terminal[1])
+    began = time.monotonic()
+    assert port.read() == b""
+    assert 0.02 < time.monotonic() - began < 0.5
+    port.close()
+
+
+def test_a_second_opener_is_told_that_the_port_is_in_use(terminal):
+    """Two programs on one port would steal each other's bytes."""
+    port = open_transport(terminal[1])
+    with pytest.raises(DeviceError, match="in use") as refusal:
+        open_transport(terminal[1])
+    assert refusal.value.remedy
+    port.close()
+
+
+def test_a_missing_port_names_those_present():
+    """The remedy of a wrong name is the list of right ones."""
+    with pytest.raises(DeviceError, match="no port /dev/ttyNOWHERE") as refusal:
+        open_transport("/dev/ttyNOWHERE")
+    present = [port.port for port in list_ports()]
+    assert refusal.value.remedy == f"Ports present: {', '.join(present) or 'none'}"
+
+
+def test_a_file_is_not_a_port(tmp_path):
+    """What opens but is no terminal is refused by what it is."""
+    file = tmp_path / "file"
+    file.write_bytes(b"x")
+    with pytest.raises(DeviceError, match="is not a serial port"):
+        open_transport(str(file))
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (serial.SerialException(errno.EACCES, "could not open port x: Permission denied"), "no permission"),
+        (serial.SerialException("could not open 'COM3': PermissionError(13, 'Access is denied.')"), "no permission"),
+        (serial.SerialException(errno.EBUSY, "could not open port"), "in use"),
+        (serial.SerialException("could not open 'COM9': FileNotFoundError(2, 'cannot find it')"), "no port"),
+        (OSError(errno.EIO, "Input/output error"), "cannot be opened: Input/output error"),
+        (ValueError("Not a valid baudrate: 0"), "cannot be opened: Not a valid baudrate"),
+    ],
+)  # fmt: skip
+def test_the_reasons_a_port_does_not_open_are_told_apart(error, says):
+    """Busy, forbidden, absent: each has its own words and a remedy, whatever type pyserial raises."""
+    told = open_error("x", error)
+    assert says in told.cause
+    assert told.remedy
+
+
+def test_an_unplugged_port_is_noticed(terminal):
+    """The other end gone: an error of ours within two seconds, not a silent end of data."""
+    master, name = terminal
+    port = open_transport(name)
+    master.close()
+    began = time.monotonic()
+    with pytest.raises(DeviceError, match="is gone"):
+        read_all(port, 1)
+    assert time.monotonic() - began < 2.0
+    port.close()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(5, "I/O"), termios.error(5, "I/O"), TypeError("NoneType"), serial.SerialException("readiness to read")],
+)
+def test_every_type_that_pyserial_raises_becomes_one(terminal, monkeypatch, error):
+    """An unplug raises four types in pyserial, one of them no OSError."""
+    port = SerialTransport(terminal[1])
+
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(port._port, "read", fail)
+    monkeypatch.setattr(port._port, "write", fail)
+    with pytest.raises(DeviceError, match="is gone"):
+        port.read()
+    with pytest.raises(DeviceError, match="is gone"):
+        port.write(b"x")
+    port.close()
+
+
+def test_a_port_that_takes_nothing_does_not_hang_the_writer(terminal):
+    """A board that has stopped reading costs a quarter of a second, then an error."""
+    port = open_transport(terminal[1])
+    began = time.monotonic()
+    with pytest.raises(DeviceError, match="takes no bytes"):
+        for _ in range(100):
+            port.write(bytes(4096))
+    assert time.monotonic() - began < 3.0
+    port.close()
+
+
+def test_a_socket_carries_a_megabyte_in_few_reads():
+    """TCP is read in large pieces: pyserial's own socket:// would take a million calls."""
+    server = socket.create_server(("127.0.0.1", 0))
+    data = EVERY_BYTE * 1024
+
+    def serve():
+        connection, _ = server.accept()
+        connection.sendall(data)
+        assert connection.recv(16) == b"command"
+        connection.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    port = open_transport(f"socket://127.0.0.1:{server.getsockname()[1]}")
+    got, reads = b"", 0
+    while len(got) < len(data):
+        got += port.read()
+        reads += 1
+    assert got == data
+    assert reads < len(data) / 1000
+    port.write(b"command")
+    with pytest.raises(DeviceError, match="is gone"):
+        read_all(port, 1)
+    thread.join()
+    port.close()
+    server.close()
+
+
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("socket://192.0.2.1:7777", "not this machine"),
+        ("socket://127.0.0.1:1", "nobody answers"),
+        ("socket://localhost", "not an address"),
+        ("socket://localhost:port", "not an address"),
+    ],
+)
+def test_socket_addresses_are_checked(url, says):
+    """Nothing leaves this machine unasked, and a wrong address says so."""
+    with pytest.raises(DeviceError, match=says):
+        open_transport(url)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("replay") / "run @2 é.boat"
+    record_run(path, VirtualBoard(seed=1), 5.0)
+    return path
+
+
+def raw_of(path: Path) -> bytes:
+    db = open_recording(path)
+    raw = b"".join(row[0] for row in db.execute("SELECT raw FROM chunk WHERE direction = 0 ORDER BY id"))
+    db.close()
+    return raw
+
+
+def test_a_replay_gives_the_bytes_that_came(recording):
+    """All bytes from the board, in order, none of those sent to it; then its end, which is no data loss."""
+    port = open_transport(f"replay:{recording}@max")
+    raw = raw_of(recording)
+    assert read_all(port, len(raw)) == raw
+    with pytest.raises(ReplayEnded):
+        port.read()
+    assert not port.can_write
+    with pytest.raises(DeviceError, match="cannot be commanded"):
+        port.write(b"x")
+
+
+def test_a_replay_keeps_time(recording):
+    """At speed 2 the recording takes half as long as it took."""
+    db = open_recording(recording)
+    first, last = db.execute("SELECT min(host_ns), max(host_ns) FROM chunk WHERE direction = 0").fetchone()
+    db.close()
+    port = open_transport(f"replay:{recording}@2")
+    began = time.monotonic()
+    read_all(port, len(raw_of(recording)))
+    assert time.monotonic() - began >= (last - first) / 2e9
+
+
+@pytest.mark.parametrize(
+    ("tail", "says"), [("@0", "never moves"), ("@-1", "never moves"), ("@fast", "no speed"), ("@nan", "never moves")]
+)
+def test_a_replay_at_no_speed_is_refused(recording, tail, says):
+    """The speed is a positive number or max."""
+    with pytest.raises(DeviceError, match=says):
+        open_transport(f"replay:{recording}{tail}")

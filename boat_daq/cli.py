@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 import boat_daq
+from boat_daq.commands import board, gui, info, ports, record, recover, shadow, verify
 from boat_daq.commands.console import say
 
 app = typer.Typer(
@@ -41,9 +42,22 @@ def start(
     Without a command it opens the window. Example: boat-daq demo --headless
     """
     if context.invoked_subcommand is None:
-        from boat_daq.commands.gui import gui
+        gui.gui()
 
-        gui()
+
+COMMANDS = (
+    gui.gui,
+    ports.ports,
+    board.board,
+    record.record,
+    recover.recover,
+    verify.verify,
+    info.info,
+)
+for command in COMMANDS:
+    app.command()(command)
+for name, group in (("shadow", shadow.app),):
+    app.add_typer(group, name=name)
 
 
 class Interruption:

@@ -1,0 +1,129 @@
+"""One session without a window: connect, record, run a plan or listen, and leave with the pressure vented.
+
+Used by `record` and `demo`. The session decides and acts; this file waits, shows progress and says what happened.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from boat_daq.commands.console import progress_bar, say
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.session import Session
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
+from boat_daq.engine.summary import Summary, summarise
+
+LOOK_S = 0.1
+ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRequest:
+    """What to record, from where, into what.
+
+    Attributes
+    ----------
+    port, profile, rate_hz, unit : as `Session.connect`.
+    path : the recording to write.
+    plan : the pressure sequence; None only listens.
+    duration_s : without a plan, seconds of board time to listen; None until Ctrl-C.
+    metadata : operator, unit, note.
+    """
+
+    port: str
+    path: Path
+    plan: Plan | None = None
+    profile: str | None = None
+    rate_hz: int | None = None
+    unit: str = ""
+    duration_s: float | None = None
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+
+def run_session(request: SessionRequest, after_run: Callable[[Session], None] | None = None) -> tuple[Summary, str]:
+    """Run one session to its end; return the recording in short, and why the run failed (empty when it did not).
+
+    Parameters
+    ----------
+    after_run : called when the plan has ended and the recording is still open: the place for readings.
+
+    Raises
+    ------
+    DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails on the way is no error
+        here: the recording holds what came.
+    """
+    session = Session()
+    try:
+        session.connect(request.port, request.profile, rate_hz=request.rate_hz, unit=request.unit)
+        seen = session.wait_connected()
+        if seen.simulated:
+            say("SIMULATED: this is the virtual board")
+        session.start_recording(request.path, request.metadata)
+        try:
+            if request.plan is not None:
+                run_plan(session, request.plan)
+            else:
+                listen(session, request.duration_s)
+            if after_run is not None:
+                after_run(session)
+        finally:
+            failure = why_failed(session.snapshot(), request.plan)
+            session.stop_recording()
+    finally:
+        session.close()
+    return summarise(request.path), failure
+
+
+def run_plan(session: Session, plan: Plan) -> None:
+    """Arm and start `plan`, and wait until it has ended one way or another."""
+    session.arm(plan)
+    session.start()
+    shown = 0
+    with progress_bar(plan.name) as advance:
+        while True:
+            seen = session.snapshot()
+            shown = tell_new_messages(seen, shown)
+            if seen.progress is not None:
+                advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
+            if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
+                return
+            time.sleep(LOOK_S)
+
+
+def listen(session: Session, duration_s: float | None) -> None:
+    """Record until `duration_s` of board time, or until the port is gone."""
+    begun = session.snapshot().recorded_s
+    shown = 0
+    with progress_bar("recording") as advance:
+        while True:
+            seen = session.snapshot()
+            shown = tell_new_messages(seen, shown)
+            elapsed = seen.recorded_s - begun
+            if duration_s is not None:
+                advance(min(elapsed, duration_s), duration_s)
+                if elapsed >= duration_s:
+                    return
+            if seen.link in (LinkState.FAILED, LinkState.CLOSED):
+                return
+            time.sleep(LOOK_S)
+
+
+def tell_new_messages(seen: SessionSnapshot, shown: int) -> int:
+    """Print warnings and errors newer than number `shown`; return the newest number."""
+    for message in seen.messages:
+        if message.number > shown and message.level != "info":
+            say(f"{message.level}: {message.cause}" + (f"\n  try: {message.remedy}" if message.remedy else ""))
+    return max([shown, *(message.number for message in seen.messages)])
+
+
+def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:
+    """Return why the run did not do what was asked; empty when it did."""
+    if seen.link in (LinkState.LOST, LinkState.FAILED):
+        return seen.link_error[0] if seen.link_error else "the link was lost"
+    if plan is not None and seen.state in (SessionState.ABORTED, SessionState.FAULT):
+        return seen.latched or str(seen.state)
+    return ""

@@ -53,11 +53,10 @@ class Controller:
     Parameters
     ----------
     rate_hz : samples per second to ask for; the board's highest where that is less.
-    can_command : False for a link that only listens.
     zero_tolerance_kpa : of the pressure sensor on a vented unit.
     """
 
-    def __init__(self, *, rate_hz: int = 100, can_command: bool = True, zero_tolerance_kpa: float = 1.0) -> None:
+    def __init__(self, *, rate_hz: int = 100, zero_tolerance_kpa: float = 1.0) -> None:
         self.rate_hz = rate_hz
         self.sequencer = Sequencer()
         self.interlock = Interlock()
@@ -73,7 +72,7 @@ class Controller:
         self._watched = False  # samples came on this link
         self._last_sample_ns = 0
         self._effects: list[Effect] = []
-        self.dialogue = Dialogue(self._effects.append, can_command=can_command)
+        self.dialogue = Dialogue(self._effects.append)
 
     def take(self) -> list[Effect]:
         """Return the effects since the last call, in order."""
@@ -88,6 +87,10 @@ class Controller:
         self.dialogue.now_ns = self._last_sample_ns = now_ns
         self._watched = self.silent = False
         self.dialogue.begin()
+
+    def listen(self, mv_per_count: float) -> None:
+        """Take samples without a HELLO: a replay."""
+        self._mv_per_count, self.dialogue.identifying = mv_per_count, False
 
     def link_lost(self, cause: str) -> None:
         """The port is gone. Nothing can be sent: the board's watchdog vents."""
@@ -199,15 +202,30 @@ class Controller:
             self._vent()
         self._act()
 
-    def vent(self) -> None:
-        """Vent now, whatever goes on; says so even while another vent is on its way."""
+    def vent(self, *, sent: bool = False) -> None:
+        """Vent now, whatever goes on, even while another vent is on its way; `sent`: the command has left already."""
         self.dialogue.forget_pending()
         self.target_kpa = None
-        if self.dialogue.can_command:
+        if sent:
+            self.dialogue.vent_sent()
+        else:
             self.dialogue.send(Vent())
         self.dialogue.note("vent", "vented by the operator", "info")
         self.sequencer.abort("vented by the operator", SessionState.ABORTED)
         self._act()
+
+    def abort(self, cause: str) -> None:
+        """Leave a run for a reason that is not the board's: the disk, for one."""
+        self.dialogue.forget_pending()
+        self.sequencer.abort(cause, SessionState.ABORTED)
+        self._act()
+
+    def disarm(self) -> None:
+        """Put an armed plan away."""
+        if self.sequencer.state is SessionState.ARMED:
+            self.dialogue.forget_pending()
+            self.sequencer.disarm()
+            self._act()
 
     def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float = MANUAL_RAMP_KPA_PER_S) -> None:
         """Go to a pressure by hand.
@@ -241,9 +259,8 @@ class Controller:
     def leave(self) -> None:
         """Say goodbye: vent, disarm the watchdog, stop the samples."""
         self.stop("disconnected")
-        if self.dialogue.can_command:
-            self.dialogue.vent()
-            self.dialogue.send(Heartbeat(0))
+        self.dialogue.vent()
+        self.dialogue.send(Heartbeat(0))
         self.dialogue.send(Stop())
         self._watched = False
 
@@ -292,7 +309,7 @@ class Controller:
         self.hello = hello
         self._mv_per_count = hello.vref_mv / 2**hello.adc_bits
         low, high = hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000
-        if low <= 0 <= high:  # else there is nothing that could be kept, and no pressure
+        if low <= 0 <= high and low < high:  # else there is nothing that could be kept, and no pressure
             self.interlock.set_limits("board", (low, high))
         if hello.rate_max_hz < self.rate_hz:
             self.dialogue.note("rate", f"the board samples at most {hello.rate_max_hz} times a second", "warning")

@@ -66,12 +66,17 @@ class Dialogue:
     Parameters
     ----------
     emit : takes every effect, in order.
-    can_command : False for a link that only listens; then nothing is sent but what starts and stops the samples.
+
+    Attributes
+    ----------
+    can_command : False where no pressure can be commanded; then nothing is sent but IDENTIFY, START and STOP.
+    can_write : False for a replay; then nothing is sent at all.
+    whole_contract : False for firmware behind a text profile, which may have no watchdog and no limits of its own.
     """
 
-    def __init__(self, emit: Callable[[Effect], None], *, can_command: bool) -> None:
+    def __init__(self, emit: Callable[[Effect], None]) -> None:
         self._emit = emit
-        self.can_command = can_command
+        self.can_command = self.can_write = self.whole_contract = True
         self.feeder = Feeder()
         self.meter = SpeedMeter()
         self.identifying = False
@@ -85,8 +90,7 @@ class Dialogue:
         """Ask who is there; what was waited for on an earlier port will not come."""
         self.restart()
         self._vent_sent_ns = None
-        if self.can_command:
-            self.send(Identify())
+        self.send(Identify())
 
     def restart(self) -> None:
         """Forget what the board has forgotten."""
@@ -100,24 +104,30 @@ class Dialogue:
         The watchdog of a virtual board, which may run faster than we do, waits until its speed is known.
         """
         self.identifying = False
-        if self.can_command and "SIMULATED" not in hello.board_id:
+        if "SIMULATED" not in hello.board_id:
             self.send(Heartbeat(LONGEST_MS))
-        if self.can_command and limits is not None:
+        if limits is not None:
             self.send(limits)
         self.send(Start(rate_hz))
 
     def send(self, command: Command) -> None:
-        """Send a command."""
+        """Send a command, if there is anyone to send it to."""
+        if not self.can_write or not (self.can_command or isinstance(command, Identify | Start | Stop)):
+            return
         if isinstance(command, Vent):
-            self._vent_sent_ns = self.now_ns
+            self.vent_sent()
         self.feeder.sent(command, self.now_ns, self.board_us)
         self._emit(Send(command))
 
+    def vent_sent(self) -> None:
+        """A vent has left by another way."""
+        self._vent_sent_ns = self.now_ns
+        self.feeder.sent(Vent(), self.now_ns, self.board_us)
+
     def vent(self) -> None:
         """Vent, unless a vent is on its way."""
-        if self.venting or not self.can_command:
-            return
-        self.send(Vent())
+        if not self.venting:
+            self.send(Vent())
 
     @property
     def venting(self) -> bool:
@@ -144,7 +154,7 @@ class Dialogue:
         """Repeat a vent, feed the watchdog; `idle`: nothing is under pressure and the board is at rest."""
         if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
             self.send(Vent())
-        if self.can_command and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
+        if self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
             # A fast board's watchdog is not worth feeding while there is nothing to guard.
             off = idle and not self.pending and self.meter.speed > FAST
             self.send(Heartbeat(0 if off else self.feeder.armed_ms))
@@ -155,6 +165,10 @@ class Dialogue:
             self._vent_sent_ns = None
         elif isinstance(command, Heartbeat):
             self.feeder.armed_ms = command.timeout_ms
+        self._settle(command)
+
+    def _settle(self, command: Command) -> None:
+        """Go on once the last guard is in place."""
         if self._then is not None and command in self._awaited:
             self._awaited.remove(command)
             if not self._awaited:
@@ -164,6 +178,11 @@ class Dialogue:
     def refused(self, command: Command, status: AckStatus | int, *, pressurised: bool) -> Trip | None:
         """The board will not do it: return the trip that follows, or say it."""
         text = f"the board refused {_name(command)}: {_WORDS.get(AckStatus(status)) if status in _WORDS else status}"
+        if isinstance(command, Heartbeat):
+            self.feeder.refused(command)
+        if status == AckStatus.NOT_SUPPORTED and not self.whole_contract and isinstance(command, Heartbeat | SetLimits):
+            self._do_without(command)
+            return None
         match command:
             case SetPressure():
                 return Trip("refused", text, "check the limits, then clear the fault")
@@ -180,6 +199,13 @@ class Dialogue:
             case _:
                 self.note("refused", text, "error")
         return None
+
+    def _do_without(self, command: Command) -> None:
+        """Firmware behind a text profile may lack what guards a pressure: say so once it matters."""
+        if self.pending and isinstance(command, Heartbeat):
+            text = "this firmware has no watchdog: it holds its pressure even when this program is gone"
+            self.note("no_watchdog", text, "warning", "stay with the unit while it is under pressure")
+        self._settle(command)
 
     def lost(self, command: Command, *, watched: bool) -> Trip | None:
         """Nobody answered, three times: return the trip that follows, or ask again."""

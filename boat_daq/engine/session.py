@@ -1,14 +1,33 @@
 """The one door between a window or a command and the board.
 
-Every method may be called from any thread and returns at once: what takes time happens on the reading thread, and is
-seen in `snapshot()`. What cannot be done as asked raises one of `boat_daq.errors` with its cause and remedy, and
-changes nothing. `vent()` works in every state and waits for nothing.
+Every method may be called from any thread. What takes time happens on threads of the session's own and is seen in
+`snapshot()`; only `wait`, `stop_recording` and `close` wait for something, as they say. What cannot be done as asked
+raises one of `boat_daq.errors` with its cause and remedy, and changes nothing.
+
+Threads: the reading thread (`acquisition`) brings blocks and carries out what follows from them; the keeper's thread
+(`keeper`) opens ports, looks for a lost board and lets time pass; the recorder writes on its own. `core` joins them
+under one lock; `vent()` writes to the port before it asks for that lock.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
+from boat_daq.engine.control import MANUAL_RAMP_KPA_PER_S, Controller
+from boat_daq.engine.core import Core, SampleSink
+from boat_daq.engine.disk_space import check_space
+from boat_daq.engine.journal import now_utc
+from boat_daq.engine.keeper import Keeper
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.preflight import Check
+from boat_daq.engine.recorder import Recorder
+from boat_daq.engine.ring_buffer import RingBuffer
+from boat_daq.engine.sequencer import resume_point
+from boat_daq.engine.settings import Settings, UnitLibrary, load_settings
 from boat_daq.engine.snapshot import (
     LastSample,
     Limits,
@@ -22,16 +41,8 @@ from boat_daq.engine.snapshot import (
     SessionState,
     StepMark,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
-    import numpy as np
-
-    from boat_daq.engine.plan import Plan
-    from boat_daq.engine.ring_buffer import RingBuffer
-    from boat_daq.engine.settings import Settings
+from boat_daq.errors import DeviceError, OperatorError, StorageError
+from protocol.messages import Vent
 
 __all__ = [
     "LastSample",
@@ -48,19 +59,34 @@ __all__ = [
     "StepMark",
 ]
 
+_OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
+VENTING_WAIT_S = 5.0
+POLL_S = 0.01
+
 
 class Session:
     """A link to one board, its recording and its run.
 
     Parameters
     ----------
-    settings : rate, limits of the units, folders; the stored ones when None.
+    settings : rate, tolerances, folders; the stored ones when None.
+    units : where the units' limits are kept; the stored library when None.
     """
 
-    ring: RingBuffer | None  # samples for the screen; None until the first connection
+    def __init__(self, settings: Settings | None = None, units: UnitLibrary | None = None) -> None:
+        self.settings = load_settings() if settings is None else settings
+        self.units = UnitLibrary() if units is None else units
+        self._core = Core()
+        self._keeper = Keeper(self._core, self.settings, end_recording=self._end_recording)
+        self._unit = ""
+        self._recording_since_us = 0
 
-    def __init__(self, settings: Settings | None = None) -> None:
-        raise NotImplementedError
+    @property
+    def ring(self) -> RingBuffer | None:
+        """Samples for the screen; None until a board has answered, another one after a new `connect`."""
+        return self._core.ring
+
+    # ---- the link --------------------------------------------------------------------------------------------------
 
     def connect(self, port: str, profile: str | None = None, *, rate_hz: int | None = None, unit: str = "") -> None:
         """Open `port` (a path, a name, socket://HOST:PORT, replay:FILE[@SPEED]) and look for a board there.
@@ -73,29 +99,52 @@ class Session:
         profile : a text profile's path or TOML for a board that does not speak the BOAT protocol.
         rate_hz : samples per second asked of the board; the setting's when None.
         unit : name of the unit on the bench (SA1 ..), whose limits then hold.
+
+        Raises
+        ------
+        OperatorError : connected already, or no usable name of a unit.
         """
-        raise NotImplementedError
+        control = Controller(
+            rate_hz=rate_hz or self.settings.rate_hz, zero_tolerance_kpa=self.settings.zero_tolerance_kpa
+        )
+        if unit:
+            limits = self.units.load(unit)
+            control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))
+        self._keeper.open(port, profile, control)
+        self._unit = unit
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], timeout_s: float | None = None) -> SessionSnapshot:
         """Block the caller (a command, never a window) until `condition(snapshot)` holds or the time is over."""
-        raise NotImplementedError
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        while True:
+            seen = self.snapshot()
+            if condition(seen) or (deadline is not None and time.monotonic() >= deadline):
+                return seen
+            time.sleep(POLL_S)
 
-    def wait_connected(self, timeout_s: float = 5.0) -> SessionSnapshot:
+    def wait_connected(self, timeout_s: float = 8.0) -> SessionSnapshot:
         """Block until the link is UP.
 
         Raises
         ------
-        DeviceError : the link FAILED; cause and remedy are those of `link_error`.
+        DeviceError : the link FAILED, cause and remedy are those of `link_error`; or the time is over.
         """
-        raise NotImplementedError
+        seen = self.wait(lambda s: s.link in (LinkState.UP, LinkState.FAILED, LinkState.CLOSED), timeout_s)
+        if seen.link is LinkState.UP:
+            return seen
+        cause, remedy = seen.link_error or (f"no samples came within {timeout_s:g} s", "check the board and its cable")
+        raise DeviceError(cause, remedy)
 
     def disconnect(self) -> None:
-        """Vent, stop the stream, close the recording and the port."""
-        raise NotImplementedError
+        """Vent, stop the stream, close the recording and the port. Returns at once; see `snapshot().link`."""
+        self._keeper.close()
 
     def close(self) -> None:
-        """Disconnect and end the threads; the session is not used again."""
-        raise NotImplementedError
+        """Disconnect and end the threads; waits for them. The session is not used again."""
+        self._keeper.end()
+        self._end_recording("stopped")
+
+    # ---- the recording ---------------------------------------------------------------------------------------------
 
     def start_recording(self, path: Path, metadata: Mapping[str, Any] | None = None) -> None:
         """Record all that comes from now on into `path`; metadata: operator, unit, note.
@@ -103,26 +152,114 @@ class Session:
         Raises
         ------
         StorageError : the folder cannot be written.
-        OperatorError : a recording runs already, or nothing is connected.
+        OperatorError : a recording runs already, a run goes on, the name cannot be used, or nothing is connected.
         """
-        raise NotImplementedError
+        core = self._core
+        with core.lock:
+            acquisition = core.acquisition
+            if acquisition is None or not core.control.up:
+                raise OperatorError("there is nothing to record yet", "connect a board first")
+            if core.journal.recorder is not None:
+                raise OperatorError(f"{core.journal.recorder.path} is being recorded", "stop that recording first")
+            if core.control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
+                raise OperatorError("a recording begins before its run", "stop the run first")
+            meta = {**self._meta(), **(metadata or {})}
+        recorder = Recorder(path, meta, health=core.health_now, on_error=core.storage_failed)
+        with core.lock:
+            raced = core.journal.recorder is not None or core.acquisition is not acquisition
+            if not raced:
+                acquisition.add_recorder(recorder)
+                core.journal.begin(recorder)
+                core.control.sequencer.marks.clear()
+                self._recording_since_us = core.control.dialogue.board_us
+        if raced:
+            recorder.close("stopped")
+            raise OperatorError("the session changed while the recording began", "try again")
 
     def stop_recording(self) -> Path | None:
-        """Close the recording properly and return its path; a run that still goes is stopped and vented first."""
-        raise NotImplementedError
+        """Close the recording properly and return its path; a run that still goes is stopped and vented first.
 
-    def arm(self, plan: Plan, *, wait_for_reading: bool = False) -> None:
+        Waits for the disk, and up to 5 s for a unit to vent.
+
+        Raises
+        ------
+        StorageError : the disk does not take the rest; what is written stays.
+        """
+        self.stop()
+        self.wait(lambda s: s.state is not SessionState.FINISHING or s.link is not LinkState.UP, VENTING_WAIT_S)
+        return self._end_recording("stopped")
+
+    def _end_recording(self, reason: str) -> Path | None:
+        """Close the recording as it is, without a word to the board; `reason` where no run gives one."""
+        core = self._core
+        with core.lock:
+            recorder, core.journal.recorder = core.journal.recorder, None
+            reason, acquisition = core.journal.ended or reason, core.acquisition
+        if recorder is None:
+            return None
+        if acquisition is not None:
+            acquisition.remove_sink(recorder)
+        path = recorder.close(reason)
+        if recorder.remark:
+            core.tell("warning", recorder.remark)
+        return path
+
+    def _meta(self) -> dict[str, Any]:
+        """Return what the recording says of itself."""
+        core, control = self._core, self._core.control
+        assert core.port is not None
+        link, hello, replayed = core.port.link, control.hello, core.port.replayed
+        limits = control.interlock.limits
+        meta = {
+            "simulated": core.simulated,
+            "operator": self.settings.operator,
+            "unit": self._unit,
+            "note": "",
+            "port": self._keeper.url,
+            "board_id": hello.board_id if hello else "",
+            "profile": core.port.profile,
+            "n_sensors": link.n_sensors,
+            "sample_kind": link.sample_kind,
+            "vref_mv": hello.vref_mv if hello else 0,
+            "adc_bits": hello.adc_bits if hello else 0,
+            "polarity": self.units.load(self._unit).polarity if self._unit else -1,
+            "rate_hz": control.rate_hz,
+            "limits_pa": [1000 * limits.min_kpa, 1000 * limits.max_kpa] if limits else None,
+            "settings": dataclasses.asdict(self.settings),
+            "plan": dataclasses.asdict(control.sequencer.plan) if control.sequencer.plan else None,
+        }
+        return meta if replayed is None else {**meta, **{key: replayed[key] for key in _OF_THE_BOARD}}
+
+    # ---- the run ---------------------------------------------------------------------------------------------------
+
+    def arm(self, plan: Plan, *, wait_for_reading: bool = False, go_on: bool = False) -> None:
         """Check `plan` against every limit and make it ready; nothing moves yet.
+
+        Parameters
+        ----------
+        wait_for_reading : hold each plateau until its reading is given (or skipped, or the plan's timeout).
+        go_on : continue the broken run of this recording at its next whole cycle instead of beginning anew.
 
         Raises
         ------
         OperatorError : outside limits, a fault is latched, a run goes on, the link cannot command.
         """
-        raise NotImplementedError
+        with self._core.acting() as control:
+            first, complete = resume_point(plan, control.sequencer.marks) if go_on else (1, 0)
+            if complete >= plan.cycles:
+                raise OperatorError("the run has all its cycles", "begin a new one")
+            control.arm(plan, wait_for_reading=wait_for_reading, first_cycle=first, complete_cycles=complete)
+            if self._core.journal.recorder is not None:
+                limits = control.interlock.limits
+                assert limits is not None
+                self._core.journal.recorder.update_meta(
+                    plan=dataclasses.asdict(plan), limits_pa=[1000 * limits.min_kpa, 1000 * limits.max_kpa]
+                )
 
     def disarm(self) -> None:
         """Put an armed plan away."""
-        raise NotImplementedError
+        with self._core.acting() as control:
+            control.disarm()
 
     def start(self) -> None:
         """Run the armed plan after the pre-flight check.
@@ -131,23 +268,53 @@ class Session:
         ------
         OperatorError : what the pre-flight found: link, limits, e-stop, zero of the pressure sensor, disk space.
         """
-        raise NotImplementedError
+        space = self._space_check()
+        with self._core.acting() as control:
+            control.start([space])
+
+    def _space_check(self) -> Check:
+        """Whether what the plan will record fits on the disk; nothing to ask where nothing is recorded."""
+        core = self._core
+        with core.lock:
+            recorder, plan, rate_hz = core.journal.recorder, core.control.sequencer.plan, core.control.rate_hz
+            n_sensors = core.port.link.n_sensors if core.port else None
+        if recorder is None or plan is None:
+            return Check("space")
+        try:
+            check_space(recorder.path.parent, rate_hz=rate_hz, duration_s=plan.duration_s, n_sensors=n_sensors or 2)
+        except StorageError as error:
+            return Check("space", error.cause, error.remedy)
+        return Check("space")
+
+    def preflight(self) -> list[Check]:
+        """Return the lines of the check before the first pressure, good and bad."""
+        space = self._space_check()
+        with self._core.lock:
+            return [*self._core.control.preflight(), space]
 
     def pause(self) -> None:
         """Vent and wait; the cycle under way is left out of the figures."""
-        raise NotImplementedError
+        with self._core.acting() as control:
+            control.pause()
 
     def resume(self) -> None:
         """Go on at the next whole cycle."""
-        raise NotImplementedError
+        with self._core.acting() as control:
+            control.resume()
 
     def stop(self) -> None:
         """End the run: vent, one stop record. A second call changes nothing."""
-        raise NotImplementedError
+        with self._core.acting() as control:
+            control.stop()
 
     def vent(self) -> None:
-        """Vent now, in any state, from any thread; ends a run. The command leaves within milliseconds."""
-        raise NotImplementedError
+        """Vent now, in any state, from any thread; ends a run. The command leaves before anything is waited for."""
+        core = self._core
+        before = core.pressures
+        sent = core.send_now(Vent())
+        with core.acting() as control:
+            # A pressure that was on its way at that instant may have left behind the vent: then once more.
+            control.vent(sent=sent and before == core.pressures and before % 2 == 0)
 
     def clear_fault(self) -> None:
         """Forget a latched fault whose cause is gone, here and on the board.
@@ -156,7 +323,8 @@ class Session:
         ------
         OperatorError : the cause stands.
         """
-        raise NotImplementedError
+        with self._core.acting() as control:
+            control.clear_fault()
 
     def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float | None = None) -> None:
         """Command a pressure by hand, within limits, while no run goes on.
@@ -165,7 +333,10 @@ class Session:
         ------
         OperatorError : outside limits, latched, a run goes on, or the pre-flight check fails.
         """
-        raise NotImplementedError
+        with self._core.acting() as control:
+            control.set_pressure(target_kpa, MANUAL_RAMP_KPA_PER_S if ramp_kpa_per_s is None else ramp_kpa_per_s)
+
+    # ---- readings --------------------------------------------------------------------------------------------------
 
     def add_reading(
         self,
@@ -173,38 +344,94 @@ class Session:
         elongation_mm: float | None,
         source: str,
         *,
-        resolution_mm: float = 0.5,
+        resolution_mm: float | None = None,
         reader: str = "",
         note: str = "",
     ) -> Reading:
         """Keep a reading for a plateau; a second one for the same step corrects the first, which stays in the file.
 
+        Parameters
+        ----------
+        elongation_mm : None withdraws the reading.
+        source : "typed", "csv", "photograph", "simulated" ...
+        resolution_mm : of the grid; the setting's when None.
+
         Raises
         ------
         OperatorError : no such plateau, or not a finite length.
         """
-        raise NotImplementedError
+        resolution = self.settings.resolution_mm if resolution_mm is None else resolution_mm
+        reading = Reading(step_id, elongation_mm, resolution, source, now_utc(), reader, note)
+        with self._core.acting() as control:
+            self._core.journal.add_reading(reading)
+            control.sequencer.reading_given(step_id)
+        return reading
 
     def skip_reading(self) -> None:
         """Let the waiting plateau go on without a reading."""
-        raise NotImplementedError
+        with self._core.acting() as control:
+            waiting = control.sequencer.waiting()
+            if waiting is not None:
+                control.sequencer.reading_given(waiting.step_id)
 
     def steps(self) -> tuple[StepMark, ...]:
-        """Return the run's steps so far, the current one last."""
-        raise NotImplementedError
+        """Return the recording's steps so far, the current one last."""
+        with self._core.lock:
+            return tuple(self._core.journal.steps.values())
 
     def readings(self) -> tuple[Reading, ...]:
         """Return all readings, corrections included, in order of entry; the last one for a step counts."""
-        raise NotImplementedError
+        with self._core.lock:
+            return tuple(self._core.journal.readings)
 
     def mark(self, note: str) -> None:
         """Put a marker with a note at the newest sample, into the recording."""
-        raise NotImplementedError
+        with self._core.lock:
+            self._core.journal.event("user", "mark", note, time_us=self._core.control.dialogue.board_us)
+            self._core.journal.tell("info", f"marked: {note}", host_ns=time.monotonic_ns())
+
+    # ---- what is shown ---------------------------------------------------------------------------------------------
 
     def snapshot(self) -> SessionSnapshot:
         """Return what is known now; never waits for I/O."""
-        raise NotImplementedError
+        core, keeper = self._core, self._keeper
+        health = core.health.snapshot() if core.health is not None else None
+        with core.lock:
+            control, recorder, port = core.control, core.journal.recorder, core.port
+            latched, link = control.interlock.latched, keeper.state
+            up = link is LinkState.UP
+            return SessionSnapshot(
+                state=control.sequencer.state,
+                link=LinkState.SILENT if up and control.silent else link,
+                port=keeper.url,
+                link_error=keeper.error,
+                hello=control.hello,
+                simulated=core.simulated,
+                can_command=up and control.dialogue.can_command,
+                why_read_only=port.why_read_only if port and up else "",
+                health=health,
+                speed=control.dialogue.meter.speed,
+                heartbeat_ms=control.dialogue.feeder.armed_ms,
+                limits=control.interlock.limits,
+                last=control.last,
+                plan=control.sequencer.plan,
+                progress=control.sequencer.progress(),
+                waiting_for_reading=control.sequencer.waiting(),
+                latched=latched.cause if latched else "",
+                alarms=tuple(f"sensor {n} does not move" for n in control.flat_line.frozen),
+                messages=tuple(core.journal.messages),
+                recording=recorder.path if recorder else None,
+                recorded_s=(control.dialogue.board_us - self._recording_since_us) / 1e6 if recorder else 0.0,
+                unit=self._unit,
+            )
 
-    def add_sink(self, sink: Callable[[np.ndarray[Any, Any]], None]) -> Callable[[], None]:
+    def add_sink(self, sink: SampleSink) -> Callable[[], None]:
         """Hand every block of samples to `sink` on the reading thread; returns the function that takes it away."""
-        raise NotImplementedError
+        with self._core.lock:
+            self._core.sinks = (*self._core.sinks, sink)
+
+        def remove() -> None:
+            with self._core.lock:
+                self._core.sinks = tuple(other for other in self._core.sinks if other is not sink)
+
+        return remove

@@ -68,6 +68,11 @@ class Feeder:
         if isinstance(command, Heartbeat) and command.timeout_ms:
             self.armed_ms = command.timeout_ms
 
+    def refused(self, command: Heartbeat) -> None:
+        """The board will not arm (it is not armed then), or will not disarm (it stays so)."""
+        if command.timeout_ms:
+            self.armed_ms = 0
+
     def due(self, host_ns: int, board_us: int, speed: float) -> bool:
         """Whether a frame must leave now."""
         if not self.armed_ms:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from boat_daq.gui.calibration_page import CalibrationPage
 from boat_daq.gui.empty_page import EmptyPage
 from boat_daq.viewmodels.desk import Desk
 
@@ -11,7 +12,7 @@ from boat_daq.viewmodels.desk import Desk
 def make_pages(desk: Desk) -> dict[str, Any]:
     """Return the pages in the order of the navigation."""
     return {
-        "Calibrate": EmptyPage("Calibrate", "", "", lambda: None),
+        "Calibrate": CalibrationPage(desk),
         "Repeat": EmptyPage("Calibrate", "", "", lambda: None),
         "Runs": EmptyPage("Calibrate", "", "", lambda: None),
         "Optics": EmptyPage("Calibrate", "", "", lambda: None),

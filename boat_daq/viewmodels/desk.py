@@ -13,9 +13,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from boat_daq.engine.session import LinkState, Session, SessionSnapshot, SessionState
+from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.calibration import CalibrationModel
 from boat_daq.viewmodels.changes import Change, Changes, History
 from boat_daq.viewmodels.connection import ConnectionModel
+from boat_daq.viewmodels.conversion import Preparation
 from boat_daq.viewmodels.live import LiveModel, Marker
 from boat_daq.viewmodels.notices import Level, Notices
 from boat_daq.viewmodels.overlay import OverlayModel
@@ -48,9 +51,10 @@ class Desk:
     session : the one door to the board.
     folder : settings and units.
     recordings : where recordings go.
+    units : the units and their calibrations; the stored ones when None.
     """
 
-    def __init__(self, session: Session, folder: Path, recordings: Path) -> None:
+    def __init__(self, session: Session, folder: Path, recordings: Path, units: UnitLibrary | None = None) -> None:
         self.session = session
         self.folder, self.recordings = folder, recordings
         self.preferences = Preferences(folder)
@@ -63,7 +67,12 @@ class Desk:
         self.shadow = ShadowLive(lambda: session.ring, lambda: self.live.inverse)
         self.sequence = SequenceModel(session, self.changes)
         self.readings = ReadingsModel(session, self.changes)
+        self.units = units or UnitLibrary()
+        self.calibration = CalibrationModel(session, self.units, self.bench)
+        self.preparation = Preparation()
+        self._inverse_of: StoredCalibration | None = None
         self.request: Callable[[str], None] = lambda what: None
+        self._unit_shown = ""
         self.snapshot = session.snapshot()
         self._last_message = max((m.number for m in self.snapshot.messages), default=0)
 
@@ -72,11 +81,49 @@ class Desk:
         self.snapshot = self.session.snapshot()
         self.notices.attempt(self.connection.tick)
         self.bench.poll()
+        self.notices.attempt(self._follow_calibration)
         for message in self.snapshot.messages:
             if message.number > self._last_message:
                 self._last_message = message.number
                 self.notices.say(LEVELS.get(message.level, Level.WARNING), message.cause, message.remedy)
         return self.snapshot
+
+    def _follow_calibration(self) -> None:
+        """Use the calibration in force of the unit on the bench."""
+        name = self.unit_name
+        if name != self._unit_shown:
+            self._unit_shown = name
+            stored = self.units.load(name).calibration if name else None
+            self.use_calibration(stored)
+        ready = self.preparation.poll()
+        if ready is not None:
+            self.live.inverse = ready
+
+    @property
+    def unit_name(self) -> str:
+        """Return the unit on the bench."""
+        return self.snapshot.unit or self.connection.unit
+
+    def use_calibration(self, stored: StoredCalibration | None) -> None:
+        """Show elongation by this calibration from now on; by none where there is none."""
+        self._inverse_of = stored
+        self.live.inverse = None
+        if stored is not None:
+            self.preparation.ask(stored.content)
+
+    def analyse_current(self) -> None:
+        """Close the recording that runs, and analyse it or the last one."""
+        self.notices.attempt(self.calibration.analyse_current)
+
+    def accept_calibration(self) -> None:
+        """Store the calibration with its unit and use it live."""
+
+        def deed() -> None:
+            self.calibration.accept(self.readings.reader)
+            if self.calibration.result is not None and self.calibration.result.unit == self.unit_name:
+                self.use_calibration(self.calibration.accepted)
+
+        self.notices.attempt(deed, done="Calibration accepted; the elongation is shown on the Live page")
 
     def vent(self) -> None:
         """Vent now, whatever else goes on."""
@@ -92,7 +139,9 @@ class Desk:
 
     def unit_text(self, snapshot: SessionSnapshot) -> str:
         """Return unit and calibration in a line."""
-        return snapshot.unit or self.connection.unit
+        stored = self._inverse_of
+        words = f"calibrated {stored.utc[:10]}" if stored is not None else "not calibrated"
+        return f"{self.unit_name}  \u00b7  {words}"
 
     def picture_time(self, time_us: int) -> float | None:
         """Return the ring's time of an instant of board time, or None where the ring no longer holds it."""
@@ -188,5 +237,6 @@ class Desk:
     def close(self) -> None:
         """Vent, close the recording and the link, end the work under way."""
         self.bench.close()
+        self.preparation.close()
         self.session.close()
         self.connection.close()

@@ -1,12 +1,13 @@
 """Heavy work in a process of its own, with progress and cancel: VENT never waits for a computation.
 
-The function runs in a spawned interpreter, so that neither its CPU time nor its interpreter lock is the window's. Only
-plain values cross: the function must be importable by name, its arguments and its result picklable. Nothing here calls
-back; the window asks `poll()` from its one timer.
+The function runs in a spawned interpreter, so that neither its CPU time nor its interpreter lock is the window's. It is
+named, "package.module:function", and imported there alone: the window starts without what only its helpers need. Only
+picklable values cross. Nothing here calls back; the window asks `poll()` from its one timer.
 """
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import traceback
 from collections.abc import Callable
@@ -37,9 +38,7 @@ class Failure:
     details: str
 
 
-def _run(
-    pipe: Connection, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any], report: bool
-) -> None:
+def _run(pipe: Connection, function: str, args: tuple[Any, ...], kwargs: dict[str, Any], report: bool) -> None:
     """Run in the child: send ("progress", done, total), then ("done", result) or ("failed", Failure)."""
     last = 0.0
 
@@ -50,7 +49,9 @@ def _run(
             pipe.send(("progress", float(done), float(total)))
 
     try:
-        result = function(*args, **kwargs, **({"progress": progress} if report else {}))
+        module, _, name = function.partition(":")
+        deed = getattr(importlib.import_module(module), name)
+        result = deed(*args, **kwargs, **({"progress": progress} if report else {}))
         pipe.send(("done", result))
     except BaseException as error:  # noqa: BLE001 - the other side decides; nothing may be lost on the way
         cause = str(getattr(error, "cause", "")) or f"{type(error).__name__}: {error}"
@@ -65,13 +66,12 @@ class Work:
     Parameters
     ----------
     label : what is being done, in the lab's words, e.g. "Sampling the posterior".
-    function, args, kwargs : what to call; picklable.
+    function : what to call, "package.module:function".
+    args, kwargs : of the call; picklable.
     report : whether `function` takes `progress`.
     """
 
-    def __init__(
-        self, label: str, function: Callable[..., Any], *args: Any, report: bool = False, **kwargs: Any
-    ) -> None:
+    def __init__(self, label: str, function: str, *args: Any, report: bool = False, **kwargs: Any) -> None:
         self.label = label
         self.state = WorkState.RUNNING
         self.fraction: float | None = None

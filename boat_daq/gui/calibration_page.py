@@ -1,0 +1,234 @@
+"""The calibration page: curves with bands and residuals, loops, figures, posterior, comparison, acceptance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
+
+from boat_daq.engine.session import SessionSnapshot
+from boat_daq.gui import style, widgets
+from boat_daq.gui.empty_page import EmptyState
+from boat_daq.gui.figure_table import FigureTable
+from boat_daq.gui.files import ask_open
+from boat_daq.gui.plot import sensor_ink
+from boat_daq.gui.plot_card import PlotCard
+from boat_daq.viewmodels.calibration import CalibrationModel, sensor_words
+from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.results import LoopSet, PosteriorResult, SensorResult
+
+SENSORS = 2
+
+
+class CurveCard(PlotCard):
+    """One sensor: points by branch, curve with bands, the unit's last curve, residuals."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"Sensor {number}: signal over elongation")
+        ink = sensor_ink(number)
+        self.top = self.add("Signal", "mV", stretch=3)
+        self.bottom = self.add("Residual", "mV", x_title="Elongation", x_unit="mm", stretch=1)
+        self.link_x()
+        self.wide = self.top.band("Band of a new reading, 95 %", ink, alpha=style.BAND_ALPHA_WIDE)
+        self.band = self.top.band("Band of the curve, 95 %", ink)
+        self.before = self.top.curve("Last calibration", lambda t: t.target, dashed=True)
+        self.curve = self.top.curve("Calibration", ink)
+        self.loading = self.top.points("Loading", ink)
+        self.unloading = self.top.points("Unloading", ink, filled=False)
+        self.bottom.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
+        self.rest_loading = self.bottom.points("Residual, loading", ink, size=6)
+        self.rest_unloading = self.bottom.points("Residual, unloading", ink, filled=False, size=6)
+
+    def show_sensor(self, sensor: SensorResult, posterior: PosteriorResult | None) -> None:
+        """Draw a sensor's calibration."""
+        up, down = sensor.loading, ~sensor.loading
+        self.loading.set(sensor.x[up], sensor.y[up])
+        self.unloading.set(sensor.x[down], sensor.y[down])
+        self.rest_loading.set(sensor.x[up], sensor.residuals[up])
+        self.rest_unloading.set(sensor.x[down], sensor.residuals[down])
+        self.curve.set(sensor.grid, sensor.curve)
+        low, high = posterior.curve_95 if posterior is not None else (sensor.low, sensor.high)
+        self.band.set(sensor.grid, low, high)
+        self.wide.show(posterior is not None)
+        if posterior is not None:
+            self.wide.set(posterior.grid, *posterior.new_reading_95)
+        source = "posterior" if posterior is not None else "least squares"
+        self.readout.setText(f"\u25cf loading  \u25cb unloading   band 95 %, {source}")
+        self.top.fit()
+        self.bottom.fit()
+
+
+class LoopCard(PlotCard):
+    """The loops of all cycles: the system's (mV over kPa) for each sensor, and the actuator's own (mm over kPa)."""
+
+    def __init__(self) -> None:
+        super().__init__("Hysteresis loops over pressure")
+        self.signals = []
+        for number in range(1, SENSORS + 1):
+            plot = self.add(f"Signal {number}", "mV", x_title="Pressure" if number == SENSORS else "", x_unit="kPa")
+            self.signals.append((plot, plot.curve(f"Sensor {number}", sensor_ink(number), gaps=True)))
+        self.link_x()
+
+    def show_loops(self, loops: LoopSet) -> None:
+        """Draw the loops."""
+        cycles = range(len(loops.numbers))
+        for i, (plot, curve) in enumerate(self.signals[: len(loops.signal_mv)]):
+            curve.set(*loops.broken(loops.pressure_kpa, loops.signal_mv[i], cycles))
+            plot.fit()
+
+
+class ActuatorCard(PlotCard):
+    """The actuator's own loop: elongation over pressure."""
+
+    def __init__(self) -> None:
+        super().__init__("The actuator's own loop")
+        self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
+        self.curve = self.plot.curve("Elongation", lambda t: t.elongation, gaps=True)
+
+    def show_loops(self, loops: LoopSet) -> None:
+        """Draw the loops, where the elongation was read."""
+        if loops.elongation_mm is not None:
+            self.curve.set(*loops.broken(loops.pressure_kpa, loops.elongation_mm, range(len(loops.numbers))))
+            self.plot.fit()
+
+
+class CalibrationPage(QWidget):
+    """The calibration page on a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self._revision = -1
+        self.curves = [CurveCard(n) for n in range(1, SENSORS + 1)]
+        self.loops, self.actuator = LoopCard(), ActuatorCard()
+        self.table = FigureTable()
+        self.stack = QStackedWidget()
+        self.stack.addWidget(
+            EmptyState(
+                "No run has been analysed yet",
+                "Here come each sensor's points and curve with its bands, the hysteresis loops and the figures with "
+                "their intervals. Run the calibration plan on the Live page and enter the readings; then analyse it here.",
+                "Analyse the last run",
+                desk.analyse_current,
+            )
+        )
+        self.stack.addWidget(self._filled())
+        widgets.page_layout(self).addWidget(self.stack)
+
+    @property
+    def model(self) -> CalibrationModel:
+        """Return the view model."""
+        return self.desk.calibration
+
+    def _filled(self) -> QWidget:
+        body = QWidget()
+        layout = QVBoxLayout(body)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(style.GAP)
+        layout.addWidget(self._head())
+        upper, lower = QHBoxLayout(), QHBoxLayout()
+        for card in self.curves:
+            upper.addWidget(card, 1)
+        lower.addWidget(self.loops, 1)
+        lower.addWidget(self.actuator, 1)
+        left = QVBoxLayout()
+        left.setSpacing(style.GAP)
+        left.addLayout(upper, 5)
+        left.addLayout(lower, 4)
+        across = QHBoxLayout()
+        across.setSpacing(style.GAP)
+        across.addLayout(left, 1)
+        across.addWidget(self._side())
+        layout.addLayout(across, 1)
+        return body
+
+    def _head(self) -> QWidget:
+        frame, inside = widgets.card()
+        self.verdict = QLabel()
+        self.verdict.setProperty("role", "subtitle")
+        self.headline = widgets.label("", "muted")
+        self.sample = widgets.button("Sample the posterior", lambda: self.desk.notices.attempt(self.model.sample))
+        self.accept = widgets.button(
+            "Accept", self.desk.accept_calibration, "primary", tip="Store it with the unit and use it live"
+        )
+        self.report = widgets.button("Report …", lambda: self.desk.request("report"))
+        buttons = widgets.row(
+            widgets.button("Analyse again", self._again),
+            widgets.button("Open …", self._open),
+            self.sample,
+            self.report,
+            self.accept,
+        )
+        line = widgets.row(None)
+        line.insertLayout(0, widgets.column(self.verdict, self.headline, spacing=0))
+        line.addLayout(buttons)
+        inside.addLayout(line)
+        return frame
+
+    def _side(self) -> QWidget:
+        frame, inside = widgets.card()
+        frame.setFixedWidth(style.PANE_WIDTH_WIDE - 8 * style.STEP)
+        inside.addWidget(widgets.label("Figures", "subtitle"))
+        inside.addWidget(self.table, 1)
+        self.posterior = widgets.label("", "small", wrap=True)
+        self.comparison = widgets.label("", "small", wrap=True)
+        self.flags = widgets.label("", "small", wrap=True)
+        for widget in (self.posterior, self.comparison, self.flags):
+            inside.addWidget(widget)
+        return frame
+
+    def _again(self) -> None:
+        path = self.model.last_path
+        if path is not None:
+            self.desk.notices.attempt(lambda: self.model.analyse(path))
+
+    def _open(self) -> None:
+        ask_open(self, self.desk, "Open a recording", "boat csv", lambda path: self.model.analyse(Path(path)))
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the result where it has changed."""
+        if self.model.revision == self._revision:
+            return
+        self._revision = self.model.revision
+        result = self.model.result
+        self.stack.setCurrentIndex(0 if result is None and not self.model.working and self.model.failure is None else 1)
+        state, words = self.model.verdict()
+        self.verdict.setText(words)
+        widgets.set_state(self.verdict, state)
+        self.headline.setText(self.model.headline())
+        obstacle = self.model.obstacle()
+        self.accept.setEnabled(not obstacle and self.model.accepted is None)
+        self.accept.setToolTip(obstacle or "Store it with the unit and use it live")
+        self.sample.setEnabled(result is not None and result.calibrated)
+        self.report.setEnabled(result is not None)
+        if result is None:
+            return
+        for i, (card, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
+            posterior = self.model.posterior[i] if i < len(self.model.posterior) else None
+            if sensor.x.size:
+                card.show_sensor(sensor, posterior)
+            self._show_before(card, i)
+        self.loops.show_loops(result.loops)
+        self.actuator.show_loops(result.loops)
+        self.table.show_rows(result.figures, [sensor_words(s.name) for s in result.sensors])
+        self._show_words()
+
+    def _show_before(self, card: CurveCard, index: int) -> None:
+        before = self.model.previous_curve(index)
+        card.before.show(before is not None)
+        if before is not None:
+            card.before.set(*before)
+
+    def _show_words(self) -> None:
+        result = self.model.result
+        assert result is not None
+        posterior = [
+            f"{sensor_words(s.name)}: {p.verdict}" for s, p in zip(result.sensors, self.model.posterior, strict=False)
+        ]
+        self.posterior.setText("\n".join(["Posterior", *posterior] if posterior else []))
+        self.posterior.setVisible(bool(posterior))
+        self.comparison.setText(self.model.comparison())
+        self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in result.flags[:6]))
+        self.flags.setToolTip("\n".join(result.flags))
+        self.flags.setVisible(bool(result.flags))

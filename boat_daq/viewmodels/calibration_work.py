@@ -1,0 +1,136 @@
+"""What the calibration and repeatability pages have computed for them, in a process of its own (`work.Work`).
+
+Everything here is a call of `analysis`; what comes back is only what a page draws, so that a long recording does not
+travel. This file is imported in the helper process, not by the window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.loops import Loops
+from analysis.pipeline import Analysis, Options, SensorAnalysis, analyse
+from analysis.posterior import sample_posterior
+from analysis.recording import load_recording
+from boat_daq.viewmodels.figures import FIGURES, figure_rows, figure_text
+from boat_daq.viewmodels.results import LoopSet, PosteriorResult, RunResult, SensorResult
+
+Progress = Callable[[float, float], None]
+GRID = 161
+
+
+def analyse_run(path: str, *, seed: int = 0, progress: Progress | None = None) -> RunResult:
+    """Return all figures and curves of a recording, without the posterior.
+
+    Raises
+    ------
+    AnalysisError : the recording cannot be read.
+    """
+    recording = load_recording(Path(path))
+    if progress is not None:
+        progress(1, 4)
+    found = analyse(
+        recording,
+        options=Options(seed=seed, mcmc=False),
+        progress=lambda done, total: _tell(progress, 1 + done, 1 + total),
+    )
+    meta = recording.meta
+    return RunResult(
+        path=path,
+        unit=str(meta.get("unit") or ""),
+        started=str(meta.get("started_utc") or ""),
+        simulated=recording.simulated,
+        kind=found.kind,
+        duration_s=recording.duration_s,
+        cycles=found.loops.n_cycles,
+        partial=len(found.cycles.partial),
+        sensors=tuple(_sensor(found, i) for i in range(len(found.sensors))),
+        figures=figure_rows([sensor.figures for sensor in found.sensors]),
+        system_sensitivity=figure_text(found.system_sensitivity, 1),
+        actuator_hysteresis=figure_text(found.actuator_hysteresis, 2),
+        loops=_loops(found.loops),
+        flags=tuple(str(flag["text"]) for flag in found.flags),
+        reading_sd_mm=_reading_sd(found),
+    )
+
+
+def _tell(progress: Progress | None, done: float, total: float) -> None:
+    if progress is not None:
+        progress(done, total)
+
+
+def _reading_sd(found: Analysis) -> float:
+    resolution = found.elongations.resolution_mm if found.elongations is not None else 0.5
+    return float(resolution / np.sqrt(12.0))
+
+
+def _sensor(found: Analysis, index: int) -> SensorResult:
+    sensor = found.sensors[index]
+    per_cycle = sensor.system_hysteresis_per_cycle
+    values = {key: float(figure.value) for key, figure in sensor.figures.items() if key in FIGURES}
+    calibration = sensor.calibration
+    if calibration is None:
+        empty = np.zeros(0)
+        return SensorResult(
+            sensor.name, sensor.calibration_void, values, per_cycle, *([empty] * 5), *([empty] * 5), None, ()
+        )
+    points = [found.plateaus[int(i)] for i in sensor.point_plateau]
+    loading = np.array([p.branch != "unloading" for p in points])
+    grid = np.linspace(*calibration.x_range, GRID)
+    low, high = calibration.band(grid)
+    return SensorResult(
+        sensor.name, "", values, per_cycle, calibration.x, calibration.y, calibration.residuals, loading,
+        np.array([p.cycle for p in points]), grid, calibration.predict(grid), low, high, calibration.slope(grid),
+        _content(sensor), calibration.turning_points,
+    )  # fmt: skip
+
+
+def _content(sensor: SensorAnalysis) -> dict[str, Any]:
+    """Return what is stored with the unit: the fit as `fit --json`, its points, its figures."""
+    assert sensor.calibration is not None
+    finite = {key: figure.value for key, figure in sensor.figures.items() if np.isfinite(figure.value)}
+    return {
+        "name": sensor.name,
+        "fit": sensor.calibration.as_json(),
+        "elongation_mm": sensor.calibration.x.tolist(),
+        "signal_mv": sensor.calibration.y.tolist(),
+        "figures": finite,
+    }
+
+
+def _loops(loops: Loops) -> LoopSet:
+    return LoopSet(loops.numbers, loops.level_kpa, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv)
+
+
+def sample_run(
+    points: list[tuple[list[float], list[float], int]],
+    reading_sd_mm: float,
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[PosteriorResult, ...]:
+    """Return the posterior of each sensor's calibration, as bands on a grid.
+
+    Parameters
+    ----------
+    points : for each sensor elongations (mm), signals (mV) and the degree.
+    """
+    results = []
+    for number, (x, y, degree) in enumerate(points):
+
+        def tell(done: float, total: float, /, number: int = number) -> None:
+            _tell(progress, number + done / total, len(points))
+
+        posterior = sample_posterior(x, y, degree, reading_sd=reading_sd_mm, seed=seed + number, progress=tell)
+        grid = np.linspace(min(x), max(x), GRID)
+        results.append(
+            PosteriorResult(
+                grid, posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95),
+                posterior.new_reading_band(grid, 0.95), posterior.as_json(),
+            )
+        )  # fmt: skip
+    return tuple(results)

@@ -1,0 +1,65 @@
+"""From the unit's stored calibration to the live elongation.
+
+The stored points are fitted again, so that what converts live is the very calibration that was accepted. It is prepared
+on a helper thread: the analysis and its compiler take a moment to load, and the window must be up by then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from boat_daq.viewmodels.live import Array, Elongation, Inverse
+
+
+def prepare(content: Mapping[str, Any]) -> Inverse:
+    """Return the inverse of a stored calibration, all sensors fused.
+
+    Raises
+    ------
+    AnalysisError : the curve has no inverse over its range.
+    """
+    # loaded here, on the helper thread, and not with the window
+    from analysis.calibration import fit_calibration
+    from analysis.inverse import Fusion
+
+    fits = [fit_calibration(s["elongation_mm"], s["signal_mv"], int(s["fit"]["degree"])) for s in content["sensors"]]
+    fusion = Fusion.of(fits)
+
+    def inverse(signal_mv: Array) -> Elongation:
+        found = fusion.evaluate(signal_mv)
+        return Elongation(found.elongation_mm, 2.0 * found.standard_uncertainty_mm, found.disagreement)
+
+    inverse(np.zeros((1, len(fits))))  # compile now, not in the first frame
+    return inverse
+
+
+class Preparation:
+    """Inverses on their way: `ask` starts one, `poll` hands it over once."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="calibration")
+        self._future: Future[Inverse] | None = None
+
+    def ask(self, content: Mapping[str, Any]) -> None:
+        """Prepare the inverse of a stored calibration; an earlier one still on its way is dropped."""
+        self._future = self._pool.submit(prepare, content)
+
+    def poll(self) -> Inverse | None:
+        """Return the inverse once it is there, else None.
+
+        Raises
+        ------
+        AnalysisError : it cannot be had.
+        """
+        if self._future is None or not self._future.done():
+            return None
+        future, self._future = self._future, None
+        return future.result()
+
+    def close(self) -> None:
+        """Let the thread end."""
+        self._pool.shutdown(wait=False, cancel_futures=True)

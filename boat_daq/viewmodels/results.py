@@ -1,0 +1,106 @@
+"""What a helper process hands to a page: plain arrays and texts, ready to be drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.viewmodels.figures import FigureRow, FigureText
+
+Array = NDArray[np.float64]
+Band = tuple[Array, Array]
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSet:
+    """The loops of a run: [2 branches, cycles, levels], signals [sensors, 2, cycles, levels]."""
+
+    numbers: tuple[int, ...]
+    level_kpa: Array
+    pressure_kpa: Array
+    elongation_mm: Array | None
+    signal_mv: Array
+
+    def closed(self, abscissa: Array, ordinate: Array, cycle: int) -> tuple[Array, Array]:
+        """Return one cycle as a way round: down the unloading branch, back up the loading one."""
+        x = np.concatenate([abscissa[0, cycle][::-1], abscissa[1, cycle]])
+        y = np.concatenate([ordinate[0, cycle][::-1], ordinate[1, cycle]])
+        keep = np.isfinite(x) & np.isfinite(y)
+        return x[keep], y[keep]
+
+    def broken(self, abscissa: Array, ordinate: Array, cycles: range) -> tuple[Array, Array]:
+        """Return several cycles as one line with a NaN between them: one curve item, however many cycles."""
+        parts = [self.closed(abscissa, ordinate, cycle) for cycle in cycles]
+        gap = np.array([np.nan])
+        x = np.concatenate([np.concatenate([part[0], gap]) for part in parts]) if parts else np.zeros(0)
+        y = np.concatenate([np.concatenate([part[1], gap]) for part in parts]) if parts else np.zeros(0)
+        return x, y
+
+
+@dataclass(frozen=True, slots=True)
+class SensorResult:
+    """One sensor: its points, its curve with the 95 % band of the fit, and what is stored when it is accepted."""
+
+    name: str
+    void: str
+    values: Mapping[str, float]
+    hysteresis_per_cycle: tuple[float, ...]
+    x: Array
+    y: Array
+    residuals: Array
+    loading: NDArray[np.bool_]
+    cycle: NDArray[np.int64]
+    grid: Array
+    curve: Array
+    low: Array
+    high: Array
+    slope: Array
+    content: Mapping[str, Any] | None
+    turning_points: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """All a page shows of one run."""
+
+    path: str
+    unit: str
+    started: str
+    simulated: bool
+    kind: str
+    duration_s: float
+    cycles: int
+    partial: int
+    sensors: tuple[SensorResult, ...]
+    figures: tuple[FigureRow, ...]
+    system_sensitivity: FigureText
+    actuator_hysteresis: FigureText
+    loops: LoopSet
+    flags: tuple[str, ...]
+    reading_sd_mm: float
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether every sensor has a calibration."""
+        return bool(self.sensors) and all(sensor.content is not None for sensor in self.sensors)
+
+
+@dataclass(frozen=True, slots=True)
+class PosteriorResult:
+    """The posterior of one sensor on a grid of elongations."""
+
+    grid: Array
+    curve_68: Band
+    curve_95: Band
+    new_reading_95: Band
+    content: Mapping[str, Any]
+
+    @property
+    def verdict(self) -> str:
+        """Return whether it converged, in words."""
+        words = "converged" if self.content["converged"] else "NOT CONVERGED"
+        return f"{words}: {self.content['n_eff']:.0f} effective samples, acceptance {self.content['acceptance']:.2f}"

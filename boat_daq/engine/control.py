@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,6 +44,9 @@ SILENCE_S = 1.0
 ZERO_SAMPLES = 50
 MANUAL_RAMP_KPA_PER_S = 10.0
 
+_FAULT_BEFORE = (
+    "the board had vented and latched a fault before this program came: its host may have died under pressure"
+)
 _AT_REST = (BoardState.IDLE, BoardState.VENTED)
 _RUN = (SessionState.RUNNING, SessionState.PAUSED)
 
@@ -275,11 +279,13 @@ class Controller:
         if self.silent:
             self.silent = False
             dialogue.note("samples_again", "samples come again", "info")
-        self._watched = True
+        first, self._watched = not self._watched, True
         self.last = _last_sample(block, self.target_kpa)
         self._recent = np.concatenate([self._recent, block.pressure_kpa[block.pressure_known]])[-ZERO_SAMPLES:]
         found = self.interlock.inspect(block)
         if found is not None:
+            if first and found.kind == "board_fault":
+                found = self.interlock.latched = replace(found, cause=_FAULT_BEFORE)
             self._tripped(found)
         for sensor in self.flat_line.inspect(block):
             text = f"sensor {sensor} reads the same value while the pressure moves"

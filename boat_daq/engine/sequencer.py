@@ -95,6 +95,7 @@ class Sequencer:
         self.incomplete_cycles: tuple[int, ...] = ()
         self.complete_cycles = 0
         self.cycle = 0
+        self.ended = ""  # how the last run ended; empty before, and while one goes
         self._first_cycle = 1
         self._wait_for_reading = False
         self._queue: deque[PlannedStep] = deque()
@@ -142,6 +143,7 @@ class Sequencer:
         assert self.plan is not None
         self.state, self.cycle = SessionState.RUNNING, self._first_cycle - 1
         self._started_us, self._planned_s, self._taken_s = self._time_us, 0.0, 0.0
+        self.ended = ""
         self._say("run_started", f"{self.plan.name}: {self.plan.cycles} cycles")
         self._open()
 
@@ -174,7 +176,7 @@ class Sequencer:
         """Leave for ABORTED or FAULT, from wherever we are; only a run has an end to note."""
         if self.state in _RUN:
             self._break_step()
-            self._actions += [VentNow(), Ended(f"aborted: {reason}")]
+            self._end(f"aborted: {reason}")
         elif self.state is SessionState.FINISHING:
             self._mark_end("aborted")
             self._actions.append(VentNow())
@@ -324,8 +326,13 @@ class Sequencer:
         """Vent, and mark the way out as the "end" step."""
         self._watch = self._step = self._low_since_us = None
         self.state = SessionState.FINISHING
-        self._actions += [VentNow(), Ended(reason)]
+        self._end(reason)
         self._new_mark(0, "end", 0.0)
+
+    def _end(self, reason: str) -> None:
+        """Vent, and say once how the run ended."""
+        self.ended = reason
+        self._actions += [VentNow(), Ended(reason)]
 
     def _mark_end(self, status: str) -> None:
         self._change(dataclasses.replace(self.marks[-1], ended_us=self._time_us, status=status))

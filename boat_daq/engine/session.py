@@ -420,6 +420,7 @@ class Session:
                 latched=latched.cause if latched else "",
                 alarms=tuple(f"sensor {n} does not move" for n in control.flat_line.frozen),
                 messages=tuple(core.journal.messages),
+                run_ended=control.sequencer.ended,
                 recording=recorder.path if recorder else None,
                 recorded_s=(control.dialogue.board_us - self._recording_since_us) / 1e6 if recorder else 0.0,
                 unit=self._unit,

@@ -169,6 +169,9 @@ class SessionSnapshot:
     latched: str = ""  # why the interlock forbids pressure; empty when it does not
     alarms: tuple[str, ...] = ()
     messages: tuple[Message, ...] = ()  # the newest 50
+    run_ended: str = (
+        ""  # how the last run ended: "finished", "stopped", "aborted: ..."; empty before, and while one goes
+    )
     recording: Path | None = None
     recorded_s: float = 0.0
     unit: str = ""

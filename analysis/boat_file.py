@@ -91,10 +91,11 @@ def read_boat_file(path: str | Path) -> Recording:
 def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:
     """Reconstruct the commanded pressure [n], kPa: each step's target from its start to its end, else NaN."""
     target = np.full(time_s.size, np.nan)
-    for step in steps.itertuples():
-        first = np.searchsorted(time_s, step.started_s, side="left")
-        last = np.searchsorted(time_s, step.ended_s, side="right") if np.isfinite(step.ended_s) else time_s.size
-        target[first:last] = step.target_kpa
+    firsts = np.searchsorted(time_s, steps["started_s"].to_numpy(dtype=float), side="left")
+    ends = steps["ended_s"].to_numpy(dtype=float)
+    lasts = np.where(np.isfinite(ends), np.searchsorted(time_s, ends, side="right"), time_s.size)
+    for first, last, level in zip(firsts, lasts, steps["target_kpa"].to_numpy(dtype=float), strict=True):
+        target[first:last] = level
     return target
 
 
@@ -188,13 +189,13 @@ def store_result(
         text = json.dumps(content, sort_keys=True, allow_nan=False)
         asked = json.dumps(parameters, sort_keys=True)
         query = "SELECT 1 FROM result WHERE kind=? AND parameters=? AND content=? AND program_version=?"
-        if db.execute(query, (kind, asked, text, _version())).fetchone():
+        if db.execute(query, (kind, asked, text, program_version())).fetchone():
             return False
     try:
         with sqlite3.connect(path) as writer:
             writer.execute(
                 "INSERT INTO result (utc, kind, program_version, seed, parameters, content) VALUES (?, ?, ?, ?, ?, ?)",
-                (datetime.datetime.now(datetime.UTC).isoformat(), kind, _version(), seed, asked, text),
+                (datetime.datetime.now(datetime.UTC).isoformat(), kind, program_version(), seed, asked, text),
             )
         writer.close()
     except sqlite3.Error as error:
@@ -202,7 +203,8 @@ def store_result(
     return True
 
 
-def _version() -> str:
+def program_version() -> str:
+    """Return the version of the installed program."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:

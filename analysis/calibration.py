@@ -94,7 +94,9 @@ class Calibration:
         rows = self.fit.basis.design(x) @ self.fit.basis_factor
         return np.asarray(self.residual_sd * np.sqrt(np.einsum("...i,...i->...", rows, rows)), dtype=np.float64)
 
-    def band(self, x: npt.ArrayLike, level: float = 0.95, *, new_reading: bool = False) -> tuple[FloatArray, FloatArray]:
+    def band(
+        self, x: npt.ArrayLike, level: float = 0.95, *, new_reading: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper limit of the curve, or of one new reading, at confidence `level`.
 
         Student's t with n - degree - 1 degrees of freedom; pointwise, not simultaneous. NaN where there are none.

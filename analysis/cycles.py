@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from scipy import ndimage
 
-from analysis.recording import FloatArray, IntArray, Recording
+from analysis.recording import BoolArray, FloatArray, IntArray, Recording
 from analysis.statistics import white_noise_sd
 
 LOW, HIGH = 0.25, 0.75  # thresholds, share of the span
@@ -120,7 +120,7 @@ class Cycles:
         }
 
 
-def smooth_pressure(pressure_kpa: FloatArray, usable: FloatArray) -> tuple[FloatArray, float]:
+def smooth_pressure(pressure_kpa: FloatArray, usable: BoolArray) -> tuple[FloatArray, float]:
     """Free a pressure of what is not usable, of single spikes and of noise.
 
     Returns

@@ -12,6 +12,7 @@ sequencer's steps name a plateau and split a hold that two steps share; they nev
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +28,7 @@ SETTLING_S = 0.5
 MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
 MIN_SAMPLES = 5
 WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6)
+MIN_COVERED = 0.15  # share of the run that a staircase stands still
 MIN_LEVELS = 3  # fewer distinct levels are turning points of a continuous run
 
 
@@ -67,9 +69,7 @@ class Plateau:
     void: str = ""
 
 
-def find_plateaus(
-    recording: Recording, cycles: Cycles, settings: PlateauSettings | None = None
-) -> tuple[Plateau, ...]:
+def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSettings | None = None) -> tuple[Plateau, ...]:
     """Find the holds of a staircase; an empty tuple for a continuous run.
 
     Parameters
@@ -81,6 +81,8 @@ def find_plateaus(
     if recording.n < 20 or cycles.span_kpa <= 2 * settings.tolerance_kpa:
         return ()
     holds = _best_holds(recording, cycles, settings)
+    if sum(last - first + 1 for first, last in holds) < MIN_COVERED * recording.n:
+        return ()
     holds = [part for hold in holds for part in _split_at_breaks(hold, recording)]
     levels = [float(np.median(cycles.smooth_kpa[a : b + 1])) for a, b in holds]
     if _distinct(np.asarray(levels), 2 * settings.tolerance_kpa) < MIN_LEVELS:
@@ -125,9 +127,7 @@ def _best_holds(recording: Recording, cycles: Cycles, settings: PlateauSettings)
     return best
 
 
-def _holds(
-    sums: FloatArray, window: int, noise: float, tolerance: float, interval_s: float
-) -> list[tuple[int, int]]:
+def _holds(sums: FloatArray, window: int, noise: float, tolerance: float, interval_s: float) -> list[tuple[int, int]]:
     """Stretches between edges that stay within tolerance of their median, rows (first, last)."""
     n = sums.size - 1
     means = (sums[window:] - sums[:-window]) / window  # means[i] covers rows i..i+window-1
@@ -154,12 +154,12 @@ def _holds(
 def _split_at_breaks(hold: tuple[int, int], recording: Recording) -> list[tuple[int, int]]:
     """Split a hold where a segment ends, and where one step of the sequencer ends and the next begins in it."""
     first, last = hold
-    cuts = list(first + 1 + np.flatnonzero(np.diff(recording.segment[first : last + 1])))
+    cuts: list[int] = (first + 1 + np.flatnonzero(np.diff(recording.segment[first : last + 1]))).tolist()
     starts = np.searchsorted(recording.time_s, recording.steps["started_s"].to_numpy(dtype=float))
     margin = max(MIN_SAMPLES, round(SETTLING_S / recording.interval_s))
     cuts += [int(s) for s in starts if first + margin < s < last - margin]
     edges = [first, *sorted(set(cuts)), last + 1]
-    return [(a, b - 1) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= MIN_SAMPLES]
+    return [(a, b - 1) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
 
 
 def _distinct(levels: FloatArray, apart: float) -> int:

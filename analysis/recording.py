@@ -58,6 +58,7 @@ class Recording:
     usable : [n, sensors] True where the row may enter a figure of that sensor.
     pressure_usable : [n] True where the pressure may.
     masked : rows left out, by reason.
+    interval_s : median sampling interval, NaN below two samples.
     gaps : where samples are missing.
     steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty where the source has none.
     meta : the session's keys.
@@ -77,6 +78,7 @@ class Recording:
     usable: BoolArray
     pressure_usable: BoolArray
     masked: Mapping[str, int]
+    interval_s: float
     gaps: tuple[Gap, ...]
     steps: pd.DataFrame
     readings: pd.DataFrame
@@ -116,13 +118,6 @@ class Recording:
         inside = np.diff(self.segment) == 0
         elapsed = float(np.diff(self.time_s)[inside].sum())
         return float(inside.sum() / elapsed) if elapsed > 0 else float("nan")
-
-    @property
-    def interval_s(self) -> float:
-        """Median sampling interval."""
-        steps = np.diff(self.time_s)
-        steps = steps[steps > 0]
-        return float(np.median(steps)) if steps.size else float("nan")
 
     @property
     def lost(self) -> int:
@@ -180,6 +175,7 @@ class Recording:
             usable=_frozen(usable),
             pressure_usable=_frozen(pressure_usable),
             masked=masked,
+            interval_s=_typical_interval(time),
             gaps=find_gaps(time, segment, index if indexed else None),
             steps=columns.get("steps", pd.DataFrame(columns=list(STEP_COLUMNS))),
             readings=columns.get("readings", pd.DataFrame(columns=list(READING_COLUMNS))),
@@ -250,6 +246,12 @@ def _usable(
         "implausible": int(((flags & SampleFlag.IMPLAUSIBLE) != 0).sum()),
     }
     return usable, pressure_usable, masked
+
+
+def _typical_interval(time_s: FloatArray) -> float:
+    intervals = np.diff(time_s)
+    intervals = intervals[intervals > 0]
+    return float(np.median(intervals)) if intervals.size else float("nan")
 
 
 def _check_columns(n: int, columns: Mapping[str, Any]) -> None:

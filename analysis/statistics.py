@@ -103,7 +103,7 @@ def white_noise_sd(values: FloatArray) -> float:
     if values.size < 4:
         return 0.0
     second = values[2:] - 2.0 * values[1:-1] + values[:-2]
-    return robust_sd(second) / np.sqrt(6.0)
+    return float(robust_sd(second) / np.sqrt(6.0))
 
 
 def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:

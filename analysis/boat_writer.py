@@ -1,0 +1,177 @@
+"""An imported run written as a `.boat` file, by the schema of `protocol.recording`.
+
+Rules: the original bytes are kept in `chunk`, the column map in the session, so that the import can be done again. The
+file appears under its name only when it is whole.
+"""
+
+from __future__ import annotations
+
+import datetime
+import itertools
+import json
+import os
+import sqlite3
+import uuid
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.boat_file import program_version
+from analysis.errors import FileError
+from analysis.recording import Recording
+from protocol.recording import (
+    APPLICATION_ID,
+    SCHEMA_VERSION,
+    SESSION_KEYS,
+    TABLES,
+    SampleFlag,
+    describe_dtype,
+    sample_dtype,
+)
+
+CHUNK_BYTES = 1 << 20
+BLOCK_ROWS = 10_000
+OVERVIEW_ROWS = 1_000
+
+
+def write_boat_file(path: str | Path, recording: Recording, *, original: str | Path) -> None:
+    """Write an imported recording.
+
+    Raises
+    ------
+    FileError : the file exists already, or cannot be written.
+    """
+    path = Path(path)
+    if path.exists():
+        raise FileError(f"{path} exists already", "Choose another name: a recording is never overwritten.")
+    unfinished = path.with_name(path.name + ".part")
+    try:
+        unfinished.unlink(missing_ok=True)
+        db = sqlite3.connect(unfinished)
+        try:
+            with db:
+                _write(db, recording, Path(original))
+        finally:
+            db.close()
+        os.replace(unfinished, path)  # noqa: PTH105 - one atomic call
+    except (sqlite3.Error, OSError) as error:
+        unfinished.unlink(missing_ok=True)
+        raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error
+
+
+def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None:
+    db.execute(f"PRAGMA application_id={APPLICATION_ID}")
+    db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+    for statement in TABLES.split(";\n"):
+        if statement.strip():
+            db.execute(statement)
+    samples = _samples(recording)
+    db.executemany(
+        "INSERT INTO session (key, value) VALUES (?, ?)",
+        [(k, json.dumps(v)) for k, v in _session(recording, samples).items()],
+    )
+    last_chunk = _keep_original(db, original)
+    changes = np.flatnonzero(np.diff(recording.segment)) + 1
+    edges = [0, *changes.tolist(), recording.n]
+    for number, (first, last) in enumerate(itertools.pairwise(edges), 1):
+        db.execute("INSERT INTO segment (id, host_ns, first_chunk, reason) VALUES (?, 0, 1, 'import')", (number,))
+        _write_blocks(db, samples[first:last], number, last_chunk)
+        _write_overview(db, recording, slice(first, last), samples, number)
+
+
+def _samples(recording: Recording) -> npt.NDArray[np.void]:
+    counts = recording.lit is not None and recording.dark is not None and {"vref_mv", "adc_bits"} <= set(recording.meta)
+    samples = np.zeros(recording.n, sample_dtype(recording.n_sensors, "counts" if counts else "signal"))
+    samples["index"] = _running_index(recording)
+    samples["time_us"] = np.round(recording.time_s * 1e6)
+    samples["pressure_pa"] = recording.pressure_kpa * 1000.0
+    samples["state"], samples["flags"] = recording.state, recording.flags
+    for gap in recording.gaps:
+        samples["flags"][gap.row + 1] |= int(SampleFlag.GAP_BEFORE)
+    if counts:
+        samples["lit"], samples["dark"] = recording.lit, recording.dark
+    else:
+        samples["signal_mv"] = recording.signal_mv
+    return samples
+
+
+def _running_index(recording: Recording) -> npt.NDArray[np.int64]:
+    """The index as it was, or one that jumps where samples are missing."""
+    if not np.array_equal(recording.index, np.arange(recording.n)):
+        return np.asarray(recording.index)
+    jump = np.zeros(recording.n, dtype=np.int64)
+    for gap in recording.gaps:
+        jump[gap.row + 1] = gap.lost
+    return np.arange(recording.n) + np.cumsum(jump)
+
+
+def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, Any]:
+    assert samples.dtype.names is not None
+    values: dict[str, Any] = dict.fromkeys(SESSION_KEYS)
+    values |= {key: value for key, value in recording.meta.items() if key != "sample_dtype"}
+    now = datetime.datetime.now(datetime.UTC).isoformat()
+    values |= {
+        "uuid": str(uuid.uuid4()), "status": "closed", "simulated": recording.simulated,
+        "program_version": program_version(), "started_utc": recording.meta.get("started_utc") or now,
+        "started_host_ns": 0, "ended_utc": now, "ended_host_ns": 0, "stop_reason": "finished",
+        "port": f"import:{recording.meta.get('imported_from', '')}", "n_sensors": recording.n_sensors,
+        "sample_kind": "counts" if "lit" in samples.dtype.names else "signal",
+        "sample_dtype": describe_dtype(samples.dtype),
+        "rate_hz": recording.meta.get("rate_hz") or (1.0 / recording.interval_s if recording.n > 1 else 0.0),
+        "settings": {}, "operator": recording.meta.get("operator") or "", "unit": recording.meta.get("unit") or "",
+        "note": recording.meta.get("note") or "",
+    }  # fmt: skip
+    return values
+
+
+def _keep_original(db: sqlite3.Connection, original: Path) -> int:
+    number = 0
+    with original.open("rb") as file:
+        while raw := file.read(CHUNK_BYTES):
+            number += 1
+            db.execute(
+                "INSERT INTO chunk (id, host_ns, direction, raw, crc32) VALUES (?, 0, 0, ?, ?)",
+                (number, raw, zlib.crc32(raw)),
+            )
+    return number
+
+
+def _write_blocks(db: sqlite3.Connection, samples: npt.NDArray[np.void], segment: int, last_chunk: int) -> None:
+    for first in range(0, samples.size, BLOCK_ROWS):
+        part = samples[first : first + BLOCK_ROWS]
+        times = (int(part["time_us"][0]), int(part["time_us"][-1]))
+        db.execute(
+            "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples)"
+            " VALUES (?, ?, ?, ?, ?, ?)",
+            (segment, last_chunk, part.size, *times, part.tobytes()),
+        )
+
+
+def _write_overview(
+    db: sqlite3.Connection, recording: Recording, rows: slice, samples: npt.NDArray[np.void], segment: int
+) -> None:
+    for first in range(rows.start, rows.stop, OVERVIEW_ROWS):
+        part = slice(first, min(first + OVERVIEW_ROWS, rows.stop))
+        pressure, signal = recording.pressure_kpa[part], recording.signal_mv[part]
+        known = np.isfinite(signal)
+        low = np.where(known, signal, np.inf).min(axis=0)
+        high = np.where(known, signal, -np.inf).max(axis=0)
+        flags = int(np.bitwise_or.reduce(samples["flags"][part]))
+        pressures = pressure[np.isfinite(pressure)]
+        db.execute(
+            "INSERT INTO overview (segment, first_block, last_block, n, first_time_us, last_time_us, pressure_min_kpa,"
+            " pressure_max_kpa, signal_min_mv, signal_max_mv, flags) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (
+                segment, first // BLOCK_ROWS + 1, (part.stop - 1) // BLOCK_ROWS + 1, part.stop - first,
+                int(samples["time_us"][part.start]), int(samples["time_us"][part.stop - 1]),
+                float(pressures.min()) if pressures.size else None, float(pressures.max()) if pressures.size else None,
+                _json(low), _json(high), flags,
+            ),
+        )  # fmt: skip
+
+
+def _json(values: npt.NDArray[np.float64]) -> str:
+    return json.dumps([v if np.isfinite(v) else None for v in values.tolist()])

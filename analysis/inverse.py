@@ -1,0 +1,230 @@
+"""From mV to mm: the inverse of a calibration, with its uncertainty, for one sensor or several.
+
+Strategy: on its calibrated range a monotone curve has one inverse. A table of 257 nodes gives the start, Newton's
+method in the scaled variable, kept inside its bracket by bisection, gives the value to the last digits, compiled and
+vectorised. Sensors are fused by their variances; that their residuals are correlated (they share the reading of x) is
+taken into the uncertainty.
+
+Rules: outside the range there is no value: NaN and a flag, or the end of the range where a caller asks for it. A curve
+that turns inside its range has no inverse and is refused. Source: ISO/TS 28038:2018, clause 8 (inverse evaluation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from numpy.polynomial import legendre
+
+from analysis.calibration import Calibration
+from analysis.errors import DataError, RequestError
+from analysis.polynomial import FloatArray
+from analysis.recording import BoolArray
+
+NODES = 257
+DISAGREEMENT_SIGMA = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Elongation:
+    """Elongations and what is known of them.
+
+    Attributes
+    ----------
+    elongation_mm : NaN where it is not known.
+    standard_uncertainty_mm : of one reading, k = 1.
+    outside : True where the signal lies outside the calibrated range.
+    disagreement : True where two sensors differ by more than 4 sigma; all False for one sensor.
+    """
+
+    elongation_mm: FloatArray
+    standard_uncertainty_mm: FloatArray
+    outside: BoolArray
+    disagreement: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Inverse:
+    """mV -> mm for one sensor. Make one with `Inverse.of(calibration)`; call it with an array of mV."""
+
+    calibration: Calibration
+    centre: float
+    half_width: float
+    power_coefficients: FloatArray
+    nodes: FloatArray
+    noise_sd: float
+
+    @classmethod
+    def of(cls, calibration: Calibration, *, noise_sd: float | None = None) -> Inverse:
+        """Prepare the inverse.
+
+        Parameters
+        ----------
+        calibration : monotone over its range.
+        noise_sd : sd of one new signal about the curve, mV; the residual sd of the fit by default.
+
+        Raises
+        ------
+        DataError : the curve is not monotone over its range; the message says where it turns.
+        """
+        low, high = calibration.x_range
+        if not calibration.monotone:
+            inside = [f"{t:.3g}" for t in calibration.turning_points if low < t < high]
+            where = f"it turns at {', '.join(inside)}" if inside else "it is flat"
+            raise DataError(
+                f"the calibration has no inverse over its range: {where}",
+                "Calibrate over a range where it is monotone.",
+            )
+        # over the range itself, so that u = -1 and 1 are its ends
+        u = np.linspace(-1.0, 1.0, NODES)
+        basis = calibration.fit.basis
+        powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
+        nodes = np.asarray(np.polynomial.polynomial.polyval(u, powers), dtype=np.float64)
+        noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
+        return cls(calibration, basis.centre, basis.half_width, powers, nodes, noise)
+
+    def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
+        """Return x for every signal; NaN outside the range, or its end with `clamp`.
+
+        Parameters
+        ----------
+        signal : any shape, in the unit of y.
+        """
+        values = np.asarray(signal, dtype=np.float64)
+        u = _invert(np.ascontiguousarray(values).ravel(), self.power_coefficients, self.nodes, clamp)
+        return np.asarray(self.centre + self.half_width * u.reshape(values.shape), dtype=np.float64)
+
+    def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
+        """Return u(x) of one new reading: noise and curve through the local slope."""
+        slope = np.abs(self.calibration.slope(x))
+        return np.asarray(np.hypot(self.noise_sd, self.calibration.curve_sd(x)) / slope, dtype=np.float64)
+
+    def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> Elongation:
+        """Return x with its uncertainty and flags."""
+        x = self(signal, clamp=True)
+        outside = np.isnan(self(signal)) & ~np.isnan(np.asarray(signal, dtype=np.float64))
+        kept = x if clamp else np.where(outside, np.nan, x)
+        uncertainty = np.where(np.isnan(kept), np.nan, self.standard_uncertainty(x))
+        return Elongation(kept, uncertainty, outside, np.zeros(x.shape, dtype=bool))
+
+
+@dataclass(frozen=True, slots=True)
+class Fusion:
+    """Several sensors as one. Make one with `Fusion.of(calibrations)`; call it with mV of shape [..., sensors]."""
+
+    inverses: tuple[Inverse, ...]
+    correlation: FloatArray
+
+    @classmethod
+    def of(cls, calibrations: Sequence[Calibration], *, noise_sd: Sequence[float] | None = None) -> Fusion:
+        """Prepare the fusion of the sensors of one unit.
+
+        The correlation of their errors is that of the residuals of their calibrations, where these rest on the same
+        points; else none is assumed.
+
+        Raises
+        ------
+        RequestError : no calibration. DataError : one of them has no inverse.
+        """
+        if not calibrations:
+            raise RequestError("there is no calibrated sensor", "Calibrate at least one.")
+        noises: Sequence[float | None] = noise_sd if noise_sd is not None else [None] * len(calibrations)
+        inverses = tuple(Inverse.of(c, noise_sd=s) for c, s in zip(calibrations, noises, strict=True))
+        same = all(np.array_equal(c.x, calibrations[0].x) for c in calibrations)
+        signs = np.asarray([1.0 if c.rises else -1.0 for c in calibrations])
+        if same and len(calibrations) > 1 and all(c.residual_sd > 0 for c in calibrations):
+            correlation = np.corrcoef(np.stack([c.residuals for c in calibrations]) * signs[:, None])
+        else:
+            correlation = np.eye(len(calibrations))
+        return cls(inverses, np.atleast_2d(correlation))
+
+    def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> Elongation:
+        """Return the fused elongation of signals [..., sensors].
+
+        A sensor outside its range does not take part; where all are outside, x is NaN (or clamped). Two sensors that
+        differ by more than 4 sigma of their difference raise `disagreement`; the value is given all the same.
+        """
+        signal = np.asarray(signal_mv, dtype=np.float64)
+        if signal.shape[-1:] != (len(self.inverses),):
+            raise RequestError(
+                f"signals of shape {signal.shape} do not fit {len(self.inverses)} sensors",
+                "The last axis is the sensor.",
+            )
+        parts = [inverse.evaluate(signal[..., i]) for i, inverse in enumerate(self.inverses)]
+        x = np.stack([p.elongation_mm for p in parts], axis=-1)
+        u = np.stack([p.standard_uncertainty_mm for p in parts], axis=-1)
+        known = np.isfinite(x)
+        weight = np.where(known, 1.0 / np.where(known, u, 1.0) ** 2, 0.0)
+        total = weight.sum(axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            fused = (weight * np.where(known, x, 0.0)).sum(axis=-1) / total
+            scaled = weight * np.where(known, u, 0.0)
+            spread = np.sqrt(np.einsum("...i,ij,...j->...", scaled, self.correlation, scaled)) / total
+        none = ~known.any(axis=-1)
+        outside = np.asarray(none & np.isfinite(signal).any(axis=-1), dtype=bool)
+        if clamp and none.any():
+            ends = np.stack([inv(signal[..., i], clamp=True) for i, inv in enumerate(self.inverses)], axis=-1)
+            fused = np.where(outside, ends[..., 0], fused)
+        return Elongation(fused, spread, outside, self._disagreement(x, u))
+
+    def _disagreement(self, x: FloatArray, u: FloatArray) -> BoolArray:
+        found = np.zeros(x.shape[:-1], dtype=bool)
+        for i in range(x.shape[-1]):
+            for j in range(i):
+                # correlation would only make the difference smaller: leaving it out raises no false alarm
+                apart = np.abs(x[..., i] - x[..., j])
+                found |= apart > DISAGREEMENT_SIGMA * np.hypot(u[..., i], u[..., j])
+        return found
+
+
+@njit(cache=True)
+def _invert(signal: Any, powers: Any, nodes: Any, clamp: bool) -> Any:  # pragma: no cover - compiled
+    """Solve p(u) = signal on -1..1 for every signal; `nodes` are p at equally spaced u, monotone."""
+    out = np.empty_like(signal)
+    count = nodes.size
+    step = 2.0 / (count - 1)
+    sign = 1.0 if nodes[-1] > nodes[0] else -1.0
+    first, last = sign * nodes[0], sign * nodes[-1]
+    rounding = 1e-13 * (last - first + abs(first))  # the ends themselves are inside, however they were computed
+    degree = powers.size - 1
+    for i in range(signal.size):
+        y = sign * signal[i]
+        if not first - rounding <= y <= last + rounding:
+            out[i] = np.nan
+            if clamp and y < first:  # NaN compares false and stays NaN
+                out[i] = -1.0
+            elif clamp and y > last:
+                out[i] = 1.0
+            continue
+        low, high = 0, count - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            if sign * nodes[middle] <= y:
+                low = middle
+            else:
+                high = middle
+        a, b = -1.0 + low * step, -1.0 + high * step
+        u = a + step * (y - sign * nodes[low]) / (sign * (nodes[high] - nodes[low]))
+        for _ in range(60):
+            value, slope = powers[degree], 0.0
+            for j in range(degree - 1, -1, -1):
+                slope = slope * u + value
+                value = value * u + powers[j]
+            error = sign * value - y
+            if error > 0.0:
+                b = u
+            else:
+                a = u
+            following = u - error / (sign * slope) if slope != 0.0 else 0.5 * (a + b)
+            if not (a <= following <= b):
+                following = 0.5 * (a + b)
+            moved = abs(following - u)
+            u = following
+            if moved < 1e-8:  # Newton squares the error: the step just taken was the last that matters
+                break
+        out[i] = u
+    return out

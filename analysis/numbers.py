@@ -1,0 +1,49 @@
+"""Numbers as they are printed: with as many digits as their uncertainty warrants (GUM 7.2.6).
+
+Rules: an uncertainty is given with two significant digits, the value to the same decimal place; a void figure prints
+a dash.
+"""
+
+from __future__ import annotations
+
+import math
+
+from analysis.statistics import Figure
+
+NOTHING = "–"
+
+
+def decimals_for(uncertainty: float) -> int:
+    """Return the decimal places that show two significant digits of an uncertainty; negative before the point."""
+    if not (math.isfinite(uncertainty) and uncertainty > 0):
+        return 3
+    # 0.0995 rounds to 0.10, not to 0.100: round first, then count
+    return 1 - math.floor(math.log10(float(f"{uncertainty:.1e}")))
+
+
+def rounded(value: float, uncertainty: float) -> str:
+    """Return a value rounded to the place of two significant digits of its uncertainty."""
+    if math.isnan(value):
+        return NOTHING
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    places = decimals_for(uncertainty)
+    return f"{round(value, places):.{max(places, 0)}f}"
+
+
+def with_uncertainty(value: float, uncertainty: float) -> str:
+    """Return "1651.98 ± 0.15"; the value alone where there is no uncertainty."""
+    if not math.isfinite(uncertainty) or not math.isfinite(value):
+        return rounded(value, uncertainty)
+    return f"{rounded(value, uncertainty)} ± {rounded(uncertainty, uncertainty)}"
+
+
+def with_interval(figure: Figure) -> str:
+    """Return "44.62 [44.45, 44.76] dB"."""
+    if math.isnan(figure.value):
+        return NOTHING
+    half = (figure.high - figure.low) / 4  # of a 95 % interval: about one standard uncertainty
+    text = rounded(figure.value, half)
+    if math.isfinite(figure.low) and math.isfinite(figure.high):
+        text += f" [{rounded(figure.low, half)}, {rounded(figure.high, half)}]"
+    return f"{text} {figure.unit}"

@@ -1,0 +1,376 @@
+"""From a run to its figures, in one call.
+
+Strategy: load, cycles, plateaus, elongations, loops, then for each sensor calibration, posterior and figures. Every
+step is a function of its own elsewhere; this file only hands one's result to the next, collects what each had to say
+(`flags`), and writes the JSON that `analyze --json` promises.
+
+Rules: what cannot be computed is void with a reason and the rest goes on; the same run, options and seed give the
+same numbers, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis import metrics
+from analysis.calibration import Calibration, fit_calibration
+from analysis.cycles import Cycles, disagreements_with_marks, find_cycles
+from analysis.elongation import Elongations, elongations_of
+from analysis.errors import AnalysisError
+from analysis.loops import Loops, continuous_loops, loop_width, staircase_loops
+from analysis.plateaus import Plateau, PlateauSettings, find_plateaus
+from analysis.posterior import Posterior, sample_posterior
+from analysis.recording import BoolArray, FloatArray, Recording, load_recording
+from analysis.statistics import Figure, resampling_weights
+
+Progress = Callable[[float, float], None]
+
+DISAGREEMENT_SIGMA = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How a run is analysed.
+
+    Attributes
+    ----------
+    degree : of the calibration.
+    x_resolution_mm : grid of the readings; None takes what the recording says, else 0.5 mm.
+    monotone : only monotone curves in the posterior.
+    seed : of the bootstrap and the sampler.
+    mcmc : sample the posterior.
+    plateau : what counts as settled.
+    """
+
+    degree: int = 3
+    x_resolution_mm: float | None = None
+    monotone: bool = False
+    seed: int = 0
+    mcmc: bool = True
+    plateau: PlateauSettings = field(default_factory=PlateauSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorAnalysis:
+    """What is known of one sensor. `figures` by name; loops are % FSO over `sensor_loop` (x) and `system_loop` (p)."""
+
+    name: str
+    calibration: Calibration | None
+    calibration_void: str
+    posterior: Posterior | None
+    figures: Mapping[str, Figure]
+    hysteresis_abscissa: str
+    hysteresis_per_cycle: tuple[float, ...]
+    system_hysteresis_per_cycle: tuple[float, ...]
+    drift_by_level: FloatArray
+    point_plateau: FloatArray
+    point_cycle: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """All figures of one run."""
+
+    recording: Recording
+    options: Options
+    cycles: Cycles
+    plateaus: tuple[Plateau, ...]
+    elongations: Elongations | None
+    loops: Loops
+    sensors: tuple[SensorAnalysis, ...]
+    system_sensitivity: Figure
+    actuator_hysteresis: Figure
+    actuator_hysteresis_per_cycle: tuple[float, ...]
+    flags: tuple[dict[str, str], ...]
+
+    @property
+    def kind(self) -> str:
+        """What the run is: calibration (a staircase with elongations), staircase (without), repeatability (continuous)."""
+        if not self.plateaus:
+            return "repeatability"
+        return "calibration" if any(s.calibration for s in self.sensors) else "staircase"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object of `analyze --json`; NaN and infinities are left for the writer to turn into null."""
+        recording = self.recording
+        return {
+            "simulated": recording.simulated,
+            "kind": self.kind,
+            "duration_s": recording.duration_s,
+            "rate_hz": recording.rate_hz,
+            "samples": recording.n,
+            "gaps": len(recording.gaps),
+            "lost_samples": recording.lost,
+            "masked": dict(recording.masked),
+            "cycles": self.cycles.as_json(),
+            "excursions_left_out": len(self.cycles.excursions),
+            "plateaus": len(self.plateaus),
+            "sensors": [_sensor_json(sensor) for sensor in self.sensors],
+            "system_sensitivity_mv_per_mm": self.system_sensitivity.value,
+            "actuator_hysteresis_percent": {
+                "abscissa": "pressure_kpa",
+                "mean": self.actuator_hysteresis.value,
+                "per_cycle": list(self.actuator_hysteresis_per_cycle),
+            },
+            "system_figures": {
+                "system_sensitivity_mv_per_mm": self.system_sensitivity.as_json(),
+                "actuator_hysteresis_percent": self.actuator_hysteresis.as_json(),
+            },
+            "flags": list(self.flags),
+            "seed": self.options.seed,
+        }
+
+
+def analyse(
+    recording: Recording | str | Path,
+    elongation: str | Path | None = None,
+    *,
+    seed: int = 0,
+    mcmc: bool = True,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Analysis:
+    """Compute every figure of a run.
+
+    Parameters
+    ----------
+    recording : a loaded run, or its file.
+    elongation : CSV of elongations; without one the recording's own readings are used.
+    seed, mcmc : shorthands for the options of the same name.
+    options : all settings; overrides the shorthands.
+    progress : called as progress(done, total); raising from it cancels.
+
+    Raises
+    ------
+    FileError, DataError : the run or the elongations cannot be read, or do not fit each other. A run that is merely
+        incomplete or damaged is no error: its figures are void, with reasons.
+    """
+    options = options or Options(seed=seed, mcmc=mcmc)
+    if not isinstance(recording, Recording):
+        recording = load_recording(recording)
+    cycles = find_cycles(recording)
+    plateaus = find_plateaus(recording, cycles, options.plateau)
+    elongations = elongations_of(recording, plateaus, elongation)
+    if plateaus:
+        x = elongations.elongation_mm if elongations else None
+        loops = staircase_loops(plateaus, cycles, x, recording.n_sensors)
+    else:
+        loops = continuous_loops(recording, cycles)
+    weights = resampling_weights(max(loops.n_cycles, 1), np.random.default_rng(options.seed))[:, : loops.n_cycles]
+    run = _Run(recording, options, cycles, plateaus, elongations, loops, weights)
+    sensors = []
+    for number in range(recording.n_sensors):
+        sensors.append(_analyse_sensor(run, number))
+        if progress is not None:
+            progress(number + 1, recording.n_sensors)
+    actuator, actuator_cycles = _actuator_hysteresis(run)
+    return Analysis(
+        recording, options, cycles, plateaus, elongations, loops, tuple(sensors), _system_sensitivity(sensors),
+        actuator, actuator_cycles, _flags(run, sensors),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    recording: Recording
+    options: Options
+    cycles: Cycles
+    plateaus: tuple[Plateau, ...]
+    elongations: Elongations | None
+    loops: Loops
+    weights: FloatArray
+
+    @property
+    def reading_sd_mm(self) -> float:
+        resolution = self.options.x_resolution_mm
+        if resolution is None:
+            resolution = self.elongations.resolution_mm if self.elongations else 0.0
+        return resolution / np.sqrt(12.0)
+
+    def calibration_points(self, sensor: int) -> BoolArray:
+        """[plateaus] True for plateaus of complete cycles whose elongation was read and that are not void."""
+        used = set(self.loops.numbers)
+        inside = np.asarray(
+            [p.cycle in used and not p.void and np.isfinite(p.signal_mv[sensor]) for p in self.plateaus]
+        )
+        return inside & self.elongations.known if self.elongations is not None else np.zeros_like(inside)
+
+
+def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
+    calibration, posterior, reason = None, None, ""
+    points = np.flatnonzero(run.calibration_points(sensor))
+    position = {number: k for k, number in enumerate(run.loops.numbers)}
+    cycle_of = np.asarray([position[run.plateaus[i].cycle] for i in points], dtype=np.float64)
+    try:
+        calibration = _calibrate(run, sensor, points)
+        if run.options.mcmc:
+            posterior = sample_posterior(
+                calibration.x, calibration.y, run.options.degree, reading_sd=run.reading_sd_mm,
+                monotone=run.options.monotone, seed=run.options.seed + sensor,
+            )  # fmt: skip
+    except AnalysisError as error:
+        reason = error.cause
+    resampled = metrics.resample_fit(calibration, cycle_of, run.weights) if calibration is not None else None
+    figures = {"fso_mv": metrics.full_scale(calibration, resampled, run.loops, sensor, run.weights)}
+    if calibration is not None and resampled is not None:
+        figures |= metrics.sensitivities(calibration, resampled)
+        figures["nonlinearity_percent_fso"] = metrics.nonlinearity(calibration, resampled)
+    loops_figures, per_cycle, system_per_cycle, levels = _loop_figures(run, sensor, figures["fso_mv"].value)
+    figures = loops_figures | figures
+    abscissa = "elongation_mm" if calibration is not None else "pressure_kpa"
+    chosen = "sensor_hysteresis_percent_fso" if calibration is not None else "system_hysteresis_percent_fso"
+    figures["combined_error_percent_fso"] = metrics.combined_error(
+        [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
+    )
+    return SensorAnalysis(
+        run.recording.sensor_names[sensor], calibration, reason, posterior, figures, abscissa,
+        per_cycle if calibration is not None else system_per_cycle, system_per_cycle, levels,
+        points.astype(np.float64), cycle_of,
+    )  # fmt: skip
+
+
+def _calibrate(run: _Run, sensor: int, points: np.ndarray[Any, Any]) -> Calibration:
+    from analysis.errors import DataError
+
+    if run.elongations is None:
+        raise DataError("no elongation was read", "Give a file with --elongation, or enter the readings.")
+    if not points.size:
+        raise DataError("no plateau of a complete cycle has an elongation", "Record at least one whole cycle.")
+    y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])
+    return fit_calibration(run.elongations.elongation_mm[points], y, run.options.degree)
+
+
+def _loop_figures(
+    run: _Run, sensor: int, fso: float
+) -> tuple[dict[str, Figure], tuple[float, ...], tuple[float, ...], FloatArray]:
+    loops, n = run.loops, run.loops.n_cycles
+    figures: dict[str, Figure] = {}
+    system = loop_width(loops.pressure_kpa, loops.signal_mv[sensor], run.weights)
+    figures["system_hysteresis_percent_fso"] = metrics.hysteresis(
+        system, fso, n, "max over p of |loading - unloading| / FSO, mean loop"
+    )
+    per_cycle: tuple[float, ...] = ()
+    if loops.elongation_mm is not None:
+        own = loop_width(loops.elongation_mm, loops.signal_mv[sensor], run.weights)
+        figures["sensor_hysteresis_percent_fso"] = metrics.hysteresis(
+            own, fso, n, "max over x of |loading - unloading| / FSO, mean loop"
+        )
+        per_cycle = tuple((100.0 / fso * own.per_cycle).tolist()) if fso > 0 else ()
+    system_cycles = tuple((100.0 / fso * system.per_cycle).tolist()) if fso > 0 else ()
+    if run.plateaus:
+        parts = metrics.staircase_noise(run.plateaus, sensor)
+    else:
+        parts = metrics.continuous_noise(run.recording, run.cycles, sensor)
+    figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(parts, loops.numbers, fso, run.weights)
+    figures["nonlinearity_percent_fso"] = metrics.pressure_nonlinearity(loops, sensor, fso, run.weights)
+    figures |= metrics.repeatability(loops, sensor, fso, run.weights)
+    figures["drift_percent_fso_per_100_cycles"], levels = metrics.drift(loops, sensor, fso)
+    return figures, per_cycle, system_cycles, levels
+
+
+def _actuator_hysteresis(run: _Run) -> tuple[Figure, tuple[float, ...]]:
+    """The actuator's own loop: x over p, % of the span of x."""
+    definition = "max over p of |x loading - x unloading| / span of x, mean loop"
+    x = run.loops.elongation_mm
+    if x is None or not np.isfinite(x).any():
+        return Figure.nothing("%", "no elongation was read", definition), ()
+    span = float(np.nanmax(x) - np.nanmin(x))
+    width = loop_width(run.loops.pressure_kpa, x, run.weights)
+    figure = metrics.hysteresis(width, span, run.loops.n_cycles, definition)
+    per_cycle = tuple((100.0 / span * width.per_cycle).tolist()) if span > 0 else ()
+    return Figure(figure.value, "%", figure.n, figure.low, figure.high, figure.void, figure.note, definition), per_cycle
+
+
+def _system_sensitivity(sensors: list[SensorAnalysis]) -> Figure:
+    definition = "mean over the sensors of their end-to-end sensitivity"
+    parts = [s.figures["sensitivity_mv_per_mm"] for s in sensors if s.calibration is not None]
+    if len(parts) < len(sensors) or not parts:
+        return Figure.nothing("mV/mm", "not every sensor is calibrated", definition)
+    n = len(parts)
+    value = sum(p.value for p in parts) / n
+    # the sensors share their cycles and readings: half-widths are averaged, as for fully correlated parts
+    low = sum(p.value - p.low for p in parts) / n
+    high = sum(p.high - p.value for p in parts) / n
+    return Figure(value, "mV/mm", parts[0].n, value - low, value + high, definition=definition)
+
+
+def _flags(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ...]:
+    recording = run.recording
+    flags: list[tuple[str, str]] = []
+    if recording.simulated:
+        flags.append(("simulated", "recorded from the virtual board: SIMULATED"))
+    if recording.gaps:
+        flags.append(("gaps", f"{recording.lost} samples lost in {len(recording.gaps)} gaps"))
+    flags += [
+        (name, f"{count} samples masked: {name.replace('_', ' ')}") for name, count in recording.masked.items() if count
+    ]
+    if recording.meta.get("damaged_blocks"):
+        flags.append(("damaged", f"{recording.meta['damaged_blocks']} blocks of the file are damaged and left out"))
+    if not run.cycles.used:
+        flags.append(("no_cycle", f"no complete cycle, {run.cycles.as_json()['partial']} partial"))
+    flags += [("partial_cycle", part.reason) for part in run.cycles.partial]
+    flags += [("cycle_left_out", f"cycle {c.number}: {c.left_out}") for c in run.cycles.complete if c.left_out]
+    flags += [
+        (
+            "excursion_left_out",
+            f"{recording.time_s[e.first]:.1f} s: {e.low_kpa:+.1f} to {e.high_kpa:+.1f} kPa: {e.reason}",
+        )
+        for e in run.cycles.excursions
+    ]
+    flags += [("void", reason) for reason in run.loops.void]
+    flags += [("marks_disagree", said) for said in disagreements_with_marks(run.cycles, recording)]
+    for sensor in sensors:
+        flags += [(code, f"{sensor.name}: {text}") for code, text in _sensor_flags(sensor, run)]
+    return tuple({"code": code, "text": text} for code, text in flags)
+
+
+def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
+    flags: list[tuple[str, str]] = []
+    calibration, posterior = sensor.calibration, sensor.posterior
+    if calibration is None:
+        return [("no_calibration", sensor.calibration_void)] if run.plateaus else []
+    if not calibration.monotone:
+        inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
+        where = ", ".join(f"{t:.2f}" for t in inside)
+        flags.append(("not_monotone", f"the curve turns at {where} mm: its inverse is refused"))
+    if posterior is None and run.options.mcmc:
+        flags.append(("no_posterior", sensor.calibration_void))
+    if posterior is not None and not posterior.converged:
+        flags.append(
+            ("not_converged", f"the posterior is not converged: {posterior.steps} steps, tau {posterior.tau:.0f}")
+        )
+    if posterior is not None and run.reading_sd_mm > 0 and posterior.sigma < 0.1 * calibration.residual_sd:
+        flags.append(
+            ("reading_error_large", f"a reading error of {run.reading_sd_mm:.2f} mm alone explains the residuals")
+        )
+    return flags
+
+
+def _sensor_json(sensor: SensorAnalysis) -> dict[str, Any]:
+    figures = sensor.figures
+    chosen = "sensor_hysteresis_percent_fso" if sensor.calibration is not None else "system_hysteresis_percent_fso"
+    plain = {name: figure.value for name, figure in figures.items() if "hysteresis" not in name}
+    plain.setdefault("sensitivity_mv_per_mm", float("nan"))
+    return {
+        "name": sensor.name,
+        "calibration": sensor.calibration.as_json() if sensor.calibration else None,
+        "calibration_void": sensor.calibration_void if sensor.calibration is None else "",
+        "posterior": sensor.posterior.as_json() if sensor.posterior else None,
+        **plain,
+        "hysteresis_percent_fso": {
+            "abscissa": sensor.hysteresis_abscissa,
+            "mean": figures[chosen].value,
+            "per_cycle": list(sensor.hysteresis_per_cycle),
+        },
+        "system_hysteresis_percent_fso": {
+            "abscissa": "pressure_kpa",
+            "mean": figures["system_hysteresis_percent_fso"].value,
+            "per_cycle": list(sensor.system_hysteresis_per_cycle),
+        },
+        "figures": {name: figure.as_json() for name, figure in figures.items()},
+    }

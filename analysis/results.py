@@ -1,0 +1,54 @@
+"""Results kept in the recording they came from, so that a report can be traced and a figure reproduced.
+
+Rules: a result carries its parameters, its seed and the program's version; the same result is kept once. A run that is
+no `.boat` file, or cannot be written, keeps nothing, and says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.boat_file import is_boat_file, store_result
+from analysis.errors import AnalysisError
+from analysis.pipeline import Analysis
+
+
+def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path | None = None) -> str:
+    """Keep an analysis in its recording.
+
+    Returns
+    -------
+    "", or a sentence why nothing was kept.
+    """
+    run = Path(run)
+    if not is_boat_file(run):
+        return ""
+    parameters: dict[str, Any] = {"options": asdict(analysis.options)}
+    if elongation is not None:
+        file = Path(elongation)
+        parameters["elongation"] = {"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
+    try:
+        store_result(run, "analysis", finite(analysis.to_json()), parameters, seed=analysis.options.seed)
+    except AnalysisError as error:
+        return f"the result was not kept: {error.cause}"
+    return ""
+
+
+def finite(value: Any) -> Any:
+    """Return `value` in JSON's own types, NaN and infinities as None."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [finite(item) for item in value]
+    if isinstance(value, np.generic):
+        return finite(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,78 @@
+"""`boat-daq analyze`: every figure of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, say
+
+if TYPE_CHECKING:
+    from analysis.pipeline import Analysis
+
+
+def analyze(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A .boat file, or a CSV that `import` understands.")],
+    elongation: Annotated[Path | None, typer.Option(help="CSV of read elongations, by plateau.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the intervals and the posterior.")] = 0,
+    no_mcmc: Annotated[bool, typer.Option("--no-mcmc", help="Leave the posterior out.")] = False,
+    x_resolution: Annotated[
+        float | None, typer.Option(min=0.0, metavar="MM", help="Grid of the readings; 0 = read exactly.")
+    ] = None,
+    tolerance: Annotated[float, typer.Option(min=0.01, metavar="KPA", help="A plateau has settled within it.")] = 1.0,
+    settling: Annotated[float, typer.Option(min=0.0, metavar="S", help="Time left out after arriving.")] = 0.5,
+    no_store: Annotated[bool, typer.Option("--no-store", help="Do not keep the result in the recording.")] = False,
+    json: JsonOption = False,
+) -> None:
+    """Every figure of a run: calibration, posterior, sensitivity, hysteresis, SNR, repeatability, drift.
+
+    The result is kept in the recording, with the program's version. Example:
+
+        boat-daq analyze run.boat --elongation readings.csv --seed 1 --json
+    """
+    from analysis import Options, PlateauSettings, analyse
+    from analysis.results import store_analysis
+
+    options = Options(
+        seed=seed, mcmc=not no_mcmc, x_resolution_mm=x_resolution, plateau=PlateauSettings(tolerance, settling)
+    )
+    with progress_bar("Analysing") as advance:
+        analysis = analyse(run, elongation, options=options, progress=advance)
+    if not no_store:
+        said = store_analysis(run, analysis, elongation)
+        if said:
+            say(said)
+    if json:
+        emit_json(analysis.to_json())
+    else:
+        _print(analysis)
+
+
+def _print(analysis: Analysis) -> None:
+    from rich.table import Table
+
+    from analysis.numbers import with_interval
+
+    content = analysis.to_json()
+    cycles = content["cycles"]
+    title = "SIMULATED  " if content["simulated"] else ""
+    out.print(
+        f"{title}{analysis.recording.source}: {content['duration_s']:.1f} s at {content['rate_hz']:.1f} Hz, "
+        f"{cycles['complete']} complete cycles, {cycles['partial']} partial, {content['lost_samples']} samples lost",
+        highlight=False,
+    )
+    table = Table(box=None, pad_edge=False)
+    table.add_column("figure (95 % interval)")
+    for sensor in analysis.sensors:
+        table.add_column(sensor.name, justify="right")
+    for name in analysis.sensors[0].figures:
+        table.add_row(name, *(with_interval(sensor.figures[name]) for sensor in analysis.sensors))
+    out.print(table)
+    for sensor in analysis.sensors:
+        if sensor.calibration is not None:
+            terms = ", ".join(f"b{i} = {b:.6g}" for i, b in enumerate(sensor.calibration.coefficients))
+            out.print(f"{sensor.name}: {terms}, R2 = {sensor.calibration.r2:.5f}", highlight=False)
+    for flag in content["flags"]:
+        say(f"{flag['code']}: {flag['text']}")

@@ -1,0 +1,100 @@
+"""`boat-daq fit`: a polynomial calibration of any two columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from boat_daq.commands.console import JsonOption, emit_json, out, say
+
+if TYPE_CHECKING:
+    from analysis.calibration import Calibration
+    from analysis.posterior import Posterior
+
+BAND_POINTS = 101
+
+
+def fit(
+    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="A table of numbers.")],
+    x: Annotated[str, typer.Option(metavar="COL", help="Column of x: its name, or its number from 1.")],
+    y: Annotated[str, typer.Option(metavar="COL", help="Column of y.")],
+    degree: Annotated[int, typer.Option(min=0, max=10)] = 3,
+    u: Annotated[str | None, typer.Option("--u", metavar="COL", help="Column of y's standard uncertainty.")] = None,
+    bands: Annotated[
+        bool, typer.Option("--bands", help="68 and 95 % bands of the curve and of a new reading.")
+    ] = False,
+    x_resolution: Annotated[
+        float, typer.Option(min=0.0, metavar="MM", help="Grid that x was read on: samples the posterior.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the posterior.")] = 0,
+    json: JsonOption = False,
+) -> None:
+    """A polynomial calibration of any two columns of a CSV.
+
+    Rows with a missing number are left out and counted. Example:
+
+        boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
+    """
+    import numpy as np
+
+    from analysis.calibration import fit_calibration
+    from analysis.checks import fit_checks
+    from analysis.csv_table import read_table
+
+    table = read_table(file)
+    names = [name for name in (x, y, u) if name is not None]
+    columns = [table.columns[table.position(name)] for name in names]
+    known = np.isfinite(columns).all(axis=0)
+    masked = int((~known).sum()) + table.broken
+    if masked:
+        say(f"{masked} rows left out: not every number is there")
+    for issue in table.issues:
+        say(issue)
+    kept = [column[known] for column in columns]
+    uncertainty = kept[2] if u is not None else None
+    calibration = fit_calibration(kept[0], kept[1], degree, standard_uncertainty=uncertainty)
+    content: dict[str, Any] = calibration.as_json() | {"masked": masked, "checks": fit_checks(calibration)}
+    posterior = None
+    if x_resolution > 0:
+        from analysis.posterior import sample_posterior
+
+        posterior = sample_posterior(
+            kept[0], kept[1], degree, reading_sd=x_resolution / 12**0.5, standard_uncertainty=uncertainty, seed=seed
+        )
+        content["posterior"] = posterior.as_json()
+        if not posterior.converged:
+            say(f"the posterior is not converged: {posterior.steps} steps, autocorrelation time {posterior.tau:.0f}")
+    if bands:
+        content["bands"] = _bands(calibration, posterior)
+    if json:
+        emit_json(content)
+    else:
+        _print(content)
+
+
+def _bands(calibration: Calibration, posterior: Posterior | None) -> dict[str, Any]:
+    import numpy as np
+
+    grid = np.linspace(*calibration.x_range, BAND_POINTS)
+    content: dict[str, Any] = {
+        "x": grid,
+        "y": calibration.predict(grid),
+        "method": "posterior" if posterior else "Student t",
+    }
+    for level in (0.68, 0.95):
+        if posterior is not None:
+            curve, reading = posterior.curve_band(grid, level), posterior.new_reading_band(grid, level)
+        else:
+            curve, reading = calibration.band(grid, level), calibration.band(grid, level, new_reading=True)
+        content[f"curve_{100 * level:.0f}"] = list(curve)
+        content[f"new_reading_{100 * level:.0f}"] = list(reading)
+    return content
+
+
+def _print(content: dict[str, Any]) -> None:
+    for i, (b, u) in enumerate(zip(content["coefficients"], content["std_errors"], strict=True)):
+        out.print(f"b{i} = {b:.12g}   u = {u:.3g}", highlight=False)
+    out.print(f"R2 = {content['r2']:.8f}   RMSE = {content['rmse']:.6g}   n = {content['n']}", highlight=False)
+    out.print(f"range {content['range']}   monotone: {content['monotone']}", highlight=False)

@@ -33,19 +33,19 @@ def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour =
                      else (100.0 * state.strain, "greatest principal strain, %"))
     shown = None
     for sign in (1.0, -1.0):
-        x, z = state.nodes_mm[:, 0], sign * state.nodes_mm[:, 1]
-        shown = axes.tripcolor(Triangulation(x, z, topology.triangles), values, shading="gouraud", cmap="viridis",
+        x, z = sign * state.nodes_mm[:, 0], state.nodes_mm[:, 1]
+        shown = axes.tripcolor(Triangulation(z, x, topology.triangles), values, shading="gouraud", cmap="viridis",
                                vmin=min(0.0, float(values.min())), vmax=max(float(values.max()), 1e-6))
         for line in (topology.outline, topology.cavity):
             rest = topology.rest_mm[line]
-            axes.plot(rest[:, 0], sign * rest[:, 1], color=REST, lw=0.8, ls=(0, (4, 3)))
+            axes.plot(rest[:, 1], sign * rest[:, 0], color=REST, lw=0.8, ls=(0, (4, 3)))
         for line in (topology.outline, topology.cavity, topology.interface):
-            axes.plot(x[line], z[line], color=TEXT, lw=0.7)
+            axes.plot(z[line], x[line], color=TEXT, lw=0.7)
     draw_guides(axes, state)
     draw_tips(axes, state, topology)
     if shown is not None:
         figure.colorbar(shown, ax=axes, shrink=0.75, pad=0.02).set_label(title, color=MUTED)
-    axes.set(xlabel="along the actuator, mm", ylabel="across, mm", aspect="equal")
+    axes.set(xlabel="along the actuator (z), mm", ylabel="across (x), mm", aspect="equal")
     axes.set_title(headline(state), loc="left", fontsize=9.5, color=TEXT)
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
@@ -65,14 +65,14 @@ def draw_guides(axes: Axes, state: ShadowState) -> None:
     """Draw both centrelines with their tracked points."""
     for i, colour in enumerate(GUIDES):
         line, dots = state.centrelines_mm[i], state.tracked_points_mm[i]
-        axes.plot(line[:, 0], line[:, 1], color="white", lw=3.4)
-        axes.plot(line[:, 0], line[:, 1], color=colour, lw=1.8, label=f"guide {i + 1}")
-        axes.plot(dots[:, 0], dots[:, 1], "o", color=colour, mec="white", mew=0.8, ms=5.5)
+        axes.plot(line[:, 1], line[:, 0], color="white", lw=3.4)
+        axes.plot(line[:, 1], line[:, 0], color=colour, lw=1.8, label=f"guide {i + 1}")
+        axes.plot(dots[:, 1], dots[:, 0], "o", color=colour, mec="white", mew=0.8, ms=5.5)
 
 
 def draw_tips(axes: Axes, state: ShadowState, topology: ShadowTopology) -> None:
     """Draw the measured tip plate as a line and the nominal one with its band (k = 2)."""
-    top = 1.08 * float(state.nodes_mm[:, 1].max())
+    top = 1.08 * float(state.nodes_mm[:, 0].max())
     measured = topology.length_mm + state.elongation_mm
     axes.plot([measured, measured], [-top, top], color=TIP, lw=2.0, label="measured tip")
     if np.isfinite(state.nominal_elongation_mm):

@@ -4,7 +4,7 @@ Strategy: a guide is a parabola from junction to junction, like one side of a bo
 elements that hold them, so a deformed centreline is one sparse product with the nodal displacements. The junctions and
 a short piece of each guide lie in the rigid end pieces below the base and above the tip plate and move with them.
 
-Rules: x runs along the actuator's axis from the base (x = 0) to the tip, z across it; guide 1 is at z > 0, guide 2 its
+Rules: z runs along the actuator's axis from the base (z = 0) to the tip, x across it; guide 1 is at x > 0, guide 2 its
 mirror image. Points go from the base's junction to the tip's. The guides add no stiffness of their own.
 """
 
@@ -150,6 +150,5 @@ def make_guides(parameters: ActuatorParameters, mesh: Mesh) -> Guides:
 
 
 def both_guides(half_plane: Floats) -> Floats:
-    """Return guide 1 and its mirror image in (x, z), shape (2, n, 2), of points (r, z-axis), shape (n, 2)."""
-    along, across = half_plane[:, 1], half_plane[:, 0]
-    return np.stack([np.stack([along, across], axis=1), np.stack([along, 0.0 - across], axis=1)])
+    """Return guide 1 and its mirror image in (x, z), shape (2, n, 2), of points (r, z), shape (n, 2)."""
+    return np.stack([half_plane, half_plane * (-1.0, 1.0) + 0.0])

@@ -4,7 +4,7 @@ Strategy: the reduced model answers inside its rectangle, the full model outside
 is plain arrays: deformed nodes, a colour value for each, guides, tracked points, nominal and measured tip, deviation
 with its band. What never changes (triangles, outline, rest) is in `ShadowTopology`, so a pane uploads it once.
 
-Rules: NaN in elongation or pressure is refused, never drawn. Lengths in mm; x along the axis from the base, z across.
+Rules: NaN in elongation or pressure is refused, never drawn. Lengths in mm; z along the axis from the base, x across.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class ShadowTopology:
 
     Parameters
     ----------
-    rest_mm : shape (n, 2), (x, z) of the upper half's nodes at rest; the lower half is its mirror image, z -> -z.
+    rest_mm : shape (n, 2), (x, z) of one half's nodes at rest; the other half is its mirror image, x -> -x.
     quads : shape (m, 8), the elements.
     triangles : shape (6 m, 3), the elements cut up for drawing with a colour at each node.
     material : shape (m,), 0 lattice, 1 wall.
@@ -69,7 +69,7 @@ class ShadowState:
     Parameters
     ----------
     pressure_kpa, elongation_mm : the state drawn.
-    nodes_mm : shape (n, 2), deformed (x, z) of the upper half.
+    nodes_mm : shape (n, 2), deformed (x, z) of one half.
     displacement_mm : shape (n,), length of each node's displacement.
     strain : shape (n,), greatest principal stretch minus 1 at each node, dimensionless.
     centrelines_mm : shape (2, k, 2), (x, z) of both guides every 0.5 mm.
@@ -119,7 +119,6 @@ class Shadow:
     def topology(self) -> ShadowTopology:
         """What stays the same from frame to frame."""
         mesh = self.model.mesh
-        across = mesh.nodes[:, ::-1]
         outer = np.isclose(mesh.nodes[:, 0], self.parameters.envelope_radius_mm)
         envelope = np.flatnonzero(outer)[np.argsort(mesh.nodes[outer, 1])]
         wall = np.unique(mesh.quads[mesh.material == 1])
@@ -127,7 +126,7 @@ class Shadow:
         between = np.intersect1d(wall, lattice)
         inside = np.unique(mesh.cavity)
         return ShadowTopology(
-            rest_mm=np.ascontiguousarray(across), quads=mesh.quads, triangles=triangles(mesh.quads),
+            rest_mm=mesh.nodes, quads=mesh.quads, triangles=triangles(mesh.quads),
             material=mesh.material,
             outline=np.concatenate([mesh.base[np.argsort(mesh.nodes[mesh.base, 0])], envelope[1:-1],
                                     mesh.tip[np.argsort(-mesh.nodes[mesh.tip, 0])]]),
@@ -189,7 +188,7 @@ class Shadow:
         nominal, spread = (float(v) for v in self.table.nominal_elongation(np.array(p)))
         guides = self.model.guides
         return ShadowState(
-            pressure_kpa=p, elongation_mm=q, nodes_mm=(self.model.mesh.nodes + u)[:, ::-1],
+            pressure_kpa=p, elongation_mm=q, nodes_mm=self.model.mesh.nodes + u,
             displacement_mm=np.hypot(u[:, 0], u[:, 1]), strain=self.strain(u),
             centrelines_mm=both_guides(guides.centreline.positions(u)),
             tracked_points_mm=both_guides(guides.tracked.positions(u)),

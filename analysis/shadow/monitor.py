@@ -1,0 +1,271 @@
+"""Is the actuator ill? Figures of each cycle against the nominal actuator, and alarms from a sequential test.
+
+Strategy: a cycle is boiled down to six figures, each the signature of an illness:
+
+    loss        % a minute by which the elongation's pressure p_nom(x) falls behind the gauge           leak
+    fade        % a minute by which the gauge itself falls in a hold (pumps off)                         leak
+    gain        slope of elongation against nominal elongation                                           softening, stiffening
+    offset      elongation where the nominal one is zero, mm                                             drift
+    difference  sensor 1 minus sensor 2 where elongation is zero, mm                                     sensor disagreement
+    difference slope   and how it grows with elongation, mm/mm                                           sensor disagreement
+
+Each figure is compared with its own healthy history by the self-starting CUSUM of cusum.py. A healthy unit's constant
+deviation (its own calibration, its own hysteresis, its creep) is history, not illness. One illness moves several figures:
+a leak also shifts the offset, a sensor that drifts also bends the gain; such an alarm says what it may follow from.
+
+Rules: arrays only, time in s, pressure in kPa, elongations in mm, NaN where a value is unknown. A cycle without holds
+has no fade, one sensor has no difference: that figure is NaN and waits. False alarms: one in 1,000 healthy cycles over
+all alarms together, for cycles whose figures scatter independently.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+from typing import Literal
+
+import numpy as np
+
+from analysis.errors import DataError, RequestError
+from analysis.shadow.arrays import Booleans, Floats
+from analysis.shadow.cusum import SelfStartingCusum, cycles_between_alarms, threshold_for
+from analysis.shadow.reduced import ReducedModel
+
+Illness = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
+HEALTHY_CYCLES_BETWEEN_ALARMS = 1000.0
+RUN_IN_CYCLES = 2
+STEADY_KPA, SHORTEST_HOLD_S, SETTLING_S, LEAST_PRESSURE_KPA = 0.75, 2.0, 0.7, 15.0
+"""A hold: pressure within this of its own median for so long; its beginning is left out, and so are low pressures."""
+
+_CHANNELS: tuple[tuple[str, float, str, Illness | None, Illness | None], ...] = (
+    ("loss", 0.3, "%/min", "leak", None),
+    ("fade", 0.1, "%/min", "leak", None),
+    ("gain", 0.002, "", "softening", "stiffening"),
+    ("offset", 0.02, "mm", "drift", "drift"),
+    ("difference", 0.02, "mm", "sensor disagreement", "sensor disagreement"),
+    ("difference slope", 0.005, "mm/mm", "sensor disagreement", "sensor disagreement"),
+)
+"""Figure, floor of its spread (the change nobody cares about), unit, and what a rise or a fall of it means."""
+_BRINGS: dict[Illness, tuple[Illness, ...]] = {
+    "leak": ("drift", "stiffening"), "sensor disagreement": ("softening", "stiffening", "drift")}
+"""What an illness also moves."""
+
+
+@dataclass(frozen=True, slots=True)
+class CycleFigures:
+    """One cycle in six figures; NaN where the cycle does not hold it. Units as in the module's table."""
+
+    loss_percent_per_min: float
+    fade_percent_per_min: float
+    gain: float
+    offset_mm: float
+    difference_mm: float
+    difference_slope: float
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """What, since when, how sure.
+
+    Parameters
+    ----------
+    illness : what it is taken for.
+    figure, unit : the figure that says so.
+    shift : how far the figure has moved from its healthy history, in `unit`.
+    since_cycle, cycle : first cycle of the change, and the cycle in which it was found (from 1).
+    healthy_cycles : a healthy actuator comes this far once in so many cycles.
+    may_follow_from : other illnesses now standing that would also move this figure.
+    """
+
+    illness: Illness
+    figure: str
+    unit: str
+    shift: float
+    since_cycle: int
+    cycle: int
+    healthy_cycles: float
+    may_follow_from: tuple[Illness, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """The alarm in words."""
+        size = f"{100 * self.shift:+.1f} %" if self.unit == "" else f"{self.shift:+.3g} {self.unit}"
+        cause = f" (may follow from {' and '.join(self.may_follow_from)})" if self.may_follow_from else ""
+        return (f"{self.illness} since cycle {self.since_cycle}{cause}: {self.figure} {size} off its history; "
+                f"a healthy actuator does this once in {min(self.healthy_cycles, 1e9):,.0f} cycles")
+
+
+def deviation_mm(table: ReducedModel, pressure_kpa: Floats, elongation_mm: Floats) -> Floats:
+    """Return measured minus nominal elongation, mm; NaN where either is unknown."""
+    return np.asarray(elongation_mm) - table.nominal_elongation(pressure_kpa)[0]
+
+
+def pressure_residual_kpa(table: ReducedModel, pressure_kpa: Floats, elongation_mm: Floats) -> Floats:
+    """Return measured pressure minus the pressure that the elongation stands for, kPa; NaN where unknown."""
+    return np.asarray(pressure_kpa) - table.nominal_pressure(elongation_mm)
+
+
+def running_level(time_s: Floats, values: Floats, time_constant_s: float = 10.0) -> Floats:
+    """Return the exponential mean of a series, NaN skipped; what the pane shows as the deviation's level."""
+    level, out, before = np.nan, np.empty(len(values)), 0.0
+    for i, (t, value) in enumerate(zip(time_s, values, strict=True)):
+        if np.isfinite(value):
+            share = 1.0 - np.exp(-max(t - before, 0.0) / time_constant_s)
+            level = value if np.isnan(level) else level + share * (value - level)
+            before = t
+        out[i] = level
+    return out
+
+
+def find_holds(time_s: Floats, pressure_kpa: Floats) -> list[slice]:
+    """Return the stretches of steady pressure, the settling at their beginning left out."""
+    slow = np.abs(np.gradient(moving_mean(pressure_kpa, time_s, 0.5), time_s)) < STEADY_KPA
+    slow &= np.isfinite(pressure_kpa) & (np.abs(pressure_kpa) >= LEAST_PRESSURE_KPA)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int)))
+    holds = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        begin = int(np.searchsorted(time_s, time_s[first] + SETTLING_S))
+        if last - begin >= 3 and time_s[last - 1] - time_s[begin] >= SHORTEST_HOLD_S:
+            holds.append(slice(begin, int(last)))
+    return holds
+
+
+def moving_mean(values: Floats, time_s: Floats, width_s: float) -> Floats:
+    """Return the centred mean over a width in time, on the samples' own grid; NaN stays where it was."""
+    known = np.isfinite(values)
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    half = max(1, round(width_s / max(step, 1e-9) / 2.0))
+    kernel = np.ones(min(2 * half + 1, len(values)))
+    total = np.convolve(np.where(known, values, 0.0), kernel, mode="same")
+    weight = np.convolve(known.astype(float), kernel, mode="same")
+    return np.where(known, total / np.maximum(weight, 1.0), np.nan)
+
+
+def fade_percent_per_min(time_s: Floats, pressure_kpa: Floats) -> float:
+    """Return by how many % of the held pressure the gauge falls a minute under holds; NaN without holds.
+
+    In hold j, p = c_j - rate p_j (t - mean t_j); the holds' rates are weighted by their inverse variances.
+    """
+    total, weights = 0.0, 0.0
+    for hold in find_holds(time_s, pressure_kpa):
+        t, p = time_s[hold], pressure_kpa[hold]
+        lever = (t - t.mean()) * float(np.median(p))
+        strength = float(lever @ lever)
+        rate = -float(lever @ p) / strength
+        rest = p - p.mean() + rate * lever
+        variance = max(float(rest @ rest) / (len(p) - 2), 1e-12) / strength
+        total, weights = total + rate / variance, weights + 1.0 / variance
+    return 6000.0 * total / weights if weights > 0.0 else np.nan
+
+
+def loss_percent_per_min(time_s: Floats, pressure_kpa: Floats, residual_kpa: Floats) -> float:
+    """Return the leak behind the gauge, % of the pressure a minute; NaN where the cycle does not determine it.
+
+    A leak fills the residual r = p - p_nom(x) at r' = loss p, so over a cycle r = c + g p + loss (integral of p dt); c
+    and g take up offset and gain. Half a cycle under one sign of pressure tells more than any single hold.
+    """
+    known = np.isfinite(residual_kpa) & np.isfinite(pressure_kpa)
+    if known.sum() < 10:
+        return np.nan
+    t, p, r = time_s[known], pressure_kpa[known], residual_kpa[known]
+    integral = np.concatenate([[0.0], np.cumsum(np.diff(t) * (p[1:] + p[:-1]) / 2.0)])
+    design = np.stack([np.ones_like(p), p, integral], axis=1)
+    size = np.linalg.norm(design, axis=0)
+    if not (size > 0.0).all() or np.linalg.cond(design / size) > 1e4:
+        return np.nan
+    return 6000.0 * float(np.linalg.lstsq(design / size, r, rcond=None)[0][2] / size[2])
+
+
+def line(x: Floats, y: Floats) -> tuple[float, float]:
+    """Return the value at x = 0 and the slope of a straight line; NaN where there are not enough different x."""
+    known = np.isfinite(x) & np.isfinite(y)
+    if known.sum() < 10 or np.ptp(x[known]) < 0.5:
+        return np.nan, np.nan
+    slope, value = np.polyfit(x[known], y[known], 1)
+    return float(value), float(slope)
+
+
+def cycle_figures(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats) -> CycleFigures:
+    """Boil one cycle down.
+
+    Parameters
+    ----------
+    table : the nominal actuator.
+    time_s, pressure_kpa : shape (n,), one whole cycle.
+    elongations_mm : shape (n,) or (n, sensors), elongation by each sensor's calibration; NaN where it has none.
+
+    Raises
+    ------
+    DataError
+        If lengths differ, time does not rise, or not one elongation is known.
+    """
+    x = np.asarray(elongations_mm, dtype=float)
+    x = x[:, None] if x.ndim == 1 else x
+    t, p = np.asarray(time_s, dtype=float), np.asarray(pressure_kpa, dtype=float)
+    if not len(t) == len(p) == len(x):
+        raise DataError(f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
+                        "give one of each for every sample")
+    if len(t) < 10 or not (np.diff(t) > 0).all():
+        raise DataError("a cycle needs ten samples or more, in rising time", "give whole cycles, in order")
+    known: Booleans = np.isfinite(x)
+    if not known.any():
+        raise DataError("no elongation is known in this cycle", "check the calibration's range: it gives NaN outside")
+    mean = np.where(known.any(axis=1), np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    offset, gain = line(table.nominal_elongation(p)[0], mean)
+    apart = line(mean, x[:, 0] - x[:, 1]) if x.shape[1] > 1 else (np.nan, np.nan)
+    loss = loss_percent_per_min(t, p, p - table.nominal_pressure(mean))
+    return CycleFigures(loss, fade_percent_per_min(t, p), gain, offset, *apart)
+
+
+class Monitor:
+    """Follows cycle after cycle and raises alarms.
+
+    Parameters
+    ----------
+    table : the nominal actuator.
+    healthy_cycles : healthy cycles between false alarms, over all alarms together.
+    """
+
+    def __init__(self, table: ReducedModel, healthy_cycles: float = HEALTHY_CYCLES_BETWEEN_ALARMS) -> None:
+        if not healthy_cycles >= 10.0:
+            raise RequestError(f"one false alarm in {healthy_cycles:g} cycles is no alarm", "allow one in 10 or fewer")
+        self.table = table
+        self.watched = np.array([[rise is not None, fall is not None] for _, _, _, rise, fall in _CHANNELS])
+        self.threshold = threshold_for(healthy_cycles, int(self.watched.sum()))
+        self.cycles = 0
+        self._cusum = SelfStartingCusum(np.array([floor for _, floor, _, _, _ in _CHANNELS]))
+        self._open: set[tuple[int, int]] = set()
+
+    def watch(self, time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats) -> list[Alarm]:
+        """Take one whole cycle as arrays (see `cycle_figures`); return the alarms that it raises for the first time."""
+        return self.take(cycle_figures(self.table, time_s, pressure_kpa, elongations_mm))
+
+    def take(self, figures: CycleFigures) -> list[Alarm]:
+        """Take one cycle's figures; return the alarms that it raises for the first time."""
+        self.cycles += 1
+        if self.cycles <= RUN_IN_CYCLES:
+            return []
+        sums = self._cusum.update(np.array(astuple(figures)))
+        raised = (sums > self.threshold) & self.watched
+        self._open = {key for key in self._open if sums[key] > 0.0}
+        fresh = [(int(i), int(j)) for i, j in np.argwhere(raised) if (int(i), int(j)) not in self._open]
+        self._open.update(fresh)
+        return [self._alarm(i, j) for i, j in fresh]
+
+    def _illness(self, channel: int, side: int) -> Illness | None:
+        rise, fall = _CHANNELS[channel][3:]
+        return rise if side == 0 else fall
+
+    def standing(self) -> list[Alarm]:
+        """Return the alarms that are still up, with what is known of them now."""
+        return [self._alarm(i, j) for i, j in sorted(self._open)]
+
+    def _alarm(self, channel: int, side: int) -> Alarm:
+        illness = self._illness(channel, side)
+        if illness is None:  # pragma: no cover - `watched` keeps such a side from being raised
+            raise RequestError("this side of the figure has no meaning")
+        name, _, unit, _, _ = _CHANNELS[channel]
+        sums, length, shift = (a[channel, side] for a in (self._cusum.sums, self._cusum.length, self._cusum.shift))
+        once = float(cycles_between_alarms(sums)) / int(self.watched.sum())
+        causes = {other for key in self._open if (other := self._illness(*key)) and illness in _BRINGS.get(other, ())}
+        return Alarm(illness, name, unit, float(shift), self.cycles - int(length) + 1, self.cycles, once,
+                     tuple(sorted(causes)))

@@ -6,9 +6,10 @@
 one mark a byte: `@nNAME` is byte n of variable NAME, 0 the lowest, and `x` a byte to skip. A variable may have 1 to 4
 bytes in any order, all of them once. Letters' case matters in names only.
 
-The packets carry no checksum. What can be checked is checked: a packet counts when its header and tail fit and, where
-the stream is not yet in step or the format has no tail, when the next packet's header (and tail, if it has one)
-fits behind it. After a misfit the search goes on one byte behind the failed start, never behind the whole packet:
+The packets carry no checksum: a byte that was changed on the way shows nowhere, and only a byte lost or added does.
+What can be checked is checked: a packet counts when its header and tail fit and the next packet's header stands right
+behind it, the whole next packet where the stream is not yet in step. So a sample comes one period late, and the very
+last one not at all. After a misfit the search goes on one byte behind the failed start, never behind the whole packet:
 a header byte among the data costs nothing then.
 """
 
@@ -132,9 +133,7 @@ class PacketReader:
 
     def _confirming_bytes(self) -> int:
         """Return how many bytes of the next packet must be there to believe this one."""
-        if not self._in_step:
-            return self._format.length
-        return 0 if self._format.tail else len(self._format.head)
+        return len(self._format.head) if self._in_step else self._format.length
 
     def _fits(self, packet: bytes) -> bool:
         """Return whether a packet, or its first bytes, has the header and tail."""

@@ -124,8 +124,8 @@ def parse_fault(text: str) -> Fault:
     ------
     LocalError : an unknown name (the remedy lists all), or no number where one belongs.
     """
-    name, _, rest = text.strip().partition("@")
-    seconds, _, value = rest.partition(":")
+    head, _, value = text.strip().partition(":")
+    name, _, seconds = head.partition("@")
     if name not in FAULTS:
         raise LocalError(f"there is no fault {name!r}", "use NAME@SECONDS[:VALUE] with one of\n" + fault_list())
     return make_fault(name, _number(text, seconds or "0"), _number(text, value) if value else None)

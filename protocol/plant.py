@@ -48,7 +48,7 @@ class Pneumatics:
         self.leak_per_s = 0.0
         self._rate = 0.0
         self._lost_kpa = 0.0
-        self._beyond = False  # an exaggerated overshoot still on its way out
+        self._beyond_kpa = 0.0  # an exaggerated overshoot still on its way out, with its sign
 
     def command(self, target_kpa: float, ramp_kpa_per_s: float) -> None:
         """Regulate towards `target_kpa`; a ramp of 0 is as fast as the pumps go."""
@@ -57,7 +57,7 @@ class Pneumatics:
         self.target_kpa = target_kpa
         self.ramp_kpa_per_s = min(ramp_kpa_per_s or PUMP_KPA_PER_S, PUMP_KPA_PER_S)
         self.regulated, self.venting = True, False
-        self._beyond = self.overshoot_kpa != 0.0
+        self._beyond_kpa = math.copysign(self.overshoot_kpa, target_kpa - self.pressure_kpa)
 
     def vent(self) -> None:
         """Open the valve, stop the pumps."""
@@ -89,17 +89,15 @@ class Pneumatics:
         self.bladder_kpa = self.pressure_kpa - self._lost_kpa
 
     def _move_setpoint(self) -> None:
-        goal = self.target_kpa
-        if self._beyond:
-            goal += math.copysign(self.overshoot_kpa, self.target_kpa - self.pressure_kpa)
+        goal = self.target_kpa + self._beyond_kpa
         gap = goal - self.setpoint_kpa
         most = self.ramp_kpa_per_s * TICK_S
         if abs(gap) > most:
             self.setpoint_kpa += math.copysign(most, gap)
         else:
             self.setpoint_kpa = goal
-            if self._beyond and abs(self.pressure_kpa - goal) < 0.5:
-                self._beyond = False
+            if abs(self.pressure_kpa - goal) < 0.5:
+                self._beyond_kpa = 0.0
 
 
 class Body:

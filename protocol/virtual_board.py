@@ -92,9 +92,8 @@ class VirtualBoard:
         begun, ended = self._schedule.move_to(0)
         self._boot(BootReason.POWER, clock_start_us=-clock_wrap)
         self._apply_faults(begun, ended)
-        at_rest = np.zeros(1)
-        rest = np.column_stack([at_rest, self._body.advance(at_rest), self._sensors.advance(at_rest)])
-        self._plant = PlantBlock(-1, np.concatenate([rest, rest]), np.zeros(1, np.int64), np.zeros(1, np.int64))
+        found = self._rows(np.array([self._pneumatics.pressure_kpa] * 2), np.ones(2))
+        self._plant = PlantBlock(-1, found, np.zeros(1, np.int64), np.zeros(1, np.int64))
         self._run(0)
 
     # ---- what the board's owner calls ----------------------------------------------------------------------------
@@ -103,6 +102,16 @@ class VirtualBoard:
     def n_sensors(self) -> int:
         """How many sensors the unit has."""
         return len(self.unit.sensors)
+
+    @property
+    def pressure_kpa(self) -> float:
+        """The true gauge pressure."""
+        return self._pneumatics.pressure_kpa
+
+    @property
+    def elongation_mm(self) -> float:
+        """The true elongation, at the end of the present tick."""
+        return float(self._plant.rows[-1, 1])
 
     @property
     def unplugged(self) -> bool:
@@ -165,10 +174,11 @@ class VirtualBoard:
         return (now_us - self._booted_us + self._clock_start_us) & 0xFFFFFFFF
 
     def _reset_control(self) -> None:
-        """Forget what was commanded; without current the valve opens."""
+        """Forget what was commanded; a board that reboots lets the pressure out."""
         self._sampler.stop()
         self._later.clear()
-        self._pneumatics.vent()
+        if self.now_us:
+            self._pneumatics.vent()
         self._control = BoardControl(self._pneumatics, RATE_MAX_HZ)
 
     def _boot(self, reason: int, *, clock_start_us: int = 0) -> None:
@@ -314,8 +324,8 @@ class VirtualBoard:
             pneumatics.step(noise[tick])
             gauge.append(pneumatics.pressure_kpa)
             bladder.append(pneumatics.bladder_kpa)
-        elongation = self._body.advance(np.array(bladder)) * self._softening(gauge)
-        rows = np.column_stack([np.array(gauge), elongation, self._sensors.advance(elongation)])
+        rows = self._rows(np.array(bladder), self._softening(gauge))
+        rows[:, 0] = gauge
         before = self._plant
         self._plant = PlantBlock(
             before.first_tick + before.states.size - 1,
@@ -324,6 +334,11 @@ class VirtualBoard:
             np.concatenate([before.flags[-1:], np.full(count, control.flags, np.int64)]),
         )
         return messages
+
+    def _rows(self, bladder_kpa: NDArray[np.float64], softening: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the plant's next rows, (kPa, mm, mV of each sensor), from the bladder's pressure."""
+        elongation = self._body.advance(bladder_kpa) * softening
+        return np.column_stack([bladder_kpa, elongation, self._sensors.advance(elongation)])
 
     def _softening(self, gauge_kpa: list[float]) -> NDArray[np.float64]:
         """Return by how much the body has softened at each tick, 1 = not at all."""

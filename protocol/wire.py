@@ -21,6 +21,7 @@ class Wire:
         }
         self._until: dict[str, int] = {}  # bytes until the next damage of that name
         self._which_bit = np.random.default_rng((seed, 104))
+        self._said = 0  # by another device
         self._wrong_baud = np.random.default_rng((seed, 103))
 
     def carry(self, data: bytes, faults: Mapping[str, float]) -> bytes:
@@ -28,9 +29,9 @@ class Wire:
         if "silent" in faults or "unplug" in faults:
             return b""
         if "other_device" in faults:
-            return OTHER_DEVICE
+            return self._other_text(len(data))
         if "wrong_baud" in faults:
-            noise = self._wrong_baud.integers(1, 256, len(data), dtype=np.uint8)
+            noise = (1 + 255 * self._wrong_baud.random(len(data))).astype(np.uint8)
             data = (np.frombuffer(data, np.uint8) ^ noise).tobytes()
         if "bit_flips" in faults:
             damaged = bytearray(data)
@@ -43,6 +44,12 @@ class Wire:
                 del kept[place]
             data = bytes(kept)
         return data
+
+    def _other_text(self, length: int) -> bytes:
+        """Return as many bytes of another device's talk as the board would have sent."""
+        start = self._said % len(OTHER_DEVICE)
+        self._said += length
+        return (OTHER_DEVICE * (length // len(OTHER_DEVICE) + 2))[start : start + length]
 
     def _places(self, name: str, chance: float, length: int) -> list[int]:
         """Return which of the next `length` bytes are hit, each with the same chance."""

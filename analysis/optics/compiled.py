@@ -43,6 +43,11 @@ def compiled(function: Function) -> Function:
     return cast(Function, dispatcher)
 
 
+def inner(function: Function) -> Function:
+    """As `compiled`, and written into its callers: for the innermost loops."""
+    return cast(Function, numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
+
+
 @numba.extending.intrinsic
 def pointer(typingctx: Any, array: Any) -> Any:
     """The address of a contiguous array's first element, to be indexed flat.

@@ -26,7 +26,7 @@ C_LEVEL_L, C_LEVEL_R, C_START, C_END, C_LEFT, C_RIGHT, CELL_COLUMNS = 5, 6, 7, 1
 SURFACE_COLUMNS = 16
 # columns of a cell's links: cell before, cell after, wall before, wall after (0 or 1)
 BEFORE, AFTER, WALL_BEFORE, WALL_AFTER = 0, 1, 2, 3
-_LEAF = 4
+_LEAF = 3
 _SLIVER = 1e-9
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from analysis.optics.compiled import Floats, Ints, compiled, pointer
+from analysis.optics.compiled import Floats, Ints, compiled, inner, pointer
 from analysis.optics.frame import CORNER_A, CORNER_B, FORK_START, NO_CELL, RECEIVER
 from analysis.optics.geometry import (
     AFTER,
@@ -36,6 +36,7 @@ RELEASED, DETECTED, ESCAPED, TRAPPED, CUT, CORNER, DROPPED, HITS, GRANTED, REFUS
 E_DETECTED, E_ESCAPED, E_ABSORBED, E_CUT, ENERGIES = range(5)
 BY_TIME, BY_BOUNCE, BY_INDEX = range(3)
 MOST_HITS = 1_000_000
+_JOINT = 1e-9
 
 
 class Rules(NamedTuple):
@@ -121,7 +122,7 @@ def book_of(book: Book) -> Book:
                 pointer(book.drawn_by), book.room)
 
 
-@compiled
+@inner
 def _root(b: float, c: float, k: float, slope: float) -> float:
     """First t > 0 with k t^2 + 2 b t + c = 0 and slope's sign, or inf; stable for k -> 0, exact for c = 0."""
     square = b * b - k * c
@@ -132,14 +133,16 @@ def _root(b: float, c: float, k: float, slope: float) -> float:
     return t if 0.0 < t < math.inf else math.inf
 
 
-@compiled
+@inner
 def _reach(table: Floats, i: int, px: float, py: float, dx: float, dy: float, slope: float, left: bool) -> float:
     """Distance along a ray to surface `i` within its extent, or inf."""
     r = i * SURFACE_COLUMNS
     qx, qy, nx, ny, k = px - table[r], py - table[r + 1], table[r + 2], table[r + 3], table[r + 4]
     b = dx * (k * qx - nx) + dy * (k * qy - ny)
+    if slope * b <= 0.0 and slope * k <= 0.0:  # turned away, and the surface does not come round
+        return math.inf
     if k == 0.0:
-        if slope * b <= 0.0 or left:
+        if left:
             return math.inf
         t = (nx * qx + ny * qy + table[r + 5]) / b
         if t <= 0.0:
@@ -157,7 +160,7 @@ def _reach(table: Floats, i: int, px: float, py: float, dx: float, dy: float, sl
     return t
 
 
-@compiled
+@inner
 def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -> tuple[float, int]:
     """Nearest surface in front of a ray in the air: distance and number, or (inf, -1)."""
     best, found, node = math.inf, -1, 0
@@ -181,7 +184,7 @@ def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -
     return best, found
 
 
-@compiled
+@inner
 def _in_fork(g: Geometry, px: float, py: float, dx: float, dy: float, fork: int, last: int) -> tuple[float, int, int]:
     """Nearest surface of a junction, or the door into a guide: distance, number (-1 for a door), cell."""
     best, found, cell = math.inf, -1, fork
@@ -205,11 +208,39 @@ def _in_fork(g: Geometry, px: float, py: float, dx: float, dy: float, fork: int,
     return best, found, cell
 
 
-@compiled
+@inner
+def _at_edge(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int, forward: bool
+             ) -> tuple[float, int]:
+    """First edge of a cell that a ray inside meets: distance and side (0 left, 1 right), or inf.
+
+    It meets the edge it heads for; only where that is the inside of a bend can it miss it and meet the other. A neighbour's
+    bend may let it cross the circle before it comes to this cell; that crossing does not count.
+    """
+    r = cell * CELL_COLUMNS
+    k, nx, ny = g.cells[r + 4], g.cells[r + 2], g.cells[r + 3]
+    qx, qy = px - g.cells[r], py - g.cells[r + 1]
+    b = dx * (k * qx - nx) + dy * (k * qy - ny)
+    f = k * (qx * qx + qy * qy) - 2.0 * (nx * qx + ny * qy)
+    side = 0 if b < 0.0 else 1
+    t = _root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + C_LEVEL_L + side], k, 2.0 * side - 1.0)
+    if t < math.inf:
+        at = r + (C_START if forward else C_END)
+        past = (px + t * dx - g.cells[at]) * g.cells[at + 2] + (py + t * dy - g.cells[at + 1]) * g.cells[at + 3]
+        slack = _JOINT * (g.cells[r + C_LEFT] - g.cells[r + C_RIGHT])
+        if (past if forward else -past) < -slack:
+            t = math.inf
+    if t == math.inf:
+        side = 1 - side
+        t = _root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + C_LEVEL_L + side], k, 2.0 * side - 1.0)
+    return t, side
+
+
+@inner
 def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int) -> tuple[float, int]:
     """First surface that a ray in the resin meets, walking from cell to cell: distance and number, or (inf, -1).
 
-    In a cell a ray meets the edge it heads for; only where that is the inside of a bend can it miss it and meet the other.
+    A ray that crosses the cross-section ahead between the edges, and heads for the same edge there as here, has met neither:
+    told without a root or a division, by the offset u there times |speed| through the section.
     """
     for _ in range(4 * g.most_cells + 8):
         if cell < 0:
@@ -217,30 +248,27 @@ def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int,
             if number >= 0 or cell < 0:
                 return t, number
         r = cell * CELL_COLUMNS
-        k, nx, ny = g.cells[r + 4], g.cells[r + 2], g.cells[r + 3]
-        qx, qy = px - g.cells[r], py - g.cells[r + 1]
-        gx, gy = k * qx - nx, k * qy - ny
-        b = gx * dx + gy * dy
-        f = k * (qx * qx + qy * qy) - 2.0 * (nx * qx + ny * qy)
-        side = 0 if b < 0.0 else 1
-        t = _root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + C_LEVEL_L + side], k, 2.0 * side - 1.0)
-        if t == math.inf:
-            side = 1 - side
-            t = _root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + C_LEVEL_L + side], k, 2.0 * side - 1.0)
+        k = g.cells[r + 4]
+        gx, gy = k * (px - g.cells[r]) - g.cells[r + 2], k * (py - g.cells[r + 1]) - g.cells[r + 3]
         forward = gx * dy - gy * dx > 0.0
         at = r + (C_END if forward else C_START)
-        x, y, tx, ty = g.cells[at], g.cells[at + 1], g.cells[at + 2], g.cells[at + 3]
-        if t < math.inf:
-            beyond = (px + t * dx - x) * tx + (py + t * dy - y) * ty
-            if (beyond < 0.0) if forward else (beyond >= 0.0):
-                return t, 4 * cell + side
+        x, y, tx, ty = px - g.cells[at], py - g.cells[at + 1], g.cells[at + 2], g.cells[at + 3]
+        sign = 1.0 if forward else -1.0
+        speed, short = sign * (dx * tx + dy * ty), -sign * (x * tx + y * ty)
+        u = (y * tx - x * ty) * speed + short * (dy * tx - dx * ty)
+        b = gx * dx + gy * dy
+        clear = b * (b * speed + k * short) > 0.0 and g.cells[r + C_RIGHT] * speed <= u < g.cells[r + C_LEFT] * speed
+        if not (clear and speed > 0.0):
+            t, side = _at_edge(g, px, py, dx, dy, cell, last, forward)
+            if t < math.inf:
+                beyond = sign * ((x + t * dx) * tx + (y + t * dy) * ty)
+                if beyond < 0.0 or (beyond == 0.0 and not forward):
+                    return t, 4 * cell + side
         after = g.links[4 * cell + (AFTER if forward else BEFORE)]
         if g.links[4 * cell + (WALL_AFTER if forward else WALL_BEFORE)] == 1:
-            t = ((x - px) * tx + (y - py) * ty) / (dx * tx + dy * ty)
-            u = (py + t * dy - y) * tx - (px + t * dx - x) * ty
-            wall, r = 4 * cell + (3 if forward else 2), after * CELL_COLUMNS
-            if after == NO_CELL or u >= g.cells[r + C_LEFT] or u < g.cells[r + C_RIGHT]:
-                return (t, wall) if t > 0.0 and wall != last else (math.inf, -1)
+            wall, n = 4 * cell + (3 if forward else 2), after * CELL_COLUMNS
+            if after == NO_CELL or u >= g.cells[n + C_LEFT] * speed or u < g.cells[n + C_RIGHT] * speed:
+                return (short / speed, wall) if short > 0.0 and wall != last else (math.inf, -1)
         cell = after
     return math.inf, -1
 
@@ -262,7 +290,7 @@ def read(q: Queue, slot: int) -> Ray:
                q.numbers[n + 6], q.labels[m], q.labels[m + 1], q.labels[m + 2], q.labels[m + 3], q.labels[m + 4])
 
 
-@compiled
+@inner
 def _sooner(q: Queue, key: float, root: int, slot: int) -> bool:
     other = q.numbers[slot * RAY_NUMBERS + KEY]
     return key < other or (key == other and root < q.labels[slot * RAY_LABELS + ROOT])
@@ -309,7 +337,7 @@ def _share(rules: Rules, child: Ray, q: Queue, book: Book) -> None:
         offer(q, child, float(child.bounce if rules.order == BY_BOUNCE else child.root), book)
 
 
-@compiled
+@inner
 def _draw(book: Book, x: float, y: float, power: float, number: int, medium: int) -> None:
     n = book.counts[TALLIES]
     if n < book.room:
@@ -318,7 +346,7 @@ def _draw(book: Book, x: float, y: float, power: float, number: int, medium: int
         book.counts[TALLIES] = n + 1
 
 
-@compiled
+@inner
 def _at_corner(g: Geometry, i: int, x: float, y: float, near: float) -> bool:
     corners, r = g.corners[i], i * SURFACE_COLUMNS
     if corners == 0:
@@ -329,14 +357,14 @@ def _at_corner(g: Geometry, i: int, x: float, y: float, near: float) -> bool:
     return (corners & CORNER_A != 0 and start < near) or (corners & CORNER_B != 0 and end < near)
 
 
-@compiled
+@inner
 def reflected_part(ratio: float, ci: float, ct: float) -> float:
     """Fresnel's reflectance of unpolarised light; `ratio` is n1 / n2, `ci` and `ct` the cosines inside and out."""
     rs, rp = (ratio * ci - ct) / (ratio * ci + ct), (ci - ratio * ct) / (ci + ratio * ct)
     return 0.5 * (rs * rs + rp * rp)
 
 
-@compiled
+@inner
 def _arrive(g: Geometry, rules: Rules, at: int, ray: Ray) -> int:
     """How a ray ends where it has just arrived: a tally, or -1 if it goes on."""
     if ray.way > rules.path_cap:
@@ -346,7 +374,7 @@ def _arrive(g: Geometry, rules: Rules, at: int, ray: Ray) -> int:
     return CORNER if _at_corner(g, at, ray.x, ray.y, rules.corner) else -1
 
 
-@compiled
+@inner
 def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, book: Book) -> Ray:
     """The ray as it goes on from surface `at`; a reflected part is offered to the budget."""
     r = at * SURFACE_COLUMNS
@@ -357,13 +385,13 @@ def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, book: Book) ->
     ratio = rules.index if resin else 1.0 / rules.index
     square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
     rx, ry = ray.dx - 2.0 * cosine * nx, ray.dy - 2.0 * cosine * ny
-    unit, cell = 1.5 - 0.5 * (rx * rx + ry * ry), g.owners[at]
+    cell = g.owners[at]
     if square <= 0.0:
-        return Ray(ray.x, ray.y, rx * unit, ry * unit, ray.power, ray.way, ray.optical, ray.medium, at, cell, ray.root,
+        return Ray(ray.x, ray.y, rx, ry, ray.power, ray.way, ray.optical, ray.medium, at, cell, ray.root,
                    ray.bounce + 1)
     ct = math.sqrt(square)
     lost = ray.power * reflected_part(ratio, abs(cosine), ct)
-    _share(rules, Ray(ray.x, ray.y, rx * unit, ry * unit, lost, ray.way, ray.optical, ray.medium, at, cell, ray.root,
+    _share(rules, Ray(ray.x, ray.y, rx, ry, lost, ray.way, ray.optical, ray.medium, at, cell, ray.root,
                       ray.bounce + 1), q, book)
     turn = math.copysign(ct, cosine) - ratio * cosine
     tx, ty = ratio * ray.dx + turn * nx, ratio * ray.dy + turn * ny

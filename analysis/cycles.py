@@ -1,29 +1,32 @@
 """Cycles from measured pressure.
 
-Strategy: the pressure is freed of single spikes and of noise, its span is taken from robust extremes, and two
-thresholds at 25 and 75 % of it (a Schmitt trigger) give the strokes: noise, ties on the end levels and small
-excursions cannot make one. A cycle runs from the extreme that the run starts with, through the other, back.
+Strategy: the pressure is freed of single spikes and of noise, its span is taken from robust extremes, and a reversal of
+at least half of it is an extreme: noise, ties on the end levels and small excursions cannot make one, and amplitudes
+may grow or shrink. A cycle runs from the extreme that the run starts with, through the other, back.
 
 Rules: an incomplete first or last cycle is named and left out, never completed; a cycle across a segment boundary (a
-pause, a reset) is left out; one with a hole is marked; excursions that reach no threshold are listed. The sequencer's
+pause, a reset) is left out; one with a hole is marked; smaller excursions are listed. The sequencer's
 marks are compared, never used. Nothing here looks at a signal.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numba import njit
 from scipy import ndimage
 
-from analysis.recording import BoolArray, FloatArray, IntArray, Recording
+from analysis.recording import BoolArray, FloatArray, Recording
 from analysis.statistics import white_noise_sd
 
-LOW, HIGH = 0.25, 0.75  # thresholds, share of the span
+SWING_SHARE = 0.5  # a reversal of at least this share of the span is an extreme
+LOW = 0.25  # what is this far from an extreme has left it
 EXTREME_SHARE = 0.02  # rows this near to an extreme belong to it
 TRUNCATED_SHARE = 0.10  # an end extreme this much short of its neighbour was cut off
-VENTED_KPA = 3.0  # a run that begins or ends this near to zero was vented there, not cut off
+VENTED_KPA = 3.0  # a run that begins or ends this near to zero (or 5 % of its span) was vented there, not cut off
 EXCURSION_SHARE = 0.10  # smaller reversals are not listed
 MAX_WINDOW = 401  # samples of the noise filter
 
@@ -83,8 +86,6 @@ class Cycles:
     smooth_kpa : [n] the pressure used, free of spikes and noise.
     noise_kpa : sd of the white noise found on the pressure.
     span_kpa : distance of the extremes.
-    upstrokes, downstrokes : crossings of both thresholds.
-    up_rows, down_rows : where they end.
     """
 
     complete: tuple[Cycle, ...]
@@ -93,23 +94,11 @@ class Cycles:
     smooth_kpa: FloatArray
     noise_kpa: float
     span_kpa: float
-    up_rows: IntArray
-    down_rows: IntArray
 
     @property
     def used(self) -> tuple[Cycle, ...]:
         """The complete cycles that enter the figures."""
         return tuple(cycle for cycle in self.complete if not cycle.left_out)
-
-    @property
-    def upstrokes(self) -> int:
-        """Number of rises through both thresholds."""
-        return int(self.up_rows.size)
-
-    @property
-    def downstrokes(self) -> int:
-        """Number of falls through both thresholds."""
-        return int(self.down_rows.size)
 
     def as_json(self) -> dict[str, int]:
         """Return the counts that `analyze --json` reports."""
@@ -134,8 +123,10 @@ def smooth_pressure(pressure_kpa: FloatArray, usable: BoolArray) -> tuple[FloatA
         return np.zeros_like(pressure_kpa), 0.0
     whole = pressure_kpa if good.all() else np.interp(rows, rows[good], pressure_kpa[good])
     noise = white_noise_sd(whole)
-    quiet = ndimage.median_filter(whole, 5, mode="nearest")
-    span = float(np.ptp(np.percentile(quiet, [0.5, 99.5])))
+    middle = ndimage.median_filter(whole, 5, mode="nearest")
+    span = float(np.ptp(np.percentile(middle, [0.5, 99.5])))
+    # only spikes are replaced (Hampel): a plain median would round off the turns of a fast cycle
+    quiet = np.where(np.abs(whole - middle) > max(6.0 * noise, 0.03 * span), middle, whole)
     window = 1 if span <= 0 else int(np.ceil((noise / (0.01 * span)) ** 2))
     window = min(window | 1, MAX_WINDOW, max(1, (whole.size // 20) | 1))
     return (ndimage.uniform_filter1d(quiet, window, mode="nearest") if window > 1 else quiet), noise
@@ -152,93 +143,120 @@ def find_cycles(recording: Recording) -> Cycles:
     low, high = (float(v) for v in np.percentile(smooth, [0.5, 99.5]))
     span = high - low
     if smooth.size < 8 or span <= max(6.0 * noise / np.sqrt(5), 1e-9):
-        none = np.empty(0, dtype=np.int64)
-        return Cycles((), (), (), smooth, noise, max(span, 0.0), none, none)
-    groups = _extreme_groups(smooth, low + LOW * span, low + HIGH * span)
-    up, down = _strokes(groups)
-    extremes = [_extreme_row(smooth, group, span) for group in groups]
-    complete, partial = _assemble(smooth, groups, extremes, span)
+        return Cycles((), (), (), smooth, noise, max(span, 0.0))
+    complete, partial = _assemble(smooth, _groups(smooth, span), span)
     complete = tuple(_marked(cycle, recording) for cycle in complete)
-    return Cycles(complete, partial, _small_excursions(smooth, span, noise), smooth, noise, span, up, down)
+    return Cycles(complete, partial, _small_excursions(smooth, span, noise), smooth, noise, span)
 
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """A visit to the upper (+1) or lower (-1) quarter of the span: rows first..last."""
+    """One extreme: +1 high or -1 low, the middle of the rows at it, its pressure, and whether the run ends in it."""
 
     sign: int
-    first: int
-    last: int
+    row: int
+    level: float
+    edge: bool
 
 
-def _extreme_groups(smooth: FloatArray, low: float, high: float) -> list[_Group]:
-    zone = (smooth > high).astype(np.int8) - (smooth < low).astype(np.int8)
-    rows = np.flatnonzero(zone)
-    if not rows.size:
+def _groups(smooth: FloatArray, span: float) -> list[_Group]:
+    """The run's extremes: reversals of at least half the span, and what the run starts and ends with."""
+    rows = _turning_points(smooth, SWING_SHARE * span)
+    if rows.size < 2:
         return []
-    changes = np.flatnonzero(np.diff(zone[rows]))
-    firsts = np.concatenate([[0], changes + 1])
-    lasts = np.concatenate([changes, [rows.size - 1]])
-    return [_Group(int(zone[rows[a]]), int(rows[a]), int(rows[b])) for a, b in zip(firsts, lasts, strict=True)]
+    signs = np.where(np.diff(smooth[rows], append=smooth[rows[-2]]) < 0, 1, -1)
+    found = []
+    for k, (row, sign) in enumerate(zip(rows.tolist(), signs.tolist(), strict=True)):
+        first = 0 if k == 0 else int(rows[k - 1])
+        last = smooth.size - 1 if k == rows.size - 1 else int(rows[k + 1])
+        # the middle of the rows at the extreme: right on a tie, on a hold and on a noisy peak alike
+        at = first + np.flatnonzero(sign * smooth[first : last + 1] >= sign * smooth[row] - EXTREME_SHARE * span)
+        found.append(_Group(sign, int(at[at.size // 2]), float(smooth[row]), k in (0, rows.size - 1)))
+    return found
 
 
-def _strokes(groups: list[_Group]) -> tuple[IntArray, IntArray]:
-    up = [g.first for g in groups[1:] if g.sign > 0]
-    down = [g.first for g in groups[1:] if g.sign < 0]
-    return np.asarray(up, dtype=np.int64), np.asarray(down, dtype=np.int64)
+@njit(cache=True)
+def _turning_points(values: Any, threshold: float) -> Any:  # pragma: no cover - compiled
+    """Rows where the values turn by more than `threshold`, begun by the first extreme and ended by the last."""
+    rows = []
+    low, high, direction = 0, 0, 0
+    for row in range(values.size):
+        value = values[row]
+        if value < values[low]:
+            low = row
+        if value > values[high]:
+            high = row
+        if direction <= 0 and value - values[low] > threshold:
+            rows.append(low)
+            direction, high = 1, row
+        elif direction >= 0 and values[high] - value > threshold:
+            rows.append(high)
+            direction, low = -1, row
+        if direction > 0:
+            low = row if value < values[low] or row == high else low
+        elif direction < 0:
+            high = row if value > values[high] or row == low else high
+    if direction != 0:
+        rows.append(high if direction > 0 else low)
+    return np.array(rows, dtype=np.int64)
 
 
-def _extreme_row(smooth: FloatArray, group: _Group, span: float) -> int:
-    """Return the middle row of those at the extreme: right on a tie, on a hold and on a noisy peak alike."""
-    visit = group.sign * smooth[group.first : group.last + 1]
-    rows = np.flatnonzero(visit >= visit.max() - EXTREME_SHARE * span)
-    return group.first + int(rows[rows.size // 2])
-
-
-def _assemble(
-    smooth: FloatArray, groups: list[_Group], extremes: list[int], span: float
-) -> tuple[tuple[Cycle, ...], tuple[Excursion, ...]]:
-    if len(groups) < 2:
-        return (), ()
-    begin = 1 if _starts_inside_a_branch(smooth, groups, span) or _cut_off(smooth, groups, extremes, span, 0) else 0
-    # the cut-off extreme belongs to a branch whose cycle ends at the next extreme of the run's starting kind
-    if begin and not _starts_inside_a_branch(smooth, groups, span):
-        begin = min(2, len(groups) - 1)
-    usable = len(groups) - (1 if _cut_off(smooth, groups, extremes, span, len(groups) - 1) else 0)
+def _assemble(smooth: FloatArray, groups: list[_Group], span: float) -> tuple[tuple[Cycle, ...], tuple[Excursion, ...]]:
+    """Chain the extremes to cycles; what hangs over at either end is partial, or the way from and to the vented state."""
+    partial: list[Excursion] = []
+    begin, end = 0, len(groups)
+    if _falls_short(groups, 0, span):
+        # the run starts on its way to groups[1]: inside a branch that came from the other kind of extreme
+        vented = _is_vented(_edge(smooth, 0), span)
+        begin = 1 if vented else 2
+        if not vented and begin < end:
+            partial.append(
+                _stretch(smooth, 0, groups[begin].row, "the first cycle is incomplete: the run starts inside it")
+            )
+    if end - 1 > begin and _falls_short(groups, end - 1, span):
+        end -= 1
     cycles: list[Cycle] = []
     at = begin
-    while at + 2 < usable:
-        falls = groups[at].sign > 0
-        cycles.append(Cycle(len(cycles) + 1, extremes[at], extremes[at + 1], extremes[at + 2], falls))
+    while at + 2 < end:
+        a, b, c = groups[at : at + 3]
+        cycles.append(Cycle(len(cycles) + 1, a.row, b.row, c.row, a.sign > 0))
         at += 2
-    partial: list[Excursion] = []
-    if begin:
-        partial.append(_stretch(smooth, 0, extremes[begin], "the first cycle is incomplete: the run starts inside it"))
-    vented = abs(float(smooth[-1])) < VENTED_KPA
-    away = abs(float(smooth[-1]) - float(smooth[extremes[at]])) > LOW * span
-    if at + 1 < len(groups) or (away and not vented):
-        partial.append(
-            _stretch(smooth, extremes[at], smooth.size - 1, "the last cycle is incomplete: the run ends inside it")
-        )
+    if at < len(groups):
+        away = abs(_edge(smooth, -1) - groups[at].level) > LOW * span
+        if at + 1 < end or (away and not _is_vented(_edge(smooth, -1), span)):
+            last = smooth.size - 1
+            partial.append(
+                _stretch(smooth, groups[at].row, last, "the last cycle is incomplete: the run ends inside it")
+            )
     return tuple(cycles), tuple(partial)
 
 
-def _starts_inside_a_branch(smooth: FloatArray, groups: list[_Group], span: float) -> bool:
-    """True where the run starts between the extremes, and not vented: then it starts in the middle of a branch."""
-    away = abs(float(smooth[0]) - float(smooth[groups[0].first])) > 0.05 * span
-    return away and abs(float(smooth[0])) > VENTED_KPA and groups[0].first > 0
+def _falls_short(groups: list[_Group], at: int, span: float) -> bool:
+    """True where the run's first or last extreme was cut off: short of its neighbour of the same kind.
 
-
-def _cut_off(smooth: FloatArray, groups: list[_Group], extremes: list[int], span: float, at: int) -> bool:
-    """True where the run begins or ends on its way to (or from) an extreme that it would have reached."""
-    neighbour = at + 2 if at == 0 else at - 2
-    edge = 0 if at == 0 else smooth.size - 1
-    if not 0 <= neighbour < len(groups):
+    A run whose amplitude grows or shrinks starts or ends short too, but its other extremes then go on like it.
+    """
+    step = 2 if at == 0 else -2
+    if not (groups and 0 <= at + step < len(groups)):
         return False
-    visit = slice(groups[at].first, groups[at].last + 1)
-    reached = float((groups[at].sign * smooth[visit]).max())
-    short = groups[at].sign * float(smooth[extremes[neighbour]]) - reached > TRUNCATED_SHARE * span
-    return short and abs(groups[at].sign * float(smooth[edge]) - reached) < EXTREME_SHARE * span
+    short = groups[at].sign * (groups[at + step].level - groups[at].level)
+    if short <= TRUNCATED_SHARE * span:
+        return False
+    beyond = at + 2 * step
+    if not 0 <= beyond < len(groups):
+        return short > LOW * span
+    trend = groups[at].sign * (groups[beyond].level - groups[at + step].level)
+    return trend < 0.5 * short
+
+
+def _edge(smooth: FloatArray, end: int) -> float:
+    """The pressure at the run's first (0) or last (-1) samples: a median, for what noise the filter left."""
+    rows = max(3, min(50, smooth.size // 1000))
+    return float(np.median(smooth[:rows] if end == 0 else smooth[-rows:]))
+
+
+def _is_vented(pressure_kpa: float, span: float) -> bool:
+    return abs(pressure_kpa) < max(VENTED_KPA, 0.05 * span)
 
 
 def _stretch(smooth: FloatArray, first: int, last: int, reason: str) -> Excursion:
@@ -256,35 +274,18 @@ def _small_excursions(smooth: FloatArray, span: float, noise: float) -> tuple[Ex
     """List reversals of 10 to 50 % of the span, smallest first removed, as rainflow counting does (ASTM E1049)."""
     step = max(1, smooth.size // 20_000)
     coarse = smooth[::step]
-    rows = _turning_points(coarse, max(EXCURSION_SHARE * span, 4.0 * noise / np.sqrt(5)))
+    rows = _turning_points(coarse, max(EXCURSION_SHARE * span, 4.0 * noise / np.sqrt(5))).tolist()
     found: list[Excursion] = []
     while len(rows) > 3:
         swings = np.abs(np.diff(coarse[rows]))[1:-1]  # the first and last swing are the run's lead-in and lead-out
         at = int(np.argmin(swings)) + 1
-        if swings[at - 1] >= 0.5 * span:
+        if swings[at - 1] >= SWING_SHARE * span:
             break
         a, b = rows[at], rows[at + 1]
         pair = sorted((float(coarse[a]), float(coarse[b])))
         found.append(Excursion(a * step, b * step, pair[0], pair[1], "too small to be a cycle"))
         del rows[at : at + 2]
     return tuple(sorted(found, key=lambda e: e.first))
-
-
-def _turning_points(values: FloatArray, threshold: float) -> list[int]:
-    """Rows where the values turn by more than `threshold`, with the first and the last row."""
-    rows = [0]
-    direction, best = 0, 0
-    for row, value in enumerate(values.tolist()):
-        if direction == 0:
-            if abs(value - values[0]) > threshold:
-                direction, best = (1 if value > values[0] else -1), row
-        elif direction * (value - values[best]) > 0:
-            best = row
-        elif direction * (values[best] - value) > threshold:
-            rows.append(best)
-            direction, best = -direction, row
-    rows.append(best if direction else values.size - 1)
-    return rows
 
 
 def disagreements_with_marks(cycles: Cycles, recording: Recording) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from analysis.plateaus import Plateau, branch_members
 from analysis.recording import BoolArray, FloatArray, Recording
 from analysis.statistics import interpolate
 
-BINS = 45
+BINS, MIN_BINS = 45, 6
 MIN_PER_BIN = 3
 MAX_DAMAGED_CYCLE = 0.05  # share of a continuous cycle's samples that may be lost or left out
 
@@ -86,8 +86,10 @@ def staircase_loops(
     return Loops(levels, pressure, None if elongation_mm is None else x, signal, own, numbers, void, ends, False)
 
 
-def continuous_loops(recording: Recording, cycles: Cycles, bins: int = BINS) -> Loops:
-    """Average the samples of every branch of the used cycles in equal bins of pressure."""
+def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
+    """Average the samples of every branch of the used cycles in equal bins of pressure, as many as they fill."""
+    lengths = [min(c.turn - c.first, c.last - c.turn) for c in cycles.used]
+    bins = int(np.clip(np.median(lengths) / (2 * MIN_PER_BIN), MIN_BINS, BINS)) if lengths else BINS
     used, void = [], []
     for cycle in cycles.used:
         reason = _damage(recording, cycle.rows, cycle.lost)
@@ -220,7 +222,7 @@ def end_levels(loops: Loops, sensor: int, weights: FloatArray | None = None) -> 
         return np.full(rows, np.nan), np.full(rows, np.nan)
     weights = np.ones((1, loops.n_cycles)) if weights is None else weights
     by_cycle, p_by_cycle = (
-        _branch_mean(a[:, :, known]) for a in (loops.signal_mv[sensor], loops.pressure_kpa)
+        branch_mean(a[:, :, known]) for a in (loops.signal_mv[sensor], loops.pressure_kpa)
     )  # [cycles, levels]
     signal, pressure = _weighted_mean(by_cycle, weights), _weighted_mean(p_by_cycle, weights)
     ends = []
@@ -231,7 +233,7 @@ def end_levels(loops: Loops, sensor: int, weights: FloatArray | None = None) -> 
     return ends[0], ends[1]
 
 
-def _branch_mean(values: FloatArray) -> FloatArray:
+def branch_mean(values: FloatArray) -> FloatArray:
     """Mean over the two branches [2, cycles, levels] -> [cycles, levels]; NaN only where both are."""
     count = np.isfinite(values).sum(axis=0)
     with np.errstate(invalid="ignore"):

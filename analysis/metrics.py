@@ -16,7 +16,7 @@ from scipy import signal as sp_signal
 
 from analysis.calibration import Calibration
 from analysis.cycles import Cycles
-from analysis.loops import Loops, LoopWidth, end_levels
+from analysis.loops import Loops, LoopWidth, branch_mean, end_levels
 from analysis.plateaus import Plateau
 from analysis.recording import FloatArray, Recording
 from analysis.statistics import Figure, bootstrap_interval, theil_sen
@@ -105,7 +105,8 @@ def sensitivities(calibration: Calibration, resampled: ResampledFit) -> dict[str
             resampled.n_cycles, "|y(x_max) - y(x_min)| / (x_max - x_min) of the fit",
         ),
         "least_squares_slope_mv_per_mm": _figure(
-            line, resampled.values(calibration.x) @ centred / (centred @ centred), "mV/mm", resampled.n_cycles, "slope of the straight line through all points",
+            line, resampled.values(calibration.x) @ centred / (centred @ centred), "mV/mm", resampled.n_cycles,
+            "slope of the straight line through all points",
         ),
     }  # fmt: skip
     if low <= 0.0 <= high:
@@ -150,8 +151,8 @@ def nonlinearity(calibration: Calibration, resampled: ResampledFit) -> Figure:
 def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> Figure:
     """The same against pressure, for runs without x: the middle of the mean loop and its straight line."""
     definition = "max |middle of the mean loop - line| / FSO against pressure"
-    middle = np.nanmean(loops.signal_mv[sensor], axis=0) if loops.n_cycles else np.empty((0, 0))
-    known = np.isfinite(middle).all(axis=0) if middle.size else np.zeros(0, bool)
+    middle = branch_mean(loops.signal_mv[sensor])
+    known = np.isfinite(middle).all(axis=0) & (loops.n_cycles > 0)
     if known.sum() < 3 or not full_scale_value > 0:
         return Figure.nothing("% FSO", "no complete cycle, or no span", definition)
     p = loops.level_kpa[known]

@@ -90,7 +90,7 @@ class Analysis:
 
     @property
     def kind(self) -> str:
-        """What the run is: calibration (a staircase with elongations), staircase (without), repeatability (continuous)."""
+        """What the run is: calibration (staircase with elongations), staircase (without) or repeatability (continuous)."""
         if not self.plateaus:
             return "repeatability"
         return "calibration" if any(s.calibration for s in self.sensors) else "staircase"
@@ -190,7 +190,7 @@ class _Run:
         resolution = self.options.x_resolution_mm
         if resolution is None:
             resolution = self.elongations.resolution_mm if self.elongations else 0.0
-        return resolution / np.sqrt(12.0)
+        return float(resolution / np.sqrt(12.0))
 
     def calibration_points(self, sensor: int) -> BoolArray:
         """[plateaus] True for plateaus of complete cycles whose elongation was read and that are not void."""

@@ -27,7 +27,7 @@ TOLERANCE_KPA = 1.0
 SETTLING_S = 0.5
 MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
 MIN_SAMPLES = 5
-WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6)
+WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 MIN_COVERED = 0.15  # share of the run that a staircase stands still
 MIN_LEVELS = 3  # fewer distinct levels are turning points of a continuous run
 
@@ -91,7 +91,7 @@ def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSetting
         _measure(recording, settings, number, hold, level, cycles)
         for number, (hold, level) in enumerate(zip(holds, levels, strict=True), 1)
     ]
-    return _with_branches(tuple(_with_step(p, recording) for p in plateaus), cycles)
+    return _with_branches(_one_for_each_step(tuple(_with_step(p, recording) for p in plateaus)), cycles)
 
 
 def plateau_table(plateaus: tuple[Plateau, ...]) -> pd.DataFrame:
@@ -114,17 +114,16 @@ def _best_holds(recording: Recording, cycles: Cycles, settings: PlateauSettings)
     good = recording.pressure_usable
     pressure = recording.pressure_kpa if good.all() else np.interp(rows, rows[good], recording.pressure_kpa[good])
     sums = np.concatenate([[0.0], np.cumsum(pressure - pressure.mean())])
-    best: list[tuple[int, int]] = []
-    covered = 0
+    found = []
     for seconds in WINDOWS_S:
         window = max(3, round(seconds / recording.interval_s))
         if 4 * window > recording.n:
             break
-        holds = _holds(sums, window, cycles.noise_kpa, settings.tolerance_kpa, recording.interval_s)
-        length = sum(b - a + 1 for a, b in holds)
-        if length > 1.02 * covered:
-            best, covered = holds, length
-    return best
+        found.append(_holds(sums, window, cycles.noise_kpa, settings.tolerance_kpa, recording.interval_s))
+    covered = [sum(last - first + 1 for first, last in holds) for holds in found]
+    # a short window takes pieces of slow ramps into its holds, a long one cuts holds off: the count decides
+    enough = [holds for holds, length in zip(found, covered, strict=True) if length >= 0.6 * max(covered)]
+    return max(enough, key=len, default=[])
 
 
 def _holds(sums: FloatArray, window: int, noise: float, tolerance: float, interval_s: float) -> list[tuple[int, int]]:
@@ -146,9 +145,20 @@ def _holds(sums: FloatArray, window: int, noise: float, tolerance: float, interv
         inside = means[first : max(last - window + 2, first + 1)]
         level = np.median(inside)
         within = np.abs(inside - level) <= tolerance + 3.5 * noise_mean
-        if within.mean() >= 0.9:
+        if within.mean() >= 0.9 and not _ramps(inside, interval_s, noise, tolerance):
             found.append((int(first), int(last)))
     return found
+
+
+def _ramps(means: FloatArray, interval_s: float, noise: float, tolerance: float) -> bool:
+    """True where the hold is a piece of a ramp: it moves by more than its noise and the tolerance (a second) allow."""
+    count = means.size
+    if count < 6:
+        return False
+    third = count // 3
+    moved = abs(float(means[-third:].mean() - means[:third].mean())) * count / (count - third)
+    by_noise = 4.0 * noise * np.sqrt(2.0 / third)
+    return moved > tolerance * min(1.5, count * interval_s) + by_noise
 
 
 def _split_at_breaks(hold: tuple[int, int], recording: Recording) -> list[tuple[int, int]]:
@@ -179,6 +189,8 @@ def _measure(
     away = np.flatnonzero(~near[: near.size // 2])
     arrived = first + (int(away[-1]) + 1 if away.size else 0)
     settled = int(np.searchsorted(recording.time_s, recording.time_s[arrived] + settings.settling_s))
+    if cycles.noise_kpa > settings.tolerance_kpa:
+        last -= (last - first + 1) // 10  # under such noise the end of the hold is known no better
     rows = slice(min(settled, last + 1), last + 1)
     pressure = recording.pressure_kpa[rows][recording.pressure_usable[rows]]
     signals = [recording.signal_mv[rows, s][recording.usable[rows, s]] for s in range(recording.n_sensors)]
@@ -220,6 +232,16 @@ def _with_step(plateau: Plateau, recording: Recording) -> Plateau:
     at = int(np.argmax(overlap))
     # a step ends with its hold: of two that touch, the later one only ramps here
     return replace(plateau, step=int(steps["id"].iloc[at])) if overlap[at] > 0 else plateau
+
+
+def _one_for_each_step(plateaus: tuple[Plateau, ...]) -> tuple[Plateau, ...]:
+    """Keep the longest stretch of each step: a step is held once, what else stands still in it belongs to its ramp."""
+    longest: dict[int, Plateau] = {}
+    for p in plateaus:
+        if p.step is not None and (p.step not in longest or max(p.n) > max(longest[p.step].n)):
+            longest[p.step] = p
+    kept = [p for p in plateaus if p.step is None or longest[p.step] is p]
+    return tuple(replace(p, number=number) for number, p in enumerate(kept, 1))
 
 
 def _with_branches(plateaus: tuple[Plateau, ...], cycles: Cycles) -> tuple[Plateau, ...]:

@@ -26,7 +26,8 @@ from typing import IO
 import numpy as np
 
 from boat_daq.engine.board_carriers import Carrier, PtyCarrier, TcpCarrier
-from boat_daq.errors import DeviceError, OperatorError
+from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
+from protocol.errors import ProtocolError
 from protocol.faults import parse_fault
 from protocol.virtual_board import VirtualBoard
 
@@ -34,7 +35,6 @@ SPEEDS = (1.0, 1000.0)
 _STEP_S = 0.005
 _FAST_STEP_S = 0.002  # from 20x on, where the host waits for more board time in each step
 _LONGEST_STEP_S = 0.02
-_START_S = 20.0  # a cold machine's longest start
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class BoardServer:
             settings.unit, seed=settings.seed, faults=faults, log_truth=settings.truth is not None
         )
         self._carrier = _make_carrier(settings)
-        self._truth = _open_truth(settings) if settings.truth is not None else None
+        self._truth = _open_truth(settings, self.board.n_sensors) if settings.truth is not None else None
         self._pending = bytearray()
         self._congested = False
         self._connected = False
@@ -171,7 +171,7 @@ def _make_carrier(settings: BoardSettings) -> Carrier:
     return TcpCarrier(settings.port, allow_remote=settings.allow_remote)
 
 
-def _open_truth(settings: BoardSettings) -> IO[str]:
+def _open_truth(settings: BoardSettings, n_sensors: int) -> IO[str]:
     """Return the opened truth file, its header written."""
     path = Path(settings.truth or "")
     try:
@@ -179,7 +179,8 @@ def _open_truth(settings: BoardSettings) -> IO[str]:
     except OSError as error:
         raise OperatorError(f"cannot write {path}: {error.strerror}", "name a file in a folder that exists") from None
     file.write(f"# SIMULATED unit {settings.unit} seed {settings.seed}: noise-free values beside each sample\n")
-    file.write("run,index,time_s,pressure_kpa,elongation_mm,s1_mv,s2_mv\n")
+    signals = [f"s{number}_mv" for number in range(1, n_sensors + 1)]
+    file.write(",".join(["run", "index", "time_s", "pressure_kpa", "elongation_mm", *signals]) + "\n")
     file.flush()
     return file
 
@@ -191,7 +192,8 @@ def _write_truth(file: IO[str], board: VirtualBoard) -> None:
             [truth["run"], truth["index"], truth["time_us"] / 1e6, truth["pressure_kpa"], truth["elongation_mm"]]
         )
         table = np.concatenate([table, truth["signal_mv"]], axis=1)
-        file.write(("%d,%d,%.6f,%.5f,%.6f,%.4f,%.4f\n" * len(table)) % tuple(table.ravel().tolist()))
+        row = "%d,%d,%.6f,%.5f,%.6f" + ",%.4f" * board.n_sensors + "\n"
+        file.write((row * len(table)) % tuple(table.ravel().tolist()))
         file.flush()
 
 
@@ -255,8 +257,8 @@ def _serve_in_process(settings: BoardSettings) -> ServedBoard:
     assert process.stdout is not None
     url = process.stdout.readline().strip()
     if not url:
-        process.wait()
-        BoardServer(settings).close()  # raises what the process found wrong
+        process.communicate()
+        BoardServer(settings).close()  # raises what the process ran into
         raise DeviceError("the virtual board did not start", "see the messages above")
 
     def close() -> None:
@@ -272,7 +274,10 @@ def _serve_for_parent(text: str) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     settings = json.loads(text)
-    server = BoardServer(BoardSettings(**{**settings, "faults": tuple(settings["faults"])}))
+    try:
+        server = BoardServer(BoardSettings(**{**settings, "faults": tuple(settings["faults"])}))
+    except (BoatDaqError, ProtocolError):
+        sys.exit(1)  # the parent finds the same, and says it
     stop = threading.Event()
 
     def wait_for_parent() -> None:

@@ -56,14 +56,14 @@ def encode_samples(bodies: NDArray[np.void], first_seq: int) -> Bytes:
 def _cobs(places: Bytes) -> Bytes:
     """Return COBS(body) 00 for bodies of shape (length, n), length < 254; result shape (n, length + 2)."""
     length, n = places.shape
+    place = np.arange(1, length + 1, dtype=np.uint8)[:, None]
+    zero = places == 0
+    here_or_after = np.full((length + 1, n), length + 1, np.uint8)  # place of the next 00; the last is the delimiter
+    here_or_after[:length] = np.where(zero, place, length + 1)
+    here_or_after = np.minimum.accumulate(here_or_after[::-1], axis=0)[::-1]
     frames = np.zeros((length + 2, n), np.uint8)
-    next_zero = np.full(n, length + 1, np.uint8)
-    for place in range(length, 0, -1):
-        byte = places[place - 1]
-        zero = byte == 0
-        frames[place] = np.where(zero, next_zero - np.uint8(place), byte)
-        next_zero[zero] = place
-    frames[0] = next_zero
+    frames[0] = here_or_after[0]
+    frames[1:-1] = np.where(zero, here_or_after[1:] - place, places)
     return np.ascontiguousarray(frames.T)
 
 

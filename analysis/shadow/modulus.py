@@ -28,8 +28,8 @@ CONTACT_SHARE = 0.01
 STRAIGHT_R2 = 0.95
 FORCE_N = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
 LENGTH_MM = {"mm": 1.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "cm": 10.0}
-FORCE_NAMES = ("force_n", "force", "load", "load_n", "f", "standard force")
-WAY_NAMES = ("displacement_mm", "displacement", "extension", "deformation", "travel", "compression_mm", "compression")
+FORCE_NAMES = ("force_n", "force", "load", "load_n", "f", "standard force", "load_cell")
+WAY_NAMES = ("displacement_mm", "displacement", "extension", "deformation", "travel", "compression_mm", "compression", "disp", "disp_mm", "position", "crosshead", "stroke")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +74,14 @@ class EffectiveModulus:
     specimens: tuple[SpecimenModulus, ...]
 
 
-def read_compression_test(path: Path, height_mm: float, area_mm2: float) -> CompressionTest:
+def read_compression_test(path: Path, height_mm: float, area_mm2: float, force_column: str | None = None,
+                          displacement_column: str | None = None) -> CompressionTest:
     """Read one specimen's CSV: a force column and a displacement column, in any of the common names and units.
+
+    Parameters
+    ----------
+    height_mm, area_mm2 : the specimen at rest.
+    force_column, displacement_column : name or number of a column; common names are tried by default.
 
     Raises
     ------
@@ -83,14 +89,17 @@ def read_compression_test(path: Path, height_mm: float, area_mm2: float) -> Comp
         If the file is no table, or has no such columns.
     """
     table = read_table(path)
-    force, force_unit = find_column(table, FORCE_NAMES, path)
-    way, way_unit = find_column(table, WAY_NAMES, path)
+    force, force_unit = find_column(table, FORCE_NAMES, path, force_column)
+    way, way_unit = find_column(table, WAY_NAMES, path, displacement_column)
     return CompressionTest(path.stem, force * factor(FORCE_N, force_unit, path),
                            way * factor(LENGTH_MM, way_unit, path), height_mm, area_mm2)
 
 
-def find_column(table: Table, names: Sequence[str], path: Path) -> tuple[Floats, str]:
-    """Return the first column with one of the names, and its unit ('' if none is given)."""
+def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | None = None) -> tuple[Floats, str]:
+    """Return the wanted column, or the first with one of the names, and its unit ('' if none is given)."""
+    if wanted is not None:
+        at = table.position(wanted)
+        return table.columns[at], table.units[at].strip().lower()
     plain = [name.strip().lower() for name in table.names]
     for name in names:
         if name in plain:

@@ -1,0 +1,109 @@
+"""The fifteen states of the two guides that the optical model starts from: mechanics handed to optics.
+
+Strategy: as in the paper, pressure is swept in even steps, seven of compression, rest, seven of elongation, and the
+guides are sampled in each: seven tracked points a guide, or every 0.5 mm.
+
+Rules: state 0 is the most compressed. Coordinates are (x, z) in mm, z along the actuator from the base; guide 1 is at
+x > 0. The files are CSV with one row a point, or NPZ with the array `curves_mm` [15][2][n][2].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis.errors import FileError, RequestError
+from analysis.shadow.arrays import Floats
+from analysis.shadow.full_model import FullModel
+from analysis.shadow.guides import both_guides
+from analysis.shadow.solver import Solution
+
+STEPS = 7
+HEADER = "state,guide,point,x_mm,z_mm,pressure_kpa,elongation_mm"
+
+
+@dataclass(frozen=True, slots=True)
+class GuideStates:
+    """The fifteen states.
+
+    Parameters
+    ----------
+    curves_mm : shape (15, 2, n, 2), (x, z).
+    pressure_kpa, elongation_mm : shape (15,).
+    """
+
+    curves_mm: Floats
+    pressure_kpa: Floats
+    elongation_mm: Floats
+
+    def bow_mm(self) -> Floats:
+        """Return half the greatest distance of the guides in each state, shape (15,)."""
+        return np.asarray(np.ptp(self.curves_mm[..., 0], axis=(1, 2)) / 2.0)
+
+    def curvature_per_mm(self) -> Floats:
+        """Return the curvature in the middle of guide 1 in each state, 1/mm, by a circle through ends and middle."""
+        a, c = self.curves_mm[:, 0, 0], self.curves_mm[:, 0, -1]
+        b = self.curves_mm[:, 0, self.curves_mm.shape[2] // 2]
+        u, v = b - a, c - a
+        twice_area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        sides = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) * np.linalg.norm(c - b, axis=1)
+        return np.asarray(2.0 * twice_area / sides)
+
+
+def guide_states(model: FullModel | None = None, *, lowest_kpa: float = -40.0, highest_kpa: float = 50.0,
+                 every_half_mm: bool = False) -> GuideStates:
+    """Solve the fifteen states.
+
+    Parameters
+    ----------
+    model : the actuator; the paper's by default.
+    lowest_kpa, highest_kpa : pressures of the most compressed and the most elongated state.
+    every_half_mm : centrelines sampled every 0.5 mm in place of the seven tracked points.
+
+    Raises
+    ------
+    RequestError
+        If the pressures do not lie on both sides of zero, or beyond the critical pressure.
+    """
+    if not lowest_kpa < 0.0 < highest_kpa:
+        raise RequestError(f"{lowest_kpa:g} .. {highest_kpa:g} kPa does not span compression and elongation",
+                           "give a lowest pressure below zero and a highest above")
+    full = model or FullModel()
+    pressures = np.concatenate([np.linspace(lowest_kpa, 0.0, STEPS + 1), np.linspace(0.0, highest_kpa, STEPS + 1)[1:]])
+    carried = full.guides.centreline if every_half_mm else full.guides.tracked
+    curves, elongations = [], []
+    state: Solution | None = None
+    for pressure in pressures:
+        state = full.solve(pressure_kpa=float(pressure), start=state)
+        curves.append(both_guides(carried.positions(state.displacement_mm)))
+        elongations.append(state.elongation_mm)
+    return GuideStates(np.array(curves), pressures, np.array(elongations))
+
+
+def write_states(states: GuideStates, path: Path) -> None:
+    """Write the states as CSV or, by the suffix .npz, as arrays.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    try:
+        if path.suffix.lower() == ".npz":
+            np.savez(path, curves_mm=states.curves_mm, pressure_kpa=states.pressure_kpa,
+                     elongation_mm=states.elongation_mm)
+        else:
+            path.write_text("\n".join([HEADER, *_lines(states)]) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
+
+
+def _lines(states: GuideStates) -> list[str]:
+    lines = []
+    for (state, guide, point), _ in np.ndenumerate(states.curves_mm[..., 0]):
+        x, z = states.curves_mm[state, guide, point]
+        lines.append(f"{state},{guide + 1},{point + 1},{x:.9g},{z:.9g},{states.pressure_kpa[state]:.6g},"
+                     f"{states.elongation_mm[state]:.9g}")
+    return lines

@@ -156,10 +156,10 @@ CREATE TABLE segment (
     id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, first_chunk INTEGER NOT NULL, reason TEXT NOT NULL,
     paused INTEGER NOT NULL DEFAULT 0, decoder TEXT);
 
--- samples of one commit: little-endian records of session.sample_dtype
+-- samples of one commit: little-endian records of session.sample_dtype; crc32 is theirs, null where none was kept
 CREATE TABLE block (
     id INTEGER PRIMARY KEY, segment INTEGER NOT NULL, last_chunk INTEGER NOT NULL, n INTEGER NOT NULL,
-    first_time_us INTEGER NOT NULL, last_time_us INTEGER NOT NULL, samples BLOB NOT NULL);
+    first_time_us INTEGER NOT NULL, last_time_us INTEGER NOT NULL, samples BLOB NOT NULL, crc32 INTEGER);
 
 -- extremes of about 1,000 consecutive samples, so that a day is seen in a second
 CREATE TABLE overview (

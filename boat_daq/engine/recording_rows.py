@@ -30,7 +30,7 @@ OVERVIEW_SAMPLES = 1_000
 
 INSERT_CHUNK = "INSERT OR IGNORE INTO chunk VALUES (?, ?, ?, ?, ?)"
 INSERT_SEGMENT = "INSERT OR IGNORE INTO segment VALUES (?, ?, ?, ?, ?, ?)"
-INSERT_BLOCK = "INSERT OR IGNORE INTO block VALUES (?, ?, ?, ?, ?, ?, ?)"
+INSERT_BLOCK = "INSERT OR IGNORE INTO block VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
 INSERT_OVERVIEW = "INSERT OR IGNORE INTO overview VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 INSERT_EVENT = "INSERT OR IGNORE INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
 INSERT_STEP = """INSERT OR IGNORE INTO step
@@ -211,7 +211,8 @@ class RowMaker:
     def _block_row(self, samples: NDArray[np.void]) -> Iterator[Statement]:
         self._last_block += 1
         times = (int(samples["time_us"][0]), int(samples["time_us"][-1]))
-        row = (self._last_block, self.segment, self.chunks, len(samples), *times, samples.tobytes())
+        content = samples.tobytes()
+        row = (self._last_block, self.segment, self.chunks, len(samples), *times, content, crc32(content))
         yield INSERT_BLOCK, row
         yield from self._overview.add(self._last_block, self.segment, samples)
 

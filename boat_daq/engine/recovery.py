@@ -28,6 +28,7 @@ from protocol.recording import SUFFIX, TABLE_NAMES, dtype_from_description, open
 
 Progress = Callable[[float, float], None]
 _ROWS = 1_000  # of one transaction
+_KEYS_MAX = 1 << 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,12 +122,14 @@ def _looks_like_ours(path: Path) -> bool:
 
 
 def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Iterator[str]:
-    total = db.execute("SELECT coalesce(max(id), 0) FROM chunk").fetchone()[0]
-    for number, raw, checksum in db.execute("SELECT id, raw, crc32 FROM chunk ORDER BY id"):
-        if crc32(raw) != checksum:
-            yield f"the raw bytes of chunk {number} do not match their checksum"
-        if progress is not None and number % _ROWS == 0:
-            progress(number, total)
+    for table, column, what in (("chunk", "raw", "raw bytes of chunk"), ("block", "samples", "samples of block")):
+        sql = f"SELECT id, {column}, crc32 FROM {table} ORDER BY id"  # noqa: S608 - names are ours
+        total = db.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]  # noqa: S608
+        for number, content, checksum in db.execute(sql):
+            if checksum is not None and crc32(content) != checksum:
+                yield f"the {what} {number} do not match their checksum"
+            if progress is not None and number % _ROWS == 0:
+                progress(number, total)
 
 
 def _counts(db: sqlite3.Connection) -> tuple[int, int]:
@@ -249,38 +252,39 @@ class _RowReader:
                     last = row[0]
                     yield row
             except sqlite3.DatabaseError as error:
-                behind = self._readable_behind(table, last)
-                upto = "to the end" if behind is None else f"to {behind - 1}"
-                self.lost.append(f"{table}: rows {last + 1} {upto} cannot be read ({error})")
+                behind = self._readable_behind(sql, last)
+                if behind is None or behind[0] > last + 1:
+                    upto = "to the end" if behind is None else f"to {behind[0] - 1}"
+                    self.lost.append(f"{table}: rows {last + 1} {upto} cannot be read ({error})")
                 if behind is None:
                     return
-                last = behind - 1
+                last = behind[0]
+                yield behind  # by itself: sqlite3 looks one row ahead, so the loop may never give it
             else:
                 return
 
-    def _readable_behind(self, table: str, last: int) -> int | None:
-        """Return the first key behind `last` that can be read again, found by doubling and halving; None at the end."""
+    def _readable_behind(self, sql: str, last: int) -> tuple[Any, ...] | None:
+        """Return the next row behind key `last` that can be read, found by doubling and halving; None at the end."""
         low, high = last, last + 1
-        while (found := self._key_from(table, high)) is _UNREADABLE:
+        while self._row_from(sql, high) is _UNREADABLE:
             low, high = high, high + (high - last)
-            if high - last > 1 << 40:
+            if high - last > _KEYS_MAX:
                 return None
         while high - low > 1:
             middle = (low + high) // 2
-            if self._key_from(table, middle) is _UNREADABLE:
+            if self._row_from(sql, middle) is _UNREADABLE:
                 low = middle
             else:
                 high = middle
-        found = self._key_from(table, high)
-        return found if isinstance(found, int) else None
+        row = self._row_from(sql, high)
+        return row if isinstance(row, tuple) else None
 
-    def _key_from(self, table: str, start: int) -> object:
-        """Return the first key at or behind `start` whose row can be read, None when there is none."""
+    def _row_from(self, sql: str, start: int) -> object:
+        """Return the first row with a key of `start` or more, None when there is none, or that it cannot be read."""
         try:
-            row = self.db.execute(f"SELECT * FROM {table} WHERE id >= ? ORDER BY id LIMIT 1", (start,)).fetchone()  # noqa: S608
+            return self.db.execute(f"{sql} LIMIT 1", (start - 1,)).fetchone()
         except sqlite3.DatabaseError:
             return _UNREADABLE
-        return None if row is None else int(row[0])
 
 
 _UNREADABLE = object()

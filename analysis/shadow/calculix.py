@@ -41,9 +41,12 @@ def calculix_deck(parameters: ActuatorParameters, mesh: Mesh, pressure_kpa: floa
         lines += [f"*NSET, NSET={name}", *rows(members + 1)]
     for value, name in names.items():
         material = parameters.lattice if value == LATTICE else parameters.wall
-        lines += [f"*MATERIAL, NAME={name}", "*HYPERELASTIC, NEO HOOKE",
-                  f"{material.c10_kpa:.10e}, {material.d1_per_kpa:.10e}",
-                  f"*SOLID SECTION, ELSET={name}, MATERIAL={name}"]
+        lines += [
+            f"*MATERIAL, NAME={name}",
+            "*HYPERELASTIC, NEO HOOKE",
+            f"{material.c10_kpa:.10e}, {material.d1_per_kpa:.10e}",
+            f"*SOLID SECTION, ELSET={name}, MATERIAL={name}",
+        ]
     lines += ["*BOUNDARY", "BASE, 1, 2", "TIP, 1, 1", *tie(mesh.tip)]
     lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{1 / INCREMENTS}, 1.0, 1e-6, {1 / INCREMENTS}", "*DLOAD"]
     lines += [f"{element + 1}, P{face + 1}, {pressure_kpa:.10e}" for element, face in wetted_faces(mesh)]

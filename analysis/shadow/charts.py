@@ -40,8 +40,8 @@ class MeshPoint:
 def states_per_second(table: ReducedModel, states: int = 20_000) -> float:
     """Measure how many states a second the table evaluates (tracked points of a batch)."""
     rng = np.random.default_rng(1)
-    pressures = rng.uniform(*table.pressure_range_kpa, states)
-    elongations = rng.uniform(*table.elongation_range_mm, states)
+    (p0, p1), (q0, q1) = table.pressure_range_kpa, table.elongation_range_mm
+    pressures, elongations = rng.uniform(p0, p1, states), rng.uniform(q0, q1, states)
     table.tracked(pressures[:10], elongations[:10])
     begun = time.perf_counter()
     table.tracked(pressures, elongations)
@@ -57,8 +57,13 @@ def solutions_per_second(solver: Solver, solutions: int = 100) -> float:
     return solutions / (time.perf_counter() - begun)
 
 
-def mesh_points(parameters: ActuatorParameters, meshes: Sequence[tuple[int, int, int]] = MESHES, *,
-                reference: tuple[int, int, int] = REFERENCE_MESH, progress: Progress | None = None) -> list[MeshPoint]:
+def mesh_points(
+    parameters: ActuatorParameters,
+    meshes: Sequence[tuple[int, int, int]] = MESHES,
+    *,
+    reference: tuple[int, int, int] = REFERENCE_MESH,
+    progress: Progress | None = None,
+) -> list[MeshPoint]:
     """Measure tracked-point error (against a finer mesh, at -40 and +50 kPa) and time of several meshes."""
     truth, _, _ = measured_mesh(parameters, reference, timed=False)
     points = []
@@ -70,8 +75,9 @@ def mesh_points(parameters: ActuatorParameters, meshes: Sequence[tuple[int, int,
     return points
 
 
-def measured_mesh(parameters: ActuatorParameters, elements: tuple[int, int, int], *,
-                  timed: bool) -> tuple[Floats, int, float]:
+def measured_mesh(
+    parameters: ActuatorParameters, elements: tuple[int, int, int], *, timed: bool
+) -> tuple[Floats, int, float]:
     """Return tracked points at both ends of the pressure range, unknowns, and seconds a warm solution."""
     axial, wall, lattice = elements
     model = FullModel(replace(parameters, axial_elements=axial, wall_elements=wall, lattice_elements=lattice))
@@ -88,14 +94,29 @@ def mesh_chart(points: Sequence[MeshPoint], chosen: ActuatorParameters) -> Figur
     for point in points:
         colour = CHOSEN if point.elements == default else DATA
         axes.loglog(point.error_mm, 1e3 * point.seconds, "o", color=colour, ms=7)
-        axes.annotate(f"{point.unknowns:,}".replace(",", " "), (point.error_mm, 1e3 * point.seconds),
-                      xytext=(7, 3), textcoords="offset points", fontsize=8, color=MUTED)
+        axes.annotate(
+            f"{point.unknowns:,}".replace(",", " "),
+            (point.error_mm, 1e3 * point.seconds),
+            xytext=(7, 3),
+            textcoords="offset points",
+            fontsize=8,
+            color=MUTED,
+        )
     axes.axvline(SCREEN_TOLERANCE_MM, color=LIMIT, lw=1, ls="--")
     axes.axhline(1e3 / 60.0, color=LIMIT, lw=1, ls=":")
-    axes.annotate("60 solutions/s", (axes.get_xlim()[0], 1e3 / 60.0), xytext=(4, 3), textcoords="offset points",
-                  fontsize=8, color=MUTED)
-    axes.set(xlabel="greatest error of a tracked point, mm (dashed: what the screen can show)",
-             ylabel="time a warm solution, ms", title="Full model: mesh against error (labels: unknowns)")
+    axes.annotate(
+        "60 solutions/s",
+        (axes.get_xlim()[0], 1e3 / 60.0),
+        xytext=(4, 3),
+        textcoords="offset points",
+        fontsize=8,
+        color=MUTED,
+    )
+    axes.set(
+        xlabel="greatest error of a tracked point, mm (dashed: what the screen can show)",
+        ylabel="time a warm solution, ms",
+        title="Full model: mesh against error (labels: unknowns)",
+    )
     axes.grid(True, which="major", color="#e4e7eb", lw=0.6)
     return figure
 
@@ -112,8 +133,11 @@ def basis_chart(parameters: ActuatorParameters) -> Figure:
         if side == default.pressures:
             axes.semilogy(default.modes, table.errors_mm[default.modes - 1], "o", color=CHOSEN, ms=9, label="default")
     axes.axhline(SCREEN_TOLERANCE_MM, color=LIMIT, lw=1, ls="--", label="what the screen can show")
-    axes.set(xlabel="number of shapes", ylabel="greatest error of a tracked point, mm",
-             title="Reduced model: shapes against error on states that were held out")
+    axes.set(
+        xlabel="number of shapes",
+        ylabel="greatest error of a tracked point, mm",
+        title="Reduced model: shapes against error on states that were held out",
+    )
     axes.grid(True, color="#e4e7eb", lw=0.6)
     axes.legend(frameon=False, fontsize=8.5)
     return figure

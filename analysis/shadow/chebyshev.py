@@ -12,14 +12,16 @@ from numpy.polynomial import chebyshev
 from analysis.shadow.arrays import Floats
 
 
-def points(low: float, high: float, count: int) -> Floats:
-    """Return the Chebyshev points of an interval, increasing, shape (count,)."""
-    return (low + high) / 2.0 + (high - low) / 2.0 * chebyshev.chebpts1(count)
+def points(ends: Floats, count: int) -> Floats:
+    """Return the Chebyshev points between two ends, increasing, shape (count,)."""
+    low, high = ends
+    return np.asarray((low + high) / 2.0 + (high - low) / 2.0 * chebyshev.chebpts1(count))
 
 
-def basis(values: Floats, low: float, high: float, count: int) -> Floats:
-    """Return T_0 .. T_(count-1) at each value, shape (n, count)."""
-    return chebyshev.chebvander((2.0 * np.asarray(values, dtype=float) - low - high) / (high - low), count - 1)
+def basis(values: Floats, ends: Floats, count: int) -> Floats:
+    """Return T_0 .. T_(count-1) of the interval at each value, shape (n, count)."""
+    low, high = ends
+    return np.asarray(chebyshev.chebvander((2.0 * values - low - high) / (high - low), count - 1))
 
 
 def coefficients(values: Floats) -> Floats:

@@ -1,10 +1,10 @@
 """A sequential test for many figures at once: self-starting CUSUM.
 
 Strategy: each new value is compared with all healthy values before it: T = (x - mean) / (s sqrt(1 + 1/n)) follows
-Student's t with n - 1 degrees of freedom, and its quantile turned into a normal one is an independent standard normal
-z for every cycle, however short the history (D. M. Hawkins, D. H. Olwell, Cumulative Sum Charts, 1998, ch. 7). Two sums,
-S+ = max(0, S+ + z - k) and S- = max(0, S- - z - k), alarm beyond h. h follows from the wanted number of healthy cycles
-between false alarms by Siegmund's formula.
+Student's t with n - 1 degrees of freedom, and its quantile turned into a normal one is an independent standard
+normal z for every cycle, however short the history (D. M. Hawkins, D. H. Olwell, Cumulative Sum Charts, 1998, ch. 7).
+Two sums, S+ = max(0, S+ + z - k) and S- = max(0, S- - z - k), alarm beyond h. h follows from the wanted number of
+healthy cycles between false alarms by Siegmund's formula.
 
 Rules: z is clipped, so no single cycle can raise an alarm; the spread is never taken smaller than a figure's floor, the
 change that nobody cares about, so that a very quiet actuator does not cry over trifles.

@@ -123,8 +123,9 @@ def internal_energy(gradient: Floats, weight: Floats, u: Floats, quads: Integers
 
 
 @njit(cache=True)
-def internal_force(gradient: Floats, weight: Floats, u: Floats, quads: Integers, moduli: Floats,
-                   force: Floats) -> float:
+def internal_force(
+    gradient: Floats, weight: Floats, u: Floats, quads: Integers, moduli: Floats, force: Floats
+) -> float:
     """Add dW/du to `force`, shape (n, 2), mN; return the smallest J (stop at the first J <= 0)."""
     f, p = np.empty(5), np.empty(5)
     smallest = np.inf
@@ -152,8 +153,9 @@ def add_to_band(band: Floats, row: int, column: int, value: float) -> None:
 
 
 @njit(cache=True)
-def internal_tangent(gradient: Floats, weight: Floats, u: Floats, quads: Integers, moduli: Floats,
-                     equations: Integers, band: Floats) -> None:
+def internal_tangent(
+    gradient: Floats, weight: Floats, u: Floats, quads: Integers, moduli: Floats, equations: Integers, band: Floats
+) -> None:
     """Add d2W/du2 to the lower band, shape (bandwidth + 1, equations), mN/mm."""
     f, c = np.empty(5), np.empty((5, 5))
     cb = np.empty((2, 5))
@@ -171,8 +173,7 @@ def internal_tangent(gradient: Floats, weight: Floats, u: Floats, quads: Integer
                     cb[1, k] = w * (c[k, 2] * grad[0, b] + c[k, 3] * grad[1, b])
                 for a in range(b, 8):
                     for j in range(2):
-                        ke[2 * a, 2 * b + j] += (grad[0, a] * cb[j, 0] + grad[1, a] * cb[j, 1]
-                                                 + grad[2, a] * cb[j, 4])
+                        ke[2 * a, 2 * b + j] += grad[0, a] * cb[j, 0] + grad[1, a] * cb[j, 1] + grad[2, a] * cb[j, 4]
                         ke[2 * a + 1, 2 * b + j] += grad[0, a] * cb[j, 2] + grad[1, a] * cb[j, 3]
         scatter(ke, quads[e], equations, band)
 
@@ -190,7 +191,6 @@ def scatter(ke: Floats, quad: Integers, equations: Integers, band: Floats) -> No
                         continue
                     value = ke[2 * a + i, 2 * b + j]
                     if a != b:
-                        add_to_band(band, max(row, column), min(row, column),
-                                    value if row != column else 2.0 * value)
+                        add_to_band(band, max(row, column), min(row, column), value if row != column else 2.0 * value)
                     else:
                         add_to_band(band, row, column, value)

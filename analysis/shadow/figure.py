@@ -29,13 +29,22 @@ def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour =
     """
     figure = Figure(figsize=(9.0, 5.2), layout="constrained")
     axes = figure.subplots()
-    values, title = ((state.displacement_mm, "displacement, mm") if colour == "displacement"
-                     else (100.0 * state.strain, "greatest principal strain, %"))
+    values, title = (
+        (state.displacement_mm, "displacement, mm")
+        if colour == "displacement"
+        else (100.0 * state.strain, "greatest principal strain, %")
+    )
     shown = None
     for sign in (1.0, -1.0):
         x, z = sign * state.nodes_mm[:, 0], state.nodes_mm[:, 1]
-        shown = axes.tripcolor(Triangulation(z, x, topology.triangles), values, shading="gouraud", cmap="viridis",
-                               vmin=min(0.0, float(values.min())), vmax=max(float(values.max()), 1e-6))
+        shown = axes.tripcolor(
+            Triangulation(z, x, topology.triangles),
+            values,
+            shading="gouraud",
+            cmap="viridis",
+            vmin=min(0.0, float(values.min())),
+            vmax=max(float(values.max()), 1e-6),
+        )
         for line in (topology.outline, topology.cavity):
             rest = topology.rest_mm[line]
             axes.plot(rest[:, 1], sign * rest[:, 0], color=REST, lw=0.8, ls=(0, (4, 3)))
@@ -56,8 +65,10 @@ def headline(state: ShadowState) -> str:
     """Return the frame's numbers in one line."""
     text = f"{state.pressure_kpa:+.1f} kPa    elongation {state.elongation_mm:+.2f} mm"
     if np.isfinite(state.deviation_mm):
-        text += (f"    nominal {state.nominal_elongation_mm:+.2f} ± {2 * state.nominal_sd_mm:.2f} mm (k = 2)"
-                 f"    deviation {state.deviation_mm:+.2f} mm")
+        text += (
+            f"    nominal {state.nominal_elongation_mm:+.2f} ± {2 * state.nominal_sd_mm:.2f} mm (k = 2)"
+            f"    deviation {state.deviation_mm:+.2f} mm"
+        )
     return text + f"    {state.model} model"
 
 
@@ -78,5 +89,11 @@ def draw_tips(axes: Axes, state: ShadowState, topology: ShadowTopology) -> None:
     if np.isfinite(state.nominal_elongation_mm):
         nominal = topology.length_mm + state.nominal_elongation_mm
         axes.plot([nominal, nominal], [-top, top], color=TEXT, lw=1.0, ls="--", label="nominal tip")
-        axes.axvspan(nominal - 2 * state.nominal_sd_mm, nominal + 2 * state.nominal_sd_mm, color=TEXT, alpha=0.12, lw=0,
-                     label="its band from E, k = 2")
+        axes.axvspan(
+            nominal - 2 * state.nominal_sd_mm,
+            nominal + 2 * state.nominal_sd_mm,
+            color=TEXT,
+            alpha=0.12,
+            lw=0,
+            label="its band from E, k = 2",
+        )

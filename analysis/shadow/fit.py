@@ -66,14 +66,17 @@ def fit_geometry(start: ActuatorParameters | None = None) -> GeometryFit:
 
     def misfit(values: Floats) -> Floats:
         try:
-            return elongations(actuator(values)) - wanted
+            return np.asarray(elongations(actuator(values)) - wanted)
         except AnalysisError:
             return np.full(2, 10.0)  # no equilibrium there: far off, so the search turns back
 
-    found = least_squares(misfit, [np.log(first.wall_modulus_kpa), first.neck_radius_mm], diff_step=1e-4, xtol=1e-9)
+    found = least_squares(
+        misfit, [np.log(first.wall_modulus_kpa), first.neck_radius_mm], diff_step=[1e-4, 1e-4], xtol=1e-9
+    )
     if np.abs(found.fun).max() > 0.05:
         raise ConvergenceError(
             f"no sound geometry meets both targets: misfit {found.fun[0]:+.2f} and {found.fun[1]:+.2f} mm at best",
-            "start from another wall, belly or envelope")
+            "start from another wall, belly or envelope",
+        )
     scale = np.array([0.01, 1.0])  # a per cent of modulus is 0.01 in its logarithm
     return GeometryFit(actuator(found.x), found.fun, np.asarray(found.jac) * scale)

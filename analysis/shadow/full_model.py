@@ -29,8 +29,9 @@ def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: 
     fixed = np.zeros(mesh.nodes.shape, dtype=bool)
     fixed[mesh.base] = True
     fixed[mesh.tip, 0] = True
-    return make_problem(mesh, table[(mesh.material == WALL).astype(int)], fixed=fixed, tied=mesh.tip,
-                        points_a_side=points_a_side)
+    return make_problem(
+        mesh, table[(mesh.material == WALL).astype(int)], fixed=fixed, tied=mesh.tip, points_a_side=points_a_side
+    )
 
 
 class FullModel:
@@ -48,8 +49,9 @@ class FullModel:
         If the parameters make no mesh.
     """
 
-    def __init__(self, parameters: ActuatorParameters | None = None, *, mesh: Mesh | None = None,
-                 tolerance: float = TOLERANCE) -> None:
+    def __init__(
+        self, parameters: ActuatorParameters | None = None, *, mesh: Mesh | None = None, tolerance: float = TOLERANCE
+    ) -> None:
         self.parameters = parameters or ActuatorParameters()
         self.mesh = mesh or build_mesh(self.parameters)
         self.length_mm = float(self.mesh.nodes[self.mesh.tip, 1].max())
@@ -78,8 +80,9 @@ class FullModel:
         """The state in which the actuator loses its stability under pressure."""
         return find_limit(Solver(self.problem), self.stability, self.length_mm, 1)
 
-    def solve(self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None,
-              start: Solution | None = None) -> Solution:
+    def solve(
+        self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None
+    ) -> Solution:
         """Find the state at a pressure, at an elongation, or with both imposed.
 
         Parameters
@@ -101,8 +104,10 @@ class FullModel:
             raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
         for name, value in (("pressure", pressure_kpa), ("elongation", elongation_mm)):
             if value is not None and not math.isfinite(value):
-                raise DataError(f"the {name} is {value}, not a number",
-                                "the calibration gives NaN outside its range: check the reading, or leave it out")
+                raise DataError(
+                    f"the {name} is {value}, not a number",
+                    "the calibration gives NaN outside its range: check the reading, or leave it out",
+                )
         self.refuse_beyond_limits(pressure_kpa, elongation_mm)
         return self.solver.solve(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm, start=start)
 
@@ -124,9 +129,12 @@ class FullModel:
         if beyond:
             asked = f"{p:g} kPa" if p is not None else f"{q:g} mm"
             where = f"{limit.pressure_kpa:.1f} kPa ({limit.elongation_mm:+.2f} mm)"
-            cause = (f"{asked} lies beyond the critical pressure of {where}, where the actuator loses its stability: "
-                     f"{limit.mode}" if limit.wave_number >= 0 else
-                     f"{asked} lies beyond {where}, as far as the model was walked and found stable")
+            cause = (
+                f"{asked} lies beyond the critical pressure of {where}, where the actuator loses its stability: "
+                f"{limit.mode}"
+                if limit.wave_number >= 0
+                else f"{asked} lies beyond {where}, as far as the model was walked and found stable"
+            )
             raise RequestError(cause, f"stay on this side of {limit.pressure_kpa:.1f} kPa")
 
     def tracked(self, solution: Solution) -> Floats:

@@ -131,8 +131,10 @@ def embed(mesh: Mesh, points: Floats, length_mm: float) -> Embedding:
     owner, values = locate(mesh, points[between])
     if (owner < 0).any() or (mesh.material[owner] != 0).any():
         r, z = points[between][(owner < 0) | (mesh.material[owner] != 0)][0]
-        raise RequestError(f"a guide leaves the lattice at r = {r:.1f} mm, {z:.1f} mm above the base",
-                           "change guide_bow_mm or guide_end_mm so that it runs between bladder and envelope")
+        raise RequestError(
+            f"a guide leaves the lattice at r = {r:.1f} mm, {z:.1f} mm above the base",
+            "change guide_bow_mm or guide_end_mm so that it runs between bladder and envelope",
+        )
     inner = np.flatnonzero(between)
     above = np.flatnonzero(points[:, 1] >= length_mm)
     rows = np.concatenate([np.repeat(inner, 8), above])
@@ -145,8 +147,10 @@ def embed(mesh: Mesh, points: Floats, length_mm: float) -> Embedding:
 def make_guides(parameters: ActuatorParameters, mesh: Mesh) -> Guides:
     """Embed centreline and tracked points of a guide in a mesh whose base is at 0."""
     length = float(mesh.nodes[mesh.tip, 1].max())
-    return Guides(embed(mesh, rest_centreline(parameters, length), length),
-                  embed(mesh, rest_centreline(parameters, length, TRACKED), length))
+    return Guides(
+        embed(mesh, rest_centreline(parameters, length), length),
+        embed(mesh, rest_centreline(parameters, length, TRACKED), length),
+    )
 
 
 def both_guides(half_plane: Floats) -> Floats:

@@ -1,10 +1,10 @@
 """Buckling around the circle: the tangent of an axisymmetric state for displacements that are not axisymmetric.
 
-Strategy: a small displacement (a cos n t, b sin n t, c cos n t) in (r, t, z) on top of an axisymmetric state has its own
-tangent K_n for each wave number n; stability is lost where any of them ceases to be positive definite. The gradient of
-such a displacement falls into two groups that do not couple: rr, rz, zr, zz, tt with the tangent of `material.tangent`,
-and rt, zt, tr, tz, for which dP = a dF + (a I1/3 - b) G dF^T G has no other terms. The pressure's part is the second
-variation of the enclosed volume.
+Strategy: a small displacement (a cos n t, b sin n t, c cos n t) in (r, t, z) on top of an axisymmetric state has its
+own tangent K_n for each wave number n; stability is lost where any of them ceases to be positive definite. The
+gradient of such a displacement falls into two groups that do not couple: rr, rz, zr, zz, tt with the tangent of
+`material.tangent`, and rt, zt, tr, tz, for which dP = a dF + (a I1/3 - b) G dF^T G has no other terms. The pressure's
+part is the second variation of the enclosed volume.
 
 Rules: base and tip plate are clamped for n >= 1 (a closed actuator with a free tip carries no net axial thrust, so
 pressure does not bend it like a column). Integrals over the circle give pi; energies are halves, so K_n is comparable
@@ -26,8 +26,16 @@ from analysis.shadow.problem import Problem
 
 
 @njit(cache=True)
-def harmonic_tangent(gradient: Floats, weight: Floats, u: Floats, quads: Integers, moduli: Floats,
-                     n: int, equations: Integers, band: Floats) -> None:
+def harmonic_tangent(
+    gradient: Floats,
+    weight: Floats,
+    u: Floats,
+    quads: Integers,
+    moduli: Floats,
+    n: int,
+    equations: Integers,
+    band: Floats,
+) -> None:
     """Add the solid's part of K_n to the lower band; `equations` has shape (nodes, 3) for r, t, z."""
     f, g, c = np.empty(5), np.empty(5), np.empty((5, 5))
     even, odd, shear = np.zeros((5, 24)), np.zeros((4, 24)), np.zeros((4, 4))
@@ -83,8 +91,9 @@ def scatter_block(block: Floats, members: Integers, equations: Integers, band: F
 
 
 @njit(cache=True)
-def harmonic_pressure(nodes: Floats, u: Floats, edges: Integers, load: Floats,
-                      equations: Integers, band: Floats) -> None:
+def harmonic_pressure(
+    nodes: Floats, u: Floats, edges: Integers, load: Floats, equations: Integers, band: Floats
+) -> None:
     """Add the pressure's part of K_n; `load` is (pressure in kPa, n).
 
     Minus p times the second variation of
@@ -134,8 +143,9 @@ class Harmonics:
         """Return the lower band of K_n, shape (bandwidth + 1, size), mN/mm."""
         band = np.zeros((self.bandwidth + 1, self.size), order="F")
         p = self.problem
-        harmonic_tangent(p.quadrature.gradient, p.quadrature.weight, u, p.quads, p.moduli, wave_number,
-                         self.equations, band)
+        harmonic_tangent(
+            p.quadrature.gradient, p.quadrature.weight, u, p.quads, p.moduli, wave_number, self.equations, band
+        )
         harmonic_pressure(p.nodes, u, p.cavity, np.array([pressure_kpa, float(wave_number)]), self.equations, band)
         return band
 

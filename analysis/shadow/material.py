@@ -34,11 +34,14 @@ class NeoHookean:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.youngs_modulus_kpa) and self.youngs_modulus_kpa > 0):
-            raise RequestError(f"a Young's modulus of {self.youngs_modulus_kpa} kPa is not one",
-                               "give a positive number of kPa")
+            raise RequestError(
+                f"a Young's modulus of {self.youngs_modulus_kpa} kPa is not one", "give a positive number of kPa"
+            )
         if not -1.0 < self.poisson_ratio < 0.5:
-            raise RequestError(f"a Poisson's ratio of {self.poisson_ratio} is outside -1 .. 0.5",
-                               "give a value below 0.5; rubber is 0.45 to 0.4999 here")
+            raise RequestError(
+                f"a Poisson's ratio of {self.poisson_ratio} is outside -1 .. 0.5",
+                "give a value below 0.5; rubber is 0.45 to 0.4999 here",
+            )
 
     @property
     def c10_kpa(self) -> float:
@@ -54,7 +57,7 @@ class NeoHookean:
 @njit(cache=True)
 def determinant(f: Floats) -> float:
     """Return J = det F of the five entries `f`."""
-    return (f[0] * f[3] - f[1] * f[2]) * f[4]
+    return float((f[0] * f[3] - f[1] * f[2]) * f[4])
 
 
 @njit(cache=True)
@@ -62,7 +65,7 @@ def energy(f: Floats, c10: float, d1: float) -> float:
     """Return W, kPa (energy per reference volume)."""
     j = determinant(f)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
-    return c10 * (j ** (-2.0 / 3.0) * i1 - 3.0) + (j - 1.0) ** 2 / d1
+    return float(c10 * (j ** (-2.0 / 3.0) * i1 - 3.0) + (j - 1.0) ** 2 / d1)
 
 
 @njit(cache=True)

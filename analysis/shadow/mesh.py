@@ -65,7 +65,7 @@ def bladder_radius(parameters: ActuatorParameters, z_mm: Floats) -> Floats:
 
 
 def stations(parameters: ActuatorParameters) -> Floats:
-    """Return where the nodes lie across wall (0 .. 1) and lattice (1 .. 2), shape (2 (wall + lattice elements) + 1,)."""
+    """Return where nodes lie across wall (0 .. 1) and lattice (1 .. 2), shape (2 (wall + lattice elements) + 1,)."""
     p = parameters
     widths = p.grading ** (np.arange(p.lattice_elements) / max(p.lattice_elements - 1, 1))
     ends = np.concatenate([[0.0], np.cumsum(widths)]) / widths.sum()
@@ -96,8 +96,9 @@ def build_mesh(parameters: ActuatorParameters) -> Mesh:
     used[1::2, 1::2] = False  # the serendipity element has no node in its middle
     number = np.full(r.shape, -1)
     number[used] = np.arange(used.sum())
-    row, column = (a.ravel() for a in np.meshgrid(np.arange(0, len(z) - 1, 2), np.arange(0, len(across) - 1, 2),
-                                                  indexing="ij"))
+    row, column = (
+        a.ravel() for a in np.meshgrid(np.arange(0, len(z) - 1, 2), np.arange(0, len(across) - 1, 2), indexing="ij")
+    )
     quads = np.stack([number[row + a, column + b] for a, b in _QUAD_STEPS], axis=1)
     mesh = Mesh(
         nodes=np.stack([r, np.broadcast_to(z[:, None], r.shape)], axis=2)[used],
@@ -122,7 +123,9 @@ def quality(mesh: Mesh) -> MeshQuality:
     edges = np.linalg.norm(corners[:, [1, 2, 3, 0]] - corners[:, :4], axis=2)
     scaled = np.divide(det.min(axis=1), mean, out=np.full(len(det), -1.0), where=mean > 0)
     shortest = np.maximum(edges.min(axis=1), np.finfo(float).tiny)
-    return MeshQuality(len(mesh.quads), len(mesh.nodes), float(scaled.min()), float((edges.max(axis=1) / shortest).max()))
+    return MeshQuality(
+        len(mesh.quads), len(mesh.nodes), float(scaled.min()), float((edges.max(axis=1) / shortest).max())
+    )
 
 
 def check_quality(mesh: Mesh) -> MeshQuality:
@@ -136,8 +139,10 @@ def check_quality(mesh: Mesh) -> MeshQuality:
     if not np.isfinite(mesh.nodes).all():
         raise RequestError("the mesh has a node that is not a number", "repair the mesh file")
     if mesh.nodes[:, 0].min() < -1e-9:
-        raise RequestError(f"the mesh reaches r = {mesh.nodes[:, 0].min():.3g} mm, beyond the axis",
-                           "put the axis of the actuator at r = 0 and the mesh at r >= 0")
+        raise RequestError(
+            f"the mesh reaches r = {mesh.nodes[:, 0].min():.3g} mm, beyond the axis",
+            "put the axis of the actuator at r = 0 and the mesh at r >= 0",
+        )
     found = quality(mesh)
     if found.scaled_jacobian < WORST_SCALED_JACOBIAN:
         raise RequestError(

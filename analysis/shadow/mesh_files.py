@@ -1,8 +1,8 @@
 """Meshes and states as files: VTU for ParaView, MSH for Gmsh, INP for CalculiX; and meshes back from VTU and MSH.
 
 Strategy: meshio writes and reads; parts are cells with a number (`part`, in MSH also a physical group with its name):
-lattice 1 and wall 2 are eight-node quadrilaterals, cavity 3, base 4 and tip 5 three-node lines. A mesh from elsewhere is
-taken if it has these; clockwise elements are turned over, wetted edges are directed by the element that owns them.
+lattice 1 and wall 2 are eight-node quadrilaterals, cavity 3, base 4 and tip 5 three-node lines. A mesh from elsewhere
+is taken if it has these; clockwise elements are turned over, wetted edges are directed by the element that owns them.
 
 Rules: coordinates are (r, axis, 0) in mm. A file that is not such a mesh is refused with what is missing.
 """
@@ -59,12 +59,16 @@ def to_meshio(mesh: Mesh, displacement_mm: Floats | None = None, *, named: bool 
     cells = [("quad8", c) for _, c in quads] + [("line3", c[:, [0, 2, 1]]) for _, c in lines]
     part = [np.full(len(c), PARTS[name]) for name, c in quads + lines]
     points = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
-    state = {} if displacement_mm is None else {
-        "displacement_mm": np.column_stack([displacement_mm, np.zeros(len(points))])}
+    state = (
+        {}
+        if displacement_mm is None
+        else {"displacement_mm": np.column_stack([displacement_mm, np.zeros(len(points))])}
+    )
     groups = {name: np.array([n, 2 if n <= 2 else 1]) for name, n in PARTS.items()}
     if named:
-        return meshio.Mesh(points, cells, field_data=groups,
-                           cell_data={"gmsh:physical": part, "gmsh:geometrical": part})
+        return meshio.Mesh(
+            points, cells, field_data=groups, cell_data={"gmsh:physical": part, "gmsh:geometrical": part}
+        )
     return meshio.Mesh(points, cells, point_data=state, cell_data={"part": part})
 
 
@@ -92,7 +96,7 @@ def read_mesh(path: Path) -> Mesh:
     try:
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio talks, and leaves the program
             found = meshio.read(path, file_format=kind)
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - its readers raise whatever a broken file makes them raise
+    except (Exception, SystemExit) as error:
         raise refusal from error
     return from_meshio(found, path)
 
@@ -108,8 +112,10 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
     cells = by_part(found, path)
     missing = [name for name in ("lattice", "cavity", "base", "tip") if not len(cells[name])]
     if missing:
-        raise FileError(f"{path.name} has no part named {', '.join(missing)}",
-                        "mark lattice and wall as quad8, cavity, base and tip as line3, as `shadow export` does")
+        raise FileError(
+            f"{path.name} has no part named {', '.join(missing)}",
+            "mark lattice and wall as quad8, cavity, base and tip as line3, as `shadow export` does",
+        )
     quads = np.concatenate([cells["lattice"], cells["wall"]])
     used, flat = np.unique(quads, return_inverse=True)
     rank = np.full(len(found.points), -1)
@@ -117,9 +123,14 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
     quads = flat.reshape(quads.shape)
     nodes = np.asarray(found.points, dtype=float)[used, :2]
     nodes[:, 1] -= nodes[:, 1].min()
-    mesh = Mesh(nodes, anticlockwise(nodes, quads),
-                np.repeat([LATTICE, WALL], [len(cells["lattice"]), len(cells["wall"])]),
-                rank[cells["cavity"][:, [0, 2, 1]]], np.unique(rank[cells["base"]]), np.unique(rank[cells["tip"]]))
+    mesh = Mesh(
+        nodes,
+        anticlockwise(nodes, quads),
+        np.repeat([LATTICE, WALL], [len(cells["lattice"]), len(cells["wall"])]),
+        rank[cells["cavity"][:, [0, 2, 1]]],
+        np.unique(rank[cells["base"]]),
+        np.unique(rank[cells["tip"]]),
+    )
     if min(mesh.cavity.min(), mesh.base.min(), mesh.tip.min()) < 0:
         raise FileError(f"{path.name} has a cavity, base or tip that is not on the mesh", "export the mesh again")
     mesh = replace(mesh, cavity=directed(mesh, path))
@@ -132,14 +143,24 @@ def by_part(found: meshio.Mesh, path: Path) -> dict[str, Integers]:
     numbers = {name: int(data[0]) for name, data in found.field_data.items() if name in PARTS} or PARTS
     labels = found.cell_data.get("gmsh:physical") or found.cell_data.get("part")
     if labels is None:
-        raise FileError(f"{path.name} does not say which cells are lattice, wall, cavity, base and tip",
-                        "give it physical groups (Gmsh) or a cell array 'part'")
-    kinds = {"lattice": ("quad8", 8), "wall": ("quad8", 8), "cavity": ("line3", 3), "base": ("line3", 3),
-             "tip": ("line3", 3)}
+        raise FileError(
+            f"{path.name} does not say which cells are lattice, wall, cavity, base and tip",
+            "give it physical groups (Gmsh) or a cell array 'part'",
+        )
+    kinds = {
+        "lattice": ("quad8", 8),
+        "wall": ("quad8", 8),
+        "cavity": ("line3", 3),
+        "base": ("line3", 3),
+        "tip": ("line3", 3),
+    }
     parts: dict[str, Integers] = {}
     for name, (kind, width) in kinds.items():
-        blocks = [block.data[np.asarray(label) == numbers.get(name, -1)]
-                  for block, label in zip(found.cells, labels, strict=True) if block.type == kind]
+        blocks = [
+            block.data[np.asarray(label) == numbers.get(name, -1)]
+            for block, label in zip(found.cells, labels, strict=True)
+            if block.type == kind
+        ]
         parts[name] = np.concatenate([np.empty((0, width), dtype=np.int64), *blocks]).astype(np.int64)
     return parts
 

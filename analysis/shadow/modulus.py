@@ -29,7 +29,20 @@ STRAIGHT_R2 = 0.95
 FORCE_N = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
 LENGTH_MM = {"mm": 1.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "cm": 10.0}
 FORCE_NAMES = ("force_n", "force", "load", "load_n", "f", "standard force", "load_cell")
-WAY_NAMES = ("displacement_mm", "displacement", "extension", "deformation", "travel", "compression_mm", "compression", "disp", "disp_mm", "position", "crosshead", "stroke")
+WAY_NAMES = (
+    "displacement_mm",
+    "displacement",
+    "extension",
+    "deformation",
+    "travel",
+    "compression_mm",
+    "compression",
+    "disp",
+    "disp_mm",
+    "position",
+    "crosshead",
+    "stroke",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +58,7 @@ class CompressionTest:
 
 @dataclass(frozen=True, slots=True)
 class SpecimenModulus:
-    """One specimen's modulus: slope, kPa, its own standard error, R2, points used, and the strain where contact begins."""
+    """One specimen's modulus: slope, kPa, its own standard error, R2, points used, strain where contact begins."""
 
     name: str
     modulus_kpa: float
@@ -74,8 +87,13 @@ class EffectiveModulus:
     specimens: tuple[SpecimenModulus, ...]
 
 
-def read_compression_test(path: Path, height_mm: float, area_mm2: float, force_column: str | None = None,
-                          displacement_column: str | None = None) -> CompressionTest:
+def read_compression_test(
+    path: Path,
+    height_mm: float,
+    area_mm2: float,
+    force_column: str | None = None,
+    displacement_column: str | None = None,
+) -> CompressionTest:
     """Read one specimen's CSV: a force column and a displacement column, in any of the common names and units.
 
     Parameters
@@ -91,8 +109,13 @@ def read_compression_test(path: Path, height_mm: float, area_mm2: float, force_c
     table = read_table(path)
     force, force_unit = find_column(table, FORCE_NAMES, path, force_column)
     way, way_unit = find_column(table, WAY_NAMES, path, displacement_column)
-    return CompressionTest(path.stem, force * factor(FORCE_N, force_unit, path),
-                           way * factor(LENGTH_MM, way_unit, path), height_mm, area_mm2)
+    return CompressionTest(
+        path.stem,
+        force * factor(FORCE_N, force_unit, path),
+        way * factor(LENGTH_MM, way_unit, path),
+        height_mm,
+        area_mm2,
+    )
 
 
 def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | None = None) -> tuple[Floats, str]:
@@ -105,8 +128,9 @@ def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | No
         if name in plain:
             at = plain.index(name)
             return table.columns[at], table.units[at].strip().lower()
-    raise FileError(f"{path.name} has no column of {names[1]} (it has {', '.join(table.names[:8])})",
-                    f"name the column {names[0]}")
+    raise FileError(
+        f"{path.name} has no column of {names[1]} (it has {', '.join(table.names[:8])})", f"name the column {names[0]}"
+    )
 
 
 def factor(units: dict[str, float], unit: str, path: Path) -> float:
@@ -135,15 +159,19 @@ def specimen_modulus(test: CompressionTest, window: tuple[float, float] = (0.02,
     strain, stress, contact = loading_branch(test)
     inside = (strain - contact >= window[0]) & (strain - contact <= window[1])
     if inside.sum() < FEWEST_POINTS or np.ptp(strain[inside]) < 0.5 * (window[1] - window[0]):
-        raise DataError(f"{test.name}: {int(inside.sum())} points between {100 * window[0]:g} and {100 * window[1]:g} % "
-                        f"strain (the test reaches {100 * (strain.max() - contact):.1f} %)",
-                        "compress further, sample faster, or move the window")
+        raise DataError(
+            f"{test.name}: {int(inside.sum())} points between {100 * window[0]:g} and {100 * window[1]:g} % "
+            f"strain (the test reaches {100 * (strain.max() - contact):.1f} %)",
+            "compress further, sample faster, or move the window",
+        )
     fit = stats.linregress(strain[inside], stress[inside])
     slope, r2 = float(fit.slope), float(fit.rvalue) ** 2
     if slope <= 0.0 or r2 < STRAIGHT_R2:
-        raise DataError(f"{test.name} is not a compression test: force against displacement is no rising line between "
-                        f"{100 * window[0]:g} and {100 * window[1]:g} % strain (slope {slope:.3g} kPa, R2 {r2:.2f})",
-                        "check the columns, or choose a window before the lattice buckles")
+        raise DataError(
+            f"{test.name} is not a compression test: force against displacement is no rising line between "
+            f"{100 * window[0]:g} and {100 * window[1]:g} % strain (slope {slope:.3g} kPa, R2 {r2:.2f})",
+            "check the columns, or choose a window before the lattice buckles",
+        )
     return SpecimenModulus(test.name, slope, float(fit.stderr), r2, int(inside.sum()), contact)
 
 
@@ -166,18 +194,23 @@ def loading_branch(test: CompressionTest) -> tuple[Floats, Floats, float]:
     turn = int(np.argmax(np.abs(way)))
     force, way = force[: turn + 1], way[: turn + 1]
     if len(way) < FEWEST_POINTS or way[-1] == 0.0:
-        raise DataError(f"{test.name} is not a compression test: the displacement does not grow",
-                        "check which column is the displacement")
+        raise DataError(
+            f"{test.name} is not a compression test: the displacement does not grow",
+            "check which column is the displacement",
+        )
     way, force = way * np.sign(way[-1]), force * np.sign(force[np.argmax(np.abs(force))] or 1.0)
     height = float(np.ptp(force))
     if height == 0.0:
-        raise DataError(f"{test.name} is not a compression test: the force never changes",
-                        "check which column is the force")
+        raise DataError(
+            f"{test.name} is not a compression test: the force never changes", "check which column is the force"
+        )
     touched = int(np.argmax(force - force[: max(3, len(force) // 50)].mean() >= CONTACT_SHARE * height))
     strain = way / test.height_mm
     if strain[-1] >= 1.0:
-        raise DataError(f"{test.name} was compressed by {way[-1]:.1f} mm, more than its height of {test.height_mm:g} mm",
-                        "check height and units")
+        raise DataError(
+            f"{test.name} was compressed by {way[-1]:.1f} mm, more than its height of {test.height_mm:g} mm",
+            "check height and units",
+        )
     return strain, 1e3 * force / test.area_mm2, float(strain[touched])
 
 

@@ -2,16 +2,17 @@
 
 Strategy: a cycle is boiled down to six figures, each the signature of an illness:
 
-    loss        % a minute by which the elongation's pressure p_nom(x) falls behind the gauge           leak
-    fade        % a minute by which the gauge itself falls in a hold (pumps off)                         leak
-    gain        slope of elongation against nominal elongation                                           softening, stiffening
-    offset      elongation where the nominal one is zero, mm                                             drift
-    difference  sensor 1 minus sensor 2 where elongation is zero, mm                                     sensor disagreement
-    difference slope   and how it grows with elongation, mm/mm                                           sensor disagreement
+    loss        % a minute by which the elongation's pressure p_nom(x) falls behind the gauge    leak
+    fade        % a minute by which the gauge itself falls in a hold (pumps off)                 leak
+    gain        slope of elongation against nominal elongation                                   softening, stiffening
+    offset      elongation where the nominal one is zero, mm                                     drift
+    difference  sensor 1 minus sensor 2 where elongation is zero, mm                             sensor disagreement
+    difference slope   and how it grows with elongation, mm/mm                                   sensor disagreement
 
 Each figure is compared with its own healthy history by the self-starting CUSUM of cusum.py. A healthy unit's constant
-deviation (its own calibration, its own hysteresis, its creep) is history, not illness. One illness moves several figures:
-a leak also shifts the offset, a sensor that drifts also bends the gain; such an alarm says what it may follow from.
+deviation (its own calibration, its own hysteresis, its creep) is history, not illness. One illness moves several
+figures: a leak also shifts the offset, a sensor that drifts also bends the gain; such an alarm says what it may follow
+from.
 
 Rules: arrays only, time in s, pressure in kPa, elongations in mm, NaN where a value is unknown. A cycle without holds
 has no fade, one sensor has no difference: that figure is NaN and waits. False alarms: one in 1,000 healthy cycles over
@@ -46,7 +47,9 @@ _CHANNELS: tuple[tuple[str, float, str, Illness | None, Illness | None], ...] = 
 )
 """Figure, floor of its spread (the change nobody cares about), unit, and what a rise or a fall of it means."""
 _BRINGS: dict[Illness, tuple[Illness, ...]] = {
-    "leak": ("drift", "stiffening"), "sensor disagreement": ("softening", "stiffening", "drift")}
+    "leak": ("drift", "stiffening"),
+    "sensor disagreement": ("softening", "stiffening", "drift"),
+}
 """What an illness also moves."""
 
 
@@ -90,8 +93,10 @@ class Alarm:
         """The alarm in words."""
         size = f"{100 * self.shift:+.1f} %" if self.unit == "" else f"{self.shift:+.3g} {self.unit}"
         cause = f" (may follow from {' and '.join(self.may_follow_from)})" if self.may_follow_from else ""
-        return (f"{self.illness} since cycle {self.since_cycle}{cause}: {self.figure} {size} off its history; "
-                f"a healthy actuator does this once in {min(self.healthy_cycles, 1e9):,.0f} cycles")
+        return (
+            f"{self.illness} since cycle {self.since_cycle}{cause}: {self.figure} {size} off its history; "
+            f"a healthy actuator does this once in {min(self.healthy_cycles, 1e9):,.0f} cycles"
+        )
 
 
 def deviation_mm(table: ReducedModel, pressure_kpa: Floats, elongation_mm: Floats) -> Floats:
@@ -202,8 +207,10 @@ def cycle_figures(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elo
     x = x[:, None] if x.ndim == 1 else x
     t, p = np.asarray(time_s, dtype=float), np.asarray(pressure_kpa, dtype=float)
     if not len(t) == len(p) == len(x):
-        raise DataError(f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
-                        "give one of each for every sample")
+        raise DataError(
+            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
+            "give one of each for every sample",
+        )
     if len(t) < 10 or not (np.diff(t) > 0).all():
         raise DataError("a cycle needs ten samples or more, in rising time", "give whole cycles, in order")
     known: Booleans = np.isfinite(x)
@@ -267,5 +274,6 @@ class Monitor:
         sums, length, shift = (a[channel, side] for a in (self._cusum.sums, self._cusum.length, self._cusum.shift))
         once = float(cycles_between_alarms(sums)) / int(self.watched.sum())
         causes = {other for key in self._open if (other := self._illness(*key)) and illness in _BRINGS.get(other, ())}
-        return Alarm(illness, name, unit, float(shift), self.cycles - int(length) + 1, self.cycles, once,
-                     tuple(sorted(causes)))
+        return Alarm(
+            illness, name, unit, float(shift), self.cycles - int(length) + 1, self.cycles, once, tuple(sorted(causes))
+        )

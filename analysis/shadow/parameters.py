@@ -75,17 +75,26 @@ class ActuatorParameters:
         outer = self.belly_radius_mm + self.wall_mm
         elements = self.cells * self.axial_elements * (self.wall_elements + self.lattice_elements)
         return [
-            (self.neck_radius_mm > self.belly_radius_mm,
-             f"the neck ({self.neck_radius_mm} mm) is wider than the belly ({self.belly_radius_mm} mm)",
-             "swap neck_radius_mm and belly_radius_mm"),
-            (outer >= self.envelope_radius_mm,
-             f"the bladder with its wall reaches r = {outer:g} mm, the lattice ends at {self.envelope_radius_mm:g} mm",
-             "make envelope_radius_mm larger than belly_radius_mm + wall_mm"),
-            (elements > MOST_ELEMENTS, f"{elements} elements are more than the {MOST_ELEMENTS} allowed here",
-             "ask for fewer elements a cell"),
-            (self.guide_bow_mm >= self.envelope_radius_mm,
-             f"the guides bow out to {self.guide_bow_mm:g} mm, the lattice ends at {self.envelope_radius_mm:g} mm",
-             "make guide_bow_mm smaller than envelope_radius_mm"),
+            (
+                self.neck_radius_mm > self.belly_radius_mm,
+                f"the neck ({self.neck_radius_mm} mm) is wider than the belly ({self.belly_radius_mm} mm)",
+                "swap neck_radius_mm and belly_radius_mm",
+            ),
+            (
+                outer >= self.envelope_radius_mm,
+                f"bladder and wall reach r = {outer:g} mm, the lattice ends at {self.envelope_radius_mm:g} mm",
+                "make envelope_radius_mm larger than belly_radius_mm + wall_mm",
+            ),
+            (
+                elements > MOST_ELEMENTS,
+                f"{elements} elements are more than the {MOST_ELEMENTS} allowed here",
+                "ask for fewer elements a cell",
+            ),
+            (
+                self.guide_bow_mm >= self.envelope_radius_mm,
+                f"the guides bow out to {self.guide_bow_mm:g} mm, the lattice ends at {self.envelope_radius_mm:g} mm",
+                "make guide_bow_mm smaller than envelope_radius_mm",
+            ),
         ]
 
     @property

@@ -56,8 +56,9 @@ def volume_gradient(nodes: Floats, u: Floats, edges: Integers, gradient: Floats)
 
 
 @njit(cache=True)
-def pressure_tangent(nodes: Floats, u: Floats, edges: Integers, pressure: float,
-                     equations: Integers, band: Floats) -> None:
+def pressure_tangent(
+    nodes: Floats, u: Floats, edges: Integers, pressure: float, equations: Integers, band: Floats
+) -> None:
     """Add -p d2V/du2, mN/mm, to the lower band."""
     for edge in edges:
         for a in range(3):

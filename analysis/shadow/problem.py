@@ -68,7 +68,8 @@ class Problem:
     def roundoff_mn(self) -> float:
         """The force, mN, below which a residual is rounding: 50 units in the last place of the stiffest stress."""
         area = float(self.quadrature.weight.sum()) ** (2.0 / 3.0)
-        return 50.0 * float(np.finfo(float).eps) * area * float((2.0 / self.moduli[:, 1]).max())
+        stiffest = float((2.0 / self.moduli[:, 1]).max())
+        return 50.0 * float(np.finfo(float).eps) * float(area) * stiffest
 
     def balance(self, u: Floats, pressure_kpa: float) -> Balance:
         """Return the forces in the state of nodal displacements `u`, shape (n, 2), mm."""
@@ -101,15 +102,16 @@ class Problem:
     def gather(self, nodal: Floats) -> Floats:
         """Sum a nodal vector, shape (n, 2), into equations, shape (size,)."""
         free = self.equations >= 0
-        return np.bincount(self.equations[free], nodal[free], self.size)
+        return np.bincount(self.equations[free], nodal[free], self.size).astype(float)
 
     def spread(self, values: Floats) -> Floats:
         """Return equation values as a nodal vector, zero where the displacement is prescribed."""
         return np.where(self.equations >= 0, values[self.equations], 0.0)
 
 
-def make_problem(mesh: Mesh, moduli: Floats, *, fixed: Booleans, tied: Integers | None = None,
-                 points_a_side: int = 2) -> Problem:
+def make_problem(
+    mesh: Mesh, moduli: Floats, *, fixed: Booleans, tied: Integers | None = None, points_a_side: int = 2
+) -> Problem:
     """Set up a problem on a mesh.
 
     Parameters
@@ -122,9 +124,18 @@ def make_problem(mesh: Mesh, moduli: Floats, *, fixed: Booleans, tied: Integers 
     """
     plate_nodes = np.empty(0, dtype=np.int64) if tied is None else tied
     equations, plate, size, bandwidth = number_equations(mesh.quads, fixed, plate_nodes)
-    return Problem(mesh.nodes, mesh.quads, moduli, mesh.cavity, equations, plate,
-                   int(plate_nodes[0]) if len(plate_nodes) else -1, size, bandwidth,
-                   quadrature_data(mesh.nodes, mesh.quads, points_a_side))
+    return Problem(
+        mesh.nodes,
+        mesh.quads,
+        moduli,
+        mesh.cavity,
+        equations,
+        plate,
+        int(plate_nodes[0]) if len(plate_nodes) else -1,
+        size,
+        bandwidth,
+        quadrature_data(mesh.nodes, mesh.quads, points_a_side),
+    )
 
 
 def number_equations(quads: Integers, fixed: Booleans, tied: Integers) -> tuple[Integers, int, int, int]:

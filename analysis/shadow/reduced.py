@@ -1,12 +1,12 @@
 """The reduced model: any state over (pressure, elongation) from a handful of shapes.
 
-Strategy: full solutions at Chebyshev points of a rectangle of pressure and elongation, the plate held, are compressed by
-a singular value decomposition (POD): displacement = mean + sum of a few shapes times amplitudes, and the amplitudes are
-polynomials of (pressure, elongation). The nominal curve, its inverse and the band that the lattice's modulus leaves are
-polynomials too. What this costs in truth is measured on full solutions that were not used, never assumed.
+Strategy: full solutions at Chebyshev points of a rectangle of pressure and elongation, the plate held, are compressed
+by a singular value decomposition (POD): displacement = mean + sum of a few shapes times amplitudes, and the amplitudes
+are polynomials of (pressure, elongation). The nominal curve, its inverse and the band that the lattice's modulus
+leaves are polynomials too. What this costs in truth is measured on full solutions that were not used, never assumed.
 
-Rule: `error_bound_mm` is twice the greatest error of any tracked point over those held-out states. Outside its rectangle
-the table refuses; `Shadow` in shadow.py then asks the full model.
+Rule: `error_bound_mm` is twice the greatest error of any tracked point over those held-out states. Outside its
+rectangle the table refuses; `Shadow` in shadow.py then asks the full model.
 """
 
 from __future__ import annotations
@@ -87,8 +87,13 @@ class ReducedModel:
 
     def truncated(self, modes: int) -> ReducedModel:
         """Return the same table with fewer shapes."""
-        return replace(self, shapes=self.shapes[:, :modes], amplitudes=self.amplitudes[..., :modes],
-                       tracked_shapes=self.tracked_shapes[:, :modes], errors_mm=self.errors_mm[:modes])
+        return replace(
+            self,
+            shapes=self.shapes[:, :modes],
+            amplitudes=self.amplitudes[..., :modes],
+            tracked_shapes=self.tracked_shapes[:, :modes],
+            errors_mm=self.errors_mm[:modes],
+        )
 
     def _products(self, pressure_kpa: Floats, elongation_mm: Floats) -> Floats:
         """Return all products of the two bases, shape (n, pressures * elongations)."""
@@ -99,10 +104,13 @@ class ReducedModel:
             (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
             raise RequestError(
                 f"{p[worst]:g} kPa with {q[worst]:g} mm is outside the table ({p0:.1f} .. {p1:.1f} kPa, "
-                f"{q0:.2f} .. {q1:.2f} mm)", "use the full model there")
-        along = chebyshev.basis(p, *self.pressure_range_kpa, self.amplitudes.shape[0])
-        across = chebyshev.basis(q, *self.elongation_range_mm, self.amplitudes.shape[1])
-        return np.einsum("ni,nj->nij", along, across).reshape(len(p), -1)
+                f"{q0:.2f} .. {q1:.2f} mm)",
+                "use the full model there",
+            )
+        along = chebyshev.basis(p, self.pressure_range_kpa, self.amplitudes.shape[0])
+        across = chebyshev.basis(q, self.elongation_range_mm, self.amplitudes.shape[1])
+        products: Floats = np.einsum("ni,nj->nij", along, across).reshape(len(p), -1)
+        return products
 
     def tracked(self, pressure_kpa: Floats, elongation_mm: Floats) -> Floats:
         """Return the deformed tracked points of one guide, shape (n, 7, 2), (r, z) in mm.
@@ -133,18 +141,17 @@ class ReducedModel:
         p = np.asarray(pressure_kpa, dtype=float)
         low, high = self.pressure_range_kpa
         inside = np.where((p >= low) & (p <= high), p, np.nan)
-        base = chebyshev.basis(inside, low, high, len(self.nominal_mm))
+        base = chebyshev.basis(inside, self.pressure_range_kpa, len(self.nominal_mm))
         return (base @ self.nominal_mm).reshape(p.shape), np.abs(base @ self.nominal_sd_mm).reshape(p.shape)
 
     def nominal_pressure(self, elongation_mm: Floats) -> Floats:
         """Return p_nom(x), kPa; NaN outside the elongations that the range of pressures reaches."""
         x = np.asarray(elongation_mm, dtype=float)
-        low, high = self.nominal_mm_range
+        low, high = ends = self.nominal_range_mm
         inside = np.where((x >= low) & (x <= high), x, np.nan)
-        return (chebyshev.basis(inside, low, high, len(self.nominal_kpa)) @ self.nominal_kpa).reshape(x.shape)
+        return np.reshape(chebyshev.basis(inside, ends, len(self.nominal_kpa)) @ self.nominal_kpa, x.shape)
 
     @property
-    def nominal_mm_range(self) -> tuple[float, float]:
-        """The nominal elongations at both ends of the range of pressures, mm."""
-        ends, _ = self.nominal_elongation(self.pressure_range_kpa)
-        return float(ends[0]), float(ends[1])
+    def nominal_range_mm(self) -> Floats:
+        """The nominal elongations at both ends of the range of pressures, shape (2,), mm."""
+        return self.nominal_elongation(self.pressure_range_kpa)[0]

@@ -55,22 +55,36 @@ class Replay:
         inside = np.abs(self.deviation_mm) <= 2.0 * self.band_mm
         size = len(known)
         return {
-            "samples": len(self.time_s), "compared": size, "cycles": len(self.figures),
+            "samples": len(self.time_s),
+            "compared": size,
+            "cycles": len(self.figures),
             "deviation_mean_mm": float(known.mean()) if size else np.nan,
             "deviation_rms_mm": float(np.sqrt((known**2).mean())) if size else np.nan,
             "deviation_worst_mm": float(known[np.argmax(np.abs(known))]) if size else np.nan,
             "inside_band_percent": 100.0 * float(inside.sum()) / size if size else np.nan,
             "residual_rms_kpa": float(np.sqrt(np.nanmean(self.residual_kpa**2))) if size else np.nan,
-            "drift_mm_per_cycle": self.drift_mm_per_cycle, "drift_interval_mm_per_cycle": self.drift_interval,
-            "alarms": [{"illness": a.illness, "since_cycle": a.since_cycle, "cycle": a.cycle, "figure": a.figure,
-                        "shift": a.shift, "unit": a.unit, "healthy_cycles": a.healthy_cycles,
-                        "sentence": a.sentence} for a in self.alarms],
+            "drift_mm_per_cycle": self.drift_mm_per_cycle,
+            "drift_interval_mm_per_cycle": self.drift_interval,
+            "alarms": [
+                {
+                    "illness": a.illness,
+                    "since_cycle": a.since_cycle,
+                    "cycle": a.cycle,
+                    "figure": a.figure,
+                    "shift": a.shift,
+                    "unit": a.unit,
+                    "healthy_cycles": a.healthy_cycles,
+                    "sentence": a.sentence,
+                }
+                for a in self.alarms
+            ],
             "left_out": self.left_out,
         }
 
 
-def replay(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats,
-           cycles: Sequence[slice]) -> Replay:
+def replay(
+    table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats, cycles: Sequence[slice]
+) -> Replay:
     """Compare a recording with the shadow.
 
     Parameters
@@ -89,12 +103,16 @@ def replay(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elongation
     x = x[:, None] if x.ndim == 1 else x
     t, p = np.asarray(time_s, dtype=float), np.asarray(pressure_kpa, dtype=float)
     if not len(t) == len(p) == len(x):
-        raise DataError(f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
-                        "give one of each for every sample")
+        raise DataError(
+            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
+            "give one of each for every sample",
+        )
     known = np.isfinite(x)
     if not (known.any(axis=1) & np.isfinite(p)).any():
-        raise DataError("the recording has no sample with both pressure and elongation",
-                        "give a calibration that covers its signals")
+        raise DataError(
+            "the recording has no sample with both pressure and elongation",
+            "give a calibration that covers its signals",
+        )
     mean = np.where(known.any(axis=1), np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
     deviation = deviation_mm(table, p, mean)
     monitor = Monitor(table)
@@ -111,8 +129,20 @@ def replay(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elongation
         levels.append(within[np.isfinite(within)].mean() if np.isfinite(within).any() else np.nan)
         alarms += monitor.take(one)
     slope, low, high = drift(np.array(levels))
-    return Replay(t, p, mean, deviation, pressure_residual_kpa(table, p, mean), table.nominal_elongation(p)[1],
-                  np.array(starts), tuple(figures), tuple(alarms), slope, (low, high), tuple(left_out))
+    return Replay(
+        t,
+        p,
+        mean,
+        deviation,
+        pressure_residual_kpa(table, p, mean),
+        table.nominal_elongation(p)[1],
+        np.array(starts),
+        tuple(figures),
+        tuple(alarms),
+        slope,
+        (low, high),
+        tuple(left_out),
+    )
 
 
 def drift(levels_mm: Floats) -> tuple[float, float, float]:
@@ -138,8 +168,15 @@ def replay_figure(result: Replay) -> Figure:
     below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=_LINE, ms=3, lw=0.8)
     for i, alarm in enumerate(result.alarms):
         below.axvline(alarm.cycle, color=_ALARM, lw=0.8)
-        below.annotate(alarm.illness, (alarm.cycle, 1.0 - 0.14 * (i % 6)), xycoords=("data", "axes fraction"),
-                       xytext=(3, -9), textcoords="offset points", fontsize=8, color=_ALARM)
+        below.annotate(
+            alarm.illness,
+            (alarm.cycle, 1.0 - 0.14 * (i % 6)),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, -9),
+            textcoords="offset points",
+            fontsize=8,
+            color=_ALARM,
+        )
     below.set(xlabel="cycle", ylabel="elongation against\nnominal, % off")
     for axes in (above, below):
         axes.grid(True, color="#e4e7eb", lw=0.6)

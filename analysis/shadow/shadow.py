@@ -32,8 +32,10 @@ Model = Literal["full", "reduced"]
 _NODE_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
 _NODE_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
 _GAUSS = np.array([-1.0, 1.0])
-EXTRAPOLATION = np.stack([(1 + np.sqrt(3.0) * x * _NODE_XI) * (1 + np.sqrt(3.0) * y * _NODE_ETA) / 4.0
-                          for y in _GAUSS for x in _GAUSS], axis=1)
+EXTRAPOLATION = np.stack(
+    [(1 + np.sqrt(3.0) * x * _NODE_XI) * (1 + np.sqrt(3.0) * y * _NODE_ETA) / 4.0 for y in _GAUSS for x in _GAUSS],
+    axis=1,
+)
 """Bilinear weights of the 2 x 2 Gauss points at the eight nodes, shape (8, 4)."""
 
 
@@ -108,8 +110,12 @@ class Shadow:
     progress : follows the building.
     """
 
-    def __init__(self, parameters: ActuatorParameters | None = None, table: ReducedModel | None = None,
-                 progress: Progress | None = None) -> None:
+    def __init__(
+        self,
+        parameters: ActuatorParameters | None = None,
+        table: ReducedModel | None = None,
+        progress: Progress | None = None,
+    ) -> None:
         self.parameters = parameters or ActuatorParameters()
         self.table = table or load_table(self.parameters, progress=progress)
         self.model = FullModel(self.parameters)
@@ -126,15 +132,25 @@ class Shadow:
         between = np.intersect1d(wall, lattice)
         inside = np.unique(mesh.cavity)
         return ShadowTopology(
-            rest_mm=mesh.nodes, quads=mesh.quads, triangles=triangles(mesh.quads),
+            rest_mm=mesh.nodes,
+            quads=mesh.quads,
+            triangles=triangles(mesh.quads),
             material=mesh.material,
-            outline=np.concatenate([mesh.base[np.argsort(mesh.nodes[mesh.base, 0])], envelope[1:-1],
-                                    mesh.tip[np.argsort(-mesh.nodes[mesh.tip, 0])]]),
+            outline=np.concatenate(
+                [
+                    mesh.base[np.argsort(mesh.nodes[mesh.base, 0])],
+                    envelope[1:-1],
+                    mesh.tip[np.argsort(-mesh.nodes[mesh.tip, 0])],
+                ]
+            ),
             interface=between[np.argsort(mesh.nodes[between, 1])],
-            cavity=inside[np.argsort(mesh.nodes[inside, 1])], length_mm=self.parameters.length_mm)
+            cavity=inside[np.argsort(mesh.nodes[inside, 1])],
+            length_mm=self.parameters.length_mm,
+        )
 
-    def state(self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None,
-              model: Model = "reduced") -> ShadowState:
+    def state(
+        self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None, model: Model = "reduced"
+    ) -> ShadowState:
         """Return the frame at a measured elongation, a measured pressure, or both.
 
         Parameters
@@ -153,8 +169,9 @@ class Shadow:
         solution, answered = self.solution(elongation_mm=elongation_mm, pressure_kpa=pressure_kpa, model=model)
         return self._frame(solution, answered, begun)
 
-    def solution(self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None,
-                 model: Model = "reduced") -> tuple[Solution, Model]:
+    def solution(
+        self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None, model: Model = "reduced"
+    ) -> tuple[Solution, Model]:
         """Return the state as nodal displacements, and which model answered; arguments and errors as `state`."""
         q, p = self._complete(elongation_mm, pressure_kpa)
         if model == "reduced" and q is not None and p is not None and bool(self.table.holds(np.array(p), np.array(q))):
@@ -167,8 +184,10 @@ class Shadow:
         """Fill in what is not measured from the nominal curve; None where the table does not reach."""
         for name, value in (("elongation", q), ("pressure", p)):
             if value is not None and not math.isfinite(value):
-                raise DataError(f"the {name} is {value}, not a number",
-                                "the calibration gives NaN outside its range: check the reading, or leave it out")
+                raise DataError(
+                    f"the {name} is {value}, not a number",
+                    "the calibration gives NaN outside its range: check the reading, or leave it out",
+                )
         if q is None and p is None:
             raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
         if q is None:
@@ -188,13 +207,21 @@ class Shadow:
         nominal, spread = (float(v) for v in self.table.nominal_elongation(np.array(p)))
         guides = self.model.guides
         return ShadowState(
-            pressure_kpa=p, elongation_mm=q, nodes_mm=self.model.mesh.nodes + u,
-            displacement_mm=np.hypot(u[:, 0], u[:, 1]), strain=self.strain(u),
+            pressure_kpa=p,
+            elongation_mm=q,
+            nodes_mm=self.model.mesh.nodes + u,
+            displacement_mm=np.hypot(u[:, 0], u[:, 1]),
+            strain=self.strain(u),
             centrelines_mm=both_guides(guides.centreline.positions(u)),
             tracked_points_mm=both_guides(guides.tracked.positions(u)),
-            nominal_elongation_mm=nominal, nominal_sd_mm=spread, deviation_mm=q - nominal,
+            nominal_elongation_mm=nominal,
+            nominal_sd_mm=spread,
+            deviation_mm=q - nominal,
             pressure_residual_kpa=p - float(self.table.nominal_pressure(np.array(q))),
-            tip_force_mn=solution.tip_force_mn, model=model, seconds=time.perf_counter() - begun)
+            tip_force_mn=solution.tip_force_mn,
+            model=model,
+            seconds=time.perf_counter() - begun,
+        )
 
     def strain(self, displacement_mm: Floats) -> Floats:
         """Return the greatest principal stretch minus 1 at each node, averaged over its elements' Gauss points."""

@@ -6,9 +6,9 @@ Strategy: a state is held by its pressure, by its elongation, or by both; what i
     elongation    the plate is free of force; the pressure follows (this control passes a limit point)
     both          the plate is held; the force that holds it follows
 
-Newton steps reuse the last factorisation as long as it brings the residual down fivefold a step (a warm start then costs
-back-substitutions, not factorisations). A step that turns an element inside out, or raises both the residual and the
-potential, is halved. Where a load cannot be reached in one go it is approached in halved load steps.
+Newton steps reuse the last factorisation as long as it brings the residual down fivefold a step (a warm start then
+costs back-substitutions, not factorisations). A step that turns an element inside out, or raises both the residual and
+the potential, is halved. Where a load cannot be reached in one go it is approached in halved load steps.
 
 Rules: a tangent that is not positive definite ends the search (the state is not stable); nothing is returned that has
 not met the tolerance.
@@ -59,7 +59,7 @@ class Solution:
 class Factor:
     """Cholesky factor of a tangent, from which a held plate is taken out.
 
-    `column` and `diagonal` are the held plate's own column of the tangent, off and on the diagonal; zero when it is free.
+    `column` and `diagonal`: the held plate's own column of the tangent, off and on the diagonal; zero when it is free.
     """
 
     cholesky: Floats
@@ -72,7 +72,7 @@ class Factor:
         x, info = lapack.dpbtrs(self.cholesky, right, lower=1)
         if info != 0:  # pragma: no cover - only for arguments of wrong shape
             raise ConvergenceError(f"the banded solver refused its arguments ({info})")
-        return x
+        return np.asarray(x)
 
 
 class NotConvergedError(Exception):
@@ -81,7 +81,7 @@ class NotConvergedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Iterate:
-    """A trial state and what is out of balance in it; `norm` leaves out the plate while its force is free to be anything."""
+    """A trial state and its forces out of balance; `norm` leaves out the plate while its force may be anything."""
 
     u: Floats
     pressure_kpa: float
@@ -148,8 +148,9 @@ class Solver:
         """Return the state without load."""
         return Solution(np.zeros_like(self.problem.nodes), 0.0, 0.0, 0.0, 0, 0.0)
 
-    def solve(self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None,
-              start: Solution | None = None) -> Solution:
+    def solve(
+        self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None
+    ) -> Solution:
         """Find the state that holds the given pressure, elongation, or both.
 
         Parameters
@@ -166,8 +167,9 @@ class Solver:
         done, step, spent = 0.0, 1.0, 0
         while done < 1.0:
             share = min(1.0, done + step)
-            hold = Hold(part_way(first.pressure_kpa, pressure_kpa, share),
-                        part_way(first.elongation_mm, elongation_mm, share))
+            hold = Hold(
+                part_way(first.pressure_kpa, pressure_kpa, share), part_way(first.elongation_mm, elongation_mm, share)
+            )
             try:
                 state = self._newton(state, hold)
             except NotConvergedError as failure:
@@ -176,7 +178,8 @@ class Solver:
                 if step < SMALLEST_LOAD_STEP:
                     raise ConvergenceError(
                         f"no equilibrium beyond {state.pressure_kpa:.4g} kPa, {state.elongation_mm:.4g} mm: {failure}",
-                        "ask for a smaller load, or a finer mesh") from None
+                        "ask for a smaller load, or a finer mesh",
+                    ) from None
             else:
                 spent += state.iterations
                 done, step = share, 1.5 * step
@@ -186,8 +189,9 @@ class Solver:
         """Iterate from `start` to the state of `hold`."""
         if self._factor is not None and self._factor.held != hold.plate:
             self._factor = None
-        now = self._look(start.displacement_mm, start.pressure_kpa if hold.pressure_kpa is None else hold.pressure_kpa,
-                         hold)
+        now = self._look(
+            start.displacement_mm, start.pressure_kpa if hold.pressure_kpa is None else hold.pressure_kpa, hold
+        )
         before = np.inf
         for iteration in range(MOST_ITERATIONS):
             if self._settled(now, hold):
@@ -225,8 +229,14 @@ class Solver:
 
     def _found(self, now: Iterate, hold: Hold, iterations: int) -> Solution:
         tip_force = float(now.balance.force[self.problem.plate]) if hold.both else 0.0
-        return Solution(now.u, now.pressure_kpa, self.problem.plate_displacement(now.u), tip_force, iterations,
-                        now.norm / (now.balance.scale or 1.0))
+        return Solution(
+            now.u,
+            now.pressure_kpa,
+            self.problem.plate_displacement(now.u),
+            tip_force,
+            iterations,
+            now.norm / (now.balance.scale or 1.0),
+        )
 
     def _direction(self, now: Iterate, hold: Hold, factor: Factor) -> tuple[Floats, float]:
         """Return the Newton step (displacements by node, pressure)."""

@@ -10,7 +10,7 @@ bisecting between the last stable and the first unstable state.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.linalg import blas, lapack
@@ -73,7 +73,7 @@ class Stability:
         return None
 
     def lowest_eigenvalue(self, solution: Solution) -> float:
-        """Return the margin of a state: the least over all wave numbers, dimensionless, 1 at rest and 0 at the limit."""
+        """Return the margin of a state, the least over all wave numbers: 1 at rest, 0 at the limit, no unit."""
         return min(self._relative_eigenvalue(solution, n) for n in WAVE_NUMBERS)
 
     def _relative_eigenvalue(self, solution: Solution, wave_number: int) -> float:
@@ -89,15 +89,13 @@ class Stability:
             return np.ravel(y)
 
         size = band.shape[1]
-        operator = LinearOperator((size, size), matvec=apply, dtype=np.float64)
-        start = np.random.default_rng(0).standard_normal(size)
-        values = eigsh(operator, k=1, which="SA", v0=start, tol=1e-4, ncv=min(40, size - 1), maxiter=4000,
-                       return_eigenvectors=False)
+        operator: Any = LinearOperator((size, size), matvec=apply, dtype=np.float64)
+        start = np.random.default_rng(0).standard_normal((size,))
+        values, _ = eigsh(operator, k=1, which="SA", v0=start, tol=1e-4, ncv=min(40, size - 1), maxiter=4000)
         return float(values[0])
 
 
-def find_limit(solver: Solver, stability: Stability, length_mm: float,
-               direction: Literal[-1, 1]) -> CriticalState:
+def find_limit(solver: Solver, stability: Stability, length_mm: float, direction: Literal[-1, 1]) -> CriticalState:
     """Walk from rest in one direction until stability ends.
 
     Parameters

@@ -52,8 +52,9 @@ class GuideStates:
         return np.asarray(2.0 * twice_area / sides)
 
 
-def guide_states(model: FullModel | None = None, *, lowest_kpa: float = -40.0, highest_kpa: float = 50.0,
-                 every_half_mm: bool = False) -> GuideStates:
+def guide_states(
+    model: FullModel | None = None, *, lowest_kpa: float = -40.0, highest_kpa: float = 50.0, every_half_mm: bool = False
+) -> GuideStates:
     """Solve the fifteen states.
 
     Parameters
@@ -68,8 +69,10 @@ def guide_states(model: FullModel | None = None, *, lowest_kpa: float = -40.0, h
         If the pressures do not lie on both sides of zero, or beyond the critical pressure.
     """
     if not lowest_kpa < 0.0 < highest_kpa:
-        raise RequestError(f"{lowest_kpa:g} .. {highest_kpa:g} kPa does not span compression and elongation",
-                           "give a lowest pressure below zero and a highest above")
+        raise RequestError(
+            f"{lowest_kpa:g} .. {highest_kpa:g} kPa does not span compression and elongation",
+            "give a lowest pressure below zero and a highest above",
+        )
     full = model or FullModel()
     pressures = np.concatenate([np.linspace(lowest_kpa, 0.0, STEPS + 1), np.linspace(0.0, highest_kpa, STEPS + 1)[1:]])
     carried = full.guides.centreline if every_half_mm else full.guides.tracked
@@ -92,8 +95,9 @@ def write_states(states: GuideStates, path: Path) -> None:
     """
     try:
         if path.suffix.lower() == ".npz":
-            np.savez(path, curves_mm=states.curves_mm, pressure_kpa=states.pressure_kpa,
-                     elongation_mm=states.elongation_mm)
+            np.savez(
+                path, curves_mm=states.curves_mm, pressure_kpa=states.pressure_kpa, elongation_mm=states.elongation_mm
+            )
         else:
             path.write_text("\n".join([HEADER, *_lines(states)]) + "\n", encoding="utf-8")
     except OSError as error:
@@ -104,6 +108,8 @@ def _lines(states: GuideStates) -> list[str]:
     lines = []
     for (state, guide, point), _ in np.ndenumerate(states.curves_mm[..., 0]):
         x, z = states.curves_mm[state, guide, point]
-        lines.append(f"{state},{guide + 1},{point + 1},{x:.9g},{z:.9g},{states.pressure_kpa[state]:.6g},"
-                     f"{states.elongation_mm[state]:.9g}")
+        lines.append(
+            f"{state},{guide + 1},{point + 1},{x:.9g},{z:.9g},{states.pressure_kpa[state]:.6g},"
+            f"{states.elongation_mm[state]:.9g}"
+        )
     return lines

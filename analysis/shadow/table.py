@@ -55,8 +55,11 @@ class _Counter:
             self.progress(self.done, self.total)
 
 
-def build_table(parameters: ActuatorParameters | None = None, settings: TableSettings | None = None,
-                progress: Progress | None = None) -> ReducedModel:
+def build_table(
+    parameters: ActuatorParameters | None = None,
+    settings: TableSettings | None = None,
+    progress: Progress | None = None,
+) -> ReducedModel:
     """Build the reduced model of an actuator.
 
     Parameters
@@ -76,8 +79,9 @@ def build_table(parameters: ActuatorParameters | None = None, settings: TableSet
     pressures = np.array([low, min(chosen.highest_pressure_kpa, 0.95 * model.inflation_limit.pressure_kpa)])
     ends = [model.solve(pressure_kpa=float(p)).elongation_mm for p in pressures]
     reach = np.array([ends[0] - chosen.margin_mm, ends[1] + chosen.margin_mm])
-    grid = _grid(model, chebyshev.points(*pressures, chosen.pressures),
-                 chebyshev.points(*reach, chosen.elongations), count)
+    grid = _grid(
+        model, chebyshev.points(pressures, chosen.pressures), chebyshev.points(reach, chosen.elongations), count
+    )
     nominal, spread, inverse = _nominal_curves(model, pressures, count)
     table = _compress(model, grid, chosen.modes, pressures, reach)
     table = replace(table, nominal_mm=nominal, nominal_sd_mm=spread, nominal_kpa=inverse)
@@ -114,19 +118,34 @@ def _compress(model: FullModel, grid: _Samples, modes: int, pressures: Floats, r
     tracked = np.stack([(weights @ column.reshape(-1, 2)).ravel() for column in shapes.T], axis=1)
     rest = model.guides.tracked.rest_mm.ravel() + (weights @ mean.reshape(-1, 2)).ravel()
     nothing = np.zeros(1)
-    return ReducedModel(pressures, reach, mean, shapes, chebyshev.tensor_coefficients(amplitudes),
-                        chebyshev.tensor_coefficients(grid.force), rest, tracked, nothing, nothing, nothing,
-                        np.zeros(shapes.shape[1]), np.array(model.vacuum_limit.pressure_kpa))
+    return ReducedModel(
+        pressures,
+        reach,
+        mean,
+        shapes,
+        chebyshev.tensor_coefficients(amplitudes),
+        chebyshev.tensor_coefficients(grid.force),
+        rest,
+        tracked,
+        nothing,
+        nothing,
+        nothing,
+        np.zeros(shapes.shape[1]),
+        np.array(model.vacuum_limit.pressure_kpa),
+    )
 
 
 def _nominal_curves(model: FullModel, pressures: Floats, count: _Counter) -> tuple[Floats, Floats, Floats]:
     """Return coefficients of x_nom(p), of its standard uncertainty, and of p_nom(x)."""
-    at = chebyshev.points(*pressures, NOMINAL_POINTS)
+    at = chebyshev.points(pressures, NOMINAL_POINTS)
     p = model.parameters
     curves = []
     for shift in (0.0, -p.lattice_modulus_sd_kpa, p.lattice_modulus_sd_kpa):
-        solver = model.solver if shift == 0.0 else Solver(
-            FullModel(replace(p, lattice_modulus_kpa=p.lattice_modulus_kpa + shift)).problem)
+        solver = (
+            model.solver
+            if shift == 0.0
+            else Solver(FullModel(replace(p, lattice_modulus_kpa=p.lattice_modulus_kpa + shift)).problem)
+        )
         state: Solution | None = None
         curve = []
         for value in at:
@@ -136,9 +155,8 @@ def _nominal_curves(model: FullModel, pressures: Floats, count: _Counter) -> tup
         curves.append(np.array(curve))
     base = chebyshev.coefficients(curves[0])
     spread = chebyshev.coefficients((curves[1] - curves[2]) / 2.0)
-    ends = chebyshev.basis(pressures, *pressures, NOMINAL_POINTS) @ base
-    inverse = [model.solver.solve(elongation_mm=float(x)).pressure_kpa
-               for x in chebyshev.points(ends[0], ends[1], NOMINAL_POINTS)]
+    ends = chebyshev.basis(pressures, pressures, NOMINAL_POINTS) @ base
+    inverse = [model.solver.solve(elongation_mm=float(x)).pressure_kpa for x in chebyshev.points(ends, NOMINAL_POINTS)]
     return base, spread, chebyshev.coefficients(np.array(inverse))
 
 
@@ -155,8 +173,9 @@ def _held_out_errors(model: FullModel, table: ReducedModel, number: int, count: 
         truth.append(model.tracked(state))
         count.tick()
     modes = range(1, table.shapes.shape[1] + 1)
-    return np.array([np.linalg.norm(table.truncated(k).tracked(*states.T) - np.array(truth), axis=2).max()
-                     for k in modes])
+    return np.array(
+        [np.linalg.norm(table.truncated(k).tracked(*states.T) - np.array(truth), axis=2).max() for k in modes]
+    )
 
 
 def table_digest(parameters: ActuatorParameters, settings: TableSettings) -> str:
@@ -165,8 +184,13 @@ def table_digest(parameters: ActuatorParameters, settings: TableSettings) -> str
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-def load_table(parameters: ActuatorParameters | None = None, settings: TableSettings | None = None, *,
-               progress: Progress | None = None, folder: Path | None = None) -> ReducedModel:
+def load_table(
+    parameters: ActuatorParameters | None = None,
+    settings: TableSettings | None = None,
+    *,
+    progress: Progress | None = None,
+    folder: Path | None = None,
+) -> ReducedModel:
     """Return the table from the cache, or build it and keep it there.
 
     Parameters

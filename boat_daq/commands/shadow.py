@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from analysis.shadow.parameters import ActuatorParameters
     from analysis.shadow.solver import Solution
 
-app = typer.Typer(help="The digital shadow: solve, table, modulus, states, replay, export.", no_args_is_help=True,
-                  rich_markup_mode=None)
+app = typer.Typer(
+    help="The digital shadow: solve, table, modulus, states, replay, export.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 
 ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
 MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
@@ -68,24 +71,34 @@ def solve(
     full, solution, answered, seconds = answer(pressure, elongation, model, parameters, mesh)
     limit = full.vacuum_limit
     result = {
-        "pressure_kpa": solution.pressure_kpa, "elongation_mm": solution.elongation_mm,
-        "lowest_eigenvalue": full.stability.lowest_eigenvalue(solution), "iterations": solution.iterations,
-        "seconds": seconds, "tracked_points_mm": both_guides(full.tracked(solution)), "model": answered,
-        "tip_force_mn": solution.tip_force_mn, "critical_pressure_kpa": limit.pressure_kpa,
+        "pressure_kpa": solution.pressure_kpa,
+        "elongation_mm": solution.elongation_mm,
+        "lowest_eigenvalue": full.stability.lowest_eigenvalue(solution),
+        "iterations": solution.iterations,
+        "seconds": seconds,
+        "tracked_points_mm": both_guides(full.tracked(solution)),
+        "model": answered,
+        "tip_force_mn": solution.tip_force_mn,
+        "critical_pressure_kpa": limit.pressure_kpa,
     }
     if plot is not None:
         draw(solution, parameters, plot)
     if as_json:
         emit_json(result)
     else:
-        say(f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {answered} model, "
-            f"{1e3 * seconds:.1f} ms, {solution.iterations} iterations")
-        say(f"lowest eigenvalue {result['lowest_eigenvalue']:.3f} (1 at rest, 0 at the critical pressure of "
-            f"{limit.pressure_kpa:.1f} kPa)")
+        say(
+            f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {answered} model, "
+            f"{1e3 * seconds:.1f} ms, {solution.iterations} iterations"
+        )
+        say(
+            f"lowest eigenvalue {result['lowest_eigenvalue']:.3f} (1 at rest, 0 at the critical pressure of "
+            f"{limit.pressure_kpa:.1f} kPa)"
+        )
 
 
-def answer(pressure: float | None, elongation: float | None, model: str, parameters: Path | None,
-           mesh: Path | None) -> tuple[FullModel, Solution, str, float]:
+def answer(
+    pressure: float | None, elongation: float | None, model: str, parameters: Path | None, mesh: Path | None
+) -> tuple[FullModel, Solution, str, float]:
     """Return the model, its state, which model answered, and the seconds that it took."""
     import time
 
@@ -121,7 +134,9 @@ def save_figure(figure: Figure, path: Path) -> None:
     try:
         figure.savefig(path, dpi=144)
     except (OSError, ValueError) as error:
-        raise FileError(f"{path} cannot be written: {error}", "choose a .png, .svg or .pdf in a writable folder") from error
+        raise FileError(
+            f"{path} cannot be written: {error}", "choose a .png, .svg or .pdf in a writable folder"
+        ) from error
     say(f"wrote {path}")
 
 
@@ -148,11 +163,16 @@ def table(
         made = build_table(chosen, None, progress) if rebuild else load_table(chosen, progress=progress)
     seconds = time.perf_counter() - begun
     result = {
-        "pressure_range_kpa": made.pressure_range_kpa, "elongation_range_mm": made.elongation_range_mm,
-        "modes": made.shapes.shape[1], "errors_mm": made.errors_mm, "error_bound_mm": made.error_bound_mm,
-        "error_bound_percent": 100.0 * made.error_bound_mm / float(abs(made.nominal_mm_range[1])),
-        "held_out": TableSettings().held_out, "critical_pressure_kpa": float(made.critical_kpa),
-        "states_per_s": states_per_second(made), "seconds": seconds,
+        "pressure_range_kpa": made.pressure_range_kpa,
+        "elongation_range_mm": made.elongation_range_mm,
+        "modes": made.shapes.shape[1],
+        "errors_mm": made.errors_mm,
+        "error_bound_mm": made.error_bound_mm,
+        "error_bound_percent": 100.0 * made.error_bound_mm / float(made.nominal_range_mm[1]),
+        "held_out": TableSettings().held_out,
+        "critical_pressure_kpa": float(made.critical_kpa),
+        "states_per_s": states_per_second(made),
+        "seconds": seconds,
     }
     if plot is not None:
         save_figure(basis_chart(chosen), plot)
@@ -181,8 +201,15 @@ def export(
     model = chosen_model(parameters, None)
     write_state(model, model.solve(pressure_kpa=pressure), out, file_format)
     if as_json:
-        emit_json({"out": out, "format": file_format, "pressure_kpa": pressure, "nodes": len(model.mesh.nodes),
-                   "elements": len(model.mesh.quads)})
+        emit_json(
+            {
+                "out": out,
+                "format": file_format,
+                "pressure_kpa": pressure,
+                "nodes": len(model.mesh.nodes),
+                "elements": len(model.mesh.quads),
+            }
+        )
     else:
         say(f"wrote {out}: {len(model.mesh.nodes)} nodes, {len(model.mesh.quads)} elements, {pressure:+g} kPa")
 
@@ -207,11 +234,21 @@ def states(
     write_states(found, out)
     bow, curvature = found.bow_mm(), found.curvature_per_mm()
     if as_json:
-        emit_json({"out": out, "pressure_kpa": found.pressure_kpa, "elongation_mm": found.elongation_mm,
-                   "bow_mm": bow, "curvature_per_mm": curvature, "points": found.curves_mm.shape[2]})
+        emit_json(
+            {
+                "out": out,
+                "pressure_kpa": found.pressure_kpa,
+                "elongation_mm": found.elongation_mm,
+                "bow_mm": bow,
+                "curvature_per_mm": curvature,
+                "points": found.curves_mm.shape[2],
+            }
+        )
     else:
-        say(f"wrote {out}: 15 states, {found.curves_mm.shape[2]} points a guide, elongation "
-            f"{found.elongation_mm[0]:+.2f} .. {found.elongation_mm[-1]:+.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm")
+        say(
+            f"wrote {out}: 15 states, {found.curves_mm.shape[2]} points a guide, elongation "
+            f"{found.elongation_mm[0]:+.2f} .. {found.elongation_mm[-1]:+.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm"
+        )
 
 
 @app.command()
@@ -219,7 +256,10 @@ def modulus(
     files: Annotated[list[Path], typer.Argument(metavar="FILE.csv...", help="One compression test a specimen.")],
     height_mm: Annotated[float, typer.Option(help="Height of the specimens at rest, mm.")],
     area_mm2: Annotated[float, typer.Option(help="Cross-section of the specimens at rest, mm².")],
-    window: Annotated[tuple[float, float], typer.Option(help="Strains between which the slope is taken.")] = (0.02, 0.1),
+    window: Annotated[tuple[float, float], typer.Option(help="Strains between which the slope is taken.")] = (
+        0.02,
+        0.1,
+    ),
     force_column: Annotated[str | None, typer.Option(help="Name or number of the force column.")] = None,
     displacement_column: Annotated[str | None, typer.Option(help="Name or number of the displacement column.")] = None,
     parameters: ParametersOption = None,
@@ -232,6 +272,8 @@ def modulus(
     import math
     from dataclasses import asdict, replace
 
+    import numpy as np
+
     from analysis.shadow.modulus import effective_modulus, read_compression_test
     from analysis.shadow.table import load_table
 
@@ -242,12 +284,19 @@ def modulus(
     with progress_bar("building the table") as progress:
         table = load_table(actuator, progress=progress)
     ends = table.pressure_range_kpa
-    pressures = [float(p) for p in (-40, -20, 20, 50) if ends[0] <= p <= ends[1]]
+    pressures = np.array([p for p in (-40.0, -20.0, 20.0, 50.0) if ends[0] <= p <= ends[1]])
     nominal, band = table.nominal_elongation(pressures)
     if as_json:
-        emit_json(asdict(found) | {"n": len(tests), "band": [
-            {"pressure_kpa": p, "nominal_elongation_mm": x, "standard_uncertainty_mm": u}
-            for p, x, u in zip(pressures, nominal, band, strict=True)]})
+        emit_json(
+            asdict(found)
+            | {
+                "n": len(tests),
+                "band": [
+                    {"pressure_kpa": p, "nominal_elongation_mm": x, "standard_uncertainty_mm": u}
+                    for p, x, u in zip(pressures, nominal, band, strict=True)
+                ],
+            }
+        )
         return
     for one in found.specimens:
         say(f"{one.name}: {one.modulus_kpa:.2f} kPa (R² {one.r2:.4f}, {one.points} points)")
@@ -279,8 +328,13 @@ def replay(
     elongations = measured_elongations(recording, calibration or run, elongation)
     with progress_bar("building the table") as progress:
         table = load_table(chosen_parameters(parameters), progress=progress)
-    result = compare(table, recording.time_s, recording.pressure_kpa, elongations,
-                     [cycle.rows for cycle in find_cycles(recording).complete])
+    result = compare(
+        table,
+        recording.time_s,
+        recording.pressure_kpa,
+        elongations,
+        [cycle.rows for cycle in find_cycles(recording).complete],
+    )
     summary = result.summary() | {"simulated": recording.simulated}
     if plot is not None:
         save_figure(replay_figure(result), plot)
@@ -289,8 +343,10 @@ def replay(
         return
     if recording.simulated:
         say("SIMULATED")
-    say(f"{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
-        f"{summary['deviation_rms_mm']:.3f} mm rms, {summary['inside_band_percent']:.0f} % inside the band (k = 2)")
+    say(
+        f"{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
+        f"{summary['deviation_rms_mm']:.3f} mm rms, {summary['inside_band_percent']:.0f} % inside the band (k = 2)"
+    )
     for alarm in result.alarms:
         say(f"ALARM in cycle {alarm.cycle}: {alarm.sentence}")
     for cause in result.left_out:
@@ -307,13 +363,17 @@ def measured_elongations(recording: Recording, calibration: Path, elongation: Pa
 
     sensors = analyse(calibration, elongation, mcmc=False).sensors
     if len(sensors) != recording.n_sensors:
-        raise DataError(f"{calibration.name} has {len(sensors)} sensors, the run {recording.n_sensors}",
-                        "give a calibration of the same unit")
+        raise DataError(
+            f"{calibration.name} has {len(sensors)} sensors, the run {recording.n_sensors}",
+            "give a calibration of the same unit",
+        )
     columns = []
     for number, sensor in enumerate(sensors):
         if sensor.calibration is None:
-            raise DataError(f"{calibration.name} holds no calibration: {sensor.calibration_void}",
-                            "give --calibration RUN or --elongation FILE.csv")
+            raise DataError(
+                f"{calibration.name} holds no calibration: {sensor.calibration_void}",
+                "give --calibration RUN or --elongation FILE.csv",
+            )
         signal = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
         columns.append(Inverse.of(sensor.calibration)(signal))
     return np.stack(columns, axis=1)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.board_control import HARD_LIMITS_PA, BoardControl
-from protocol.faults import Fault, FaultSchedule
+from protocol.faults import FAULTS, Fault, FaultSchedule
 from protocol.framing import Frame, FrameReader
 from protocol.light import ADC_BITS, FULL_SCALE, VREF_MV, SampleNoise
 from protocol.messages import (
@@ -249,7 +249,7 @@ class VirtualBoard:
                 self._transmitter.send_raw(b"\0\0BOAT boot loader 1.0, press any key\r\n" * int(fault.value))
             case "ack_refused":
                 self._refusal = AckStatus(int(fault.value))
-            case name:
+            case name if FAULTS[name].lasting == "count":
                 self._transmitter.countdown.add(name, fault.value)
 
     # ---- commands ------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import say
+from boat_daq.commands.console import JsonOption, emit_json, say
 
 
 def board(
@@ -23,17 +23,22 @@ def board(
     link: Annotated[Path | None, typer.Option(help="Symbolic link to the pseudo-terminal.")] = None,
     allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let --tcp leave this machine.")] = False,
     list_faults: Annotated[bool, typer.Option("--list-faults", help="Name the faults and leave.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """A virtual board; its port's name is the first line of standard output. Ctrl-C ends it.
 
-    Everything it sends says SIMULATED. Example:
+    With --json that line is an object: port, unit, seed, speed, and the unit's true figures. Everything the board sends
+    says SIMULATED. Example:
 
         boat-daq board --pty --speed 100 --fault estop@30:5 --truth truth.csv
     """
     if list_faults:
-        from protocol.faults import fault_list
+        from protocol.faults import FAULTS, fault_list
 
-        typer.echo(fault_list())
+        if as_json:
+            emit_json(FAULTS)
+        else:
+            typer.echo(fault_list())
         return
     if pty == (tcp is not None):
         raise typer.BadParameter("use either --pty or --tcp HOST:PORT")
@@ -54,8 +59,13 @@ def board(
         )
     )
     try:
-        typer.echo(server.url)
         say(f"SIMULATED board {unit} at {speed:g}x on {server.url}; Ctrl-C ends it")
+        if as_json:
+            from protocol.truth import truth_figures
+
+            emit_json({"port": server.url, "unit": unit, "seed": seed, "speed": speed, "truth": truth_figures(unit)})
+        else:
+            typer.echo(server.url)
         server.run(lambda: False, typer.echo)
     finally:
         server.close()

@@ -114,11 +114,11 @@ PORTS = [pytest.param("pty", marks=needs_pty), "127.0.0.1:0"]
 
 @pytest.mark.parametrize("port", PORTS)
 def test_no_sample_is_lost_at_100x(port):
-    """20,000 samples at 100 Hz and 100 times real time, from a process of its own: every index, no damaged frame."""
+    """10,000 samples at 100 Hz and 100 times real time, from a process of its own: every index, no damaged frame."""
     with serve(BoardSettings(port=port, speed=100.0)) as board, Host(board.url) as host:
         assert "SIMULATED" in host.hello().board_id
         host.send(Start(100))
-        index = indices(host.until(reached(20_000)))
+        index = indices(host.until(reached(10_000)))
         host.send(Stop())
         np.testing.assert_array_equal(index, np.arange(index.size))
         assert host.reader.crc_errors == host.reader.malformed == host.reader.oversize == 0

@@ -25,7 +25,7 @@ class CurveCard(PlotCard):
     """One sensor: points by branch, curve with bands, the unit's last curve, residuals."""
 
     def __init__(self, number: int) -> None:
-        super().__init__(f"Sensor {number}: signal over elongation")
+        super().__init__(f"Sensor {number}")
         ink = sensor_ink(number)
         self.top = self.add("Signal", "mV", stretch=3)
         self.bottom = self.add("Residual", "mV", x_title="Elongation", x_unit="mm", stretch=1)
@@ -63,7 +63,7 @@ class LoopCard(PlotCard):
     """The loops of all cycles: the system's (mV over kPa) for each sensor, and the actuator's own (mm over kPa)."""
 
     def __init__(self) -> None:
-        super().__init__("Hysteresis loops over pressure")
+        super().__init__("Loops over pressure")
         self.signals = []
         for number in range(1, SENSORS + 1):
             plot = self.add(f"Signal {number}", "mV", x_title="Pressure" if number == SENSORS else "", x_unit="kPa")
@@ -107,8 +107,8 @@ class CalibrationPage(QWidget):
         self.stack.addWidget(
             EmptyState(
                 "No run has been analysed yet",
-                "Here come each sensor's points and curve with its bands, the hysteresis loops and the figures with "
-                "their intervals. Run the calibration plan on the Live page and enter the readings; then analyse it here.",
+                "Here come each sensor's points and curve with its bands, the hysteresis loops and the figures "
+                "with their intervals. Run the calibration plan on the Live page, enter the readings, analyse it here.",
                 "Analyse the last run",
                 desk.analyse_current,
             )

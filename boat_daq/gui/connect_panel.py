@@ -10,7 +10,7 @@ from boat_daq.gui.files import ask_open
 from boat_daq.viewmodels.connection import VIRTUAL_UNITS
 from boat_daq.viewmodels.desk import Desk
 
-SPEEDS = (("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0), ("100 times faster", 100.0))
+SPEEDS = (("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0))
 
 
 class ConnectPanel(QDialog):

@@ -36,6 +36,10 @@ class FigureTable(QTableWidget):
             self.setItem(
                 i, 1 + len(row.cells), self._item(FigureText(row.unit, row.cells[0].hover), Qt.AlignmentFlag.AlignLeft)
             )
+        for k in range(1, 1 + len(sensors)):
+            heading = self.horizontalHeaderItem(k)
+            if heading is not None:
+                heading.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         header = self.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header.setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)

@@ -15,11 +15,17 @@ Then = Callable[[Path], object]
 
 
 def ask_save(parent: QWidget, desk: Desk, stem: str, suffix: str, then: Then) -> QFileDialog:
-    """Ask where to save a file of that `suffix` (no dot), then call `then(path)`; its error goes to the strip."""
-    dialog = _dialog(parent, desk, f"Save {suffix.upper()}", suffix)
+    """Ask where to save a file, then call `then(path)`; its error goes to the strip.
+
+    Parameters
+    ----------
+    suffix : the endings allowed, without dots, parted by spaces; the first is the one taken by default.
+    """
+    dialog = _dialog(parent, desk, f"Save {suffix.upper().replace(' ', ' or ')}", suffix)
+    first = suffix.split()[0]
     dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
-    dialog.setDefaultSuffix(suffix)
-    dialog.selectFile(f"{re.sub(r'[^A-Za-z0-9]+', '-', stem).strip('-').lower()}.{suffix}")
+    dialog.setDefaultSuffix(first)
+    dialog.selectFile(f"{re.sub(r'[^A-Za-z0-9_-]+', '-', stem).strip('-')}.{first}")
     dialog.fileSelected.connect(lambda name: _finish(desk, Path(name), then, f"Saved {Path(name).name}"))
     return dialog
 

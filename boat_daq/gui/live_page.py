@@ -37,9 +37,9 @@ class Figure(QWidget):
         self.value.setTextFormat(Qt.TextFormat.PlainText)
         self.unit = widgets.label(unit, "set")
         self.note = widgets.label("", "small")
-        head = widgets.row(self.swatch, self.name, None, spacing=6)
-        line = widgets.row(self.value, self.unit, self.note, None, spacing=6)
-        for widget in (self.value, self.unit, self.note):
+        head = widgets.row(self.swatch, self.name, self.note, None, spacing=6)
+        line = widgets.row(self.value, self.unit, None, spacing=6)
+        for widget in (self.value, self.unit):
             line.setAlignment(widget, Qt.AlignmentFlag.AlignBaseline)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -53,7 +53,7 @@ class Figure(QWidget):
         font = style.measured_font(pixels)
         self.value.setFont(font)
         self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
-        self.value.setMinimumWidth(style.text_width(font, self.example))
+        self.value.setFixedWidth(style.text_width(font, self.example) + style.STEP)
 
     def set(self, text: str, note: str = "") -> None:
         """Show a value."""
@@ -272,7 +272,7 @@ class LivePage(QWidget):
             )
             self.spans.setText("<table>" + "".join(f"<tr>{line}</tr>" for line in cells) + "</table>")
 
-    def paint(self, theme: Theme) -> None:
+    def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         colours = (*theme.sensors[:2], theme.elongation, theme.pressure, theme.target)
         for figure, colour in zip(self.figures.values(), colours, strict=True):

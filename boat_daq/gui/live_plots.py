@@ -31,6 +31,7 @@ class LivePlots(PlotCard):
         self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="min:s", time=True)
         self.link_x()
         self._curves()
+        self.rows: list[Plot] = []
         self._arrange()
         self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
         self._markers: list[tuple[Plot, Any]] = []
@@ -53,27 +54,27 @@ class LivePlots(PlotCard):
     def _arrange(self) -> None:
         """Show the rows that have something to show."""
         both = self.model.together
+        rows = [self.first, self.pressure]
+        if not both:
+            rows.insert(1, self.second)
+        if self.model.inverse is not None:
+            rows.insert(-1, self.length)
+        if rows == self.rows:
+            return
+        self.rows = rows
         self.s2_with.show(both)
-        self._show_row(self.second, not both)
-        self._show_row(self.length, self.model.inverse is not None)
         self.first.title = "Signals" if both else "Signal 1"
-        self.first.paint(self.theme)
-
-    def _show_row(self, plot: Plot, visible: bool) -> None:
-        if plot.item.isVisible() != visible:
-            plot.item.setVisible(visible)
-        height = 0 if not visible else 16_777_215
-        plot.item.setMaximumHeight(height)
-        self.view.ci.layout.setRowStretchFactor(self.plots.index(plot), 1 if visible else 0)
+        self.show_only(rows)
+        self.paint_theme(self.theme)
 
     def arrange(self) -> None:
         """Look again at which rows are shown."""
         self._arrange()
 
-    def paint(self, theme: Theme) -> None:
+    def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         self.theme = theme
-        super().paint(theme)
+        super().paint_theme(theme)
 
     def draw(self) -> bool:
         """Draw one frame; returns whether there was anything to draw."""
@@ -98,8 +99,6 @@ class LivePlots(PlotCard):
 
     def _ranges(self, frame: Frame) -> None:
         ranges = self.model.ranges(frame, monotonic())
-        if ranges is None:
-            return
         names = sensor_names(frame.columns)
         self.first.y_range(*ranges[names[0]])
         if len(names) > 1:
@@ -141,7 +140,7 @@ class LivePlots(PlotCard):
             line.setHoverPen(style.colour(self.theme.accent))
             line.sigDragged.connect(lambda moved, which=which: self._drag(which, moved.value()))
             self._cursors[which].append((plot, line))
-        self.paint(self.theme)
+        self.paint_theme(self.theme)
 
     def _drag(self, which: str, at: float) -> None:
         self.model.put_cursor(which, at)
@@ -159,4 +158,4 @@ class LivePlots(PlotCard):
                 label=marker.note or "\u25be",
             )
             self._markers.append((self.first, line))
-            self.paint(self.theme)
+            self.paint_theme(self.theme)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import math
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer
@@ -88,6 +89,7 @@ class MainWindow(QMainWindow):
             plots.save_wanted.connect(self.save_plot)
         self.follow_theme()
         self._restore()
+        desk.offer_recovery()
         self._start_timers()
 
     def _make_pages(self) -> dict[str, Any]:
@@ -165,6 +167,8 @@ class MainWindow(QMainWindow):
             self.connect_panel.open_fresh()
         elif what == "unit":
             self.go("Runs")
+        elif what == "report":
+            self.ask_report()
         elif what == "plan":
             self.live.show_plan()
         elif what == "photograph":
@@ -190,6 +194,13 @@ class MainWindow(QMainWindow):
         self.keys.show()
         self.keys.raise_()
 
+    def ask_report(self) -> None:
+        """Ask where to put the report of the run that is analysed."""
+        path = self.desk.analysed_path(self.page)
+        if path is not None:
+            deed = partial(self.desk.runs.report, [path])
+            ask_save(self, self.desk, f"{path.stem} report", "html pdf", deed)
+
     def save_plot(self, card: PlotCard, suffix: str) -> None:
         """Ask where to save a plot."""
         ask_save(self, self.desk, card.title, suffix, card.save)
@@ -212,8 +223,8 @@ class MainWindow(QMainWindow):
         app.setPalette(style.palette(theme))
         app.setStyleSheet(style.style_sheet(theme))
         for widget in self.findChildren(QWidget):
-            paint = getattr(widget, "paint", None)
-            if callable(paint):
+            paint = getattr(widget, "paint_theme", None)
+            if paint is not None:
                 paint(theme)
 
     # ---- coming and going ----------------------------------------------------------------------------------------

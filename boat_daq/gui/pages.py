@@ -6,6 +6,8 @@ from typing import Any
 
 from boat_daq.gui.calibration_page import CalibrationPage
 from boat_daq.gui.empty_page import EmptyPage
+from boat_daq.gui.repeat_page import RepeatPage
+from boat_daq.gui.runs_page import RunsPage
 from boat_daq.viewmodels.desk import Desk
 
 
@@ -13,8 +15,8 @@ def make_pages(desk: Desk) -> dict[str, Any]:
     """Return the pages in the order of the navigation."""
     return {
         "Calibrate": CalibrationPage(desk),
-        "Repeat": EmptyPage("Calibrate", "", "", lambda: None),
-        "Runs": EmptyPage("Calibrate", "", "", lambda: None),
+        "Repeat": RepeatPage(desk),
+        "Runs": RunsPage(desk),
         "Optics": EmptyPage("Calibrate", "", "", lambda: None),
         "Shadow": EmptyPage("Calibrate", "", "", lambda: None),
         "Trade-off": EmptyPage("Calibrate", "", "", lambda: None),

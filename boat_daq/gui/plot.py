@@ -7,6 +7,7 @@ shows can be had as columns (`columns`), which is what its CSV is made of.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -39,12 +40,13 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         super().__init__(orientation)
         self.time = time
         self.enableAutoSIPrefix(False)
+        self.setZValue(-1000)  # the grid belongs behind the data
         self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
 
     def tickSpacing(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, float]]:
         """Return the one level of ticks."""
         span = maxVal - minVal
-        return [(axis.time_step(span) if self.time else axis.tick_step(span), 0.0)]
+        return [(axis.time_step(span) if self.time else axis.tick_step(span, size), 0.0)]
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Return the labels of `values`."""
@@ -124,6 +126,7 @@ class Plot:
         self.item, self.title, self.unit = item, title, unit
         self.x_title, self.x_unit = x_title, x_unit
         self.layers: list[Layer] = []
+        self._y_shown = (math.nan, math.nan)
         self._lines: list[tuple[Any, Ink, Qt.PenStyle]] = []
         item.hideButtons()
         item.setMenuEnabled(False)
@@ -192,8 +195,9 @@ class Plot:
             self.item.getViewBox().setXRange(low, high, padding=0)
 
     def y_range(self, low: float, high: float) -> None:
-        """Show [low, high] vertically."""
-        if high > low:
+        """Show [low, high] vertically; costs nothing where it is shown already."""
+        if high > low and (low, high) != self._y_shown:
+            self._y_shown = (low, high)
             self.item.getViewBox().setYRange(low, high, padding=0)
 
     def fit(self, *, x_margin: float = 0.04) -> None:

@@ -74,13 +74,21 @@ class PlotCard(QFrame):
         self.plots.append(plot)
         return plot
 
+    def show_only(self, plots: list[Plot]) -> None:
+        """Show only these plots, over each other in this order; the others keep what they hold."""
+        for plot in self.plots:
+            if plot.item in self.view.ci.items:
+                self.view.ci.removeItem(plot.item)
+        for at, plot in enumerate(plots):
+            self.view.ci.addItem(plot.item, row=at, col=0)
+
     def link_x(self) -> None:
         """Give all plots of the card the first one's horizontal range."""
         first = self.plots[0].item
         for plot in self.plots[1:]:
             plot.item.setXLink(first)
 
-    def paint(self, theme: Theme) -> None:
+    def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         self.view.setBackground(theme.surface)
         for plot in self.plots:

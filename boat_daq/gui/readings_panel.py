@@ -34,13 +34,13 @@ class ReadingBar(QFrame):
             "Photograph …", lambda: desk.request("photograph"), tip="Read it from a picture of the grid (Ctrl+P)"
         )
         self.simulated = widgets.button(
-            "Read the simulated grid", self._simulated, tip="What an eye would read on the simulated unit"
+            "Read the grid", self._simulated, tip="What an eye would read on the simulated unit"
         )
         self.skip = widgets.button("Skip", self._skip, tip="Go on without a reading")
         line = widgets.row(
             self.question,
             self.field,
-            widgets.label("mm, Enter goes on", "muted"),
+            widgets.label("mm \u23ce", "muted"),
             None,
             self.simulated,
             self.photo,

@@ -42,7 +42,7 @@ class StaircasePicture(QWidget):
             self.drawing = drawing
             self.update()
 
-    def paint(self, theme: Theme) -> None:
+    def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         self.theme = theme
         self.update()
@@ -115,6 +115,6 @@ class SequencePanel(QFrame):
             button.setVisible(key in allowed)
         self.picture.show_drawing(model.drawing(snapshot))
 
-    def paint(self, theme: Theme) -> None:
+    def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
-        self.picture.paint(theme)
+        self.picture.paint_theme(theme)

@@ -1,19 +1,25 @@
-"""The pane beside the plots: the actuator as it is now over its outline at rest."""
+"""The pane beside the plots: the actuator as it is now over its outline at rest, coloured by displacement or strain."""
 
 from __future__ import annotations
 
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QGridLayout, QWidget
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.desk import Desk
-from boat_daq.viewmodels.shadow_live import ShadowPicture
+from boat_daq.viewmodels.shadow_live import LEVELS, SCALES, ShadowPicture
 
-ROOM_MM = QRectF(-30.0, -4.0, 60.0, 92.0)  # what the view shows of (r, z)
-LINES = 4
+ROOM_MM = QRectF(-31.0, -4.0, 62.0, 90.0)  # what the view shows of (x, z)
+LINES = 5
+DOT = 5
+REST_LENGTH_MM = 75.0
+RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, then lifts the pen
 
 
 class ShadowView(QWidget):
@@ -25,37 +31,92 @@ class ShadowView(QWidget):
         self.setMinimumHeight(8 * style.CONTROL_HEIGHT)
         self.theme: Theme = style.LIGHT
         self.picture: ShadowPicture | None = None
+        self.scale_words = ("0", "")
 
     def show_picture(self, picture: ShadowPicture) -> None:
         """Draw another picture."""
         self.picture = picture
         self.update()
 
-    def _place(self) -> tuple[float, float, float]:
-        """Return the scale (pixels per mm) and where (0, 0) mm lies."""
-        scale = min(self.width() / ROOM_MM.width(), self.height() / ROOM_MM.height())
-        return scale, self.width() / 2, self.height() / 2 + (ROOM_MM.top() + ROOM_MM.height() / 2) * scale
+    def _transform(self) -> QTransform:
+        """Return the way from (x, z) mm to pixels."""
+        room = QRectF(self.rect()).adjusted(0, 0, 0, -2 * style.CONTROL_HEIGHT / 2)
+        scale = min(room.width() / ROOM_MM.width(), room.height() / ROOM_MM.height())
+        centre = room.center()
+        way = QTransform()
+        way.translate(centre.x(), centre.y() + (ROOM_MM.top() + ROOM_MM.height() / 2) * scale)
+        way.scale(scale, -scale)
+        return way
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw rest, now, base and tips."""
+        """Draw elements, guides, points, rest, tips and the scale."""
         if self.picture is None:
             return
-        scale, x0, y0 = self._place()
-
-        def polygon(points: object) -> QPolygonF:
-            return QPolygonF([QPointF(x0 + r * scale, y0 - z * scale) for r, z in points])  # type: ignore[attr-defined]
-
         painter = QPainter(self)
+        painter.setTransform(self._transform())
+        self._elements(painter, self.picture)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(QColor(self.theme.elongation), 1.5))
-        painter.setBrush(style.colour(self.theme.elongation, style.BAND_ALPHA_WIDE))
-        painter.drawPolygon(polygon(self.picture.now))
+        self._pen(painter, self.theme.text, 1.5)
+        for guide in self.picture.guides:
+            painter.drawPolyline(_polygon(guide))
+        painter.setBrush(QColor(self.theme.surface))
+        dot = DOT / painter.transform().m11() / 2
+        for x, z in self.picture.tracked:
+            painter.drawEllipse(QPointF(x, z), dot, dot)
         painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.setPen(QPen(QColor(self.theme.muted), 1, Qt.PenStyle.DashLine))
-        painter.drawPolygon(polygon(self.picture.rest))
-        painter.setPen(QPen(QColor(self.theme.text), 2))
-        painter.drawPolyline(polygon([(-28.0, 0.0), (28.0, 0.0)]))
+        self._pen(painter, self.theme.muted, 1, Qt.PenStyle.DashLine)
+        painter.drawPolygon(_polygon(self.picture.rest))
+        self._pen(painter, self.theme.text, 2)
+        painter.drawLine(QPointF(-29, 0), QPointF(29, 0))
+        self._tip(painter, self.picture.nominal_mm, self.theme.target, Qt.PenStyle.DashLine)
+        self._tip(painter, self.picture.measured_mm, self.theme.elongation, Qt.PenStyle.SolidLine)
+        painter.resetTransform()
+        self._scale(painter)
         painter.end()
+
+    def _elements(self, painter: QPainter, picture: ShadowPicture) -> None:
+        """Fill the elements, all of one colour step at once."""
+        painter.setPen(Qt.PenStyle.NoPen)
+        for level in np.unique(picture.levels):
+            chosen: NDArray[np.float64] = picture.corners[picture.levels == level]
+            closed = np.concatenate([chosen, chosen[:, :1]], axis=1).reshape(-1, 2)
+            path = pg.functions.arrayToQPath(closed[:, 0], closed[:, 1], np.tile(RING, len(chosen)))
+            painter.fillPath(path, QColor(style.sequential(self.theme, int(level), LEVELS)))
+
+    def _tip(self, painter: QPainter, elongation_mm: float, colour: str, pen: Qt.PenStyle) -> None:
+        if elongation_mm == elongation_mm:
+            self._pen(painter, colour, 3, pen)
+            height = REST_LENGTH_MM + elongation_mm
+            painter.drawLine(QPointF(-29, height), QPointF(29, height))
+
+    def _pen(
+        self, painter: QPainter, colour: str, width: float, pen_style: Qt.PenStyle = Qt.PenStyle.SolidLine
+    ) -> None:
+        pen = QPen(QColor(colour), width, pen_style)
+        pen.setCosmetic(True)
+        painter.setPen(pen)
+
+    def _scale(self, painter: QPainter) -> None:
+        """Draw the colour scale with its ends."""
+        room = QRectF(self.rect())
+        bar = QRectF(
+            room.left() + 8 * style.STEP, room.bottom() - 6 * style.STEP, room.width() - 16 * style.STEP, style.GAP
+        )
+        step = bar.width() / LEVELS
+        for i in range(LEVELS):
+            painter.fillRect(
+                QRectF(bar.left() + i * step, bar.top(), step + 1, bar.height()),
+                QColor(style.sequential(self.theme, i, LEVELS)),
+            )
+        painter.setPen(QColor(self.theme.muted))
+        painter.setFont(style.small_font())
+        below = bar.adjusted(-6 * style.STEP, bar.height(), 6 * style.STEP, 4 * style.STEP)
+        painter.drawText(below, Qt.AlignmentFlag.AlignLeft, self.scale_words[0])
+        painter.drawText(below, Qt.AlignmentFlag.AlignRight, self.scale_words[1])
+
+
+def _polygon(points: NDArray[np.float64]) -> QPolygonF:
+    return QPolygonF([QPointF(x, z) for x, z in points])
 
 
 class ShadowPane(QWidget):
@@ -65,7 +126,13 @@ class ShadowPane(QWidget):
         super().__init__()
         self.desk = desk
         self.view = ShadowView()
+        self.quantity = widgets.choice("Colour shows", [(name, name) for name in SCALES])
+        self.quantity.activated.connect(lambda _: self._choose(str(self.quantity.currentData())))
+        self.cost = QCheckBox("cost")
+        self.cost.setToolTip("Show what a frame of the shadow costs")
+        self.cost.toggled.connect(self._show_cost)
         frame, inside = widgets.card()
+        inside.addLayout(widgets.row(self.quantity, None, self.cost))
         inside.addWidget(self.view, 1)
         grid = QGridLayout()
         grid.setVerticalSpacing(2)
@@ -75,9 +142,19 @@ class ShadowPane(QWidget):
             grid.addWidget(self.names[i], i, 0)
             grid.addWidget(self.values[i], i, 1, Qt.AlignmentFlag.AlignRight)
         inside.addLayout(grid)
-        layout = widgets.column(frame)
+        layout = QVBoxLayout(self)
         layout.setContentsMargins(0, style.GAP, 0, 0)
-        self.setLayout(layout)
+        layout.addWidget(frame)
+        self._choose(desk.shadow.quantity)
+
+    def _choose(self, quantity: str) -> None:
+        self.desk.shadow.quantity = quantity
+        full, unit, _ = SCALES[quantity]
+        self.view.scale_words = ("0", f"{quantity} {full:g} {unit}")
+        self.view.update()
+
+    def _show_cost(self, on: bool) -> None:
+        self.desk.shadow.show_cost = on
 
     def draw(self) -> None:
         """Draw one frame."""
@@ -93,7 +170,7 @@ class ShadowPane(QWidget):
             widgets.set_text(self.values[i], value)
             widgets.set_state(self.values[i], state)
 
-    def paint(self, theme: Theme) -> None:
+    def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         self.view.theme = theme
         self.view.update()

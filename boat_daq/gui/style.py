@@ -95,6 +95,8 @@ FONT_MEASURED = 34
 FONT_MEASURED_WIDE = 48
 FAMILIES = ("Inter", "Segoe UI", "SF Pro Text", "Helvetica Neue", "Noto Sans", "Liberation Sans", "DejaVu Sans")
 
+VIRIDIS = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725")
+
 BAND_ALPHA = 56  # of 255: a band lets the grid and the curve through
 BAND_ALPHA_WIDE = 30
 HISTORY_ALPHA = 110
@@ -126,6 +128,16 @@ def palette(theme: Theme) -> QPalette:
     ):  # fmt: skip
         result.setColor(role, QColor(colour))
     return result
+
+
+def sequential(theme: Theme, place: int, of: int) -> str:
+    """Return the colour of the `place`-th of `of` steps on viridis, kept off the ends that `theme` would swallow."""
+    first, last = (0.0, 0.82) if theme.name == "light" else (0.3, 1.0)
+    at = (first + (last - first) * place / max(of - 1, 1)) * (len(VIRIDIS) - 1)
+    low = min(int(at), len(VIRIDIS) - 2)
+    a, b = QColor(VIRIDIS[low]), QColor(VIRIDIS[low + 1])
+    mix = [round(x + (y - x) * (at - low)) for x, y in zip(a.getRgb(), b.getRgb(), strict=True)]
+    return QColor(*mix).name()
 
 
 def colour(value: str, alpha: int = 255) -> QColor:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LADDER = (1.0, 2.0, 5.0)
+TICK_PX = 15.0  # room for one label
 DIVISIONS = 7  # at most so many labelled ticks over a range
 
 
@@ -22,9 +23,10 @@ def rung(span: float) -> float:
     return next((step * decade for step in LADDER if step * decade >= span * (1 - 1e-12)), 10 * decade)
 
 
-def tick_step(span: float) -> float:
-    """Return the spacing of labelled ticks over a range of `span`."""
-    return rung(span / DIVISIONS) if span > 0 and math.isfinite(span) else 1.0
+def tick_step(span: float, room_px: float = math.inf) -> float:
+    """Return the spacing of labelled ticks over a range of `span` drawn on `room_px` pixels."""
+    divisions = min(DIVISIONS, max(2.0, room_px / TICK_PX))
+    return rung(span / divisions) if span > 0 and math.isfinite(span) else 1.0
 
 
 def framed(low: float, high: float, *, smallest: float = 0.0) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from boat_daq.engine.session import LinkState, Session, SessionSnapshot, SessionState
@@ -24,6 +25,8 @@ from boat_daq.viewmodels.notices import Level, Notices
 from boat_daq.viewmodels.overlay import OverlayModel
 from boat_daq.viewmodels.preferences import Preferences
 from boat_daq.viewmodels.readings import ReadingsModel
+from boat_daq.viewmodels.repeatability import RepeatabilityModel
+from boat_daq.viewmodels.runs import RunsModel
 from boat_daq.viewmodels.sequence import SequenceModel
 from boat_daq.viewmodels.shadow_live import ShadowLive
 from boat_daq.viewmodels.work import Bench
@@ -64,11 +67,13 @@ class Desk:
         self.connection = ConnectionModel(session, self.preferences)
         self.live = LiveModel(lambda: session.ring)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.picture_time)
-        self.shadow = ShadowLive(lambda: session.ring, lambda: self.live.inverse)
+        self.shadow = ShadowLive(lambda: session.ring, lambda: self.live.inverse, self.bench)
         self.sequence = SequenceModel(session, self.changes)
         self.readings = ReadingsModel(session, self.changes)
         self.units = units or UnitLibrary()
         self.calibration = CalibrationModel(session, self.units, self.bench)
+        self.repeatability = RepeatabilityModel(self.bench)
+        self.runs = RunsModel(recordings, self.units, self.bench)
         self.preparation = Preparation()
         self._inverse_of: StoredCalibration | None = None
         self.request: Callable[[str], None] = lambda what: None
@@ -81,12 +86,57 @@ class Desk:
         self.snapshot = self.session.snapshot()
         self.notices.attempt(self.connection.tick)
         self.bench.poll()
+        self.runs.poll()
+        self.shadow.poll()
+        if self.connected():
+            self.shadow.prepare()
+        self.repeatability.follow(self.snapshot)
+        self._tell_runs()
         self.notices.attempt(self._follow_calibration)
         for message in self.snapshot.messages:
             if message.number > self._last_message:
                 self._last_message = message.number
                 self.notices.say(LEVELS.get(message.level, Level.WARNING), message.cause, message.remedy)
         return self.snapshot
+
+    def _tell_runs(self) -> None:
+        """Say what became of exports, reports and recoveries."""
+        while self.runs.done:
+            self.notices.inform(self.runs.done.pop(0))
+        while self.runs.failures:
+            cause, remedy, details = self.runs.failures.pop(0)
+            self.notices.say(Level.WARNING, cause, remedy, details=details)
+
+    def offer_recovery(self) -> None:
+        """Say at the start what a killed session left, and offer to close it properly."""
+        for path in self.runs.interrupted():
+            self.notices.say(
+                Level.WARNING,
+                f"{path.name} was not closed: its session was killed",
+                "Nothing that was recorded is lost; recovering closes the file properly.",
+                action_text="Recover",
+                action=partial(self.runs.recover, path),
+            )
+
+    def replay(self, path: Path, speed: float) -> None:
+        """Play a recording as if it came from a board."""
+
+        def deed() -> None:
+            self.session.connect(f"replay:{path}@{speed:g}", unit=self.connection.unit)
+            self.request("Live")
+
+        self.notices.attempt(deed)
+
+    def choose_repeatability(self) -> None:
+        """Take the plan of many cycles and show it."""
+        self.sequence.choose("repeatability")
+        self.request("plan")
+
+    def analysed_path(self, page: str) -> Path | None:
+        """Return the recording behind what a page shows."""
+        if page == "Repeat" and self.repeatability.result is not None:
+            return Path(self.repeatability.result.path)
+        return self.calibration.last_path
 
     def _follow_calibration(self) -> None:
         """Use the calibration in force of the unit on the bench."""
@@ -238,5 +288,7 @@ class Desk:
         """Vent, close the recording and the link, end the work under way."""
         self.bench.close()
         self.preparation.close()
+        self.runs.close()
+        self.shadow.close()
         self.session.close()
         self.connection.close()

@@ -1,8 +1,8 @@
 """What the live page shows: the last seconds of every signal, thinned to extremes, with cursors, markers and figures.
 
 Rules: drawing never touches more points than the screen has columns for, whatever the length of the run (the ring keeps
-a min-max pyramid, so no spike is lost). Pausing stops the picture, never the data. Vertical ranges are asked for at a
-few hertz. Elongation is shown only while a calibration is loaded, and only inside its range.
+a min-max pyramid, so no spike is lost). Pausing stops the picture, never the data. Vertical ranges stand
+still until data leave them. Elongation is shown only while a calibration is loaded, and only inside its range.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ Columns = Mapping[str, Array]
 WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
 HEADLINE_S = 0.2  # a figure is the mean of so much signal, so that it can be read
 MAX_POINTS = 2400  # of one curve in one frame
-RANGE_EVERY_S = 0.25
 PIXELS_A_FRAME = 0.5  # a picture that has moved by less need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 33, 250
 
@@ -144,7 +143,6 @@ class LiveModel:
     markers: list[Marker] = field(default_factory=list)
     _frozen: tuple[float, float] | None = None
     _ranges: dict[str, SteadyRange] = field(default_factory=dict)
-    _ranged_at: float = -math.inf
 
     @property
     def following(self) -> bool:
@@ -220,11 +218,8 @@ class LiveModel:
         moves_ms = 1000 * PIXELS_A_FRAME * (high - low) / max(width, 1)
         return int(min(CALM_MS, max(FASTEST_MS, moves_ms)))
 
-    def ranges(self, frame: Frame, now_s: float) -> dict[str, tuple[float, float]] | None:
-        """Return the vertical ranges, or None where it is too soon to look again."""
-        if now_s - self._ranged_at < RANGE_EVERY_S:
-            return None
-        self._ranged_at = now_s
+    def ranges(self, frame: Frame, now_s: float) -> dict[str, tuple[float, float]]:
+        """Return the vertical range of each column; the same objects as before while nothing has left them."""
         columns = frame.columns
         wanted = {name: extremes(columns[name]) for name in sensor_names(columns)}
         wanted["pressure_kpa"] = extremes(columns["pressure_kpa"], columns["target_kpa"])

@@ -1,26 +1,34 @@
-"""The shadow's pane: the actuator as it is now, drawn from pressure and measured elongation.
+"""The shadow's pane: the actuator as it is now, from pressure and measured elongation, and how far it is from nominal.
 
-Without a calibration the elongation is not known and the outline stays at rest, in words too. Lengths in mm, r to the
-right, z upwards from the fixed base.
+Rules: a frame asks the reduced model alone; a state outside its table is said, never solved for in a frame. Without a
+calibration the nominal actuator at this pressure is drawn, and said to be that. Whole cycles go to the monitor on a
+helper thread. Lengths in mm, x across, z upwards from the fixed base.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.viewmodels.formatting import number
 from boat_daq.viewmodels.live import Inverse, Ring, signals
+from boat_daq.viewmodels.work import Bench, Work, WorkState
+
+if TYPE_CHECKING:
+    from analysis.shadow.shadow import Shadow, ShadowState
 
 Array = NDArray[np.float64]
 
-LENGTH_MM = 75.0  # six cells of 12.5 mm
-RADIUS_MM = 25.0
-RECENT_S = 0.1
+RECENT = 10  # samples that one frame's state is the mean of
+LEVELS = 24  # of colour
+SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
+LENGTH_MM, RADIUS_MM = 75.0, 25.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +37,25 @@ class ShadowPicture:
 
     Attributes
     ----------
-    rest, now : [k, 2] closed outlines (r, z) mm.
-    nominal_mm, measured_mm : elongation by the model at this pressure, and as measured; NaN where unknown.
+    rest : [k, 2] closed outline (x, z) mm at rest.
+    corners : [quads, 4, 2] deformed elements, both halves; levels : [quads] colour steps from 0.
+    guides : [2, k, 2]; tracked : [14, 2].
+    nominal_mm, measured_mm : elongations; NaN where unknown.
     lines : (name, value, state) under the picture.
     """
 
     rest: Array
-    now: Array
+    corners: Array
+    levels: NDArray[np.int64]
+    guides: Array
+    tracked: Array
     nominal_mm: float
     measured_mm: float
     lines: tuple[tuple[str, str, str], ...]
 
 
-def outline(elongation_mm: float) -> Array:
-    """Return the actuator's outline, its length changed by `elongation_mm`, its volume's width left alone."""
-    top = LENGTH_MM + (elongation_mm if math.isfinite(elongation_mm) else 0.0)
-    return np.array([[-RADIUS_MM, 0.0], [RADIUS_MM, 0.0], [RADIUS_MM, top], [-RADIUS_MM, top]])
+REST = np.array([[-RADIUS_MM, 0.0], [RADIUS_MM, 0.0], [RADIUS_MM, LENGTH_MM], [-RADIUS_MM, LENGTH_MM]])
+NOTHING_DRAWN = (np.zeros((0, 4, 2)), np.zeros(0, np.int64), np.zeros((0, 0, 2)), np.zeros((0, 2)))
 
 
 class ShadowLive:
@@ -54,28 +65,118 @@ class ShadowLive:
     ----------
     ring : gives the ring of the moment.
     inverse : gives the calibration's inverse of the moment, or None.
+    bench : builds the table.
     """
 
-    def __init__(self, ring: Callable[[], Ring | None], inverse: Callable[[], Inverse | None]) -> None:
-        self._ring, self._inverse = ring, inverse
+    def __init__(self, ring: Callable[[], Ring | None], inverse: Callable[[], Inverse | None], bench: Bench) -> None:
+        self._ring, self._inverse, self._bench = ring, inverse, bench
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="shadow")
+        self._loading: Future[Shadow] | None = None
+        self._asked = False
+        self.model: Shadow | None = None
+        self.quantity = "displacement"
+        self.show_cost = False
+        self.problem = ""
 
-    def now(self) -> tuple[float, float]:
-        """Return pressure (kPa) and measured elongation (mm) of the last moment; NaN where unknown."""
+    # ---- loading -------------------------------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Have the table built by a helper process, once."""
+        if not self._asked:
+            self._asked = True
+            work = Work("Preparing the shadow", "boat_daq.viewmodels.shadow_work:warm", report=True)
+            self._bench.start("shadow", work, self._built)
+
+    def _built(self, work: Work) -> None:
+        if work.state is WorkState.DONE:
+            self._loading = self._pool.submit(_load)
+        elif work.failure is not None:
+            self.problem = work.failure.cause
+
+    def poll(self) -> None:
+        """Take the model where it has come."""
+        if self._loading is not None and self._loading.done():
+            future, self._loading = self._loading, None
+            self.model = future.result()
+
+    def close(self) -> None:
+        """Let the thread end."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    # ---- the picture ---------------------------------------------------------------------------------------------
+
+    def now(self) -> tuple[float, float, float]:
+        """Return pressure (kPa), measured elongation and its expanded uncertainty (mm) now; NaN where unknown."""
         ring, inverse = self._ring(), self._inverse()
-        recent = ring.view(last=10) if ring is not None else {"time_s": np.zeros(0)}
+        recent = ring.view(last=RECENT) if ring is not None else {"time_s": np.zeros(0)}
         if not recent["time_s"].size:
-            return math.nan, math.nan
+            return math.nan, math.nan, math.nan
         pressure = float(recent["pressure_kpa"].mean())
         if inverse is None:
-            return pressure, math.nan
-        return pressure, float(inverse(signals(recent).mean(axis=0, keepdims=True)).mm[0])
+            return pressure, math.nan, math.nan
+        found = inverse(signals(recent).mean(axis=0, keepdims=True))
+        return pressure, float(found.mm[0]), float(found.expanded_mm[0])
 
     def picture(self) -> ShadowPicture:
         """Return the picture of this instant."""
-        pressure, measured = self.now()
-        words = f"{number(measured, 2, sign=True)} mm" if math.isfinite(measured) else "no calibration yet"
-        lines = (
-            ("Measured", words, ""),
-            ("Pressure", f"{number(pressure, 1, sign=True)} kPa", ""),
+        pressure, measured, expanded = self.now()
+        state = self._state(pressure, measured)
+        if state is None or self.model is None:
+            why = self.problem or ("preparing \u2026" if self.model is None else "outside the model's table")
+            lines = (*_measured_lines(pressure, measured), ("Shadow", why if math.isfinite(pressure) else "\u2013", ""))
+            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, measured, lines)
+        corners, levels = self._elements(state)
+        tracked = state.tracked_points_mm.reshape(-1, 2)
+        lines = self._lines(state, pressure, measured, expanded)
+        return ShadowPicture(
+            REST, corners, levels, state.centrelines_mm, tracked, state.nominal_elongation_mm, measured, lines
         )
-        return ShadowPicture(outline(0.0), outline(measured), math.nan, measured, lines)
+
+    def _state(self, pressure: float, measured: float) -> ShadowState | None:
+        if self.model is None or not math.isfinite(pressure):
+            return None
+        q = measured if math.isfinite(measured) else float(self.model.table.nominal_elongation(np.array(pressure))[0])
+        if not math.isfinite(q) or not bool(self.model.table.holds(np.array(pressure), np.array(q))):
+            return None
+        return self.model.state(pressure_kpa=pressure, elongation_mm=q)
+
+    def _elements(self, state: ShadowState) -> tuple[Array, NDArray[np.int64]]:
+        """Return the elements of both halves with their colour steps."""
+        assert self.model is not None
+        quads = self.model.topology.quads[:, :4]
+        half = state.nodes_mm[quads]
+        full, _, factor = SCALES[self.quantity]
+        values = (state.displacement_mm if self.quantity == "displacement" else state.strain)[quads].mean(
+            axis=1
+        ) * factor
+        levels = np.clip((values / full * LEVELS).astype(np.int64), 0, LEVELS - 1)
+        return np.concatenate([half, half * [-1.0, 1.0]]), np.concatenate([levels, levels])
+
+    def _lines(
+        self, state: ShadowState, pressure: float, measured: float, expanded: float
+    ) -> tuple[tuple[str, str, str], ...]:
+        nominal = ("Nominal", f"{number(state.nominal_elongation_mm, 2, sign=True)} mm", "")
+        lines = [*_measured_lines(pressure, measured), nominal]
+        if math.isfinite(measured):
+            band = 2.0 * math.hypot(state.nominal_sd_mm, expanded / 2.0)
+            beyond = abs(state.deviation_mm) > band
+            mark = "\u25b2 beyond" if beyond else "\u25cf within"
+            words = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm  {mark}"
+            lines.append(("Deviation", words, "warning" if beyond else "ok"))
+        if self.show_cost:
+            lines.append(("Cost of a frame", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
+        return tuple(lines)
+
+
+def _measured_lines(pressure: float, measured: float) -> tuple[tuple[str, str, str], ...]:
+    known = math.isfinite(measured)
+    words = f"{number(measured, 2, sign=True)} mm" if known else "not calibrated: nominal drawn"
+    return (("Measured", words, ""), ("Pressure", f"{number(pressure, 1, sign=True)} kPa", ""))
+
+
+def _load() -> Any:
+    from analysis.shadow.shadow import Shadow  # on the helper thread, not with the window
+
+    model = Shadow()
+    model.state(pressure_kpa=20.0, elongation_mm=1.0)
+    return model

@@ -1,0 +1,139 @@
+"""The repeatability page: loops coloured by cycle, drift of the ends, hysteresis and span of each cycle."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
+
+from boat_daq.engine.session import SessionSnapshot
+from boat_daq.gui import style, widgets
+from boat_daq.gui.empty_page import EmptyState
+from boat_daq.gui.figure_table import FigureTable
+from boat_daq.gui.plot import Curve, sensor_ink
+from boat_daq.gui.plot_card import PlotCard
+from boat_daq.viewmodels.calibration import sensor_words
+from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.repeatability import GROUPS
+
+SENSORS = 2
+
+
+class LoopsByCycle(PlotCard):
+    """One sensor's loops over pressure, early cycles dark, late ones bright."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"Sensor {number}: loops, dark to bright over the cycles")
+        self.number = number
+        self.plot = self.add("Signal", "mV", x_title="Pressure", x_unit="kPa")
+        self.curves: list[Curve] = [
+            self.plot.curve(f"Group {i + 1}", lambda t, i=i: style.sequential(t, i, GROUPS), gaps=True)
+            for i in range(GROUPS)
+        ]
+
+    def show_groups(self, desk: Desk) -> None:
+        """Draw the groups of cycles."""
+        result, groups = desk.repeatability.result, desk.repeatability.groups()
+        assert result is not None
+        for i, curve in enumerate(self.curves):
+            cycles = groups[i] if i < len(groups) else range(0)
+            curve.set(*result.loops.broken(result.loops.pressure_kpa, result.loops.signal_mv[self.number - 1], cycles))
+        self.readout.setText(f"cycle {result.loops.numbers[0]} to {result.loops.numbers[-1]}")
+        self.plot.fit()
+
+
+class PerCycle(PlotCard):
+    """A figure of every cycle over its number, both sensors."""
+
+    def __init__(self, title: str, axis: str, unit: str, *, points: bool = True) -> None:
+        super().__init__(title)
+        self.plot = self.add(axis, unit, x_title="Cycle")
+        self.sensors = [
+            self.plot.points(f"Sensor {n}", sensor_ink(n), symbol=s, size=6) for n, s in ((1, "o"), (2, "s"))
+        ]
+        self.readout.setText("\u25cf sensor 1   \u25a0 sensor 2")
+
+
+class RepeatPage(QWidget):
+    """The repeatability page on a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self._revision = -1
+        self.words = widgets.label("", "subtitle")
+        self.failure = widgets.label("", "muted")
+        self.loops = [LoopsByCycle(n) for n in range(1, SENSORS + 1)]
+        self.drift = PerCycle("Drift of the ends", "Change", "mV")
+        self.low_ends = [
+            self.drift.plot.points(f"Sensor {n}, lowest", sensor_ink(n), filled=False, symbol=s, size=6)
+            for n, s in ((1, "o"), (2, "s"))
+        ]
+        self.drift.readout.setText("\u25cf\u25a0 highest   \u25cb\u25a1 lowest pressure")
+        self.hysteresis = PerCycle("Hysteresis of each cycle", "Hysteresis", "% FSO")
+        self.span = PerCycle("Span of each cycle", "Span", "mV")
+        self.table = FigureTable()
+        self.stack = QStackedWidget()
+        self.stack.addWidget(
+            EmptyState(
+                "No run of many cycles yet",
+                "Here come the loops of every cycle, the drift of their ends, and hysteresis, span and SNR. Choose the "
+                "plan 'repeatability' and start it: this page fills while it runs. Or open one on the Runs page.",
+                "Choose the plan",
+                desk.choose_repeatability,
+            )
+        )
+        self.stack.addWidget(self._filled())
+        widgets.page_layout(self).addWidget(self.stack)
+
+    def _filled(self) -> QWidget:
+        body = QWidget()
+        layout = QVBoxLayout(body)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(style.GAP)
+        head, inside = widgets.card()
+        inside.addLayout(
+            widgets.row(self.words, self.failure, None, widgets.button("Report …", lambda: self.desk.request("report")))
+        )
+        layout.addWidget(head)
+        grid = QGridLayout()
+        grid.setSpacing(style.GAP)
+        for i, card in enumerate(self.loops):
+            grid.addWidget(card, 0, 3 * i, 1, 3)
+        for i, card in enumerate((self.drift, self.hysteresis, self.span)):
+            grid.addWidget(card, 1, 2 * i, 1, 2)
+        for column in range(6):
+            grid.setColumnStretch(column, 1)
+        grid.setRowStretch(0, 4)
+        grid.setRowStretch(1, 3)
+        side, column = widgets.card()
+        side.setFixedWidth(style.PANE_WIDTH_WIDE - 8 * style.STEP)
+        column.addWidget(widgets.label("Figures", "subtitle"))
+        column.addWidget(self.table)
+        across = QHBoxLayout()
+        across.setSpacing(style.GAP)
+        across.addLayout(grid, 1)
+        across.addWidget(side)
+        layout.addLayout(across, 1)
+        return body
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the result where it has changed."""
+        model = self.desk.repeatability
+        if model.revision == self._revision:
+            return
+        self._revision = model.revision
+        result = model.result
+        self.stack.setCurrentIndex(0 if result is None else 1)
+        self.words.setText(model.words)
+        if result is None or not result.cycles:
+            return
+        for card in self.loops[: len(result.sensors)]:
+            card.show_groups(self.desk)
+        for i in range(min(SENSORS, len(result.sensors))):
+            numbers, top, bottom = model.extremes(i)
+            self.drift.sensors[i].set(numbers, top)
+            self.low_ends[i].set(numbers, bottom)
+            self.hysteresis.sensors[i].set(*model.hysteresis(i))
+            self.span.sensors[i].set(*model.spans(i))
+        for shown in (self.drift, self.hysteresis, self.span):
+            shown.plot.fit()
+        self.table.show_rows(result.figures, [sensor_words(s.name) for s in result.sensors])

@@ -1,0 +1,274 @@
+"""Runs and units: the recordings with their thumbnails, what can be done with them, and the units' calibrations."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPointF, QRect, QSize, Qt
+from PySide6.QtGui import QPainter, QPen, QPolygonF
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHBoxLayout,
+    QHeaderView,
+    QMenu,
+    QPushButton,
+    QStackedWidget,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from boat_daq.engine.session import SessionSnapshot
+from boat_daq.gui import style, widgets
+from boat_daq.gui.empty_page import EmptyState
+from boat_daq.gui.files import ask_save
+from boat_daq.gui.plot import sensor_ink
+from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.style import Theme
+from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.runs import HEADINGS, Run
+
+SPEEDS = (1, 5, 20, 100)
+RUN_ROLE = Qt.ItemDataRole.UserRole
+UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
+
+
+class Thumbnail(QStyledItemDelegate):
+    """Draws a run's pressure as a small outline."""
+
+    theme: Theme = style.LIGHT
+
+    def paint(
+        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+    ) -> None:
+        """Draw the outline in its cell."""
+        super().paint(painter, option, index)
+        run = index.data(RUN_ROLE)
+        if not isinstance(run, Run) or not run.outline:
+            return
+        room: QRect = option.rect.adjusted(style.GAP, style.STEP + 2, -style.GAP, -style.STEP - 2)  # type: ignore[attr-defined]
+        ink = style.colour(self.theme.pressure)
+        painter.save()
+        painter.setPen(QPen(ink, 1))
+        painter.setBrush(style.colour(self.theme.pressure, style.BAND_ALPHA))
+
+        def at(x: float, y: float) -> QPointF:
+            return QPointF(room.left() + x * room.width(), room.bottom() - y * room.height())
+
+        upper = [at(x, high) for x, _, high in run.outline]
+        lower = [at(x, low) for x, low, _ in reversed(run.outline)]
+        painter.drawPolygon(QPolygonF(upper + lower))
+        painter.restore()
+
+    def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
+        """Return the thumbnail's size."""
+        return QSize(*style.THUMBNAIL)
+
+
+def table(name: str, headings: tuple[str, ...]) -> QTableWidget:
+    """Return an empty table that is read, not edited."""
+    widget = QTableWidget(0, len(headings))
+    widget.setAccessibleName(name)
+    widget.setHorizontalHeaderLabels(list(headings))
+    widget.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+    widget.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+    widget.setShowGrid(False)
+    widget.setWordWrap(False)
+    widget.verticalHeader().hide()
+    for column in range(len(headings)):
+        item = widget.horizontalHeaderItem(column)
+        if item is not None:
+            item.setTextAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+    return widget
+
+
+class RunsPage(QWidget):
+    """The runs of a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self._revision = -1
+        self._compared: object = None
+        self.list = table("Recordings", HEADINGS)
+        self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
+        self.thumbnail = Thumbnail(self.list)
+        self.list.setItemDelegateForColumn(0, self.thumbnail)
+        self.list.itemSelectionChanged.connect(self._enable)
+        self.list.itemDoubleClicked.connect(lambda _: self.open())
+        header = self.list.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setStretchLastSection(True)
+        self.units = table("Units and their calibrations", UNIT_HEADINGS)
+        self.units.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT)
+        self.units.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.units.horizontalHeader().setStretchLastSection(True)
+        self.history = PlotCard("Sensitivity of the unit over its calibrations")
+        plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
+        self.ages = [plot.points(f"Sensor {n}", sensor_ink(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
+        self.compare_card = PlotCard("Comparison: this run's curve less the first one's")
+        self.differences = self._comparison_plots()
+        self.stack = QStackedWidget()
+        self.stack.addWidget(self._empty())
+        self.stack.addWidget(self._filled())
+        widgets.page_layout(self).addWidget(self.stack)
+
+    def _comparison_plots(self) -> list[list[object]]:
+        rows = []
+        for number in (1, 2):
+            plot = self.compare_card.add(
+                f"Sensor {number}", "mV", x_title="Elongation" if number == 2 else "", x_unit="mm"
+            )
+            rows.append([plot.curve(f"Run {i + 1}", lambda t, i=i: style.sequential(t, i, 4)) for i in range(4)])
+        self.compare_card.link_x()
+        return rows  # type: ignore[return-value]
+
+    def _empty(self) -> QWidget:
+        return EmptyState(
+            "No recording yet",
+            "Every started plan is recorded here, with its unit, date, length and cycles. Begin on the Live page.",
+            "Go to Live",
+            partial(self.desk.request, "Live"),
+        )
+
+    def _filled(self) -> QWidget:
+        frame, inside = widgets.card()
+        self.buttons: dict[str, QPushButton] = {
+            "open": widgets.button("Calibrate", self.open, "primary", tip="Analyse it on the Calibrate page"),
+            "repeat": widgets.button("Repeatability", self._repeat),
+            "replay": widgets.button("Replay", lambda: None, tip="Play it as if it came from a board"),
+            "export": widgets.button("Export", lambda: None),
+            "report": widgets.button("Report", self.ask_report),
+            "compare": widgets.button("Compare", self._compare, tip="Two to four runs of one unit"),
+            "recover": widgets.button("Recover", self._recover, tip="Close properly what a killed session left"),
+        }
+        self._menu("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in SPEEDS])
+        self._menu("export", [("CSV …", partial(self._export, "csv")), ("Parquet …", partial(self._export, "parquet"))])
+        inside.addLayout(widgets.row(widgets.label("Recordings", "subtitle"), None, *self.buttons.values()))
+        inside.addWidget(self.list, 1)
+        side, column = widgets.card()
+        column.addWidget(widgets.label("Units", "subtitle"))
+        column.addWidget(self.units, 1)
+        lower = QHBoxLayout()
+        lower.setSpacing(style.GAP)
+        lower.addWidget(side, 1)
+        lower.addWidget(self.history, 1)
+        lower.addWidget(self.compare_card, 1)
+        self.compare_card.hide()
+        body = QWidget()
+        layout = QVBoxLayout(body)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(style.GAP)
+        layout.addWidget(frame, 3)
+        layout.addLayout(lower, 2)
+        return body
+
+    def _menu(self, key: str, entries: list[tuple[str, object]]) -> None:
+        menu = QMenu(self.buttons[key])
+        for text, deed in entries:
+            menu.addAction(text, deed)  # type: ignore[arg-type]
+        self.buttons[key].setMenu(menu)
+
+    def selected(self) -> list[Run]:
+        """Return the chosen lines."""
+        rows = sorted({index.row() for index in self.list.selectedIndexes()})
+        return [self.desk.runs.runs[row] for row in rows if row < len(self.desk.runs.runs)]
+
+    def _paths(self) -> list[Path]:
+        return [run.path for run in self.selected()]
+
+    def open(self) -> None:
+        """Analyse the chosen run on the Calibrate page."""
+        for path in self._paths()[:1]:
+            self.desk.notices.attempt(partial(self.desk.calibration.analyse, path))
+            self.desk.request("Calibrate")
+
+    def _repeat(self) -> None:
+        for path in self._paths()[:1]:
+            self.desk.notices.attempt(partial(self.desk.repeatability.analyse, path))
+            self.desk.request("Repeat")
+
+    def _replay(self, speed: int) -> None:
+        for path in self._paths()[:1]:
+            self.desk.replay(path, speed)
+
+    def _export(self, kind: str) -> None:
+        paths = self._paths()
+        ask_save(self, self.desk, paths[0].stem if paths else "samples", kind, partial(self.desk.runs.export, paths))
+
+    def ask_report(self) -> None:
+        """Ask where to put the report of the chosen runs."""
+        paths = self._paths()
+        ask_save(
+            self, self.desk, paths[0].stem if paths else "report", "html pdf", partial(self.desk.runs.report, paths)
+        )
+
+    def _compare(self) -> None:
+        self.desk.notices.attempt(lambda: self.desk.runs.compare(self._paths()))
+
+    def _recover(self) -> None:
+        for path in self._paths():
+            self.desk.notices.attempt(partial(self.desk.runs.recover, path))
+
+    def _enable(self) -> None:
+        chosen = self.selected()
+        one = len(chosen) == 1 and chosen[0].summary is not None
+        for key in ("open", "repeat", "replay", "export"):
+            self.buttons[key].setEnabled(one)
+        self.buttons["report"].setEnabled(bool(chosen))
+        self.buttons["compare"].setEnabled(2 <= len(chosen) <= 4)
+        self.buttons["recover"].setVisible(any(run.interrupted for run in chosen))
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.thumbnail.theme = theme
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the list where it has changed, and have it looked at again."""
+        runs = self.desk.runs
+        runs.look_now_and_then()
+        if runs.comparison is not self._compared:
+            self._compared = runs.comparison
+            self._show_comparison()
+        if runs.revision == self._revision:
+            return
+        self._revision = runs.revision
+        units = runs.unit_lines()
+        self.stack.setCurrentIndex(1 if runs.runs or units else 0)
+        chosen = set(self._paths())
+        self.list.setRowCount(len(runs.runs))
+        for row, run in enumerate(runs.runs):
+            for column, text in enumerate(run.cells):
+                item = QTableWidgetItem(text)
+                item.setData(RUN_ROLE, run)
+                item.setToolTip(run.hover)
+                self.list.setItem(row, column, item)
+            if run.path in chosen:
+                self.list.selectRow(row)
+        self.units.setRowCount(len(units))
+        for row, cells in enumerate(units):
+            for column, text in enumerate(cells):
+                self.units.setItem(row, column, QTableWidgetItem(text))
+        self._show_history()
+        self._enable()
+
+    def _show_history(self) -> None:
+        for points, (x, y) in zip(self.ages, self.desk.runs.ages(self.desk.unit_name), strict=False):
+            points.set(x, y)
+        self.history.plots[0].fit(x_margin=0.1)
+        self.history.readout.setText(f"{self.desk.unit_name}   \u25cf sensor 1   \u25a0 sensor 2")
+
+    def _show_comparison(self) -> None:
+        lines, words = self.desk.runs.comparison_lines()
+        self.compare_card.setVisible(bool(lines))
+        self.compare_card.readout.setText(words)
+        for row, curves in zip(self.differences, lines, strict=False):
+            for i, curve in enumerate(row):
+                x, y = curves[i] if i < len(curves) else self.desk.runs.nothing
+                curve.set(x, y)  # type: ignore[attr-defined]
+        for plot in self.compare_card.plots:
+            plot.fit()

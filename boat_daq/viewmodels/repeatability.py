@@ -1,0 +1,106 @@
+"""The repeatability page: a run of many cycles, also while it still goes.
+
+Rules: while a continuous plan runs its recording is read again now and then, by a helper process, from the file itself;
+nothing is computed twice in two ways. Cycles are drawn in groups of one colour, so that a hundred of them cost no more
+than a dozen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.engine.session import SessionSnapshot, SessionState
+from boat_daq.viewmodels.formatting import count, duration
+from boat_daq.viewmodels.results import RunResult
+from boat_daq.viewmodels.work import Bench, Work, WorkState
+
+Array = NDArray[np.float64]
+ANALYSIS = "boat_daq.viewmodels.calibration_work:analyse_run"
+EVERY_S = 20.0  # at the soonest, so that the helper takes a small share of the machine
+GROUPS = 12
+
+
+class RepeatabilityModel:
+    """State of the page.
+
+    Parameters
+    ----------
+    bench : where the work is done.
+    clock : seconds, monotonic.
+    """
+
+    def __init__(self, bench: Bench, clock: Callable[[], float] = monotonic) -> None:
+        self.bench, self._clock = bench, clock
+        self.result: RunResult | None = None
+        self.words = ""
+        self.revision = 0
+        self._asked_at = -np.inf
+        self._asked_cycles = 0
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Read the running recording again where enough is new."""
+        progress = snapshot.progress
+        if snapshot.state is not SessionState.RUNNING or snapshot.recording is None or progress is None:
+            return
+        enough = progress.complete_cycles >= self._asked_cycles + 1 or progress.complete_cycles < self._asked_cycles
+        continuous = getattr(snapshot.plan, "kind", "") == "continuous" and progress.complete_cycles >= 2
+        free = self._clock() - self._asked_at >= EVERY_S and self.bench.get("repeatability") is None
+        if continuous and enough and free:
+            self._asked_at, self._asked_cycles = self._clock(), progress.complete_cycles
+            self.analyse(snapshot.recording, label="Repeatability so far")
+
+    def analyse(self, path: Path, *, label: str = "") -> None:
+        """Analyse a recording in the background."""
+        work = Work(label or f"Repeatability of {path.name}", ANALYSIS, str(path), report=True)
+        self.bench.start("repeatability", work, self._analysed)
+
+    def _analysed(self, work: Work) -> None:
+        if work.state is WorkState.DONE:
+            self.show(work.result)
+        elif work.failure is not None:
+            self.words = f"{work.failure.cause}. {work.failure.remedy}".strip()
+            self.revision += 1
+
+    def show(self, result: RunResult) -> None:
+        """Show a result that is there already."""
+        self.result = result
+        self.words = "   ".join(
+            [result.unit or "no unit", count(result.cycles, "complete cycle"), duration(result.duration_s)]
+            + ([f"{result.partial} partial, left out"] if result.partial else [])
+        )
+        self.revision += 1
+
+    def groups(self) -> list[range]:
+        """Return the cycles in at most `GROUPS` groups of consecutive ones."""
+        n = self.result.cycles if self.result is not None else 0
+        edges = np.unique(np.linspace(0, n, min(GROUPS, n) + 1).round().astype(int))
+        return [range(int(a), int(b)) for a, b in pairwise(edges)]
+
+    def extremes(self, sensor: int) -> tuple[Array, Array, Array]:
+        """Return cycle numbers and the signal's change at the highest and the lowest level, mV from the first cycle."""
+        assert self.result is not None
+        loops = self.result.loops
+        numbers = np.asarray(loops.numbers, dtype=float)
+        top = np.nanmean(loops.signal_mv[sensor][:, :, -1], axis=0)
+        bottom = np.nanmean(loops.signal_mv[sensor][:, :, 0], axis=0)
+        return numbers, top - top[0], bottom - bottom[0]
+
+    def hysteresis(self, sensor: int) -> tuple[Array, Array]:
+        """Return cycle numbers and each cycle's hysteresis of the system, % FSO."""
+        assert self.result is not None
+        values = np.asarray(self.result.sensors[sensor].hysteresis_per_cycle, dtype=float)
+        return np.asarray(self.result.loops.numbers, dtype=float)[: values.size], values
+
+    def spans(self, sensor: int) -> tuple[Array, Array]:
+        """Return cycle numbers and each cycle's span of the signal, mV: the sensitivity where x is not read."""
+        numbers, top, bottom = self.extremes(sensor)
+        assert self.result is not None
+        signal = self.result.loops.signal_mv[sensor]
+        first = float(np.nanmean(signal[:, 0, -1]) - np.nanmean(signal[:, 0, 0]))
+        return numbers, np.abs(first + top - bottom)

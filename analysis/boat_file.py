@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
@@ -116,8 +117,8 @@ def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tupl
     blobs: list[npt.NDArray[np.void]] = []
     segments: list[IntArray] = []
     damaged = 0
-    for segment, n, blob in db.execute("SELECT segment, n, samples FROM block ORDER BY id"):
-        if len(blob) != n * dtype.itemsize:
+    for segment, n, blob, crc in db.execute("SELECT segment, n, samples, crc32 FROM block ORDER BY id"):
+        if len(blob) != n * dtype.itemsize or crc32(blob) != crc:
             damaged += 1
             continue
         blobs.append(np.frombuffer(blob, dtype))

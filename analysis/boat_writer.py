@@ -144,9 +144,9 @@ def _write_blocks(db: sqlite3.Connection, samples: npt.NDArray[np.void], segment
         part = samples[first : first + BLOCK_ROWS]
         times = (int(part["time_us"][0]), int(part["time_us"][-1]))
         db.execute(
-            "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples)"
-            " VALUES (?, ?, ?, ?, ?, ?)",
-            (segment, last_chunk, part.size, *times, part.tobytes()),
+            "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples, crc32)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (segment, last_chunk, part.size, *times, part.tobytes(), zlib.crc32(part.tobytes())),
         )
 
 

@@ -202,7 +202,7 @@ def _turning_points(values: Any, threshold: float) -> Any:  # pragma: no cover -
 
 
 def _assemble(smooth: FloatArray, groups: list[_Group], span: float) -> tuple[tuple[Cycle, ...], tuple[Excursion, ...]]:
-    """Chain the extremes to cycles; what hangs over at either end is partial, or the way from and to the vented state."""
+    """Chain the extremes to cycles; what hangs over is partial, or the way from and to the vented state."""
     partial: list[Excursion] = []
     begin, end = 0, len(groups)
     if _falls_short(groups, 0, span):

@@ -57,15 +57,27 @@ class Inverse:
     power_coefficients: FloatArray
     nodes: FloatArray
     noise_sd: float
+    model_sd: float
+    reading_sd: float
 
     @classmethod
-    def of(cls, calibration: Calibration, *, noise_sd: float | None = None) -> Inverse:
+    def of(
+        cls,
+        calibration: Calibration,
+        *,
+        noise_sd: float | None = None,
+        model_sd: float = 0.0,
+        reading_sd: float = 0.0,
+    ) -> Inverse:
         """Prepare the inverse.
 
         Parameters
         ----------
         calibration : monotone over its range.
-        noise_sd : sd of one new signal about the curve, mV; the residual sd of the fit by default.
+        noise_sd : sd of one new signal about the curve, mV, independent between sensors; the residual sd of the fit
+            by default.
+        model_sd : sd of what the curve leaves out and the sensors share (hysteresis, repeatability, drift), mV.
+        reading_sd : sd of the reading of x at one level of the staircase, mm, the same in every cycle.
 
         Raises
         ------
@@ -85,7 +97,7 @@ class Inverse:
         powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
         nodes = np.asarray(np.polynomial.polynomial.polyval(u, powers), dtype=np.float64)
         noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
-        return cls(calibration, basis.centre, basis.half_width, powers, nodes, noise)
+        return cls(calibration, basis.centre, basis.half_width, powers, nodes, noise, model_sd, reading_sd)
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
         """Return x for every signal; NaN outside the range, or its end with `clamp`.
@@ -100,8 +112,32 @@ class Inverse:
 
     def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
         """Return u(x) of one new reading: noise and curve through the local slope."""
+        return np.asarray(np.hypot(*self.parts(x)), dtype=np.float64)
+
+    def parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return u(x) of the noise alone, and of all that sensors of one unit share: model, curve and reading."""
         slope = np.abs(self.calibration.slope(x))
-        return np.asarray(np.hypot(self.noise_sd, self.calibration.curve_sd(x)) / slope, dtype=np.float64)
+        shared = np.sqrt(self.model_sd**2 + self.calibration.curve_sd(x) ** 2) / slope
+        return self.noise_sd / slope, np.asarray(np.hypot(shared, self.reading_uncertainty(x)), dtype=np.float64)
+
+    def reading_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
+        """Return what the reading of x adds to the curve's own uncertainty, mm.
+
+        A grid rounds the same position the same way in every cycle: cycles do not average it. The fit's covariance
+        counts every point; here each distinct x counts once, and only the excess over the fit's own share is added.
+        """
+        at = np.asarray(x, dtype=np.float64)
+        if self.reading_sd <= 0:
+            return np.zeros(at.shape)
+        basis = self.calibration.fit.basis
+        distinct = basis.design(np.unique(np.round(self.calibration.x, 6)))
+        if distinct.shape[0] <= self.calibration.degree:
+            return np.full(at.shape, self.reading_sd)
+        rows = basis.design(at)
+        once = np.einsum("...i,ij,...j->...", rows, np.linalg.pinv(distinct.T @ distinct), rows)
+        factor = rows @ self.calibration.fit.basis_factor
+        every = np.einsum("...i,...i->...", factor, factor)
+        return np.asarray(self.reading_sd * np.sqrt(np.clip(once - every, 0.0, None)), dtype=np.float64)
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> Elongation:
         """Return x with its uncertainty and flags."""
@@ -120,20 +156,20 @@ class Fusion:
     correlation: FloatArray
 
     @classmethod
-    def of(cls, calibrations: Sequence[Calibration], *, noise_sd: Sequence[float] | None = None) -> Fusion:
-        """Prepare the fusion of the sensors of one unit.
+    def of(cls, sensors: Sequence[Calibration | Inverse]) -> Fusion:
+        """Prepare the fusion of the sensors of one unit: calibrations, or inverses with their own noise.
 
-        The correlation of their errors is that of the residuals of their calibrations, where these rest on the same
-        points; else none is assumed.
+        Noise is independent; the correlation of the rest is that of the residuals of the calibrations, where these
+        rest on the same points; else none is assumed.
 
         Raises
         ------
         RequestError : no calibration. DataError : one of them has no inverse.
         """
-        if not calibrations:
+        if not sensors:
             raise RequestError("there is no calibrated sensor", "Calibrate at least one.")
-        noises: Sequence[float | None] = noise_sd if noise_sd is not None else [None] * len(calibrations)
-        inverses = tuple(Inverse.of(c, noise_sd=s) for c, s in zip(calibrations, noises, strict=True))
+        inverses = tuple(s if isinstance(s, Inverse) else Inverse.of(s) for s in sensors)
+        calibrations = [inverse.calibration for inverse in inverses]
         same = all(np.array_equal(c.x, calibrations[0].x) for c in calibrations)
         signs = np.asarray([1.0 if c.rises else -1.0 for c in calibrations])
         if same and len(calibrations) > 1 and all(c.residual_sd > 0 for c in calibrations):
@@ -154,16 +190,20 @@ class Fusion:
                 f"signals of shape {signal.shape} do not fit {len(self.inverses)} sensors",
                 "The last axis is the sensor.",
             )
-        parts = [inverse.evaluate(signal[..., i]) for i, inverse in enumerate(self.inverses)]
-        x = np.stack([p.elongation_mm for p in parts], axis=-1)
-        u = np.stack([p.standard_uncertainty_mm for p in parts], axis=-1)
+        each = [inverse.evaluate(signal[..., i]) for i, inverse in enumerate(self.inverses)]
+        x = np.stack([p.elongation_mm for p in each], axis=-1)
+        u = np.stack([p.standard_uncertainty_mm for p in each], axis=-1)
         known = np.isfinite(x)
         weight = np.where(known, 1.0 / np.where(known, u, 1.0) ** 2, 0.0)
         total = weight.sum(axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
             fused = (weight * np.where(known, x, 0.0)).sum(axis=-1) / total
-            scaled = weight * np.where(known, u, 0.0)
-            spread = np.sqrt(np.einsum("...i,ij,...j->...", scaled, self.correlation, scaled)) / total
+            parts = [inverse.parts(x[..., i]) for i, inverse in enumerate(self.inverses)]
+            noise, shared = (
+                weight * np.where(known, np.stack([p[j] for p in parts], axis=-1), 0.0) for j in (0, 1)
+            )
+            common = np.einsum("...i,ij,...j->...", shared, self.correlation, shared)
+            spread = np.sqrt((noise**2).sum(axis=-1) + common) / total
         none = ~known.any(axis=-1)
         outside = np.asarray(none & np.isfinite(signal).any(axis=-1), dtype=bool)
         if clamp and none.any():

@@ -176,8 +176,9 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
     series = values.transpose(1, 0, 2)[:, enough]  # [cycles, level and branch]
     scale = 100.0 / full_scale_value
     pooled, worst = _pooled_and_worst(series, np.ones((1, loops.n_cycles)))
-    pooled_b, worst_b = _pooled_and_worst(series, weights)
     n = loops.n_cycles
+    # a resample's variance is (n - 1) / n of the sample's on average: without this the interval would sit too low
+    pooled_b, worst_b = (np.sqrt(n / (n - 1.0)) * part for part in _pooled_and_worst(series, weights))
     return {
         names[0]: _figure(scale * pooled[0], scale * pooled_b, "% FSO", n, "pooled sd over cycles of all levels / FSO"),
         names[1]: _figure(scale * worst[0], scale * worst_b, "% FSO", n, "largest sd over cycles of a level / FSO"),

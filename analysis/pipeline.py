@@ -87,10 +87,11 @@ class Analysis:
     actuator_hysteresis: Figure
     actuator_hysteresis_per_cycle: tuple[float, ...]
     flags: tuple[dict[str, str], ...]
+    reading_sd_mm: float
 
     @property
     def kind(self) -> str:
-        """What the run is: calibration (staircase with elongations), staircase (without) or repeatability (continuous)."""
+        """What the run is: calibration (staircase and elongations), staircase (without), repeatability (cycles)."""
         if not self.plateaus:
             return "repeatability"
         return "calibration" if any(s.calibration for s in self.sensors) else "staircase"
@@ -171,7 +172,7 @@ def analyse(
     actuator, actuator_cycles = _actuator_hysteresis(run)
     return Analysis(
         recording, options, cycles, plateaus, elongations, loops, tuple(sensors), _system_sensitivity(sensors),
-        actuator, actuator_cycles, _flags(run, sensors),
+        actuator, actuator_cycles, _flags(run, sensors), run.reading_sd_mm,
     )  # fmt: skip
 
 

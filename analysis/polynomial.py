@@ -48,7 +48,9 @@ class ScaledBasis:
 
     def design(self, x: npt.ArrayLike) -> FloatArray:
         """Return the design matrix [..., degree + 1]."""
-        return np.asarray(legendre.legvander(self.scaled(x), self.degree), dtype=np.float64)
+        u = self.scaled(x)
+        rows = legendre.legvander(u.ravel(), self.degree)
+        return np.asarray(rows, dtype=np.float64).reshape(*u.shape, self.degree + 1)
 
     def slope_design(self, x: npt.ArrayLike) -> FloatArray:
         """Return the derivative of the design matrix by x, [..., degree + 1]."""

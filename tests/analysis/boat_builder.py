@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -146,8 +147,9 @@ def write_boat(path: Path, recording: Recording, *, meta: dict[str, Any] | None 
             segment = int(recording.segment[first])
             times = (int(part["time_us"][0]), int(part["time_us"][-1]))
             db.execute(
-                "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples) VALUES (?,0,?,?,?,?)",
-                (segment, part.size, *times, part.tobytes()),
+                "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples, crc32)"
+                " VALUES (?,0,?,?,?,?,?)",
+                (segment, part.size, *times, part.tobytes(), zlib.crc32(part.tobytes())),
             )
         db.executemany(
             "INSERT INTO step (id, segment, number, cycle, branch, target_kpa, ramp_kpa_per_s, started_us, ended_us,"

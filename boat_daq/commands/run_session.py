@@ -58,21 +58,24 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], None] | 
     """
     session = Session()
     try:
-        session.connect(request.port, request.profile, rate_hz=request.rate_hz, unit=request.unit)
+        session.connect(
+            request.port,
+            request.profile,
+            rate_hz=request.rate_hz,
+            unit=request.unit,
+            record_to=request.path,
+            metadata=request.metadata,
+        )
         seen = session.wait_connected()
         if seen.simulated:
             say("SIMULATED: this is the virtual board")
-        session.start_recording(request.path, request.metadata)
-        try:
-            if request.plan is not None:
-                run_plan(session, request.plan)
-            else:
-                listen(session, request.duration_s)
-            if after_run is not None:
-                after_run(session)
-        finally:
-            failure = why_failed(session.snapshot(), request.plan)
-            session.stop_recording()
+        if request.plan is not None:
+            run_plan(session, request.plan)
+        else:
+            listen(session, request.duration_s)
+        if after_run is not None:
+            after_run(session)
+        failure = why_failed(session.snapshot(), request.plan)
     finally:
         session.close()
     return summarise(request.path), failure

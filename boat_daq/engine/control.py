@@ -35,6 +35,7 @@ from protocol.messages import (
     Identify,
     SetLimits,
     SetPressure,
+    Start,
     Stop,
     Vent,
 )
@@ -68,6 +69,8 @@ class Controller:
         self.hello: Hello | None = None
         self.last: LastSample | None = None
         self.target_kpa: float | None = None
+        self.hold_samples = False  # greet a board without asking for samples: a recording opens first
+        self.first_us = 0  # board time of the first sample on this link
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
         self.silent = False
         self._zero_tolerance_kpa = zero_tolerance_kpa
@@ -119,6 +122,8 @@ class Controller:
                     self._take_samples(columns(array, self._mv_per_count))
                 case CommandDone(command, _, status) if status is not None:
                     self._answered(command, status)
+                case CommandLost(Heartbeat(), _) if now_ns - self._last_sample_ns > SILENCE_S / 2 * 1e9:
+                    pass  # nothing comes at all: that is silence, and watched as such
                 case CommandLost(command, _):
                     self._trip(self.dialogue.lost(command, watched=self._watched))
                 case BoardEventReceived(found, _):
@@ -280,6 +285,8 @@ class Controller:
             self.silent = False
             dialogue.note("samples_again", "samples come again", "info")
         first, self._watched = not self._watched, True
+        if first:
+            self.first_us = int(block.time_us[0])
         self.last = _last_sample(block, self.target_kpa)
         self._recent = np.concatenate([self._recent, block.pressure_kpa[block.pressure_known]])[-ZERO_SAMPLES:]
         found = self.interlock.inspect(block)
@@ -294,6 +301,8 @@ class Controller:
         self._act()
         if self.target_kpa is None and not dialogue.venting and abs(self.last.pressure_kpa) <= VENTED_KPA:
             self.pressurised = False
+        if self.last.flags & SampleFlag.WATCHDOG_ARMED:
+            dialogue.adopt_watchdog()
         dialogue.tick(idle=self._idle)
 
     @property
@@ -320,7 +329,14 @@ class Controller:
         if hello.rate_max_hz < self.rate_hz:
             self.dialogue.note("rate", f"the board samples at most {hello.rate_max_hz} times a second", "warning")
             self.rate_hz = hello.rate_max_hz
-        self.dialogue.introduce(hello, self._limits_command(), self.rate_hz)
+        self.dialogue.introduce(hello, self._limits_command())
+        if not self.hold_samples:
+            self.dialogue.send(Start(self.rate_hz))
+
+    def release_samples(self) -> None:
+        """Ask for the samples that were held back."""
+        self.hold_samples = False
+        self.dialogue.send(Start(self.rate_hz))
 
     def _restarted(self, hello: Hello | None) -> None:
         """The board has forgotten everything: it is vented, and so is the run."""

@@ -80,6 +80,7 @@ class Dialogue:
         self.feeder = Feeder()
         self.meter = SpeedMeter()
         self.identifying = False
+        self.stopping = False  # a STOP waits for its answer
         self.now_ns = 0
         self.board_us = 0  # of the newest sample
         self._vent_sent_ns: int | None = None  # of a vent that is not acknowledged
@@ -95,11 +96,11 @@ class Dialogue:
     def restart(self) -> None:
         """Forget what the board has forgotten."""
         self.feeder, self.meter = Feeder(), SpeedMeter()
-        self.identifying = True
+        self.identifying, self._adopted = True, False
         self.forget_pending()
 
-    def introduce(self, hello: Hello, limits: SetLimits | None, rate_hz: int) -> None:
-        """Answer a HELLO: watchdog, limits, samples.
+    def introduce(self, hello: Hello, limits: SetLimits | None) -> None:
+        """Answer a HELLO: watchdog and limits.
 
         The watchdog of a virtual board, which may run faster than we do, waits until its speed is known.
         """
@@ -108,7 +109,6 @@ class Dialogue:
             self.send(Heartbeat(LONGEST_MS))
         if limits is not None:
             self.send(limits)
-        self.send(Start(rate_hz))
 
     def send(self, command: Command) -> None:
         """Send a command, if there is anyone to send it to."""
@@ -116,6 +116,7 @@ class Dialogue:
             return
         if isinstance(command, Vent):
             self.vent_sent()
+        self.stopping = isinstance(command, Stop) or self.stopping
         self.feeder.sent(command, self.now_ns, self.board_us)
         self._emit(Send(command))
 
@@ -146,6 +147,13 @@ class Dialogue:
         for command in guards:
             self.send(command)
 
+    def adopt_watchdog(self) -> None:
+        """Feed a watchdog that an earlier host has armed, once its board's speed is known; else it trips again."""
+        if self._adopted or self.feeder.armed_ms or not self.meter.known:
+            return
+        self._adopted = True
+        self.send(Heartbeat(self.feeder.timeout_ms(self.meter.speed)))
+
     def forget_pending(self) -> None:
         """Wait for nothing any more."""
         self._awaited, self._then = [], None
@@ -165,6 +173,8 @@ class Dialogue:
             self._vent_sent_ns = None
         elif isinstance(command, Heartbeat):
             self.feeder.armed_ms = command.timeout_ms
+        elif isinstance(command, Stop):
+            self.stopping = False
         self._settle(command)
 
     def _settle(self, command: Command) -> None:
@@ -192,8 +202,10 @@ class Dialogue:
                 self.note("refused", text, "error", "open the valve by hand")
             case ClearFault():
                 self.note("refused", text, "error", "remove the cause of the fault first")
-            case Heartbeat(0) | Stop():
-                pass  # the board keeps its watchdog, or sends nothing anyway
+            case Stop():
+                self.stopping = False  # the board sends nothing anyway
+            case Heartbeat(0):
+                pass  # the board keeps its watchdog
             case Start() if self.meter.known:
                 pass  # it samples already
             case _:
@@ -217,7 +229,7 @@ class Dialogue:
                 if self.identifying:
                     self.send(Identify())
             case Stop():
-                pass
+                self.stopping = False
             case _ if watched:
                 return Trip("no_answer", text, "check the link")
             case Start():

@@ -40,13 +40,20 @@ class Keeper:
         self.error: tuple[str, str] | None = None
         self._core, self._settings, self._end_recording = core, settings, end_recording
         self._profile: str | None = None
+        self._greeted: Callable[[], None] | None = None
         self._wanted = self._closing = self._ending = self._seeking = False
         self._since_s = 0.0  # of the present state
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="keeper", daemon=True)
 
-    def open(self, url: str, profile: str | None, control: Controller) -> None:
+    def open(
+        self, url: str, profile: str | None, control: Controller, *, greeted: Callable[[], None] | None = None
+    ) -> None:
         """Ask for a port to be opened, under `control`.
+
+        Parameters
+        ----------
+        greeted : called once the board has said who it is; samples are asked for only after it.
 
         Raises
         ------
@@ -57,6 +64,7 @@ class Keeper:
                 raise OperatorError(f"{self.url} is open already", "disconnect it first")
             self._core.control, self._core.ring, self._core.expected_id = control, None, None
             self.url, self._profile, self.error = url, profile, None
+            self._greeted, control.hold_samples = greeted, greeted is not None
             self.state, self._wanted = LinkState.OPENING, True
         if not self._thread.is_alive() and not self._ending:
             self._thread.start()
@@ -116,12 +124,31 @@ class Keeper:
             self._fail(*core.refused)
         elif core.lost is not None:
             self._fail(core.lost.cause, core.lost.remedy)
+        elif self._greeted is not None:
+            self._greet()
         elif core.control.up:
             self.state, self._seeking = LinkState.UP, False
         elif waited_s > HELLO_S and core.control.dialogue.identifying:
             self._fail(*self._no_board())
         elif waited_s > HELLO_S + SAMPLES_S:
             self._fail(f"the board at {self.url} answers, but sends no samples", "reset it; look at its firmware")
+
+    def _greet(self) -> None:
+        """Once the board has said who it is, do what was asked for then, and let the samples come."""
+        core = self._core
+        if core.control.dialogue.identifying:
+            if time.monotonic() - self._since_s > HELLO_S:
+                self._fail(*self._no_board())
+            return
+        greeted, self._greeted = self._greeted, None
+        assert greeted is not None
+        try:
+            greeted()
+        except BoatDaqError as error:
+            self._fail(error.cause, error.remedy)
+            return
+        with core.acting() as control:
+            control.release_samples()
 
     def _no_board(self) -> tuple[str, str]:
         if not self._core.heard:
@@ -187,13 +214,14 @@ class Keeper:
             self._wait(lambda: core.control.sequencer.state is not SessionState.FINISHING, VENT_S)
             with core.acting() as control:
                 control.leave()
-            self._wait(lambda: not core.control.dialogue.venting, GOODBYE_S)
+            dialogue = core.control.dialogue
+            self._wait(lambda: not (dialogue.venting or dialogue.stopping), GOODBYE_S)
         core.detach()
         try:
             self._end_recording("stopped")
         except BoatDaqError as error:
             core.tell("error", error.cause, error.remedy)
-        core.expected_id, self._seeking = None, False
+        core.expected_id, self._seeking, self._greeted = None, False, None
         self.state = LinkState.CLOSED
 
     def _wait(self, condition: Callable[[], bool], timeout_s: float) -> None:

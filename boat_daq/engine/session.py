@@ -88,7 +88,16 @@ class Session:
 
     # ---- the link --------------------------------------------------------------------------------------------------
 
-    def connect(self, port: str, profile: str | None = None, *, rate_hz: int | None = None, unit: str = "") -> None:
+    def connect(
+        self,
+        port: str,
+        profile: str | None = None,
+        *,
+        rate_hz: int | None = None,
+        unit: str = "",
+        record_to: Path | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> None:
         """Open `port` (a path, a name, socket://HOST:PORT, replay:FILE[@SPEED]) and look for a board there.
 
         Returns at once. `snapshot().link` becomes OPENING and then UP, or FAILED with `link_error`: no such port, busy,
@@ -99,6 +108,8 @@ class Session:
         profile : a text profile's path or TOML for a board that does not speak the BOAT protocol.
         rate_hz : samples per second asked of the board; the setting's when None.
         unit : name of the unit on the bench (SA1 ..), whose limits then hold.
+        record_to, metadata : begin this recording before the board's first sample; as `start_recording`. Where that
+            fails, the link FAILED.
 
         Raises
         ------
@@ -110,8 +121,9 @@ class Session:
         if unit:
             limits = self.units.load(unit)
             control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))
-        self._keeper.open(port, profile, control)
         self._unit = unit
+        greeted = None if record_to is None else lambda: self.start_recording(record_to, metadata)
+        self._keeper.open(port, profile, control, greeted=greeted)
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], timeout_s: float | None = None) -> SessionSnapshot:
         """Block the caller (a command, never a window) until `condition(snapshot)` holds or the time is over."""
@@ -157,7 +169,7 @@ class Session:
         core = self._core
         with core.lock:
             acquisition = core.acquisition
-            if acquisition is None or not core.control.up:
+            if acquisition is None or not (core.control.up or core.control.hold_samples):
                 raise OperatorError("there is nothing to record yet", "connect a board first")
             if core.journal.recorder is not None:
                 raise OperatorError(f"{core.journal.recorder.path} is being recorded", "stop that recording first")
@@ -400,6 +412,7 @@ class Session:
             control, recorder, port = core.control, core.journal.recorder, core.port
             latched, link = control.interlock.latched, keeper.state
             up = link is LinkState.UP
+            since_us = max(self._recording_since_us, control.first_us)
             return SessionSnapshot(
                 state=control.sequencer.state,
                 link=LinkState.SILENT if up and control.silent else link,
@@ -422,7 +435,7 @@ class Session:
                 messages=tuple(core.journal.messages),
                 run_ended=control.sequencer.ended,
                 recording=recorder.path if recorder else None,
-                recorded_s=(control.dialogue.board_us - self._recording_since_us) / 1e6 if recorder else 0.0,
+                recorded_s=(control.dialogue.board_us - since_us) / 1e6 if recorder else 0.0,
                 unit=self._unit,
             )
 

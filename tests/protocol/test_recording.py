@@ -1,0 +1,145 @@
+"""The recording's schema: its records, and files that come from anywhere."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.errors import RecordingError
+from protocol.recording import (
+    APPLICATION_ID,
+    SCHEMA_VERSION,
+    SESSION_KEYS,
+    TABLES,
+    describe_dtype,
+    dtype_from_description,
+    open_recording,
+    read_session,
+    sample_dtype,
+)
+
+
+@given(st.integers(1, 4), st.sampled_from(["counts", "signal"]))
+def test_a_sample_type_survives_its_description(n_sensors, kind):
+    """What stands in the file gives the same packed little-endian record back, through JSON."""
+    dtype = sample_dtype(n_sensors, kind)
+    again = dtype_from_description(json.loads(json.dumps(describe_dtype(dtype))))
+    assert again == dtype
+    assert again.itemsize == 31 + (4 if kind == "counts" else 8) * n_sensors
+
+
+@pytest.mark.parametrize(
+    "row", [["x", "|O", []], ["x", "<U4", []], ["x", "<f8", [0]], ["x", "<f8", [65]], ["x", "|V8", []]]
+)
+def test_objects_and_texts_are_no_samples(row):
+    """A description can ask for plain numbers and nothing else."""
+    with pytest.raises(ValueError, match="unusable"):
+        dtype_from_description([row])
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    path = tmp_path / "a #1 %20 é.boat"
+    db = sqlite3.connect(path)
+    db.executescript(TABLES)
+    db.execute(f"PRAGMA application_id={APPLICATION_ID}")
+    db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+    db.executemany("INSERT INTO session VALUES (?, ?)", [(key, "null") for key in SESSION_KEYS])
+    db.commit()
+    db.close()
+    return path
+
+
+def change(path: Path, *statements: str) -> None:
+    db = sqlite3.connect(path)
+    for statement in statements:
+        db.execute(statement)
+    db.commit()
+    db.close()
+
+
+def test_a_recording_opens_for_reading_only(path):
+    """Whatever the reader does, the file stays as it is."""
+    content = path.read_bytes()
+    db = open_recording(path)
+    assert set(read_session(db)) == set(SESSION_KEYS)
+    with pytest.raises(sqlite3.OperationalError, match=r"readonly|query_only"):
+        db.execute("DELETE FROM session")
+    db.close()
+    assert path.read_bytes() == content
+
+
+def test_a_newer_recording_with_more_in_it_opens(path):
+    """Changes are additive: a column or a table more is no reason to refuse."""
+    change(path, "ALTER TABLE step ADD COLUMN mood TEXT", "CREATE TABLE more (id INTEGER)", "PRAGMA user_version=9")
+    open_recording(path).close()
+
+
+@pytest.mark.parametrize(
+    ("statements", "says"),
+    [
+        (["CREATE VIEW v AS SELECT 1"], "runs when read"),
+        (["CREATE TRIGGER t AFTER INSERT ON chunk BEGIN DELETE FROM chunk; END"], "runs when read"),
+        (["DROP TABLE block", "CREATE VIEW block AS SELECT * FROM chunk"], "runs when read"),
+        (["CREATE VIRTUAL TABLE f USING fts5(x)"], "runs when read"),
+        (["DROP TABLE block"], "no table 'block'"),
+        (["ALTER TABLE block DROP COLUMN samples"], "no column 'samples'"),
+        (["PRAGMA application_id=7"], "another program"),
+    ],
+)
+def test_what_is_not_ours_is_refused_before_it_is_read(path, statements, says):
+    """Views, triggers and virtual tables run code of the file's maker; a missing table is no recording."""
+    change(path, *statements)
+    with pytest.raises(RecordingError, match=says):
+        open_recording(path)
+
+
+def test_a_giant_value_is_not_read(path):
+    """A text or blob beyond the bound is refused by SQLite itself, in bounded memory."""
+    change(path, "INSERT INTO result VALUES (1, '', '', '', 0, '', zeroblob(80000000))")
+    db = open_recording(path)
+    with pytest.raises(sqlite3.DatabaseError, match="too big"):
+        db.execute("SELECT content FROM result").fetchone()
+    db.close()
+
+
+@pytest.mark.parametrize("value", ["not json", "[" * 100_000, ""])
+def test_a_description_that_is_no_json_is_said_to_be_unreadable(path, value):
+    """No traceback from a hand-edited file."""
+    change(path, f"UPDATE session SET value = '{value}' WHERE key = 'note'")
+    db = open_recording(path)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read_session(db)
+    db.close()
+
+
+def test_a_missing_key_is_named(path):
+    """Every recording has all keys."""
+    change(path, "DELETE FROM session WHERE key = 'plan'")
+    db = open_recording(path)
+    with pytest.raises(RecordingError, match="no 'plan'"):
+        read_session(db)
+    db.close()
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_crash_the_door(tmp_path_factory, content):
+    """Any file is either a recording or an error of ours."""
+    path = tmp_path_factory.getbasetemp() / "any.boat"
+    for head in (b"", b"SQLite format 3\0"):
+        path.write_bytes(head + content)
+        with pytest.raises(RecordingError):
+            open_recording(path)
+
+
+def test_the_state_and_flag_bytes_fit_the_record():
+    """The host's flags stand above the board's byte, and fit the record's field."""
+    dtype = sample_dtype(2)
+    assert dtype["flags"] == np.dtype("<u2")
+    assert dtype["state"] == np.dtype("u1")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.recording import NOT_FOR_FIGURES, SampleFlag
+from boat_daq.engine.snapshot import LastSample
+from protocol.recording import NOT_FOR_FIGURES, BoardState, SampleFlag
 
 _PRESSURE_UNKNOWN = int(SampleFlag.PRESSURE_INVALID)
 
@@ -68,3 +70,16 @@ def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:
     return Columns(
         samples["time_us"], samples["pressure_pa"] / 1000.0, signal, raw, samples["state"], samples["flags"]
     )  # fmt: skip
+
+
+def last_sample(block: Columns, target_kpa: float | None) -> LastSample:
+    """Return the newest sample; a state this program does not know is taken for FAULT."""
+    state = int(block.state[-1])
+    return LastSample(
+        time_s=float(block.time_us[-1]) / 1e6,
+        pressure_kpa=float(block.pressure_kpa[-1]),
+        target_kpa=math.nan if target_kpa is None else target_kpa,
+        signal_mv=tuple(block.signal_mv[-1].tolist()),
+        state=BoardState(state) if state <= max(BoardState) else BoardState.FAULT,
+        flags=SampleFlag(int(block.flags[-1])),
+    )

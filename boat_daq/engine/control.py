@@ -10,13 +10,12 @@ virtual board answers it without a thread.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from boat_daq.engine.columns import Columns, columns
+from boat_daq.engine.columns import Columns, columns, last_sample
 from boat_daq.engine.dialogue import Dialogue, Effect
 from boat_daq.engine.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.plan import Plan
@@ -287,7 +286,7 @@ class Controller:
         first, self._watched = not self._watched, True
         if first:
             self.first_us = int(block.time_us[0])
-        self.last = _last_sample(block, self.target_kpa)
+        self.last = last_sample(block, self.target_kpa)
         self._recent = np.concatenate([self._recent, block.pressure_kpa[block.pressure_known]])[-ZERO_SAMPLES:]
         found = self.interlock.inspect(block)
         if found is not None:
@@ -435,19 +434,6 @@ class Controller:
 
 def _pascal(pressure_kpa: float | None) -> int | None:
     return None if pressure_kpa is None else round(pressure_kpa * 1000)
-
-
-def _last_sample(block: Columns, target_kpa: float | None) -> LastSample:
-    """Return the newest sample; a state this program does not know is taken for FAULT."""
-    state = int(block.state[-1])
-    return LastSample(
-        time_s=float(block.time_us[-1]) / 1e6,
-        pressure_kpa=float(block.pressure_kpa[-1]),
-        target_kpa=math.nan if target_kpa is None else target_kpa,
-        signal_mv=tuple(block.signal_mv[-1].tolist()),
-        state=BoardState(state) if state <= max(BoardState) else BoardState.FAULT,
-        flags=SampleFlag(int(block.flags[-1])),
-    )
 
 
 def _boot_reason(value: int) -> str:

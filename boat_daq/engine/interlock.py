@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boat_daq.engine.columns import Columns
 from boat_daq.engine.snapshot import Limits
@@ -112,9 +113,11 @@ class Interlock:
         """Look at every sample; latch and return the first trip, None where nothing new is found."""
         if not len(block):
             return None
-        self._standing = self._first_trip(block.part(len(block) - 1, len(block)))
-        found = self._first_trip(block)
-        return self.trip(found) if found else None
+        levels = self._levels(block)
+        self._standing = self._describe(block, len(block) - 1, levels)
+        found = [int(np.argmax(level)) for level in levels.values() if level[-1] or level.any()]
+        first = self._describe(block, min(found), levels) if found else None
+        return self.trip(first) if first else None
 
     def trip(self, found: Trip) -> Trip | None:
         """Latch `found`; returns it, or None when something was latched already."""
@@ -133,12 +136,12 @@ class Interlock:
         if self._standing is not None and self._standing.kind != "board_fault":
             raise OperatorError(f"the fault stands: {self._standing.cause}", self._standing.remedy)
 
-    def _first_trip(self, block: Columns) -> Trip | None:
-        """Return the trip of the earliest sample that shows one."""
+    def _levels(self, block: Columns) -> dict[str, NDArray[np.bool_]]:
+        """Return for each kind of trip which samples show it [n]; of one sample's kinds the first here is named."""
         pressure, known = block.pressure_kpa, block.pressure_known
-        low, high = (self.limits.min_kpa, self.limits.max_kpa) if self.limits else (-math.inf, math.inf)
+        low, high = self._bounds
         with np.errstate(invalid="ignore"):  # a pressure that is not a number is caught by `known`
-            levels = {
+            return {
                 "estop": (block.flags & int(SampleFlag.ESTOP)) != 0,
                 "pressure_invalid": ~known,
                 "implausible": known & (np.abs(pressure) > IMPLAUSIBLE_KPA),
@@ -146,11 +149,18 @@ class Interlock:
                 "under_pressure": known & (pressure < low - MARGIN_KPA),
                 "board_fault": block.state == BoardState.FAULT,
             }
-        first = [(int(np.argmax(level)), kind) for kind, level in levels.items() if level.any()]
-        if not first:
+
+    def _describe(self, block: Columns, at: int, levels: dict[str, NDArray[np.bool_]]) -> Trip | None:
+        """Return what sample `at` shows."""
+        kind = next((kind for kind, level in levels.items() if level[at]), None)
+        if kind is None:
             return None
-        index, kind = min(first, key=lambda found: found[0])  # of one sample's, the first in the order above
-        return _trip(kind, float(pressure[index]), int(block.time_us[index]), (low, high))
+        return _trip(kind, float(block.pressure_kpa[at]), int(block.time_us[at]), self._bounds)
+
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        limits = self.limits
+        return (limits.min_kpa, limits.max_kpa) if limits else (-math.inf, math.inf)
 
 
 def _tightest(limits_kpa: dict[str, tuple[float, float]]) -> Limits | None:

@@ -178,7 +178,8 @@ class Sequencer:
             self._break_step()
             self._end(f"aborted: {reason}")
         elif self.state is SessionState.FINISHING:
-            self._mark_end("aborted")
+            if self.marks[-1].ended_us is None:
+                self._mark_end("aborted")
             self._actions.append(VentNow())
         elif state is SessionState.ABORTED:
             self.disarm()

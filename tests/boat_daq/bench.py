@@ -10,7 +10,7 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.sequencer import Ended, Marked, Noted, SegmentBreak
 from boat_daq.engine.snapshot import SessionState
 from protocol.connection import Connection
-from protocol.faults import parse_fault
+from protocol.faults import make_fault, parse_fault
 from protocol.messages import Command
 from protocol.virtual_board import VirtualBoard
 
@@ -26,6 +26,7 @@ class Bench:
     Attributes
     ----------
     host_alive : False kills the host: nothing is received, nothing sent.
+    stalled : True stops the host; what the board sends waits for it.
     plugged : False cuts both directions.
     pressures : true gauge pressure (kPa) after every step.
     """
@@ -37,6 +38,8 @@ class Bench:
         self.speed = speed
         self.now_ns = 1_000_000_000
         self.host_alive = self.plugged = True
+        self.stalled = False
+        self.buffer = b""
         self.sent: list[Command] = []
         self.marks: dict[int, object] = {}
         self.notes: list[Noted] = []
@@ -53,7 +56,11 @@ class Bench:
     @property
     def pressure_kpa(self) -> float:
         """True pressure, not as measured."""
-        return self.board._pneumatics.pressure_kpa
+        return self.board.pressure_kpa
+
+    def fault(self, name: str, value: float) -> None:
+        """Have a fault of `protocol.faults` begin now."""
+        self.board._begin(make_fault(name, self.board.now_us / 1e6, value))
 
     def flush(self) -> None:
         """Carry the controller's effects out."""
@@ -80,6 +87,10 @@ class Bench:
         self.pressures.append(self.pressure_kpa)
         if not self.host_alive:
             return
+        if self.stalled:
+            self.buffer += data
+            return
+        data, self.buffer = self.buffer + data, b""
         if self.plugged and data:
             self.control.events(self.link.receive(data, self.now_ns), self.now_ns)
             self.flush()
@@ -88,6 +99,14 @@ class Bench:
             self.board.receive(again)
         self.control.events(lost, self.now_ns)
         self.control.tick(self.now_ns)
+        self.flush()
+
+    def replug(self) -> None:
+        """The same board is there again, on a fresh link."""
+        self.plugged = True
+        self.link = Connection()
+        self.board.advance(0)
+        self.control.link_opened(self.now_ns)
         self.flush()
 
     def do(self, *buttons: Callable[[], None]) -> None:

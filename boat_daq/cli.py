@@ -12,7 +12,21 @@ from typing import Annotated
 import typer
 
 import boat_daq
-from boat_daq.commands import board, gui, info, ports, record, recover, shadow, verify
+from boat_daq.commands import (
+    analyze,
+    board,
+    demo,
+    export,
+    fit,
+    gui,
+    importing,
+    info,
+    ports,
+    record,
+    recover,
+    shadow,
+    verify,
+)
 from boat_daq.commands.console import say
 
 app = typer.Typer(
@@ -47,15 +61,20 @@ def start(
 
 COMMANDS = (
     gui.gui,
+    demo.demo,
     ports.ports,
     board.board,
     record.record,
+    importing.import_csv,
     recover.recover,
     verify.verify,
     info.info,
+    analyze.analyze,
+    export.export,
+    fit.fit,
 )
 for command in COMMANDS:
-    app.command()(command)
+    app.command("import" if command is importing.import_csv else None)(command)
 for name, group in (("shadow", shadow.app),):
     app.add_typer(group, name=name)
 

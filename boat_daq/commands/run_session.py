@@ -44,7 +44,7 @@ class SessionRequest:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
 
-def run_session(request: SessionRequest, after_run: Callable[[Session], None] | None = None) -> tuple[Summary, str]:
+def run_session(request: SessionRequest, after_run: Callable[[Session], object] | None = None) -> tuple[Summary, str]:
     """Run one session to its end; return the recording in short, and why the run failed (empty when it did not).
 
     Parameters

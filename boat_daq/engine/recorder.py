@@ -49,7 +49,8 @@ class Recorder:
     meta : values for `session` (keys of `protocol.recording.SESSION_KEYS`; uuid, status, times, version and the
         sample type are filled in here). `n_sensors` and `sample_kind` must be there.
     health : called once a second on the writing thread for a row of `health`; such as `LinkHealth.snapshot`.
-    on_error : called once, on the writing thread, when the disk fails; the recorder goes on trying.
+    on_error : called once for each cause, on the writing thread, when the disk fails; the recorder goes on trying. It
+        must not call `close`, which waits for that thread.
 
     Raises
     ------
@@ -82,7 +83,8 @@ class Recorder:
         self._acknowledged = Acknowledged()
         self._error: StorageError | None = None  # of the last commit
         self._told: set[str] = set()
-        self._full = self._stopping = self._closed = False
+        self._refusing: StorageError | None = None  # why no later byte is taken
+        self._stopping = self._closed = False
         self._next_look_s = self._next_try_s = 0.0
         self._thread = threading.Thread(target=self._run, name=f"recorder {path.name}", daemon=True)
         self._thread.start()
@@ -91,10 +93,10 @@ class Recorder:
         """Take a block; returns at once."""
         size = 2 * len(block.raw) + _ITEM_BYTES
         with self._changed:
-            if self._full or self._closed:
+            if self._refusing or self._closed:
                 return
             if self._held_bytes + size > MEMORY_BYTES_MAX:
-                self._full = True
+                self._refusing = StorageError(f"{self.path} is written too slowly", "What came before this is kept.")
                 text = "no later byte is kept"
                 self._put(block.host_ns, lambda rows: rows.event(block.host_ns, "host", "recording_full", None, text))
                 return
@@ -236,32 +238,34 @@ class Recorder:
 
     def _run(self) -> None:
         """The writing thread: a commit every 100 ms, a look around every second."""
-        while True:
+        stopping = False
+        while not stopping:
             with self._changed:
                 stopping = self._changed.wait_for(lambda: self._stopping, COMMIT_S)
             now_s = time.monotonic()
-            try:
-                if now_s >= self._next_look_s:
-                    self._next_look_s = now_s + 1.0
-                    self._look_around()
-                if stopping or now_s >= self._next_try_s:
-                    self._commit()
-            except StorageError as error:
-                self._report(error)
-            except Exception as error:  # noqa: BLE001 - a writing thread must never end without a word
-                self._error = StorageError(f"{self.path} is not written any more: {error!r}", "Report this as a fault.")
-                self._report(self._error)
-                return
-            if stopping:
-                return
+            if now_s >= self._next_look_s:
+                self._next_look_s = now_s + 1.0
+                self._guarded(self._look_around)
+            if stopping or now_s >= self._next_try_s:
+                self._guarded(self._commit)
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """Do a part of the writing; whatever goes wrong is told, and the thread goes on."""
+        try:
+            work()
+        except StorageError as error:
+            self._report(error)
+        except Exception as error:  # noqa: BLE001 - a writing thread must never end without a word
+            self._refusing = StorageError(f"{self.path} is not written properly: {error!r}", "Report this fault.")
+            self._report(self._refusing)
 
     def _look_around(self) -> None:
         """Keep the link's counters; notice a file that was taken away, a disk nearly full, memory that is full."""
         if self._health is not None:
             health = self._health()
             self._later(lambda rows, host_ns: health_row(host_ns, health, *rows.here))
-        if self._full:
-            self._report(StorageError(f"{self.path} is written too slowly", "What came before this is kept."))
+        if self._refusing is not None:
+            self._report(self._refusing)
         self._file.check_place()
 
     def _commit(self) -> None:

@@ -106,8 +106,8 @@ def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Lin
 def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Progress | None) -> None:
     meta = read_session(db)
     dtype = dtype_from_description(meta["sample_dtype"])
-    total, chunks = db.execute("SELECT (SELECT coalesce(sum(n), 0) FROM block), (SELECT count(*) FROM chunk)").fetchone()
-    if total and not chunks:
+    total = db.execute("SELECT coalesce(sum(n), 0) FROM block").fetchone()[0]
+    if total and db.execute("SELECT id FROM chunk LIMIT 1").fetchone() is None:
         raise _Difference("there are no raw bytes to derive the samples from (the recording was imported)")
     gaps: list[tuple[int, int, int]] = []
     derived = _pieces(_derived(db, meta, tally, gaps))

@@ -58,7 +58,7 @@ def test_an_unclosed_recording_is_counted_beyond_its_overview(tmp_path):
 
 
 def test_cycles_are_complete_when_all_their_steps_were_reached(tmp_path):
-    """A cycle with fewer steps than the others, or one not reached, is partial; steps outside the cycles do not count."""
+    """A cycle with fewer steps than the others, or one not reached, is partial; steps outside cycles do not count."""
     recorder, source = begun(tmp_path / "run.boat")
     recorder(source.next())
     steps = [(0, "start", "reached")]

@@ -35,7 +35,9 @@ class ArcSpline:
         return float(self.nodes[-1, 4])
 
     def frame(self, s: Floats) -> tuple[Floats, Floats]:
-        """Points (n, 2) in mm and unit tangents (n, 2) at arc lengths `s` (n,), mm; beyond the ends the last arc goes on."""
+        """Points (n, 2) in mm and unit tangents (n, 2) at arc lengths `s` (n,), mm; beyond the ends the last arc goes
+        on.
+        """
         s = np.asarray(s, dtype=float)
         i = np.clip(np.searchsorted(self.nodes[:, 4], s, side="right") - 1, 0, len(self.curvature) - 1)
         step = s - self.nodes[i, 4]
@@ -62,7 +64,8 @@ class ArcSpline:
 
 
 def smooth(points: Floats, knots: int = 10) -> tuple[Floats, Floats]:
-    """Points and unit tangents of the cubic spline through `points`, at `knots` even steps or at the points if they are more.
+    """Points and unit tangents of the cubic spline through `points`, at `knots` even steps or at the points if they
+    are more.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ STAMP = _stamp()
 
 def compiled(function: Function) -> Function:
     """Compile `function` with numba at its first call, cached, without the interpreter's lock."""
-    dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    dispatcher: Any = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     dispatcher._cache._cache_file._source_stamp = STAMP
     return cast(Function, dispatcher)
 
@@ -49,7 +49,7 @@ def inner(function: Function) -> Function:
 
 
 @numba.extending.intrinsic
-def pointer(typingctx: Any, array: Any) -> Any:
+def _pointer(typingctx: Any, array: Any) -> Any:
     """The address of a contiguous array's first element, to be indexed flat.
 
     Inner loops read through pointers because handing arrays on costs them two thirds of their time, all of it atomic
@@ -59,4 +59,8 @@ def pointer(typingctx: Any, array: Any) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return context.make_array(signature.args[0])(context, builder, args[0]).data
 
-    return numba.types.CPointer(array.dtype)(array), codegen
+    address: Any = numba.types.CPointer
+    return address(array.dtype)(array), codegen
+
+
+pointer: Any = _pointer

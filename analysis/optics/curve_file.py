@@ -2,12 +2,15 @@
 
 Accepted, in this order of preference (README of the format: METHODS.md, "Curve files"):
 
-1. **Named columns**: `x` and `z` (or x_mm, z_mm), with a column for the guide (guide, waveguide, curve, side; any two labels) and
-   one for the state (state, frame, step, elongation_mm, pressure_kpa; any 15 numbers, sorted upwards: compressed first).
+1. **Named columns**: `x` and `z` (or x_mm, z_mm), with a column for the guide (guide, waveguide, curve, side; any two
+labels) and
+   one for the state (state, frame, step, elongation_mm, pressure_kpa; any 15 numbers, sorted upwards: compressed
+   first).
 2. **Side by side**: x1, z1, x2, z2 (also x1_mm, ...), with or without a state column.
-3. **Plain**: two columns x, z, with or without a header. Guides follow one another, separated by a blank line or seen by the
-   jump from the end of one to the start of the next; 2 runs are one state, 30 runs are 15 states, the two guides of a state together.
-   One run alone is one guide, and the other is its mirror image in the line through its ends.
+3. **Plain**: two columns x, z, with or without a header. Guides follow one another, separated by a blank line or seen
+by the
+   jump from the end of one to the start of the next; 2 runs are one state, 30 runs are 15 states, the two guides of a
+   state together. One run alone is one guide, and the other is its mirror image in the line through its ends.
 4. **A folder** of 15 such files with one state each, in the order of their names.
 
 Separators: comma, semicolon, tab or spaces; decimal commas where the separator is not a comma; `#` begins a comment.
@@ -103,8 +106,12 @@ def _rows(path: Path) -> list[Row]:
     full = [line for line in lines if line]
     separator = next((s for s in (";", "\t", ",") if full and all(s in line for line in full[:3])), None)
     comma = separator in (";", "\t") or (separator is None and not any("." in line for line in full))
-    return [[c.strip().replace(",", ".") if comma else c.strip() for c in line.split(separator)] if line.strip(",;\t ") else []
-            for line in lines]
+    return [
+        [c.strip().replace(",", ".") if comma else c.strip() for c in line.split(separator)]
+        if line.strip(",;\t ")
+        else []
+        for line in lines
+    ]
 
 
 def _check_units(head: Row, path: Path) -> None:
@@ -144,18 +151,26 @@ def _named(head: Row, body: list[Row], path: Path) -> list[list[Floats]]:
     labels = np.array([row[guide] if row and guide is not None else "" for row in body])
     if state is None and guide is None:
         return _plain(table, path)
-    groups = [table[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])] if state is not None else [table[kept]]
+    groups = (
+        [table[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])]
+        if state is not None
+        else [table[kept]]
+    )
     names = ([labels[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])]
              if state is not None else [labels[kept]])
     if guide is None:
         return [_pair(_runs(group[:, :2], path), path) for group in groups]
-    return [[group[name == label][:, :2] for label in _two(name, path)] for group, name in zip(groups, names, strict=True)]
+    return [
+        [group[name == label][:, :2] for label in _two(name, path)] for group, name in zip(groups, names, strict=True)
+    ]
 
 
 def _two(labels: np.ndarray[tuple[int], np.dtype[np.str_]], path: Path) -> list[str]:
     found = list(dict.fromkeys(labels.tolist()))
     if len(found) != 2:
-        raise FileError(f"{path}: a state has {len(found)} guides ({', '.join(found)})", "name two guides in every state")
+        raise FileError(
+            f"{path}: a state has {len(found)} guides ({', '.join(found)})", "name two guides in every state"
+        )
     return found
 
 
@@ -177,7 +192,9 @@ def _plain(table: Floats, path: Path) -> list[list[Floats]]:
     if len(runs) <= 2:
         return [_pair(runs, path)]
     if len(runs) % 2:
-        raise FileError(f"{path} holds {len(runs)} guides", f"give two guides for one state, or {2 * STATES} for {STATES}")
+        raise FileError(
+            f"{path} holds {len(runs)} guides", f"give two guides for one state, or {2 * STATES} for {STATES}"
+        )
     return [runs[i:i + 2] for i in range(0, len(runs), 2)]
 
 
@@ -185,7 +202,9 @@ def _pair(runs: list[Floats], path: Path) -> list[Floats]:
     if len(runs) == 1:
         return [runs[0], mirrored(runs[0], path)]
     if len(runs) != 2:
-        raise FileError(f"{path}: a state has {len(runs)} guides", "separate two guides by a blank line, or name them in a column")
+        raise FileError(
+            f"{path}: a state has {len(runs)} guides", "separate two guides by a blank line, or name them in a column"
+        )
     return runs
 
 

@@ -1,8 +1,8 @@
 """The deformed centrelines: 15 states of two guides, from any source, through one door.
 
 `curves` is an array [states][2][points][2] in mm, state 0 the most compressed. The shadow, a file and the parametric
-default all give it; `frames_of` is the only way from there to a scene. Coordinates are (x, z), z along the actuator by habit;
-nothing depends on it, a scene may be moved and turned as one likes.
+default all give it; `frames_of` is the only way from there to a scene. Coordinates are (x, z), z along the actuator
+by habit; nothing depends on it, a scene may be moved and turned as one likes.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ COMPRESSION_MM, ELONGATION_MM = -2.70, 3.80
 BOW_MM = 12.5
 """Assumed: at rest the middle of a guide is one unit cell off the axis."""
 BOW_PER_ELONGATION = 0.925
-"""Assumed: mm of bow a mm of elongation. The bladders push the guides out as they lengthen (paper: straighter in compression,
-more bent in elongation): 10.0 mm at the most compressed state, 16.0 mm at the most elongated."""
+"""Assumed: mm of bow a mm of elongation. The bladders push the guides out as they lengthen (paper: straighter in
+compression, more bent in elongation): 10.0 mm at the most compressed state, 16.0 mm at the most elongated."""
 
 
 def elongations() -> Floats:
@@ -65,12 +65,16 @@ def checked_curves(curves: Floats) -> Floats:
         raise DataError(f"curves of shape {curves.shape} are not [states][2 guides][points][2 coordinates]",
                         "give x and z of two guides for each state")
     if curves.shape[0] not in (1, STATES):
-        raise DataError(f"curves of {curves.shape[0]} states", f"give {STATES} states, most compressed first, or a single one")
+        raise DataError(
+            f"curves of {curves.shape[0]} states", f"give {STATES} states, most compressed first, or a single one"
+        )
     if curves.shape[2] < POINTS:
         raise DataError(f"{curves.shape[2]} points a guide are too few", f"give {POINTS} points or more for each guide")
     if not np.all(np.isfinite(curves)):
         state, guide = np.argwhere(~np.isfinite(curves))[0][:2]
-        raise DataError(f"state {state}, guide {guide + 1} has a coordinate that is not a number", "give every point's x and z")
+        raise DataError(
+            f"state {state}, guide {guide + 1} has a coordinate that is not a number", "give every point's x and z"
+        )
     extent = float(np.max(np.ptp(curves, axis=2)))
     if not 1.0 <= extent <= 10_000.0:
         raise DataError(f"guides {extent:.3g} mm long are not an actuator's", "give the curves in mm")

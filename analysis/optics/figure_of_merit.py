@@ -1,12 +1,13 @@
 """From the detected rays of 15 states to one figure: aNDR, Delta, n_sign, RMSE, P, with their uncertainty.
 
 Rules: all functions take arrays whose last axis is the states, from the most compressed to the most elongated, and work
-on any number of designs at once. P is given as the paper prints it and repaired; the two part only where the printed one
-has no value or stands on noise.
+on any number of designs at once. P is given as the paper prints it and repaired; the two part only where the printed
+one has no value or stands on noise.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +20,10 @@ DRAWS = 500
 _TIE = 0.025
 
 PARTING = (
-    "Printed and repaired P are the same number wherever NDR rises at least once and its scatter about aNDR is above the "
-    "resolution of the ray count. They part for monotone designs (n_sign = 0), where the printed P divides by zero although "
-    "such a design is what is wanted: the repaired one counts n_sign as 1 and marks it; and where RMSE falls below the "
-    "resolution, which is then used instead, so that chance agreement with a cubic wins nothing."
+    "Printed and repaired P are the same number wherever NDR rises at least once and its scatter about aNDR is above "
+    "the resolution of the ray count. They part for monotone designs (n_sign = 0), where the printed P divides by zero "
+    "although such a design is what is wanted: the repaired one counts n_sign as 1 and marks it; and where RMSE falls "
+    "below the resolution, which is then used instead, so that chance agreement with a cubic wins nothing."
 )
 
 
@@ -57,7 +58,7 @@ class Merit:
 
 
 def cubic_projector(states: int) -> Floats:
-    """(states, states) matrix that takes NDR to aNDR: least squares on an orthonormal basis of cubics in the state's number.
+    """Matrix (states, states) from NDR to aNDR: least squares on orthonormal cubics in the state's number.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def cubic_projector(states: int) -> Floats:
 
 def resolution(rays: int) -> float:
     """RMSE that rounding to whole rays alone leaves: one ray's step, scaled to 250, over sqrt(12)."""
-    return 250.0 / rays / np.sqrt(12.0)
+    return 250.0 / rays / math.sqrt(12.0)
 
 
 def merit(ndr: Floats, floor: float) -> Merit:
@@ -120,9 +121,9 @@ def uncertainty(ndr: Floats, sd: Floats, floor: float, *, draws: int = DRAWS, se
 
     Notes
     -----
-    The interval is the central 95 % of the draws, widened to hold P itself: scatter can only add rises, so that the draws
-    lie below the P of a design that owes its rank to luck. A design is tied with the best if it is at least as good in
-    2.5 % of the draws. Both take the states as independent.
+    The interval is the central 95 % of the draws, widened to hold P itself: scatter can only add rises, so that the
+    draws lie below the P of a design that owes its rank to luck. A design is tied with the best if it is at least as
+    good in 2.5 % of the draws. Both take the states as independent.
     """
     rng = np.random.default_rng(seed)
     p = merit(ndr, floor).p
@@ -136,8 +137,8 @@ def uncertainty(ndr: Floats, sd: Floats, floor: float, *, draws: int = DRAWS, se
 
 
 def pareto(delta: Floats, rmse: Floats, n_sign: Floats) -> Floats:
-    """(n,) True where no other design has a larger Delta, a smaller RMSE and fewer rises at once (one of them strictly)."""
+    """(n,) True where no other design is as good in Delta, RMSE and n_sign and better in one of them."""
     cost = np.stack([-delta, rmse, n_sign], axis=1)
     no_worse = np.all(cost[None] <= cost[:, None], axis=2)
     better = np.any(cost[None] < cost[:, None], axis=2)
-    return ~np.any(no_worse & better, axis=1)
+    return np.asarray(~np.any(no_worse & better, axis=1))

@@ -5,8 +5,8 @@ where it cannot be built. The compiled part (`geometry.py`) then only cuts the g
 
 A **surface** is one row of 16 numbers, the same for arcs and lines. With q = x - P0, it lies where
 f(x) = k/2 |q|^2 - N0.q equals `level`; f falls along the normal N0, by -u + k u^2/2 at offset u. It reaches from end Pa
-to end Pb: Ta.(x - Pa) >= 0 and Tb.(x - Pb) < 0, half-open, so that a joint belongs to one surface. The row is P0, N0, k,
-level, the sign of f's slope on the way out of the resin, 1 / |grad f|, Pa, Ta, Pb, Tb.
+to end Pb: Ta.(x - Pa) >= 0 and Tb.(x - Pb) < 0, half-open, so that a joint belongs to one surface. The row is P0, N0,
+k, level, the sign of f's slope on the way out of the resin, 1 / |grad f|, Pa, Ta, Pb, Tb.
 """
 
 from __future__ import annotations
@@ -86,7 +86,9 @@ def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float])
 
 
 def offset_of(curve: ArcSpline, points: Floats) -> tuple[Floats, Floats]:
-    """Signed distance u and arc length s of the nearest foot of each point (n, 2) on the curve; u is inf beyond its ends."""
+    """Signed distance u and arc length s of the nearest foot of each point (n, 2) on the curve; u is inf beyond its
+    ends.
+    """
     xy, t, k = curve.nodes[:, :2], curve.nodes[:, 2:4], curve.curvature
     q = points[:, None, :] - xy[None]
     ahead = np.sum(q * t[None], axis=2)
@@ -107,8 +109,10 @@ def check_bends(curve: ArcSpline, half: float, name: str) -> None:
     """Refuse a guide whose edge would fold over in a bend."""
     tightest = float(np.max(np.abs(curve.curvature)))
     if tightest * half > _TIGHTEST:
-        raise DataError(f"{name} bends to a radius of {1 / tightest:.3g} mm, too tight for a guide {2 * half:g} mm thick",
-                        "use a thinner guide or a smoother curve")
+        raise DataError(
+            f"{name} bends to a radius of {1 / tightest:.3g} mm, too tight for a guide {2 * half:g} mm thick",
+            "use a thinner guide or a smoother curve",
+        )
 
 
 def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = "the guides") -> Frame:
@@ -176,7 +180,9 @@ def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[
         raise DataError(f"{name}: the two guides touch along their whole length",
                         f"bow them apart by more than the guide's thickness of {2 * half:g} mm, or use a thinner guide")
     if clear[0] == 0:
-        raise DataError(f"{name}: the two guides do not meet at their junction", "let both curves share their end points")
+        raise DataError(
+            f"{name}: the two guides do not meet at their junction", "let both curves share their end points"
+        )
     s_left = float(brentq(gap, s[clear[0] - 1], s[clear[0]], xtol=1e-14, rtol=1e-15))
     _, s_right = offset_of(right, left.offset(np.array([s_left]), -half))
     return s_left, float(s_right[0])
@@ -200,7 +206,7 @@ def _check_apart(left: ArcSpline, right: ArcSpline, ends: Floats, half: float, n
 
 def _fork(left: ArcSpline, right: ArcSpline, crotch: Floats, guide: Waveguide, end: int, name: str
           ) -> tuple[Floats, Ints, Ints, Floats]:
-    """Surfaces of one junction with its stem, resin on the left of each; and the way from the junction out of the stem."""
+    """Surfaces of one junction with its stem, resin on the left of each; and the way out along the stem."""
     half, junction = guide.thickness_mm / 2, left.nodes[0, :2]
     both = left.nodes[0, 2:4] + right.nodes[0, 2:4]
     if np.hypot(*both) < 0.35:

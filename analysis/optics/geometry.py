@@ -1,9 +1,9 @@
 """One design in one state as arrays for the tracer, built inside the compiled part.
 
-Strategy: a guide is a row of **cells** between straight cross-sections, cut at the joints of its arcs and at the cavities'
-walls. In a cell both edges are concentric arcs (or parallel lines), so that a ray inside meets one of two edges or goes
-on to the next cell: no search. A cavity is a run of cells with one edge moved inwards; its walls lie in the cross-sections.
-Rays in the air search a tree of boxes over all surfaces.
+Strategy: a guide is a row of **cells** between straight cross-sections, cut at the joints of its arcs and at the
+cavities' walls. In a cell both edges are concentric arcs (or parallel lines), so that a ray inside meets one of two
+edges or goes on to the next cell: no search. A cavity is a run of cells with one edge moved inwards; its walls lie in
+the cross-sections. Rays in the air search a tree of boxes over all surfaces.
 
 Surfaces are numbered 4 c + 0, 1, 2, 3 for cell c's left edge, right edge, start wall and end wall (absent ones have
 kind 0), then the junctions' surfaces from `frame.py`, whose row of 16 numbers they share.
@@ -78,7 +78,7 @@ def _write_cell(cell: Floats, node: Floats, k: float, left: float, right: float)
 @compiled
 def _cut_guide(cells: Floats, first: int, nodes: Floats, curvature: Floats, ends: Floats, walls: Floats,
                half: float, deep: float, on_left: bool) -> int:
-    """Fill cells from `first` on; returns the number after the last one. `walls` are the cavities' arc lengths, rising."""
+    """Fill cells from `first` on, cut at `walls` (arc lengths, rising); returns the number after the last one."""
     arc, wall, c, s, last = 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
         arc += 1
@@ -236,7 +236,8 @@ def _allocate(most: int, fork: int) -> Geometry:
     n = 4 * most + fork
     return Geometry(np.zeros((most, CELL_COLUMNS)), np.zeros((most, 4), dtype=np.int64), np.zeros((n, 16)),
                     np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64),
-                    np.zeros((2, 2), dtype=np.int64), np.zeros((2 * n + 2, 4)), np.zeros((2 * n + 2, 3), dtype=np.int64),
+                    np.zeros((2, 2), dtype=np.int64), np.zeros((2 * n + 2, 4)),
+                    np.zeros((2 * n + 2, 3), dtype=np.int64),
                     np.zeros(n, dtype=np.int64), most, n, 0)
 
 

@@ -1,4 +1,5 @@
-"""What a simulation is asked: the pattern, the guide, the light. Every number that the paper leaves out has a name here.
+"""What a simulation is asked: the pattern, the guide, the light. Every number that the paper leaves out has a name
+here.
 
 Each value checks itself when it is made: a number outside its physical range is refused with its cause and remedy
 before any geometry is built. Lengths are in mm, angles in degrees.

@@ -1,9 +1,10 @@
 """A scene as others see it: its outline for drawing, and a file for the 2D simulator 'ray-optics' (JSON, version 5).
 
-The outline is chained from the very surfaces the tracer uses, arcs as arcs, so that a picture or a peer shows the same scene.
-In ray-optics the resin is one Glass whose path runs round the outside, through a slit (two coincident lines, which that
-program takes for no surface) and round the hole between the guides. Its point source leaves out the last angle of its cone: the
-fan is turned by half a step to stand where ours does. A blocker behind the detector ends what was counted.
+The outline is chained from the very surfaces the tracer uses, arcs as arcs, so that a picture or a peer shows the
+same scene. In ray-optics the resin is one Glass whose path runs round the outside, through a slit (two coincident
+lines, which that program takes for no surface) and round the hole between the guides. Its point source leaves out the
+last angle of its cone: the fan is turned by half a step to stand where ours does. A blocker behind the detector ends
+what was counted.
 """
 
 from __future__ import annotations
@@ -51,7 +52,9 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """The resin (outside first, then the hole), the receiver's segment (2, 2), the emitter's point and direction (2, 2)."""
+    """The resin (outside first, then the hole), the receiver's segment (2, 2), the emitter's point and direction (2,
+    2).
+    """
 
     loops: tuple[Loop, ...]
     receiver: Floats
@@ -137,7 +140,8 @@ def _middle(row: Floats) -> Floats:
 def ray_optics_scene(frame: Frame, design: Design, guide: Waveguide, light: Light, name: str = "") -> dict[str, Any]:
     """One scene as ray-optics' own JSON, version 5; lengths in mm.
 
-    With `light.secondary` = 0 the glass reflects nothing at a refraction, so that counts can be compared; otherwise it does.
+    With `light.secondary` = 0 the glass reflects nothing at a refraction, so that counts can be compared; otherwise
+    it does.
 
     Raises
     ------
@@ -147,7 +151,12 @@ def ray_optics_scene(frame: Frame, design: Design, guide: Waveguide, light: Ligh
     shape = outline(frame, design)
     if np.isnan(shape.receiver[0, 0]):
         raise DataError("this scene has no receiver", "give the receiver a width above 0 mm")
-    glass = {"type": "Glass", "path": _path(shape.loops), "refIndex": guide.index, "partialReflect": light.secondary > 0}
+    glass = {
+        "type": "Glass",
+        "path": _path(shape.loops),
+        "refIndex": guide.index,
+        "partialReflect": light.secondary > 0,
+    }
     back = -_BEFORE_FACE_MM * frame.receiver_way
     beside = (shape.receiver[1] - shape.receiver[0]) * 1e-3
     detector = {"type": "Detector", **_ends(shape.receiver + 2 * back), "twoSided": True}

@@ -13,13 +13,13 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from analysis.optics.compiled import Floats, Ints, compiled
-from analysis.optics.frame import FORK_START, NO_CELL, Frame, check_row
-from analysis.optics.geometry import Geometry, build, geometry_of, pattern_of
+from analysis.optics.frame import NO_CELL, Frame, check_row
+from analysis.optics.geometry import Geometry, build, geometry_of
 from analysis.optics.parameters import ORDERS, Design, Light, Waveguide
 from analysis.optics.tracer import (
     DETECTED,
@@ -49,11 +49,11 @@ LEDGER = ("released", "detected", "escaped", "trapped", "cut", "corner", "droppe
 ENERGY = ("detected", "escaped", "absorbed", "cut")
 _DB_PER_CM = math.log(10.0) / 100.0
 _CORNER = 1e-9
-_TICK = 1e-9
+_TICK = 1e-7
 
 
 class Fan(NamedTuple):
-    """The released rays: x, y, middle direction, half the cone (rad), number, Lambertian or not, phase, starting cell."""
+    """The released rays: place, middle direction, half the cone (rad), number, Lambertian or not, phase, first cell."""
 
     x: float
     y: float
@@ -197,7 +197,7 @@ def simulate_many(stack: Stack, patterns: Floats, rules: Rules, fan: Fan, budget
                       stack.kinds[s], stack.owners[s], stack.corners[s], patterns[p])
             e, way = stack.emitter[s], stack.way[s]
             here = Fan(e[0], e[1], e[2], e[3], fan.half, fan.rays, fan.lambertian, fan.phase, stack.cell)
-            kept = Rules(rules.index, rules.attenuation, rules.path_cap, rules.faintest, rules.corner, rules.order,
+            kept = Rules(rules.refractive, rules.attenuation, rules.path_cap, rules.faintest, rules.corner, rules.order,
                          way[0], way[1], rules.tick)
             book = new_book(np.zeros(fan.rays, dtype=np.int64), no_lines, no_names)
             simulate(g, kept, here, new_queue(budget), book)
@@ -210,25 +210,26 @@ def stacked(frames: Sequence[Frame]) -> Stack:
     """Put frames side by side, padding the junctions' surfaces with absent ones."""
     most = max(len(f.kinds) for f in frames)
 
-    def padded(array: Floats | Ints, value: int) -> Floats | Ints:
+    def padded(array: Any, value: int) -> Any:
         out = np.full((most, *array.shape[1:]), value, dtype=array.dtype)
         out[:len(array)] = array
         return out
 
     first = frames[0]
-    return Stack(*(np.stack([getattr(f, name) for f in frames]) for name in ("nodes", "curvature", "ends", "outer")),
-                 first.half_mm, np.stack([padded(f.surfaces, 1) for f in frames]),
-                 np.stack([padded(f.kinds, 0) for f in frames]), np.stack([padded(f.owners, NO_CELL) for f in frames]),
-                 np.stack([padded(f.corners, 0) for f in frames]), np.stack([f.emitter for f in frames]),
-                 np.stack([f.receiver_way for f in frames]), first.source_cell)
+    return Stack(
+        np.stack([f.nodes for f in frames]), np.stack([f.curvature for f in frames]),
+        np.stack([f.ends for f in frames]), np.stack([f.outer for f in frames]), first.half_mm,
+        np.stack([padded(f.surfaces, 1) for f in frames]), np.stack([padded(f.kinds, 0) for f in frames]),
+        np.stack([padded(f.owners, NO_CELL) for f in frames]), np.stack([padded(f.corners, 0) for f in frames]),
+        np.stack([f.emitter for f in frames]), np.stack([f.receiver_way for f in frames]), first.source_cell,
+    )
 
 
 def rules_of(guide: Waveguide, light: Light, frame: Frame) -> Rules:
     """The tracer's rules for a frame."""
-    size = float(frame.nodes[0, -1, 4])
     return Rules(guide.index, guide.attenuation_db_per_cm * _DB_PER_CM, light.path_cap_mm, light.faintest,
                  _CORNER * frame.half_mm, ORDERS.index(light.order), float(frame.receiver_way[0]),
-                 float(frame.receiver_way[1]), _TICK * size)
+                 float(frame.receiver_way[1]), _TICK * frame.half_mm)
 
 
 def fan_of(light: Light, frame: Frame) -> Fan:
@@ -285,7 +286,7 @@ def trace(frame: Frame, design: Design, guide: Waveguide, light: Light, *, threa
 
 @dataclass(frozen=True, slots=True)
 class RayPath:
-    """The way of one ray: vertices (n, 2) in mm, power on arrival at each (n,), which stretches ran in resin (n - 1,)."""
+    """The way of one ray: vertices (n, 2) in mm, power at each (n,), which stretches ran in resin (n - 1,)."""
 
     points: Floats
     power: Floats

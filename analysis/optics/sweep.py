@@ -1,13 +1,14 @@
 """All designs in all states: in threads here, or on a cluster, with the same bits.
 
-Strategy: the frames of the states are worked out once, then a work item is a few designs in all states, one compiled call. A
-simulation's result does not depend on which item, thread or machine it fell to. Results are written as they come; a sweep
-that was stopped takes the finished designs from its file.
+Strategy: the frames of the states are worked out once, then a work item is a few designs in all states, one compiled
+call. A simulation's result does not depend on which item, thread or machine it fell to. Results are written as they
+come; a sweep that was stopped takes the finished designs from its file.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -31,6 +32,7 @@ from analysis.optics.tracer import DETECTED, ENERGIES, HITS, TALLIES, Rules
 
 Progress = Callable[[float, float], None]
 Results = tuple[Ints, Floats, Floats]
+Common = tuple[Stack, Rules, Fan, int]
 STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 FILE_NAME = "sweep.sqlite"
 _RAYS_AN_ITEM = 60_000
@@ -55,8 +57,8 @@ class SweepRequest:
     """
 
     designs: tuple[Design, ...] = field(default_factory=lambda: tuple(paper_grid()))
-    guide: Waveguide = Waveguide()
-    light: Light = Light()
+    guide: Waveguide = field(default_factory=Waveguide)
+    light: Light = field(default_factory=Light)
     curves: Floats = field(default_factory=default_curves)
 
     def described(self) -> dict[str, object]:
@@ -117,7 +119,7 @@ class SweepResult:
     def ranks(self) -> Ints:
         """(n,) rank of each design by P, 1 the best; equal P share the better rank."""
         p = self.merit().p
-        return 1 + np.sum(p[None, :] > p[:, None], axis=1)
+        return np.asarray(1 + np.sum(p[None, :] > p[:, None], axis=1))
 
     def find(self, design: Design = PAPER_OPTIMUM) -> int | None:
         """Index of a design, or None."""
@@ -133,8 +135,14 @@ def run_item(stack: Stack, rules: Rules, fan: Fan, budget: int, patterns: Floats
     return counts, energy, changes
 
 
-def run_sweep(request: SweepRequest, *, file: Path | None = None, scheduler: str | None = None, threads: int | None = None,
-              progress: Progress | None = None) -> SweepResult:
+def run_sweep(
+    request: SweepRequest,
+    *,
+    file: Path | None = None,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> SweepResult:
     """Simulate every design in every state.
 
     Parameters
@@ -182,11 +190,13 @@ def check_designs(designs: Sequence[Design], frames: Sequence[Frame]) -> None:
 
 
 def _result(request: SweepRequest, done: dict[Design, Results], seconds: float, simulated: int) -> SweepResult:
-    counts, energy, changes = (np.stack([done[d][i] for d in request.designs]) for i in range(3))
+    counts = np.stack([done[d][0] for d in request.designs])
+    energy = np.stack([done[d][1] for d in request.designs])
+    changes = np.stack([done[d][2] for d in request.designs])
     rays = request.light.rays
     scale = 250.0 / rays
-    sd = scale * np.sqrt(changes * rays / (2 * max(rays - 1, 1)))
-    return SweepResult(request, scale * counts[..., DETECTED], sd, energy[..., 0], counts, energy, seconds, simulated)
+    sd = np.asarray(scale * np.sqrt(changes * rays / (2 * max(rays - 1, 1))), dtype=np.float64)
+    return SweepResult(request, np.asarray(scale * counts[..., DETECTED], dtype=np.float64), sd, energy[..., 0], counts, energy, seconds, simulated)
 
 
 def _work(request: SweepRequest, frames: Sequence[Frame], todo: Sequence[Design], scheduler: str | None,
@@ -203,7 +213,7 @@ def _work(request: SweepRequest, frames: Sequence[Frame], todo: Sequence[Design]
         yield from _on_cluster(common, items, patterns, scheduler)
 
 
-def _in_threads(common: tuple[Any, ...], items: list[Sequence[Design]], patterns: list[Floats], threads: int
+def _in_threads(common: Common, items: list[Sequence[Design]], patterns: list[Floats], threads: int
                 ) -> Iterator[tuple[Sequence[Design], Results]]:
     pool = ThreadPoolExecutor(threads)
     futures: dict[Future[Results], int] = {pool.submit(run_item, *common, p): i for i, p in enumerate(patterns)}
@@ -214,10 +224,10 @@ def _in_threads(common: tuple[Any, ...], items: list[Sequence[Design]], patterns
         pool.shutdown(cancel_futures=True)
 
 
-def _on_cluster(common: tuple[Any, ...], items: list[Sequence[Design]], patterns: list[Floats], address: str
+def _on_cluster(common: Common, items: list[Sequence[Design]], patterns: list[Floats], address: str
                 ) -> Iterator[tuple[Sequence[Design], Results]]:
     try:
-        import distributed
+        distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise RequestError("running on a cluster needs Dask", "install boat-daq with its extra 'cluster'") from error
     try:
@@ -235,5 +245,5 @@ def _on_cluster(common: tuple[Any, ...], items: list[Sequence[Design]], patterns
             client.cancel(list(futures))
 
 
-def _on_worker(common: tuple[Any, ...], patterns: Floats) -> Results:
+def _on_worker(common: Common, patterns: Floats) -> Results:
     return run_item(*common, patterns)

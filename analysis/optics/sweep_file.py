@@ -1,8 +1,8 @@
 """The results of a sweep in one SQLite file: written as they come, so that a stopped sweep goes on where it was.
 
 Schema (additive only): `meta(key, value)` holds the parameters as JSON, the program's version and when it began;
-`simulation` holds one row per design and state, from which every figure can be derived again. A file belongs to one set of
-parameters; another set is refused, not mixed in.
+`simulation` holds one row per design and state, from which every figure can be derived again. A file belongs to one
+set of parameters; another set is refused, not mixed in.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ USER_VERSION = 1
 COUNTS = (*LEDGER, "hits", "secondaries", "refused")
 _KEYS = ("cavities", "width_mm", "depth_mm", "spacing_mm", "face", "state")
 _COLUMNS = (*_KEYS, *COUNTS, *(f"{name}_power" for name in ENERGY), "changes")
+_INSERT = f"insert or ignore into simulation values ({','.join('?' * len(_COLUMNS))})"  # noqa: S608
 _SCHEMA = f"""
 create table meta (key text primary key, value text not null);
 create table simulation ({", ".join(f"{c} not null" for c in _COLUMNS)}, primary key ({", ".join(_KEYS)}));
@@ -67,7 +68,9 @@ class SweepFile:
                     db.executemany("insert into meta values (?, ?)", about)
                 kept = dict(db.execute("select key, value from meta"))["parameters"]
         except (sqlite3.Error, KeyError) as error:
-            raise FileError(f"{path} cannot be used as a sweep's results: {error}", "choose another --out folder") from error
+            raise FileError(
+                f"{path} cannot be used as a sweep's results: {error}", "choose another --out folder"
+            ) from error
         if kept != text:
             raise RequestError(f"{path} holds a sweep with other parameters",
                                "choose another --out folder, or remove the file to begin again")
@@ -87,12 +90,12 @@ class SweepFile:
                  *energy[i, s].tolist(), float(changes[i, s]))
                 for i, d in enumerate(designs) for s in range(counts.shape[1])]
         with self._open() as db:
-            db.executemany(f"insert or ignore into simulation values ({','.join('?' * len(_COLUMNS))})", rows)  # noqa: S608
+            db.executemany(_INSERT, rows)
 
     def read(self, states: int) -> dict[Design, tuple[Ints, Floats, Floats]]:
         """Every design that has all its states: counts (s, 10), energy (s, 4), changes (s,)."""
         with self._open() as db:
-            rows = db.execute("select * from simulation order by cavities, width_mm, depth_mm, spacing_mm, face, state").fetchall()
+            rows = db.execute(f"select * from simulation order by {', '.join(_KEYS)}").fetchall()  # noqa: S608
         done: dict[Design, list[tuple[float, ...]]] = {}
         for row in rows:
             done.setdefault(Design(int(row[0]), *row[1:5]), []).append(row[6:])

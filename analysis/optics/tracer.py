@@ -1,8 +1,10 @@
-"""Rays through one scene: Snell, Fresnel, total internal reflection, a budget of secondaries, and a ledger of all of it.
+"""Rays through one scene: Snell, Fresnel, total internal reflection, a budget of secondaries, and a ledger of all of
+it.
 
 Strategy: along a ray x = p + t d a surface's f is k t^2 / 2 + b t + c / 2 (see `frame.py`), so lines and arcs have one
-formula, and the root with the right sign of slope is the one that leaves (or enters) the resin. The surface just left has c = 0
-exactly: its root at 0 is skipped without an epsilon. Whether a ray is in resin or air is a state that a refraction turns over.
+formula, and the root with the right sign of slope is the one that leaves (or enters) the resin. The surface just left
+has c = 0 exactly: its root at 0 is skipped without an epsilon. Whether a ray is in resin or air is a state that a
+refraction turns over.
 
 Rules: at a surface the refracted ray goes on, the reflected one may become a secondary; total reflection costs nothing.
 A ray that lands within `corner` of a corner is given up, for no normal is defined there. Powers are in units of one
@@ -22,7 +24,6 @@ from analysis.optics.geometry import (
     C_END,
     C_LEFT,
     C_LEVEL_L,
-    C_LEVEL_R,
     C_RIGHT,
     C_START,
     CELL_COLUMNS,
@@ -40,10 +41,11 @@ _JOINT = 1e-9
 
 
 class Rules(NamedTuple):
-    """What the tracer keeps to: index, attenuation (1/mm), path cap (mm), faintest power, corner (mm), order of the budget,
-    the way along which light counts as detected, and the tick of time (mm) below which two flights are equal."""
+    """What the tracer keeps to: refractive index, attenuation (1/mm), path cap (mm), faintest power, corner (mm),
+    order of the budget, the way along which light counts as detected, and the tick of time (mm) below which two
+    flights are equal."""
 
-    index: float
+    refractive: float
     attenuation: float
     path_cap: float
     faintest: float
@@ -129,7 +131,7 @@ def _root(b: float, c: float, k: float, slope: float) -> float:
     if square < 0.0:
         return math.inf
     s = slope * math.sqrt(square)
-    t = -c / (b + s) if slope * b > 0.0 else (s - b) / k
+    t: float = -c / (b + s) if slope * b > 0.0 else (s - b) / k
     return t if 0.0 < t < math.inf else math.inf
 
 
@@ -213,8 +215,8 @@ def _at_edge(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int,
              ) -> tuple[float, int]:
     """First edge of a cell that a ray inside meets: distance and side (0 left, 1 right), or inf.
 
-    It meets the edge it heads for; only where that is the inside of a bend can it miss it and meet the other. A neighbour's
-    bend may let it cross the circle before it comes to this cell; that crossing does not count.
+    It meets the edge it heads for; only where that is the inside of a bend can it miss it and meet the other. A
+    neighbour's bend may let it cross the circle before it comes to this cell; that crossing does not count.
     """
     r = cell * CELL_COLUMNS
     k, nx, ny = g.cells[r + 4], g.cells[r + 2], g.cells[r + 3]
@@ -239,8 +241,8 @@ def _at_edge(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int,
 def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int) -> tuple[float, int]:
     """First surface that a ray in the resin meets, walking from cell to cell: distance and number, or (inf, -1).
 
-    A ray that crosses the cross-section ahead between the edges, and heads for the same edge there as here, has met neither:
-    told without a root or a division, by the offset u there times |speed| through the section.
+    A ray that crosses the cross-section ahead between the edges, and heads for the same edge there as here, has met
+    neither: told without a root or a division, by the offset u there times |speed| through the section.
     """
     for _ in range(4 * g.most_cells + 8):
         if cell < 0:
@@ -293,7 +295,7 @@ def read(q: Queue, slot: int) -> Ray:
 @inner
 def _sooner(q: Queue, key: float, root: int, slot: int) -> bool:
     other = q.numbers[slot * RAY_NUMBERS + KEY]
-    return key < other or (key == other and root < q.labels[slot * RAY_LABELS + ROOT])
+    return bool(key < other or (key == other and root < q.labels[slot * RAY_LABELS + ROOT]))
 
 
 @compiled
@@ -354,7 +356,7 @@ def _at_corner(g: Geometry, i: int, x: float, y: float, near: float) -> bool:
     t = g.surfaces
     start = (x - t[r + 8]) * t[r + 10] + (y - t[r + 9]) * t[r + 11]
     end = (t[r + 12] - x) * t[r + 14] + (t[r + 13] - y) * t[r + 15]
-    return (corners & CORNER_A != 0 and start < near) or (corners & CORNER_B != 0 and end < near)
+    return bool((corners & CORNER_A != 0 and start < near) or (corners & CORNER_B != 0 and end < near))
 
 
 @inner
@@ -382,7 +384,7 @@ def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, book: Book) ->
     nx = (k * (ray.x - g.surfaces[r]) - g.surfaces[r + 2]) * inv
     ny = (k * (ray.y - g.surfaces[r + 1]) - g.surfaces[r + 3]) * inv
     cosine = ray.dx * nx + ray.dy * ny
-    ratio = rules.index if resin else 1.0 / rules.index
+    ratio = rules.refractive if resin else 1.0 / rules.refractive
     square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
     rx, ry = ray.dx - 2.0 * cosine * nx, ray.dy - 2.0 * cosine * ny
     cell = g.owners[at]
@@ -419,8 +421,20 @@ def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, book: Book, number: in
         if resin and rules.attenuation > 0.0:
             power *= math.exp(-rules.attenuation * t)
             book.energy[E_ABSORBED] += ray.power - power
-        ray = Ray(ray.x + t * ray.dx, ray.y + t * ray.dy, ray.dx, ray.dy, power, ray.way + t,
-                  ray.optical + (t * rules.index if resin else t), ray.medium, ray.last, ray.cell, ray.root, ray.bounce)
+        ray = Ray(
+            ray.x + t * ray.dx,
+            ray.y + t * ray.dy,
+            ray.dx,
+            ray.dy,
+            power,
+            ray.way + t,
+            ray.optical + (t * rules.refractive if resin else t),
+            ray.medium,
+            ray.last,
+            ray.cell,
+            ray.root,
+            ray.bounce,
+        )
         hits += 1
         if book.room > 0:
             _draw(book, ray.x, ray.y, power, number, ray.medium)

@@ -1,0 +1,277 @@
+"""The figures of a report, each drawn onto axes that are handed in; HTML and PDF use the same ones.
+
+Rules: nothing is computed here but what a drawing needs (a grid, a thinning); colours and sizes come from
+`analysis.style`; every axis has a title with its unit; filled points are loading, open ones unloading.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import MaxNLocator
+
+from analysis import style
+from analysis.loops import loop_width
+from analysis.pipeline import Analysis
+from analysis.recording import FloatArray
+from analysis.repeatability import per_cycle
+from analysis.uncertainty import Budget
+
+Draw = Callable[[Axes], None]
+CURVE_POINTS = 201
+TRACE_POINTS = 3000
+
+
+def as_svg(draw: Sequence[Draw], *, width: float = 7.0, height: float = 3.2, ratios: Sequence[float] = ()) -> str:
+    """Draw side by side, or below one another where `ratios` are given, and return the SVG element alone."""
+    with mpl.rc_context(style.RC):
+        canvas = Canvas(figsize=(width, height), layout="constrained")
+        FigureCanvasSVG(canvas)
+        if ratios:
+            axes = canvas.subplots(len(draw), 1, sharex=True, gridspec_kw={"height_ratios": list(ratios)})
+        else:
+            axes = canvas.subplots(1, len(draw))
+        for ax, one in zip(np.atleast_1d(axes).ravel(), draw, strict=True):
+            one(ax)
+        text = io.StringIO()
+        canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    svg = text.getvalue()
+    return svg[svg.index("<svg") :]
+
+
+def calibration_curve(analysis: Analysis, sensor: int) -> Draw:
+    """Points, fitted curve, 95 % bands of curve and of a new reading."""
+
+    def draw(ax: Axes) -> None:
+        one = analysis.sensors[sensor]
+        calibration = one.calibration
+        assert calibration is not None
+        colour = style.sensor_colour(sensor)
+        grid = np.linspace(*calibration.x_range, CURVE_POINTS)
+        low, high = calibration.band(grid, 0.95, new_reading=True)
+        ax.fill_between(grid, low, high, color=colour, alpha=0.12, linewidth=0, label="new reading, 95 %")
+        low, high = one.posterior.curve_band(grid) if one.posterior else calibration.band(grid, 0.95)
+        ax.fill_between(grid, low, high, color=colour, alpha=2 * style.BAND_ALPHA, linewidth=0, label="curve, 95 %")
+        ax.plot(grid, calibration.predict(grid), color=colour, label=f"degree {calibration.degree}")
+        _branch_points(ax, analysis, sensor, calibration.x, calibration.y)
+        ax.set(xlabel="elongation, mm", ylabel="signal, mV", title=f"Sensor {sensor + 1}")
+        ax.legend(loc="upper left" if calibration.rises else "upper right")
+
+    return draw
+
+
+def residuals(analysis: Analysis, sensor: int) -> Draw:
+    """Residuals of the calibration over elongation."""
+
+    def draw(ax: Axes) -> None:
+        calibration = analysis.sensors[sensor].calibration
+        assert calibration is not None
+        ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+        _branch_points(ax, analysis, sensor, calibration.x, calibration.residuals)
+        ax.set(xlabel="elongation, mm", ylabel="residual, mV")
+
+    return draw
+
+
+def system_loop(analysis: Analysis, sensor: int) -> Draw:
+    """All loops of signal against pressure, coloured by cycle."""
+
+    def draw(ax: Axes) -> None:
+        loops = analysis.loops
+        colours = mpl.colormaps[style.CYCLES](np.linspace(0.05, 0.92, max(loops.n_cycles, 2)))
+        for k in range(loops.n_cycles):
+            for b in (0, 1):
+                known = np.isfinite(loops.signal_mv[sensor, b, k])
+                ax.plot(loops.pressure_kpa[b, k, known], loops.signal_mv[sensor, b, k, known], color=colours[k], lw=0.6)
+        if loops.n_cycles:
+            scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(loops.numbers[0], loops.numbers[-1]), style.CYCLES)
+            if loops.n_cycles > 1:
+                bar = ax.figure.colorbar(scale, ax=ax, label="cycle", pad=0.02, aspect=30)
+                bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+        ax.set(xlabel="pressure, kPa", ylabel="signal, mV", title=f"Sensor {sensor + 1}: signal over pressure")
+
+    return draw
+
+
+def loop_difference(analysis: Analysis) -> Draw:
+    """Loading minus unloading of the mean loops over pressure, % FSO, all sensors: where the hysteresis sits."""
+
+    def draw(ax: Axes) -> None:
+        loops = analysis.loops
+        for i, sensor in enumerate(analysis.sensors):
+            width = loop_width(loops.pressure_kpa, loops.signal_mv[i], np.ones((1, loops.n_cycles)))
+            fso = sensor.figures["fso_mv"].value
+            if not width.void and fso > 0:
+                apart = 100.0 / fso * (width.loading - width.unloading)
+                ax.plot(width.grid, apart, color=style.sensor_colour(i), label=f"sensor {i + 1}")
+        ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+        ax.set(xlabel="pressure, kPa", ylabel="loading - unloading, % FSO", title="Hysteresis of the mean loop")
+        ax.legend()
+
+    return draw
+
+
+def actuator_loop(analysis: Analysis) -> Draw:
+    """Elongation against pressure, every cycle."""
+
+    def draw(ax: Axes) -> None:
+        loops = analysis.loops
+        assert loops.elongation_mm is not None
+        for b, fill in ((0, style.PAPER), (1, style.ELONGATION)):
+            for k in range(loops.n_cycles):
+                ax.plot(
+                    loops.pressure_kpa[b, k], loops.elongation_mm[b, k], color=style.ELONGATION, lw=0.6, marker="o",
+                    markerfacecolor=fill, markeredgewidth=0.6, label=("unloading", "loading")[b] if k == 0 else None,
+                )  # fmt: skip
+        ax.set(xlabel="pressure, kPa", ylabel="elongation, mm", title="Actuator: elongation over pressure")
+        ax.legend(loc="upper left")
+
+    return draw
+
+
+def drift_of_levels(analysis: Analysis, sensor: int) -> Draw:
+    """Displacement of each pressure level from its mean, over cycles, % FSO."""
+
+    def draw(ax: Axes) -> None:
+        loops = analysis.loops
+        fso = analysis.sensors[sensor].figures["fso_mv"].value
+        values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+        chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 7).round().astype(int))
+        colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.95, chosen.size))
+        for g, colour in zip(chosen, colours, strict=True):
+            both = values[:, :, g]
+            count = np.isfinite(both).sum(axis=0)
+            level = np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), np.nan)
+            if np.isfinite(level).any() and fso > 0:
+                moved = 100.0 / fso * (level - np.nanmean(level))
+                ax.plot(loops.numbers, moved, color=colour, lw=0.9, label=f"{loops.level_kpa[g]:+.0f} kPa")
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set(xlabel="cycle", ylabel="from its mean, % FSO", title=f"Sensor {sensor + 1}: drift of the levels")
+        if ax.get_lines():
+            ax.legend(ncols=2, loc="best")
+
+    return draw
+
+
+def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str) -> Draw:
+    """One figure cycle by cycle, all sensors, warm-up cycles shaded."""
+
+    def draw(ax: Axes) -> None:
+        warm = 0
+        for i in range(len(analysis.sensors)):
+            values = per_cycle(analysis, i)
+            warm = max(warm, values.warm_up)
+            ax.plot(
+                values.numbers, getattr(values, name), color=style.sensor_colour(i), marker="o", markersize=2, lw=0.7,
+                label=f"sensor {i + 1}",
+            )  # fmt: skip
+        if warm:
+            ax.axvspan(0.5, warm + 0.5, color=style.LINE, alpha=0.5, linewidth=0, label=f"warm-up: {warm} cycles")
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set(xlabel="cycle", ylabel=label, title=title)
+        ax.legend()
+
+    return draw
+
+
+def distribution(analysis: Analysis, sensor: int) -> Draw:
+    """Spread over cycles at each pressure: box of quartiles and whiskers to the extremes, % FSO from the mean."""
+
+    def draw(ax: Axes) -> None:
+        loops, fso = analysis.loops, analysis.sensors[sensor].figures["fso_mv"].value
+        values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+        step = max(1, loops.level_kpa.size // 15)
+        for b, shift, fill in ((0, -0.18, style.PAPER), (1, 0.18, style.sensor_colour(sensor))):
+            boxes, places = [], []
+            for k, g in enumerate(range(0, loops.level_kpa.size, step)):
+                level = values[b, :, g][np.isfinite(values[b, :, g])]
+                if level.size > 1 and fso > 0:
+                    boxes.append(100.0 / fso * (level - level.mean()))
+                    places.append(k + shift)
+            if boxes:
+                ax.boxplot(
+                    boxes, positions=places, widths=0.28, whis=(0, 100), patch_artist=True, manage_ticks=False,
+                    boxprops={"facecolor": fill, "edgecolor": style.sensor_colour(sensor), "alpha": 0.8, "lw": 0.6},
+                    medianprops={"color": style.INK, "lw": 0.8}, whiskerprops={"color": style.SOFT, "lw": 0.6},
+                    capprops={"color": style.SOFT, "lw": 0.6},
+                )  # fmt: skip
+        names = [f"{p:+.0f}" for p in loops.level_kpa[::step]]
+        ax.set_xticks(range(len(names)), names)
+        ax.set(
+            xlabel="pressure, kPa (open unloading, filled loading)", ylabel="from its mean, % FSO",
+            title=f"Sensor {sensor + 1}: spread over {loops.n_cycles} cycles",
+        )  # fmt: skip
+
+    return draw
+
+
+def budget_pareto(budget: Budget, title: str) -> Draw:
+    """The budget as bars of standard uncertainty, largest first, with the cumulated share of the variance."""
+
+    def draw(ax: Axes) -> None:
+        shares = budget.shares()
+        parts = {c.name: c.contribution for c in budget.components}
+        names = [name for name in shares if parts[name] > 0]
+        ax.barh(range(len(names)), [1000 * parts[n] for n in names], color=style.SENSORS[0], height=0.62)
+        total = 0.0
+        for at, name in enumerate(names):
+            total += shares[name]
+            ax.annotate(
+                f"{shares[name]:.0%}  (to here {total:.0%})", (1000 * parts[name], at), xytext=(4, 0),
+                textcoords="offset points", va="center", fontsize=7.5, color=style.SOFT,
+            )  # fmt: skip
+        ax.set_yticks(range(len(names)), names)
+        ax.invert_yaxis()
+        ax.grid(visible=False, axis="y")
+        ax.margins(x=0.38)
+        ax.set_xlim(left=0)
+        ax.set(xlabel="standard uncertainty, µm", title=title)
+
+    return draw
+
+
+def trace(analysis: Analysis) -> Draw:
+    """Pressure over time, thinned to its extremes, complete cycles shaded in turn."""
+
+    def draw(ax: Axes) -> None:
+        recording = analysis.recording
+        time, low, high = envelope(recording.time_s, recording.pressure_kpa, TRACE_POINTS // 2)
+        ax.fill_between(time, low, high, color=style.PRESSURE, linewidth=0.6, edgecolor=style.PRESSURE)
+        for cycle in analysis.cycles.used[::2]:
+            span = recording.time_s[[cycle.first, cycle.last]]
+            ax.axvspan(*span, color=style.LINE, alpha=0.35, linewidth=0)
+        for excursion in analysis.cycles.partial:
+            span = recording.time_s[[excursion.first, excursion.last]]
+            ax.axvspan(*span, color=style.WARNING, alpha=0.15, linewidth=0)
+        ax.set(xlabel="time, s", ylabel="pressure, kPa", title="The run (every second complete cycle shaded)")
+        ax.margins(x=0)
+
+    return draw
+
+
+def envelope(time: FloatArray, values: FloatArray, buckets: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the extremes of `buckets` stretches: a line of millions of points drawn with few, no peak lost."""
+    size = max(1, -(-values.size // buckets))
+    starts = np.arange(0, values.size, size)
+    known = np.isfinite(values)
+    low = np.minimum.reduceat(np.where(known, values, np.inf), starts)
+    high = np.maximum.reduceat(np.where(known, values, -np.inf), starts)
+    good = np.isfinite(low) & np.isfinite(high)
+    return time[starts][good], low[good], high[good]
+
+
+def _branch_points(ax: Axes, analysis: Analysis, sensor: int, x: FloatArray, y: FloatArray) -> None:
+    """Filled points for loading, open ones for unloading."""
+    places = analysis.sensors[sensor].point_plateau.astype(int)
+    loading = np.asarray([analysis.plateaus[i].branch == "loading" for i in places])
+    colour = style.sensor_colour(sensor)
+    for chosen, fill, label in ((loading, colour, "loading"), (~loading, style.PAPER, "unloading")):
+        ax.plot(
+            x[chosen], y[chosen], "o", color=colour, markerfacecolor=fill, markeredgewidth=0.7, markersize=3.2, label=label
+        )

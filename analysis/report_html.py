@@ -1,0 +1,44 @@
+"""A report as one HTML file: no script, no outside reference, drawings as inline SVG, everything escaped.
+
+Rules: Jinja2 with autoescape sets all text; only the SVG that matplotlib wrote is marked as safe. Long tables scroll
+inside their own box, so that the page never overflows a narrow screen.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+from markupsafe import Markup
+
+from analysis import style
+from analysis.figures import as_svg
+from analysis.report import Drawing, Report, Table
+
+WIDTH_INCH = 7.4
+
+
+def write_html(report: Report, path: Path) -> None:
+    """Write the report."""
+    path.write_text(render_html(report), encoding="utf-8")
+
+
+def render_html(report: Report) -> str:
+    """Return the report as one HTML document."""
+    environment = Environment(
+        loader=PackageLoader("analysis", "templates"), autoescape=select_autoescape(default=True, default_for_string=True),
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    sections = [{"title": s.title, "parts": [_part(p) for p in s.parts]} for s in report.sections]
+    template = environment.get_template("report.html.j2")
+    return template.render(report=report, sections=sections, style=style)
+
+
+def _part(part: str | Table | Drawing) -> dict[str, Any]:
+    if isinstance(part, Table):
+        return {"kind": "table", "table": part}
+    if isinstance(part, Drawing):
+        svg = as_svg(part.draw, width=WIDTH_INCH, height=part.height, ratios=part.ratios)
+        return {"kind": "drawing", "svg": Markup(svg), "caption": part.caption}  # noqa: S704 - matplotlib's own SVG
+    return {"kind": "text", "text": part}

@@ -1,0 +1,60 @@
+"""The look of every figure and report: colours, sizes, fonts; the only place where one is written.
+
+Colours are Okabe and Ito's, told apart by all; sensors keep theirs everywhere.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+SENSORS = ("#0072B2", "#D55E00", "#882255", "#44AA99")
+PRESSURE = "#009E73"
+ELONGATION = "#CC79A7"
+INK = "#1A1A1A"
+SOFT = "#5F6670"
+LINE = "#C9CED6"
+PAPER = "#FFFFFF"
+PANEL = "#F4F6F8"
+WARNING = "#8A4B00"
+BAND_ALPHA = 0.22
+CYCLES = "viridis"
+
+A4_INCH = (8.27, 11.69)
+MARGIN_INCH = 0.75
+
+RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.5,
+    "axes.edgecolor": SOFT,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.unicode_minus": True,
+    "grid.color": LINE,
+    "grid.linewidth": 0.4,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "lines.linewidth": 1.1,
+    "lines.markersize": 3.5,
+    "legend.frameon": False,
+    "legend.fontsize": 7.5,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "boat-daq",
+    "pdf.fonttype": 42,
+    "figure.dpi": 100,
+    "path.simplify": True,
+}
+
+
+def sensor_colour(number: int) -> str:
+    """Return the colour of a sensor, counted from 0."""
+    return SENSORS[number % len(SENSORS)]

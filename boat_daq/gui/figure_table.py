@@ -22,6 +22,7 @@ class FigureTable(QTableWidget):
         self.setShowGrid(False)
         self.setWordWrap(False)
         self.verticalHeader().hide()
+        self.horizontalHeader().setHighlightSections(False)
         self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
 
     def show_rows(self, rows: Sequence[FigureRow], sensors: Sequence[str]) -> None:

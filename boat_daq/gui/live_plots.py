@@ -95,6 +95,7 @@ class LivePlots(PlotCard):
             self.band.set(*found.band(time_s))
         self.first.x_range(frame.low_s, frame.high_s)
         self._ranges(frame)
+        self.view.scene().prepareForPaint()  # now, or the paint itself would ask for a second one
         return True
 
     def _ranges(self, frame: Frame) -> None:

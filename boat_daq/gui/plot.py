@@ -15,6 +15,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QGraphicsItem
 
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
@@ -36,16 +37,17 @@ def sensor_ink(number: int) -> Ink:
 class TickAxis(pg.AxisItem):  # type: ignore[misc]
     """An axis whose ticks are 1-2-5 (or clock divisions) and whose minus is a minus."""
 
-    def __init__(self, orientation: str, *, time: bool = False) -> None:
+    def __init__(self, orientation: str, *, time: bool = False, whole: bool = False) -> None:
         super().__init__(orientation)
-        self.time = time
+        self.time, self.whole = time, whole
         self.enableAutoSIPrefix(False)
-        self.setZValue(-1000)  # the grid belongs behind the data
         self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
 
     def tickSpacing(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, float]]:
         """Return the one level of ticks."""
         span = maxVal - minVal
+        if self.whole:
+            return [(max(1.0, axis.tick_step(span)), 0.0)]
         return [(axis.time_step(span) if self.time else axis.tick_step(span, size), 0.0)]
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
@@ -133,6 +135,11 @@ class Plot:
         item.getViewBox().disableAutoRange()
         item.getAxis("left").setWidth(style.AXIS_WIDTH)
         item.showGrid(x=True, y=True, alpha=1.0)
+        for side in ("left", "bottom"):
+            item.getAxis(side).setZValue(-1000)  # the grid belongs behind the data
+        item.getAxis("left").setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # it changes seldom
+        for side in ("right", "top"):
+            item.getAxis(side).unlinkFromView()  # hidden, they would still be set anew in every frame
 
     def curve(self, name: str, ink: Ink, *, gaps: bool = False, dashed: bool = False) -> Curve:
         """Add a curve; `dashed` is for what is set, not measured."""
@@ -248,6 +255,8 @@ class Plot:
             )
 
 
-def make_item(*, time: bool = False) -> Any:
-    """Return an empty pyqtgraph plot with our axes."""
-    return pg.PlotItem(axisItems={"left": TickAxis("left"), "bottom": TickAxis("bottom", time=time)}, enableMenu=False)
+def make_item(*, time: bool = False, whole: bool = False) -> Any:
+    """Return an empty pyqtgraph plot with our axes; the lower one shows a time, or whole numbers."""
+    return pg.PlotItem(
+        axisItems={"left": TickAxis("left"), "bottom": TickAxis("bottom", time=time, whole=whole)}, enableMenu=False
+    )

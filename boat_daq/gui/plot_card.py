@@ -60,7 +60,7 @@ class PlotCard(QFrame):
         self, title: str, unit: str, *, x_title: str = "", x_unit: str = "", time: bool = False, stretch: int = 1
     ) -> Plot:
         """Add a plot under the ones there are; only a plot with an x title shows the labels of its lower axis."""
-        item = make_item(time=time)
+        item = make_item(time=time, whole=bool(x_title) and not x_unit)
         at = len(self.plots)
         self.view.addItem(item, row=at, col=0)
         self.view.ci.layout.setRowStretchFactor(at, stretch)

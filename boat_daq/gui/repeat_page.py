@@ -21,7 +21,7 @@ class LoopsByCycle(PlotCard):
     """One sensor's loops over pressure, early cycles dark, late ones bright."""
 
     def __init__(self, number: int) -> None:
-        super().__init__(f"Sensor {number}: loops, dark to bright over the cycles")
+        super().__init__(f"Sensor {number}")
         self.number = number
         self.plot = self.add("Signal", "mV", x_title="Pressure", x_unit="kPa")
         self.curves: list[Curve] = [
@@ -36,7 +36,7 @@ class LoopsByCycle(PlotCard):
         for i, curve in enumerate(self.curves):
             cycles = groups[i] if i < len(groups) else range(0)
             curve.set(*result.loops.broken(result.loops.pressure_kpa, result.loops.signal_mv[self.number - 1], cycles))
-        self.readout.setText(f"cycle {result.loops.numbers[0]} to {result.loops.numbers[-1]}")
+        self.readout.setText(f"cycles {result.loops.numbers[0]} to {result.loops.numbers[-1]}, dark to bright")
         self.plot.fit()
 
 
@@ -49,7 +49,7 @@ class PerCycle(PlotCard):
         self.sensors = [
             self.plot.points(f"Sensor {n}", sensor_ink(n), symbol=s, size=6) for n, s in ((1, "o"), (2, "s"))
         ]
-        self.readout.setText("\u25cf sensor 1   \u25a0 sensor 2")
+        self.readout.setText("\u25cf 1  \u25a0 2")
 
 
 class RepeatPage(QWidget):
@@ -62,14 +62,14 @@ class RepeatPage(QWidget):
         self.words = widgets.label("", "subtitle")
         self.failure = widgets.label("", "muted")
         self.loops = [LoopsByCycle(n) for n in range(1, SENSORS + 1)]
-        self.drift = PerCycle("Drift of the ends", "Change", "mV")
+        self.drift = PerCycle("Drift", "Change", "mV")
         self.low_ends = [
             self.drift.plot.points(f"Sensor {n}, lowest", sensor_ink(n), filled=False, symbol=s, size=6)
             for n, s in ((1, "o"), (2, "s"))
         ]
-        self.drift.readout.setText("\u25cf\u25a0 highest   \u25cb\u25a1 lowest pressure")
-        self.hysteresis = PerCycle("Hysteresis of each cycle", "Hysteresis", "% FSO")
-        self.span = PerCycle("Span of each cycle", "Span", "mV")
+        self.drift.readout.setText("\u25cf\u25a0 high  \u25cb\u25a1 low")
+        self.hysteresis = PerCycle("Hysteresis", "Per cycle", "% FSO")
+        self.span = PerCycle("Span", "Per cycle", "mV")
         self.table = FigureTable()
         self.stack = QStackedWidget()
         self.stack.addWidget(

@@ -79,6 +79,7 @@ def table(name: str, headings: tuple[str, ...]) -> QTableWidget:
     widget.setShowGrid(False)
     widget.setWordWrap(False)
     widget.verticalHeader().hide()
+    widget.horizontalHeader().setHighlightSections(False)
     for column in range(len(headings)):
         item = widget.horizontalHeaderItem(column)
         if item is not None:

@@ -89,7 +89,7 @@ class ShadowLive:
 
     def _built(self, work: Work) -> None:
         if work.state is WorkState.DONE:
-            self._loading = self._pool.submit(_load)
+            self._loading = self._pool.submit(load_model)
         elif work.failure is not None:
             self.problem = work.failure.cause
 
@@ -174,7 +174,8 @@ def _measured_lines(pressure: float, measured: float) -> tuple[tuple[str, str, s
     return (("Measured", words, ""), ("Pressure", f"{number(pressure, 1, sign=True)} kPa", ""))
 
 
-def _load() -> Any:
+def load_model() -> Any:
+    """Return the shadow, ready to answer; its table comes from the cache, or is built (some seconds)."""
     from analysis.shadow.shadow import Shadow  # on the helper thread, not with the window
 
     model = Shadow()

@@ -1,0 +1,177 @@
+"""What a frame of the live page costs, with an hour of history; how soon the window is up; what a byte takes to a pixel."""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from protocol.recording import sample_dtype
+from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+
+pytestmark = pytest.mark.benchmark_run
+
+HOUR_S = 3600.0
+BUDGET_MS = 1000 / 60
+
+
+def window_on(qtbot, tmp_path, size):
+    """The main window on a filled ring, with a calibration and the shadow."""
+    from boat_daq.engine.settings import UnitLibrary
+    from boat_daq.gui.app import make_application
+    from boat_daq.gui.main_window import MainWindow
+    from boat_daq.viewmodels.desk import Desk
+    from boat_daq.viewmodels.live import Elongation
+    from boat_daq.viewmodels.shadow_live import load_model
+
+    make_application()
+    session = RecordedSession(connected(), filled_ring(HOUR_S))
+    window = MainWindow(Desk(session, tmp_path, tmp_path / "recordings", UnitLibrary(tmp_path / "units")))
+    qtbot.addWidget(window)
+    window.frame_timer.stop()
+    window.calm_timer.stop()
+
+    def inverse(signal_mv):
+        mm = (signal_mv.mean(axis=1) - 1638.0) / 40.0
+        return Elongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
+
+    window.desk.live.inverse = inverse
+    window.desk.shadow.model = load_model()
+    window.resize(*size)
+    window.show()
+    qtbot.waitExposed(window)
+    window.refresh()
+    return window, session.ring
+
+
+def feed(ring, n, at_s):
+    """Append `n` samples that go on from `at_s`."""
+    samples = np.zeros(n, sample_dtype(2, "signal"))
+    time_s = at_s + np.arange(1, n + 1) / 100
+    samples["time_us"] = np.round(time_s * 1e6)
+    samples["host_ns"] = np.round(time_s * 1e9)
+    samples["pressure_pa"] = 30_000 * np.sin(time_s / 3)
+    samples["signal_mv"] = 1650 + 100 * np.sin(time_s / 3)[:, None] + np.random.default_rng(n).normal(0, 1, (n, 2))
+    ring.append(samples)
+    return time_s[-1]
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
+@pytest.mark.parametrize("span_s", [10.0, 60.0, HOUR_S])
+def test_frame(qtbot, tmp_path, size, span_s, capsys):
+    """Draw and paint 300 frames, new samples before each; print the median and the 99th percentile."""
+    window, ring = window_on(qtbot, tmp_path, size)
+    window.desk.live.set_window(span_s)
+    at_s, wall, cpu = HOUR_S, [], []
+    for frame in range(320):
+        at_s = feed(ring, 2, at_s)
+        began, used = time.perf_counter(), time.process_time()
+        window.live.draw()
+        window.live.plots.view.viewport().repaint()
+        window.live.shadow.view.repaint()
+        if frame >= 20:
+            wall.append(1000 * (time.perf_counter() - began))
+            cpu.append(1000 * (time.process_time() - used))
+    p99, p99_cpu = np.percentile(wall, 99), np.percentile(cpu, 99)
+    with capsys.disabled():
+        print(
+            f"\n{size[0]} x {size[1]}, {span_s:g} s shown: median {statistics.median(wall):.2f} ms, 99 % {p99:.2f} ms"
+            f" (CPU {statistics.median(cpu):.2f}, 99 % {p99_cpu:.2f}); a frame at 60/s has {BUDGET_MS:.1f} ms"
+        )
+    assert len(wall) == 300
+
+
+def test_plain_way(qtbot, tmp_path, capsys):
+    """The same hour given to pyqtgraph whole, with autorange: the ratio that the pyramid earns."""
+    import pyqtgraph as pg
+
+    window, ring = window_on(qtbot, tmp_path, (1280, 800))
+    window.desk.live.set_window(HOUR_S)
+    began = time.process_time()
+    for _ in range(20):
+        window.live.draw()
+        window.live.plots.view.viewport().repaint()
+    ours = (time.process_time() - began) / 20
+    plain = pg.GraphicsLayoutWidget()
+    qtbot.addWidget(plain)
+    curves = [plain.addPlot(row=i, col=0).plot() for i in range(3)]
+    plain.resize(800, 400)
+    plain.show()
+    qtbot.waitExposed(plain)
+    columns = ring.view()
+    qtbot.wait(50)
+    began = time.process_time()
+    for _ in range(3):
+        for curve, name in zip(curves, ("s1_mv", "s2_mv", "pressure_kpa"), strict=True):
+            curve.setData(columns["time_s"], columns[name])
+        plain.viewport().repaint()
+    whole = (time.process_time() - began) / 3
+    with capsys.disabled():
+        print(
+            f"\nan hour at 100 Hz: {1000 * ours:.2f} ms a frame, given whole {1000 * whole:.0f} ms, ratio {whole / ours:.0f}"
+        )
+    assert ours > 0
+
+
+def test_at_rest(qtbot, tmp_path, monkeypatch, capsys):
+    """A minute's window on a board that streams at 100 Hz: share of a core, and from the byte's arrival to the paint."""
+    monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    from boat_daq.gui.app import make_application, make_window
+
+    make_application()
+    window = make_window()
+    qtbot.addWidget(window)
+    window.show()
+    desk = window.desk
+    desk.shadow.prepare = lambda: None
+    desk.start_virtual_board()
+    qtbot.waitUntil(desk.connected, timeout=20_000)
+    qtbot.waitUntil(desk.live.has_data, timeout=5000)
+    arrived_ns: list[int] = []
+    desk.session.add_sink(lambda samples: arrived_ns.append(int(samples["host_ns"][-1])))
+    taken, lags = 0, []
+    window.frame_timer.timeout.disconnect()
+
+    def draw():
+        nonlocal taken
+        waiting, taken = arrived_ns[taken:], len(arrived_ns)
+        window.draw()
+        window.live.plots.view.viewport().repaint()
+        lags.extend((time.monotonic_ns() - at) / 1e6 for at in waiting)
+
+    window.frame_timer.timeout.connect(draw)
+    qtbot.wait(1500)
+    lags.clear()
+    began, used = time.perf_counter(), time.process_time()
+    qtbot.wait(8000)
+    share = (time.process_time() - used) / (time.perf_counter() - began)
+    with capsys.disabled():
+        print(
+            f"\nat rest: {100 * share:.1f} % of one core; byte to pixel: median {statistics.median(lags):.1f} ms,"
+            f" 99 % {np.percentile(lags, 99):.1f} ms"
+        )
+    assert lags
+    window.close()
+
+
+def test_window_up(capsys):
+    """Seconds from the start of the interpreter to a painted window."""
+    script = (
+        "from boat_daq.gui.app import make_application, make_window\n"
+        "app = make_application(); window = make_window(); window.show(); app.processEvents(); window.grab()\n"
+        "import os, sys; sys.stdout.write('up'); sys.stdout.flush(); os._exit(0)"
+    )
+    seconds = []
+    for _ in range(3):
+        began = time.perf_counter()
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, cwd=Path.cwd(), check=False)
+        seconds.append(time.perf_counter() - began)
+        assert done.stdout == b"up", done.stderr
+    with capsys.disabled():
+        print(f"\nwindow up in {min(seconds):.2f} s (best of 3), {max(seconds):.2f} s (worst)")

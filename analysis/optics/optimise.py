@@ -169,7 +169,7 @@ def _search(glance: PowerMerit, judge: PowerMerit, pool: ThreadPoolExecutor, lat
     def loss(x: Floats) -> float:
         return -judge.p(design_at(x))
 
-    def stop(x: Floats, convergence: float) -> bool:
+    def stop(x: Any, convergence: Any) -> Any:
         return late()
 
     found = differential_evolution(loss, limits, init=first_population, integrality=[True, False, False, False, True],

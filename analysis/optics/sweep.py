@@ -196,7 +196,8 @@ def _result(request: SweepRequest, done: dict[Design, Results], seconds: float, 
     rays = request.light.rays
     scale = 250.0 / rays
     sd = np.asarray(scale * np.sqrt(changes * rays / (2 * max(rays - 1, 1))), dtype=np.float64)
-    return SweepResult(request, np.asarray(scale * counts[..., DETECTED], dtype=np.float64), sd, energy[..., 0], counts, energy, seconds, simulated)
+    ndr = np.asarray(scale * counts[..., DETECTED], dtype=np.float64)
+    return SweepResult(request, ndr, sd, energy[..., 0], counts, energy, seconds, simulated)
 
 
 def _work(request: SweepRequest, frames: Sequence[Frame], todo: Sequence[Design], scheduler: str | None,

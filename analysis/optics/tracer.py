@@ -146,7 +146,7 @@ def _reach(table: Floats, i: int, px: float, py: float, dx: float, dy: float, sl
     if k == 0.0:
         if left:
             return math.inf
-        t = (nx * qx + ny * qy + table[r + 5]) / b
+        t: float = (nx * qx + ny * qy + table[r + 5]) / b
         if t <= 0.0:
             return math.inf
     else:

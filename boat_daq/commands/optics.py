@@ -1,0 +1,248 @@
+"""The optical model: one design traced or written for another simulator, the sweep of all designs, the search beyond
+them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+
+if TYPE_CHECKING:
+    from analysis.optics.compiled import Floats
+    from analysis.optics.frame import Frame
+    from analysis.optics.parameters import Design, Light, Waveguide
+
+app = typer.Typer(no_args_is_help=True, help="The optical model: trace, scene, sweep, optimise.")
+
+Cavities = Annotated[int, typer.Option(help="Cavities in each guide, 0 for a plain one.")]
+Width = Annotated[float, typer.Option(help="Width of a cavity, mm.")]
+Depth = Annotated[float, typer.Option(help="Depth of a cavity, mm.")]
+Spacing = Annotated[float, typer.Option(help="Spacing between cavities, mm.")]
+State = Annotated[int | None, typer.Option(help="Deformation state, 0 = most compressed .. 14 = most elongated; "
+                                                "default 7 (rest), or the only one of a file.")]
+Rays = Annotated[int, typer.Option(help="Rays released.")]
+Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
+Order = Annotated[str, typer.Option(help="How the budget is spent: time, bounce or index.")]
+Index = Annotated[float, typer.Option(help="Refractive index of the resin.")]
+Curves = Annotated[Path | None, typer.Option(help="CSV of the deformed guides, x and z in mm.")]
+Thickness = Annotated[float, typer.Option(help="Thickness of the guides, mm.")]
+Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/cm.")]
+Face = Annotated[str, typer.Option(help="Which face carries the cavities: outer or inner.")]
+Emission = Annotated[str, typer.Option(help="The emitter: uniform in angle, or lambertian.")]
+Receiver = Annotated[float | None, typer.Option(help="Width of the receiver, mm; default the whole end face.")]
+Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]
+
+
+def _curves(path: Path | None) -> Floats:
+    from analysis.optics.curve_file import read_curves
+    from analysis.optics.curves import default_curves
+
+    return default_curves() if path is None else read_curves(path)
+
+
+def _frame(curves: Floats, state: int | None, guide: Waveguide) -> tuple[Frame, int]:
+    """The frame of a state, and its number; a file of one state has only that one."""
+    from analysis.errors import RequestError
+    from analysis.optics.curves import REST, frame_of
+
+    if len(curves) == 1:
+        if state:
+            say(f"the file holds one state only; it is used for state {state}")
+        return frame_of(curves, 0, guide), state or 0
+    number = REST if state is None else state
+    if not 0 <= number < len(curves):
+        raise RequestError(
+            f"there is no state {number}", f"choose 0 (most compressed) to {len(curves) - 1} (most elongated)"
+        )
+    return frame_of(curves, number, guide), number
+
+
+def _design(cavities: int, width: float, depth: float, spacing: float, face: str) -> Design:
+    from analysis.optics.parameters import Design
+
+    return Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # the value checks itself
+
+
+def _light(rays: int, secondary: int, order: str, emission: str) -> Light:
+    from analysis.optics.parameters import Light
+
+    return Light(rays=rays, secondary=secondary, order=order, emission=emission)  # type: ignore[arg-type]  # as above
+
+
+def _guide(index: float, thickness: float, attenuation: float, receiver: float | None) -> Waveguide:
+    from analysis.optics.parameters import Waveguide
+
+    return Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
+
+
+def _described(design: Design, state: int) -> dict[str, Any]:
+    return {"cavities": design.cavities, "width_mm": design.width_mm, "depth_mm": design.depth_mm,
+            "spacing_mm": design.spacing_mm, "face": design.face, "state": state}
+
+
+@app.command()
+def trace(cavities: Cavities = 5, width: Width = 1.0, depth: Depth = 0.5, spacing: Spacing = 0.9, state: State = None,
+          rays: Rays = 250, secondary: Secondary = 100, order: Order = "time", index: Index = 1.50,
+          curves: Curves = None, thickness: Thickness = 2.0, attenuation: Attenuation = 0.0, face: Face = "outer",
+          emission: Emission = "uniform", receiver: Receiver = None,
+          out: Annotated[Path | None, typer.Option(help="Write a picture of the rays: PNG or SVG.")] = None,
+          json: JsonOption = False) -> None:
+    """Trace one design in one state: detected rays, power, ledger.
+
+    Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
+    """
+    from analysis.optics.simulation import trace as trace_scene
+
+    design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, attenuation, receiver)
+    light = _light(rays, secondary, order, emission)
+    frame, number = _frame(_curves(curves), state, guide)
+    outcome = trace_scene(frame, design, guide, light)
+    if out is not None:
+        from analysis.optics.figures import draw_scene, save
+
+        save(draw_scene(frame, design, guide, light), out)
+        say(f"wrote {out}")
+    result = {**_described(design, number), "rays": rays, "ndr": outcome.ndr, "power": outcome.power,
+              "ledger": outcome.ledger, "hits": outcome.hits, "ndr_sd": outcome.ndr_sd, "energy": outcome.energy,
+              "secondaries": {"followed": outcome.granted, "refused": outcome.refused}, "order": order, "index": index}
+    if json:
+        emit_json(result)
+        return
+    typer.echo(f"state {number}: NDR {outcome.ndr:.1f} +- {outcome.ndr_sd:.1f} of 250, power {outcome.power:.4f}, "
+               f"{outcome.hits} hits")
+    typer.echo("rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()))
+    typer.echo("power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()))
+
+
+@app.command()
+def scene(cavities: Cavities = 5, width: Width = 1.0, depth: Depth = 0.5, spacing: Spacing = 0.9, state: State = None,
+          rays: Rays = 250, secondary: Secondary = 100, order: Order = "time", index: Index = 1.50,
+          curves: Curves = None, thickness: Thickness = 2.0, face: Face = "outer", emission: Emission = "uniform",
+          receiver: Receiver = None,
+          out: Annotated[Path | None, typer.Option(help="File to write; default scene.json.")] = None,
+          json: JsonOption = False) -> None:
+    """Write one design in one state as a scene of the 2D simulator 'ray-optics' (JSON, version 5).
+
+    With --json the scene itself goes to standard output. With --secondary 0 its glass does not reflect at a
+    refraction, so that its detector counts the same rays as `trace --secondary 0`.
+
+    Example: boat-daq optics scene --state 14 --out elongated.json
+    """
+    import json as codec
+
+    from analysis.errors import FileError
+    from analysis.optics.scene import ray_optics_scene
+
+    design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, 0.0, receiver)
+    frame, number = _frame(_curves(curves), state, guide)
+    name = f"BOAT n={cavities} w={width:g} d={depth:g} s={spacing:g} mm, state {number}"
+    built = ray_optics_scene(frame, design, guide, _light(rays, secondary, order, emission), name)
+    if json and out is None:
+        emit_json(built)
+        return
+    path = out or Path("scene.json")
+    try:
+        path.write_text(codec.dumps(built, indent=1), encoding="utf-8")
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another --out") from error
+    if json:
+        emit_json({**_described(design, number), "file": str(path), "objects": len(built["objs"])})
+    else:
+        typer.echo(f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)")
+
+
+@app.command()
+def sweep(
+    cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
+    rays: Rays = 250,
+    secondary: Secondary = 100,
+    order: Order = "time",
+    index: Index = 1.50,
+    curves: Curves = None,
+    thickness: Thickness = 2.0,
+    attenuation: Attenuation = 0.0,
+    face: Face = "outer",
+    emission: Emission = "uniform",
+    receiver: Receiver = None,
+    scheduler: Scheduler = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for results, tables and figures; a stopped sweep goes on from there.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Simulate the paper's designs (216 for each number of cavities) in all 15 states, and rank them.
+
+    Example: boat-daq optics sweep --cavities 3,5,7 --rays 250 --out sweep
+    """
+    from analysis.optics.report import sweep_json, sweep_text, write_sweep
+    from analysis.optics.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
+
+    designs = tuple(paper_grid(_numbers(cavities), face))  # type: ignore[arg-type]  # the design checks its face
+    guide, light = _guide(index, thickness, attenuation, receiver), _light(rays, secondary, order, emission)
+    request = SweepRequest(designs, guide, light, _curves(curves))
+    file = None
+    if out is not None:
+        _make(out)
+        file = out / FILE_NAME
+    with progress_bar("sweep") as advance:
+        result = run_sweep(request, file=file, scheduler=scheduler, progress=advance)
+    if out is not None:
+        for path in write_sweep(result, out):
+            say(f"wrote {path}")
+    if json:
+        emit_json(sweep_json(result))
+    else:
+        typer.echo(sweep_text(result))
+
+
+@app.command()
+def optimise(rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 1000,
+             seconds: Annotated[float, typer.Option(help="Time allowed, s.")] = 50.0,
+             index: Index = 1.50, curves: Curves = None, thickness: Thickness = 2.0, face: Face = "outer",
+             attenuation: Attenuation = 0.0, seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
+             out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
+             json: JsonOption = False) -> None:
+    """Search width, depth, spacing, count and face continuously, from the grid's best, on converged power.
+
+    Example: boat-daq optics optimise --seconds 50
+    """
+    import json as codec
+
+    from analysis.optics.optimise import optimise as search
+    from analysis.optics.report import optimum_json, optimum_text
+
+    _light(rays, 0, "time", "uniform")
+    with progress_bar("search") as advance:
+        found = search(_guide(index, thickness, attenuation, None), _curves(curves), rays=rays, seconds=seconds,
+                       first_face=_design(5, 1.0, 0.5, 0.9, face).face, seed=seed, progress=advance)
+    result = optimum_json(found)
+    if out is not None:
+        _make(out)
+        (out / "optimum.json").write_text(codec.dumps(result, indent=1), encoding="utf-8")
+        say(f"wrote {out / 'optimum.json'}")
+    if json:
+        emit_json(result)
+    else:
+        typer.echo(optimum_text(found))
+
+
+def _numbers(text: str) -> list[int]:
+    from analysis.errors import RequestError
+
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError as error:
+        raise RequestError(f"'{text}' is not a list of numbers of cavities", "write it as 3,5,7") from error
+
+
+def _make(folder: Path) -> None:
+    from analysis.errors import FileError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"the folder {folder} cannot be made: {error.strerror}", "choose another --out") from error

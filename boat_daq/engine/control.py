@@ -41,6 +41,7 @@ from protocol.messages import (
 from protocol.recording import BoardState, SampleFlag
 
 SILENCE_S = 1.0
+BOOT_S = 0.2  # a HELLO so long after the first, and still no sample
 ZERO_SAMPLES = 50
 MANUAL_RAMP_KPA_PER_S = 10.0
 
@@ -127,7 +128,7 @@ class Controller:
                     self._trip(self.dialogue.lost(command, watched=self._watched))
                 case BoardEventReceived(found, _):
                     self._trip(self.dialogue.board_event(found.code, found.value))
-                case HelloReceived(hello) if self.dialogue.identifying:
+                case HelloReceived(hello) if self.dialogue.identifying or self._boots_again(now_ns):
                     self._greet(hello)
                 case BoardRestarted(hello):
                     self._restarted(hello)
@@ -337,12 +338,18 @@ class Controller:
         self.hold_samples = False
         self.dialogue.send(Start(self.rate_hz))
 
+    def _boots_again(self, now_ns: int) -> bool:
+        """Whether a second HELLO means that the board has forgotten our introduction: opening its port reset it."""
+        return not self._watched and now_ns - self.dialogue.introduced_ns > BOOT_S * 1e9
+
     def _restarted(self, hello: Hello | None) -> None:
         """The board has forgotten everything: it is vented, and so is the run."""
         reason = "" if hello is None else f" ({_boot_reason(hello.boot_reason)})"
-        self._watched = False
+        booting, self._watched = not self._watched, False  # before the first sample: opening its port reset it
         self.dialogue.restart()
-        self._trip(Trip("board_restarted", f"the board restarted{reason}", "check its supply, then clear the fault"))
+        if not booting or self.pressurised:
+            cause = f"the board restarted{reason}"
+            self._trip(Trip("board_restarted", cause, "check its supply, then clear the fault"))
         if hello is None:
             self.dialogue.send(Identify())
         else:

@@ -81,7 +81,7 @@ class Dialogue:
         self.meter = SpeedMeter()
         self.identifying = False
         self.stopping = False  # a STOP waits for its answer
-        self.now_ns = 0
+        self.now_ns = self.introduced_ns = 0
         self.board_us = 0  # of the newest sample
         self._vent_sent_ns: int | None = None  # of a vent that is not acknowledged
         self._awaited: list[Command] = []
@@ -104,7 +104,7 @@ class Dialogue:
 
         The watchdog of a virtual board, which may run faster than we do, waits until its speed is known.
         """
-        self.identifying = False
+        self.identifying, self.introduced_ns = False, self.now_ns
         if "SIMULATED" not in hello.board_id:
             self.send(Heartbeat(LONGEST_MS))
         if limits is not None:

@@ -2,9 +2,9 @@
 
 The watchdog counts board time. A virtual board at 100 times real time gives a host 100 times less of its own: so the
 watchdog is fed by the board's clock, as the samples show it, and the longest timeout the protocol has is taken for
-a board that runs faster than the host. At SPEED x, 5000 ms of board time are 5000/SPEED ms here, fed at every quarter:
-at 100x there are 50 ms, of which the reading thread may miss three quarters. Beyond some 300x no computer that does
-anything else keeps up, and the board vents, as it should.
+a board that runs faster than the host. At SPEED x, 5000 ms of board time are 5000/SPEED ms here, fed at every tenth:
+at 100x there are 50 ms, and the reading thread may be kept waiting for 45 of them. Where the computer is too busy for
+that, the board vents, as it should, and the message says to slow it down.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ FAST = 1.5  # a board whose clock runs so much faster than ours is no real one
 SPEED_SPAN_S = 2.0
 SPEED_KNOWN_S = 0.1
 FEEDS_PER_TIMEOUT = 4
+FEEDS_OF_A_FAST_BOARD = 10
 
 
 class SpeedMeter:
@@ -77,7 +78,7 @@ class Feeder:
         """Whether a frame must leave now."""
         if not self.armed_ms:
             return False
-        quarter_ms = self.armed_ms / FEEDS_PER_TIMEOUT
+        share_ms = self.armed_ms / (FEEDS_OF_A_FAST_BOARD if speed > FAST else FEEDS_PER_TIMEOUT)
         board_ms = (board_us - self._fed_board_us) / 1e3
         host_ms = (host_ns - self._fed_host_ns) / 1e6 * max(speed, 1.0)
-        return not -quarter_ms < board_ms < quarter_ms or host_ms >= quarter_ms
+        return not -share_ms < board_ms < share_ms or host_ms >= share_ms

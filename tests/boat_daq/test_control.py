@@ -265,3 +265,13 @@ def test_a_listener_sends_nothing_but_start() -> None:
         bench.control.arm(QUICK)
     bench.do(bench.control.vent, bench.control.leave)
     assert not bench.sent_of(Vent) and not bench.sent_of(Heartbeat) and not bench.sent_of(SetLimits)
+
+
+def test_a_board_that_resets_after_its_first_hello_is_introduced_again() -> None:
+    """It answers, boots for a second, says HELLO once more: limits and START are sent again, and samples come."""
+    bench = Bench()
+    bench.step()
+    bench.board._boot_at_us = bench.board.now_us + 1_000_000
+    bench.board._sampler.stop()
+    bench.connected()
+    assert len(bench.sent_of(SetLimits)) == 2 and bench.state is SessionState.IDLE

@@ -224,7 +224,7 @@ def _free_name(path: Path) -> Path:
 
 def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:
     batch: list[Statement] = []
-    names = file.columns(table)
+    names = [name for name in file.columns(table) if name in reader.columns(table)]
     marks = ", ".join("?" * len(names))
     sql = f"INSERT OR IGNORE INTO {table} ({', '.join(names)}) VALUES ({marks})"  # noqa: S608 - names are the schema's
     for row in reader.rows(table, names):
@@ -241,6 +241,10 @@ class _RowReader:
 
     db: sqlite3.Connection
     lost: list[str] = field(default_factory=list)
+
+    def columns(self, table: str) -> set[str]:
+        """Return the names of the columns that the damaged file says it has."""
+        return {row[1] for row in self.db.execute(f"PRAGMA table_info({table})")}
 
     def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
         """Give the readable rows in order."""

@@ -471,7 +471,7 @@ def kill_once(path: Path, after_s: float, rate_hz: int) -> tuple[int, float, flo
     return acknowledged - recovery.samples, (last_ns - kept_ns) / 1e9, stood_still_s
 
 
-@pytest.mark.parametrize("times", [20, pytest.param(200, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("times", [20, pytest.param(200, marks=[pytest.mark.nightly, pytest.mark.timeout(1800)])])
 def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, times):
     """Killed at random instants: it opens, all that was acknowledged is there, at most 0.2 s are missing."""
     instants = random.Random(times)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -239,6 +240,95 @@ def test_another_device_is_refused(session: Session) -> None:
         session.close()
         os.close(master)
         os.close(slave)
+
+
+PROFILE = """
+name = "Printing firmware"
+kind = "lines"
+[device]
+n_sensors = 1
+rate_hz = 100
+pressure_min_kpa = -60
+pressure_max_kpa = 80
+[lines]
+fields = [{ name = "time", unit = "ms" }, { name = "pressure", unit = "kPa" }, { name = "s1_signal", unit = "mV" }]
+"""
+COMMANDS = """
+[commands]
+set_pressure = "P{kpa:.1f}\\n"
+vent = "V\\n"
+"""
+
+
+class PrintingDevice:
+    """Firmware that prints lines and knows two commands; it never says whether it holds. 20 times real time."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        os.set_blocking(self.master, False)
+        self.heard = b""
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        pressure = target = 0.0
+        time_ms = 0
+        while not self._stop.wait(0.005):
+            with contextlib.suppress(BlockingIOError):
+                self.heard += os.read(self.master, 1000)
+            lines = self.heard.split(b"\n")[:-1]
+            target = 0.0 if not lines or lines[-1] == b"V" else float(lines[-1][1:])
+            for _ in range(10):
+                time_ms += 10
+                pressure += max(-0.4, min(0.4, target - pressure))
+                os.write(self.master, b"%d,%.3f,%.3f\n" % (time_ms, pressure, 1650 + pressure + time_ms % 7 / 10))
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def printing(session: Session) -> Iterator[PrintingDevice]:
+    """A device that prints; the session leaves before it does."""
+    device = PrintingDevice()
+    yield device
+    session.close()
+    device.close()
+    os.close(device.master)
+    os.close(device.slave)
+
+
+def test_firmware_that_prints_runs_a_plan(session: Session, printing: PrintingDevice, tmp_path: Path) -> None:
+    """A board without states, limits, watchdog or answers: arrival by measured pressure, and a warning."""
+    path = tmp_path / "run.boat"
+    session.connect(os.ttyname(printing.slave), PROFILE + COMMANDS)
+    assert session.wait_connected().can_command
+    session.start_recording(path)
+    session.arm(PLAN)
+    session.start()
+    seen = session.wait(lambda s: s.state in OVER, 30)
+    assert (seen.state, seen.run_ended) == (SessionState.IDLE, "finished")
+    assert any("no watchdog" in message.cause for message in seen.messages)
+    session.stop_recording()
+    assert read(path, "SELECT DISTINCT status FROM step") == [("reached",)]
+    assert meta(path)["sample_kind"] == "signal" and "Printing firmware" in meta(path)["profile"]
+    assert printing.heard.split(b"\n")[-2] == b"V"
+
+
+def test_a_profile_without_commands_only_listens(session: Session, printing: PrintingDevice) -> None:
+    """It records and plots; the sequence is off and says why; nothing is ever sent."""
+    session.connect(os.ttyname(printing.slave), PROFILE)
+    seen = session.wait_connected()
+    assert not seen.can_command and seen.why_read_only
+    with pytest.raises(OperatorError):
+        session.arm(PLAN)
+    session.vent()
+    session.disconnect()
+    session.wait(lambda s: s.link is LinkState.CLOSED, 5)
+    assert printing.heard == b""
 
 
 def test_no_such_port_is_one_line(session: Session) -> None:

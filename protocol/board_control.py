@@ -66,6 +66,12 @@ class BoardControl:
         """Feed the watchdog: a good frame came."""
         self._fed_us = now_us
 
+    @property
+    def watchdog_us(self) -> int | None:
+        """Board time at which the watchdog vents if no frame comes; None where it is not armed, or has vented."""
+        armed = self._timeout_us and self.state is not BoardState.FAULT
+        return self._fed_us + self._timeout_us if armed else None
+
     def set_estop(self, pressed: bool, *, announce: bool = True) -> None:
         """Press or release the e-stop; found pressed at power-on it is a level without an event."""
         self.estop = pressed
@@ -84,7 +90,7 @@ class BoardControl:
         """Look at everything once."""
         if self.state is BoardState.FAULT:
             return
-        if self._timeout_us and now_us - self._fed_us >= self._timeout_us:
+        if self.watchdog_us is not None and now_us >= self.watchdog_us:
             self._trip(EventCode.HEARTBEAT_LOST, (now_us - self._fed_us) // 1000)
             return
         pressure_pa = self.pneumatics.pressure_kpa * 1000.0

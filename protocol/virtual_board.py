@@ -114,6 +114,11 @@ class VirtualBoard:
         return float(self._plant.rows[-1, 1])
 
     @property
+    def watchdog_us(self) -> int | None:
+        """Board time (as `now_us`) at which an unfed watchdog vents; None where it is not armed."""
+        return self._control.watchdog_us
+
+    @property
     def unplugged(self) -> bool:
         """True while the port is gone: whoever serves the board closes it, and opens it again."""
         return "unplug" in self._schedule.active

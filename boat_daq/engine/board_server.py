@@ -3,7 +3,9 @@
 The board's time follows the monotonic clock times the speed, in steps of a few milliseconds of wall time. The host's
 bytes are handed over before each step, so that a stalled machine does not starve the board's watchdog while the feed
 lies in the buffer; for the same reason a fast board does not make up for a stall: its time then simply went slower. At
-1x it does, so that its clock keeps to the wall's. A host that does not read never holds the board up: beyond the
+1x it does, so that its clock keeps to the wall's. Nor does a fast board count milliseconds of a busy computer as
+seconds without a host: just before its watchdog would vent, it waits up to half a second of wall time for one that is
+connected. A host that does not read never holds the board up: beyond the
 transmit buffer samples are dropped, counted and told, as the contract says. With no host at all bytes go nowhere, as on
 a wire without a listener.
 """
@@ -35,6 +37,7 @@ SPEEDS = (1.0, 1000.0)
 _STEP_S = 0.005
 _FAST_STEP_S = 0.002  # from 20x on, where the host waits for more board time in each step
 _LONGEST_STEP_S = 0.02
+_GRACE_S = 0.5  # wall time without a byte from a connected host, before a fast board's watchdog may vent
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +92,7 @@ class BoardServer:
         self._congested = False
         self._connected = False
         self._plugged = True
+        self._heard_s = 0.0
         self._carrier.plug()
 
     @property
@@ -108,6 +112,7 @@ class BoardServer:
                 due_us = int((time.monotonic() - origin) * clock_us) - done_us
             now_us = min(due_us, int(_LONGEST_STEP_S * clock_us))
             if self._speed > 1.0:
+                now_us = min(now_us, self._until_watchdog_us())
                 origin += (due_us - now_us) / clock_us
             done_us += now_us
             self._step(now_us)
@@ -117,6 +122,7 @@ class BoardServer:
         """Exchange bytes with the host and move the board on."""
         data = self._carrier.read()
         if data:
+            self._heard_s = time.monotonic()
             self.board.receive(data)
         if self._carrier.connected != self._connected:
             self._connected = not self._connected
@@ -131,6 +137,13 @@ class BoardServer:
             self._flush()
         if self._truth is not None:
             _write_truth(self._truth, self.board)
+
+    def _until_watchdog_us(self) -> int:
+        """Return the board time left before the watchdog vents, while a connected host has its grace."""
+        watchdog_us = self.board.watchdog_us
+        if watchdog_us is None or not self._connected or time.monotonic() - self._heard_s > _GRACE_S:
+            return sys.maxsize
+        return max(0, watchdog_us - self.board.now_us - 1)
 
     def _room(self) -> int:
         """Return the bytes free in the transmit buffer; once full, none until it is half empty."""

@@ -155,6 +155,27 @@ def test_board_outlives_its_hosts(port):
             assert last.index > 1500
 
 
+@needs_pty
+def test_a_busy_computer_is_not_a_dead_host():
+    """At 100x a connected host that stands still for 0.2 s (20 s of board time) is waited for; for 1.5 s it is not."""
+    with served("pty", speed=100.0) as board, Host(board.url) as host:
+        host.hello()
+        host.send(Start(100))
+        host.send(Heartbeat(5000))
+        host.send(SetPressure(40_000, 0))
+        host.until(lambda m: isinstance(m, Sample) and m.state == BoardState.HOLDING)
+        host.send(Heartbeat(5000))
+        time.sleep(0.2)
+        host.send(Heartbeat(5000))
+        time.sleep(0.05)
+        seen = host.read()
+        assert any(isinstance(m, Sample) for m in seen)
+        assert not any(isinstance(m, BoardEvent) for m in seen)
+        time.sleep(1.5)
+        told = host.until(lambda m: isinstance(m, BoardEvent))
+        assert told and next(m for m in told if isinstance(m, BoardEvent)).code == EventCode.HEARTBEAT_LOST
+
+
 @pytest.mark.parametrize("port", PORTS)
 def test_last_words_are_heard(port):
     """A VENT written just before closing the port is obeyed."""

@@ -1,7 +1,8 @@
 """A board written from the wire contract alone, sharing no line with the program: the second opinion on the link.
 
 Run as a script: it prints the name of its pseudo-terminal, then answers on it until it is killed. Every sample payload
-that it has written to the port is appended to `--sent`, so that a test can hold the recording against it. Its plant is
+that it has written to the port is appended to `--sent`, so that a test can hold the recording against it; `--truth`
+takes its clock (us) and elongation (mm) at each sample. Its plant is
 a straight one: the pressure follows its ramp, the elongation is proportional to pressure with a loop of play, and
 each sensor is a cubic.
 """
@@ -73,6 +74,7 @@ class Board:
         self.last_command: tuple[int, int] | None = None
         self.last_answer = b""
         self.sent_log = Path(arguments.sent).open("ab") if arguments.sent else None  # noqa: SIM115
+        self.truth_log = Path(arguments.truth).open("a") if arguments.truth else None  # noqa: SIM115
 
     def frame(self, kind: int, payload: bytes) -> bytes:
         body = struct.pack("<BB", kind, self.seq) + payload
@@ -170,6 +172,8 @@ class Board:
             payload += struct.pack("<HH", round(mv * 2**BITS / VREF_MV) + dark, dark)
         if self.sent_log:
             self.sent_log.write(payload)
+        if self.truth_log:
+            self.truth_log.write(f"{self.now_us},{x:.6f}\n")
         self.index += 1
         return self.frame(0x02, payload)
 
@@ -193,8 +197,9 @@ def serve(board: Board, port: int, speed: float) -> None:
             out += board.step(dt_us)
         if out:
             write_all(port, out)
-            if board.sent_log:
-                board.sent_log.flush()
+            for log in (board.sent_log, board.truth_log):
+                if log:
+                    log.flush()
         ready, _, _ = select.select([port], [], [], 0.002)
         if ready:
             collected += os.read(port, 4096)
@@ -210,6 +215,7 @@ def main() -> None:
     parser.add_argument("--polarity", choices=sorted(CUBICS), default="rising")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sent")
+    parser.add_argument("--truth")
     arguments = parser.parse_args()
     port, slave = pty.openpty()
     tty.setraw(slave)

@@ -1,0 +1,92 @@
+"""Whole journeys through the real window, under Xvfb: from the first start to a calibration, a report, a recovery."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SHOTS = "BOAT_DAQ_SHOTS"  # a folder to keep the screenshots in, for looking at them
+
+pytestmark = pytest.mark.skipif(
+    shutil.which("Xvfb") is None, reason="Xvfb is not installed: no screen to open a window on"
+)
+
+
+@pytest.fixture(scope="module", params=["1280x800"])
+def screen(request):
+    """A screen of that size; yields its DISPLAY."""
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{request.param}x24", "-nolisten", "tcp"],
+        pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        display = pipe.readline().strip()
+    yield f":{display}"
+    server.terminate()
+    server.wait()
+
+
+@pytest.fixture
+def travel(screen, tmp_path):
+    """Run a journey in its own process and home; returns what it printed, and its folder."""
+
+    def go(name: str, *, expect: int = 0) -> dict[str, object]:
+        folder = Path(os.environ.get(SHOTS, str(tmp_path)))
+        folder.mkdir(parents=True, exist_ok=True)
+        home = tmp_path / "home"
+        home.mkdir(exist_ok=True)
+        env = os.environ | {
+            "DISPLAY": screen, "QT_QPA_PLATFORM": "xcb", "BOAT_DAQ_HOME": str(home), "PYTHONPATH": str(ROOT),
+        }  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, "-m", "tests.system.window_journey", name, str(folder)],
+            cwd=home, env=env, capture_output=True, text=True, timeout=220,
+        )  # fmt: skip
+        assert done.returncode == expect, done.stdout + done.stderr
+        return json.loads(done.stdout.splitlines()[-1]) if expect == 0 else {}
+
+    return go
+
+
+@pytest.mark.timeout(240)
+def test_first_start_to_accepted_calibration_and_report(travel, capsys):
+    """A new user's way: connect the virtual board, two cycles, every reading, accept, see millimetres, make the report."""
+    seen = travel("whole_session")
+    with capsys.disabled():
+        print(f"\nwhole session, seconds from the start: {seen['times']}")
+    assert seen["readings"] == 37
+    assert seen["report"] == "%PDF-"
+    assert min(seen["r2"]) > 0.99
+    assert seen["sensitivity"] == pytest.approx([39.3, 29.2], rel=0.05)
+    assert seen["simulated"] is True
+
+
+def test_killed_session_is_offered_and_recovered(travel, capsys):
+    """Killed in the middle of a run; the next start says so, and one click closes the file with its samples in it."""
+    travel("killed", expect=-9)
+    seen = travel("recover")
+    with capsys.disabled():
+        print(f"\nrecovery, seconds from the start: {seen['times']}")
+    assert "was not closed" in seen["offer"]
+    assert seen["status"] == ["recovered"]
+    assert seen["samples"] >= 250
+
+
+@pytest.mark.skipif(
+    shutil.which("xdotool") is None, reason="xdotool is not installed: no key can be sent to the screen"
+)
+def test_escape_vents_in_every_state(travel, capsys):
+    """Esc vents from the page, over an open menu, from a field, and while a helper process computes."""
+    seen = travel("vent")
+    with capsys.disabled():
+        print(f"\nvented, seconds from the key: {seen['vented_s']}")
+    assert set(seen["vented_s"]) == {"page", "menu", "field", "working"}

@@ -1,0 +1,290 @@
+"""A journey through the real window, in a process of its own: started by `test_window_journeys.py` under Xvfb.
+
+    python -m tests.system.window_journey NAME FOLDER
+
+Every deed is a click on a button that can be seen or a key on the window; screenshots of the screen go to FOLDER, the
+times to standard output as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractButton, QApplication, QPushButton, QWidget
+
+from boat_daq.engine.session import SessionState
+from boat_daq.gui.app import make_application, make_window
+from boat_daq.gui.main_window import MainWindow
+
+SPEED = 20.0
+
+
+class Journey:
+    """A window and what a hand does with it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.began = time.perf_counter()
+        self.times: dict[str, float] = {}
+        self.pictures: list[tuple[str, object]] = []
+        self.app: QApplication = make_application()
+        self.window: MainWindow = make_window()
+        self.window.show()
+        QTest.qWaitForWindowExposed(self.window)
+        self.app.processEvents()
+        self.note("window up")
+
+    def note(self, what: str) -> None:
+        self.times[what] = round(time.perf_counter() - self.began, 2)
+
+    def until(self, condition, what: str, timeout_s: float = 60.0) -> None:
+        end = time.perf_counter() + timeout_s
+        while not condition():
+            if time.perf_counter() > end:
+                self.keep("failed")
+                self.save_pictures()
+                raise SystemExit(
+                    f"waited in vain for: {what}; strip: {self.strip()}; {self.window.desk.snapshot.state}"
+                )
+            QTest.qWait(20)
+
+    def strip(self) -> str:
+        return self.window.strip.text.text()
+
+    def click(self, button: QAbstractButton | str, within: QWidget | None = None) -> None:
+        """Click a button that is shown, by itself or by its text."""
+        if isinstance(button, str):
+            shown = (within or self.window).findChildren(QPushButton)
+            button = next(b for b in shown if b.text() == button and b.isVisible())
+        assert button.isVisible() and button.isEnabled(), button.text()
+        QTest.mouseClick(button, Qt.MouseButton.LeftButton, pos=QPoint(button.width() // 2, button.height() // 2))
+
+    def keys(self, text: str, widget: QWidget | None = None) -> None:
+        QTest.keyClicks(widget or self.app.focusWidget(), text)
+
+    def keep(self, name: str) -> None:
+        """Take a picture of the screen now; it is written at the end, when no board waits for us."""
+        QTest.qWait(120)
+        self.pictures.append((name, self.window.screen().grabWindow(0)))
+
+    def save_pictures(self) -> None:
+        for name, picture in self.pictures:
+            picture.save(str(self.folder / f"{name}.png"))
+
+    def done(self, **more) -> None:
+        """Write pictures and times, close the window, leave."""
+        self.window.close()
+        self.note("closed")
+        self.save_pictures()
+        print(json.dumps({"times": self.times, **more}), flush=True)
+        os._exit(0)  # the interpreter's own end is not what is looked at here
+
+    # ---- parts of a session --------------------------------------------------------------------------------------
+
+    def connect_virtual(self) -> None:
+        """Start a virtual board at `SPEED` from the panel, as a hand would."""
+        self.click(self.window.header.link)
+        panel = self.window.connect_panel
+        self.until(panel.isVisible, "the connect panel")
+        panel.speed.setCurrentIndex(panel.speed.findData(SPEED))
+        self.click(panel.virtual_button)
+        self.until(self.window.desk.connected, "the board")
+        self.until(self.window.desk.live.has_data, "the first sample")
+        self.note("connected")
+
+    def choose_cycles(self, cycles: int) -> None:
+        """Type the number of cycles into the plan's form."""
+        self.window.live.pane.setCurrentWidget(self.window.live.plan)
+        field = self.window.live.plan.fields["cycles"]
+        field.setFocus()
+        field.selectAll()
+        self.keys(f"{cycles}", field)
+        QTest.keyClick(field, Qt.Key.Key_Return)
+        self.window.live.pane.setCurrentWidget(self.window.live.table)
+
+    def state(self) -> SessionState:
+        return self.window.desk.session.snapshot().state
+
+    def run_plan(self, picture_at: int = 9) -> int:
+        """Arm, start, type every reading with Enter until the run has ended; returns the number of readings."""
+        sequence, desk, bar = self.window.live.sequence, self.window.desk, self.window.live.reading
+        self.click(sequence.buttons["arm"])
+        self.until(lambda: self.state() is SessionState.ARMED, "armed")
+        self.click(sequence.buttons["start"])
+        self.until(lambda: self.state() is SessionState.RUNNING, "running")
+        self.note("started")
+        read, asked = 0, None
+        while self.state() is SessionState.RUNNING or self.state() is SessionState.FINISHING:
+            waiting = desk.session.snapshot().waiting_for_reading
+            if waiting is None or waiting.step_id == asked:
+                QTest.qWait(10)
+                continue
+            self.until(lambda w=waiting: bar.isVisible() and bar.asked == w.step_id, "the question", 5)
+            if read == picture_at:
+                self.keep("2-running")
+            millimetres = desk.connection.simulated_mm()
+            self.keys(f"{millimetres:.1f}", bar.field)
+            QTest.keyClick(bar.field, Qt.Key.Key_Return)
+            asked, read = waiting.step_id, read + 1
+        self.until(lambda: self.state() is SessionState.IDLE, "the end of the run")
+        self.note("run ended")
+        return read
+
+    def calibrate(self) -> None:
+        """Analyse, sample, accept."""
+        desk = self.window.desk
+        self.click(self.window.navigation.buttons["Calibrate"])
+        self.click("Analyse the last run")
+        self.until(
+            lambda: desk.calibration.result is not None or desk.calibration.failure is not None, "the analysis", 90
+        )
+        self.note("analysed")
+        page = self.window.pages["Calibrate"]
+        QTest.qWait(300)
+        self.click(page.sample)
+        self.until(lambda: bool(desk.calibration.posterior), "the posterior", 90)
+        self.note("sampled")
+        QTest.qWait(300)
+        self.keep("3-calibration")
+        self.click(page.accept)
+        self.until(lambda: desk.live.inverse is not None, "the live elongation", 60)
+        self.note("accepted and live")
+
+    def report(self) -> Path:
+        """Make the PDF report through the Runs page."""
+        desk = self.window.desk
+        self.click(self.window.navigation.buttons["Runs"])
+        page = self.window.pages["Runs"]
+        self.until(lambda: page.list.rowCount() > 0, "the list of runs")
+        page.list.selectRow(0)
+        self.until(page.buttons["report"].isEnabled, "the report's button")
+        self.keep("4-runs")
+        target = self.folder / "report.pdf"
+        desk.runs.report([desk.runs.runs[0].path], target)
+        self.until(lambda: desk.bench.get("report") is None, "the report", 90)
+        self.note("report made")
+        return target
+
+
+def whole_session(journey: Journey) -> None:
+    """From the first start to an accepted calibration, its live elongation and a report."""
+    assert journey.window.live.first_steps.isVisible()
+    journey.keep("1-first-start")
+    journey.connect_virtual()
+    journey.choose_cycles(2)
+    read = journey.run_plan()
+    journey.calibrate()
+    journey.click(journey.window.navigation.buttons["Live"])
+    journey.window.live.pane.setCurrentWidget(journey.window.live.shadow)
+    journey.until(lambda: journey.window.desk.shadow.model is not None, "the shadow", 90)
+    journey.window.desk.session.set_pressure(30.0, 10.0)
+    QTest.qWait(1500)
+    journey.keep("5-live-calibrated")
+    target = journey.report()
+    desk = journey.window.desk
+    stored = desk.units.load("SA1").calibration
+    fits = [sensor["fit"] for sensor in stored.content["sensors"]]
+    journey.done(
+        readings=read,
+        report=target.read_bytes()[:5].decode("latin-1"),
+        r2=[fit["r2"] for fit in fits],
+        sensitivity=[s["figures"]["sensitivity_mv_per_mm"] for s in stored.content["sensors"]],
+        simulated=stored.content["simulated"],
+    )
+
+
+def killed(journey: Journey) -> None:
+    """Begin a run and be killed in it."""
+    journey.connect_virtual()
+    journey.choose_cycles(1)
+    journey.click(journey.window.live.sequence.buttons["arm"])
+    journey.until(lambda: journey.state() is SessionState.ARMED, "armed")
+    journey.click(journey.window.live.sequence.buttons["start"])
+    journey.until(lambda: journey.window.desk.session.snapshot().recorded_s > 3, "some seconds of recording")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def recover(journey: Journey) -> None:
+    """The next start finds what was left and recovers it at a click."""
+    strip = journey.window.strip
+    journey.until(strip.act.isVisible, "the offer to recover")
+    offer = journey.strip()
+    journey.keep("6-recovery")
+    journey.click(strip.act)
+    desk = journey.window.desk
+    journey.until(lambda: desk.bench.get("recover") is None, "the recovery")
+    journey.click(journey.window.navigation.buttons["Runs"])
+    journey.until(
+        lambda: any(r.summary and r.summary.status == "recovered" for r in desk.runs.runs), "the recovered run"
+    )
+    journey.note("recovered")
+    journey.keep("7-recovered")
+    journey.done(
+        offer=offer,
+        status=[r.summary.status for r in desk.runs.runs if r.summary],
+        samples=desk.runs.runs[0].summary.samples,
+    )
+
+
+def vent(journey: Journey) -> None:
+    """Esc vents: with the window in front, with a menu open, with a field being typed in, while a helper computes."""
+    desk = journey.window.desk
+    journey.connect_virtual()
+    measured = {}
+    for name in ("page", "menu", "field", "working"):
+        desk.session.set_pressure(30.0, 10.0)
+        journey.until(lambda: desk.session.snapshot().last.pressure_kpa > 20, "pressure", 20)
+        focus = prepare_for_vent(journey, name)
+        began = time.perf_counter()
+        os.system("xdotool key Escape") if focus is None else QTest.keyClick(focus, Qt.Key.Key_Escape)
+        journey.until(lambda: desk.session.snapshot().last.pressure_kpa < 5, f"vented from {name}", 20)
+        measured[name] = round(time.perf_counter() - began, 3)
+        for popup in (QApplication.activePopupWidget(),):
+            if popup is not None:
+                popup.close()
+        desk.bench.close()
+        journey.until(lambda: not desk.session.snapshot().latched, "free again", 20)
+    journey.done(vented_s=measured)
+
+
+def prepare_for_vent(journey: Journey, name: str) -> QWidget | None:
+    """Bring the window into a state in which Esc must still vent; returns where the key goes, None for the screen."""
+    window = journey.window
+    window.activateWindow()
+    if name == "menu":
+        menu = window.menuBar().actions()[0].menu()
+        menu.popup(window.mapToGlobal(QPoint(5, 20)))
+        QTest.qWait(100)
+        return None
+    if name == "field":
+        window.live.pane.setCurrentWidget(window.live.plan)
+        window.live.plan.target.setFocus()
+        return window.live.plan.target
+    if name == "working":
+        from boat_daq.viewmodels.work import Work
+
+        window.desk.bench.start(
+            "busy", Work("Working hard", "tests.system.window_journey:keep_busy"), lambda work: None
+        )
+        QTest.qWait(300)
+    return window
+
+
+def keep_busy() -> None:
+    """Compute for a minute."""
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        sum(i * i for i in range(10_000))
+
+
+JOURNEYS = {"whole_session": whole_session, "killed": killed, "recover": recover, "vent": vent}
+
+if __name__ == "__main__":
+    JOURNEYS[sys.argv[1]](Journey(Path(sys.argv[2])))

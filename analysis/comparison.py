@@ -83,12 +83,18 @@ def sensor_spread(analyses: Sequence[Analysis], sensor: int) -> SensorSpread:
     if not spreads:
         raise RequestError("the runs share no pressure level with two cycles", "Compare runs of one plan.")
     pooled = Spread(
-        *(float(np.sqrt(np.mean([getattr(s, name) ** 2 for s in spreads]))) for name in
-          ("repeatability", "between", "reproducibility")),
-        len(analyses), sum(s.n for s in spreads),
-    )  # fmt: skip
+        _rms([s.repeatability for s in spreads]),
+        _rms([s.between for s in spreads]),
+        _rms([s.reproducibility for s in spreads]),
+        len(analyses),
+        sum(s.n for s in spreads),
+    )
     fso = analyses[0].sensors[sensor].figures["fso_mv"].value
     return SensorSpread(analyses[0].sensors[sensor].name, pooled, np.asarray(levels), tuple(spreads), fso)
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _level(analysis: Analysis, sensor: int, branch: int, pressure_kpa: float) -> FloatArray:

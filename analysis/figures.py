@@ -39,6 +39,8 @@ def as_svg(draw: Sequence[Draw], *, width: float = 7.0, height: float = 3.2, rat
             axes = canvas.subplots(1, len(draw))
         for ax, one in zip(np.atleast_1d(axes).ravel(), draw, strict=True):
             one(ax)
+            if ratios and one is not draw[-1]:
+                ax.set_xlabel("")
         text = io.StringIO()
         canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
@@ -229,8 +231,7 @@ def budget_pareto(budget: Budget, title: str) -> Draw:
         ax.set_yticks(range(len(names)), names)
         ax.invert_yaxis()
         ax.grid(visible=False, axis="y")
-        ax.margins(x=0.38)
-        ax.set_xlim(left=0)
+        ax.set_xlim(0, 1850 * max([parts[n] for n in names], default=1e-3))
         ax.set(xlabel="standard uncertainty, µm", title=title)
 
     return draw
@@ -273,5 +274,12 @@ def _branch_points(ax: Axes, analysis: Analysis, sensor: int, x: FloatArray, y: 
     colour = style.sensor_colour(sensor)
     for chosen, fill, label in ((loading, colour, "loading"), (~loading, style.PAPER, "unloading")):
         ax.plot(
-            x[chosen], y[chosen], "o", color=colour, markerfacecolor=fill, markeredgewidth=0.7, markersize=3.2, label=label
+            x[chosen],
+            y[chosen],
+            "o",
+            color=colour,
+            markerfacecolor=fill,
+            markeredgewidth=0.7,
+            markersize=3.2,
+            label=label,
         )

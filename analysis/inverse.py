@@ -199,9 +199,7 @@ class Fusion:
         with np.errstate(invalid="ignore", divide="ignore"):
             fused = (weight * np.where(known, x, 0.0)).sum(axis=-1) / total
             parts = [inverse.parts(x[..., i]) for i, inverse in enumerate(self.inverses)]
-            noise, shared = (
-                weight * np.where(known, np.stack([p[j] for p in parts], axis=-1), 0.0) for j in (0, 1)
-            )
+            noise, shared = (weight * np.where(known, np.stack([p[j] for p in parts], axis=-1), 0.0) for j in (0, 1))
             common = np.einsum("...i,ij,...j->...", shared, self.correlation, shared)
             spread = np.sqrt((noise**2).sum(axis=-1) + common) / total
         none = ~known.any(axis=-1)

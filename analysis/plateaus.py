@@ -158,7 +158,7 @@ def _ramps(means: FloatArray, interval_s: float, noise: float, tolerance: float)
     third = count // 3
     moved = abs(float(means[-third:].mean() - means[:third].mean())) * count / (count - third)
     by_noise = 4.0 * noise * np.sqrt(2.0 / third)
-    return moved > tolerance * min(1.5, count * interval_s) + by_noise
+    return bool(moved > tolerance * min(1.5, count * interval_s) + by_noise)
 
 
 def _split_at_breaks(hold: tuple[int, int], recording: Recording) -> list[tuple[int, int]]:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from analysis import style
 from analysis.figures import as_svg
-from analysis.report import Drawing, Report, Table
+from analysis.report_content import Drawing, Report, Table, aligned
 
 WIDTH_INCH = 7.4
 
@@ -27,9 +27,11 @@ def write_html(report: Report, path: Path) -> None:
 def render_html(report: Report) -> str:
     """Return the report as one HTML document."""
     environment = Environment(
-        loader=PackageLoader("analysis", "templates"), autoescape=select_autoescape(default=True, default_for_string=True),
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=PackageLoader("analysis", "templates"),
+        autoescape=select_autoescape(default=True, default_for_string=True),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     sections = [{"title": s.title, "parts": [_part(p) for p in s.parts]} for s in report.sections]
     template = environment.get_template("report.html.j2")
     return template.render(report=report, sections=sections, style=style)
@@ -37,7 +39,7 @@ def render_html(report: Report) -> str:
 
 def _part(part: str | Table | Drawing) -> dict[str, Any]:
     if isinstance(part, Table):
-        return {"kind": "table", "table": part}
+        return {"kind": "table", "table": aligned(part)}
     if isinstance(part, Drawing):
         svg = as_svg(part.draw, width=WIDTH_INCH, height=part.height, ratios=part.ratios)
         return {"kind": "drawing", "svg": Markup(svg), "caption": part.caption}  # noqa: S704 - matplotlib's own SVG

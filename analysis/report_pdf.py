@@ -24,7 +24,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.textpath import TextToPath
 
 from analysis import style
-from analysis.report import Drawing, Report, Table
+from analysis.report_content import DIGIT_SPACE, PLAIN_NUMBER, POINT_SPACE, Drawing, Report, Table, aligned
 
 WIDTH, HEIGHT = style.A4_INCH
 LEFT = style.MARGIN_INCH
@@ -115,9 +115,16 @@ def _page(report: Report, items: list[Text | Rule | Placed], number: int, count:
     for item in [*items, *_frame(report, number, count)]:
         if isinstance(item, Text):
             canvas.text(
-                item.x / WIDTH, 1 - item.y / HEIGHT, item.text, fontsize=item.size, color=item.colour,
-                fontweight=item.weight, ha=item.align, va="baseline", parse_math=False,
-            )  # fmt: skip
+                item.x / WIDTH,
+                1 - item.y / HEIGHT,
+                item.text,
+                fontsize=item.size,
+                color=item.colour,
+                fontweight=item.weight,
+                ha=item.align,
+                va="baseline",
+                parse_math=False,
+            )
         elif isinstance(item, Rule):
             y = 1 - item.y / HEIGHT
             ends = [item.x / WIDTH, (item.x + item.length) / WIDTH]
@@ -127,8 +134,16 @@ def _page(report: Report, items: list[Text | Rule | Placed], number: int, count:
     if report.simulated:
         band = Rectangle((0, 1 - 0.34 / HEIGHT), 1, 0.34 / HEIGHT, facecolor=style.WARNING, edgecolor="none")
         canvas.add_artist(band)
-        canvas.text(0.5, 1 - 0.225 / HEIGHT, "S I M U L A T E D", fontsize=11, color=style.PAPER, fontweight="bold",
-                    ha="center", va="baseline")  # fmt: skip
+        canvas.text(
+            0.5,
+            1 - 0.225 / HEIGHT,
+            "S I M U L A T E D",
+            fontsize=11,
+            color=style.PAPER,
+            fontweight="bold",
+            ha="center",
+            va="baseline",
+        )
     return canvas
 
 
@@ -213,6 +228,7 @@ def _draw(canvas: Canvas, placed: Placed) -> None:
 
 
 def _table(flow: Flow, table: Table) -> None:
+    table = aligned(table)
     size, widths = _columns(table)
     flow.room(3 * ROW_INCH)
     flow.y += 0.08
@@ -236,9 +252,16 @@ def _row(flow: Flow, table: Table, cells: tuple[str, ...], widths: list[float], 
         for k, line in enumerate(_wrapped(cell, width - PAD_INCH, size) or [""]):
             place = x + width - PAD_INCH / 2 if right else x
             flow.add(
-                Text(place, flow.y + 0.13 + k * ROW_INCH, line, size, style.SOFT if head else style.INK,
-                     "bold" if head else "normal", "right" if right else "left")
-            )  # fmt: skip
+                Text(
+                    place,
+                    flow.y + 0.13 + k * ROW_INCH,
+                    line,
+                    size,
+                    style.SOFT if head else style.INK,
+                    "bold" if head else "normal",
+                    "right" if right else "left",
+                )
+            )
         x += width
     flow.y += lines * ROW_INCH
     flow.add(Rule(LEFT, flow.y, INNER, style.SOFT if head else style.LINE, 0.8 if head else 0.4))
@@ -274,6 +297,8 @@ def _width(text: str, size: float) -> float:
 
 def _wrapped(text: str, width: float, size: float) -> list[str]:
     """Break text into lines that fit."""
+    if PLAIN_NUMBER.match(text.rstrip(DIGIT_SPACE + POINT_SPACE)):
+        return [text]
     text = " ".join(text.split())
     if not text:
         return []

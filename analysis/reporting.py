@@ -7,7 +7,8 @@ from pathlib import Path
 
 from analysis.errors import FileError, RequestError
 from analysis.pipeline import Analysis
-from analysis.report import Report, build_report
+from analysis.report import build_report
+from analysis.report_content import Report
 from analysis.report_html import write_html
 from analysis.report_pdf import write_pdf
 

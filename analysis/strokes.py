@@ -8,6 +8,7 @@ Rules: the figures are those of the loop, without a calibration; nothing is smoo
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,9 +68,9 @@ def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, m
     up, down = _crossings(x, low + LOW * (high - low), low + HIGH * (high - low))
     peaks = [float(x[a:b].max()) for a, b in _between(up[:-1], down)]  # of whole cycles
     troughs = [float(x[a:b].min()) for a, b in _between(down, up)]
-    pairs = list(zip(up[:-1], up[1:], strict=True))
+    pairs = list(itertools.pairwise(up.tolist()))
     areas = [_shoelace(x[a : b + 1], y[a : b + 1]) for a, b in pairs]
-    widths = [_half_width(time, x, y, (int(a), int(b)), (low, high), min_speed) for a, b in pairs]
+    widths = [_half_width(time, x, y, (a, b), (low, high), min_speed) for a, b in pairs]
     figures = [s for values in (peaks, troughs, np.diff(time[up]), areas, widths) for s in _mean_sd(values)]
     return Strokes(up, down, high - low, *figures)
 

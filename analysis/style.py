@@ -22,7 +22,7 @@ CYCLES = "viridis"
 A4_INCH = (8.27, 11.69)
 MARGIN_INCH = 0.75
 
-RC: dict[str, Any] = {
+RC: Any = {  # matplotlib types the keys of rc_context one by one
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
     "axes.titlesize": 9,

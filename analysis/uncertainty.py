@@ -79,7 +79,8 @@ class Budget:
         """Return the budget as a dictionary."""
         shares = self.shares()
         lines = [
-            {"name": c.name, "u_mm": c.contribution, "share": shares[c.name], "source": c.source} for c in self.components
+            {"name": c.name, "u_mm": c.contribution, "share": shares[c.name], "source": c.source}
+            for c in self.components
         ]
         return {
             "components": lines,
@@ -224,9 +225,7 @@ def _inverse(analysis: Analysis, sensor: int) -> Inverse:
         reason = analysis.sensors[sensor].calibration_void
         raise DataError(f"{analysis.sensors[sensor].name} is not calibrated: {reason}", "Give its elongations.")
     parts = signal_parts(analysis, sensor)
-    return Inverse.of(
-        calibration, noise_sd=parts.independent, model_sd=parts.shared, reading_sd=analysis.reading_sd_mm
-    )
+    return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared, reading_sd=analysis.reading_sd_mm)
 
 
 def _hysteresis(analysis: Analysis, sensor: int) -> float:

@@ -17,7 +17,8 @@ def report(
         list[Path] | None, typer.Option(help="CSV of read elongations; repeat it once for each run, in order.")
     ] = None,
     limit: Annotated[
-        list[str] | None, typer.Option("--limit", metavar="NAME=VALUE", help="hysteresis, repeatability, drift, snr, ...")
+        list[str] | None,
+        typer.Option("--limit", metavar="NAME=VALUE", help="hysteresis, repeatability, drift, snr, ..."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the intervals and the posterior.")] = 0,
     no_mcmc: Annotated[bool, typer.Option("--no-mcmc", help="Leave the posterior out.")] = False,
@@ -37,8 +38,8 @@ def report(
     from analysis.reporting import write_report
 
     limits = dict(_limit(text) for text in limit or ())
-    files = list(elongation or [])
-    given = files * len(runs) if len(files) == 1 else files or [None] * len(runs)
+    files: list[Path | None] = [*elongation] if elongation else [None]
+    given = files * len(runs) if len(files) == 1 else files
     with progress_bar("Reporting") as advance:
         analyses = []
         for number, (run, file) in enumerate(zip(runs, given, strict=True)):

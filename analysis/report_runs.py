@@ -1,0 +1,82 @@
+"""The sections of a report on several runs: side by side, their spread, a unit's history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis import comparison
+from analysis.errors import AnalysisError
+from analysis.history import unit_history
+from analysis.numbers import NOTHING, rounded, with_uncertainty
+from analysis.pipeline import Analysis
+from analysis.report_cells import cell, date_of
+from analysis.report_content import Drawing, Section, Table
+
+
+def runs_table(analyses: Sequence[Analysis]) -> Section:
+    rows = []
+    for number, a in enumerate(analyses, 1):
+        for sensor in a.sensors:
+            shown = [
+                cell(sensor.figures.get(k))
+                for k in ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db", "fso_mv")
+            ]
+            b0 = NOTHING
+            if sensor.calibration is not None:
+                b0 = with_uncertainty(
+                    float(sensor.calibration.coefficients[0]), float(sensor.calibration.std_errors[0])
+                )
+            rows.append((str(number), comparison.unit_of(a), sensor.name, b0, *shown))
+    header = ("run", "unit", "sensor", "b0, mV", "sensitivity, mV/mm", "hysteresis, % FSO", "SNR, dB", "FSO, mV")
+    return Section("The runs side by side", (Table(header, tuple(rows), "95 % intervals within each run."),))
+
+
+def spread_of_runs(analyses: Sequence[Analysis], unit: str) -> list[Section]:
+    rows = []
+    for i in range(min(len(a.sensors) for a in analyses)):
+        try:
+            spread = comparison.sensor_spread(analyses, i)
+        except AnalysisError as error:
+            return [Section(f"Spread of {unit}", (f"Not given: {error.cause}.",))]
+        for label, value in (
+            ("within a run (s_r)", spread.pooled.repeatability),
+            ("between runs (s_L)", spread.pooled.between),
+            ("reproducibility (s_R)", spread.pooled.reproducibility),
+        ):
+            rows.append((spread.name, label, f"{value:.3g}", f"{100 * value / spread.full_scale_mv:.3f}"))
+    table = Table(
+        ("sensor", "standard deviation", "mV", "% FSO"),
+        tuple(rows),
+        f"{len(analyses)} runs; pooled over pressure levels and branches (ISO 5725-2).",
+    )
+    return [Section(f"Within-run and between-run spread of {unit or 'the unit'}", (table,))]
+
+
+def history_of_unit(analyses: Sequence[Analysis], unit: str) -> list[Section]:
+    parts: list[str | Table | Drawing] = []
+    for i in range(min(len(a.sensors) for a in analyses)):
+        try:
+            history = unit_history(analyses, i)
+        except AnalysisError:
+            continue
+        if len(history.when) < 2:
+            continue
+        rows = [
+            (
+                when,
+                with_uncertainty(v, u),
+                rounded(e, 0.1) if np.isfinite(e) else NOTHING,
+                "outside" if k in history.out_of_control else "",
+            )
+            for k, (when, v, u, e) in enumerate(
+                zip(map(date_of, history.when), history.value_mv, history.expanded_mv, history.en, strict=True)
+            )
+        ]
+        caption = (
+            f"Sensor {i + 1} at x = {history.check_point_mm:g} mm: mean {history.centre_mv:.2f} mV, control limits "
+            f"{history.lower_mv:.2f} to {history.upper_mv:.2f} mV; U with k = 2; |En| above 1 is disagreement."
+        )
+        parts.append(Table(("calibrated", "y(x0) ± U, mV", "En", "control"), tuple(rows), caption))
+    return [Section(f"History of {unit or 'the unit'}", tuple(parts))] if parts else []

@@ -1,0 +1,273 @@
+"""The sections of a report on one run, each filled from an `Analysis`.
+
+Rules: nothing is computed here but a rounding; a section that has nothing to say is not made by its caller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from analysis import comparison, figures
+from analysis.boat_file import program_version
+from analysis.checks import fit_checks
+from analysis.errors import AnalysisError
+from analysis.numbers import NOTHING, rounded, with_uncertainty
+from analysis.pipeline import Analysis
+from analysis.repeatability import LIMITS, per_cycle
+from analysis.report_cells import cells, p_value, power
+from analysis.report_content import Drawing, Section, Table
+from analysis.uncertainty import Budget, elongation_budget
+
+PUBLISHED = {
+    "sensitivity_mv_per_mm": ("39.3", "29.2"),
+    "snr_db": ("44.7", "45.2"),
+    "system_hysteresis_percent_fso": ("4.95", "4.46"),
+}
+KEY_FIGURES = (
+    ("sensitivity_mv_per_mm", "Sensitivity, end to end"),
+    ("fso_mv", "Full-scale output"),
+    ("system_hysteresis_percent_fso", "Hysteresis, system"),
+    ("sensor_hysteresis_percent_fso", "Hysteresis, sensor"),
+    ("nonlinearity_percent_fso", "Non-linearity"),
+    ("repeatability_percent_fso", "Repeatability, pooled"),
+    ("repeatability_worst_percent_fso", "Repeatability, worst level"),
+    ("combined_error_percent_fso", "Combined error"),
+    ("drift_percent_fso_per_100_cycles", "Drift"),
+    ("noise_mv", "Noise, rms"),
+    ("snr_db", "Signal-to-noise ratio"),
+    ("slope_at_rest_mv_per_mm", "Slope at rest"),
+    ("least_squares_slope_mv_per_mm", "Least-squares slope"),
+)
+
+
+def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
+    paper = comparison.unit_of(analysis) in ("", "SA1") and len(analysis.sensors) == 2
+    rows = []
+    for key, label in KEY_FIGURES:
+        parts = [s.figures.get(key) for s in analysis.sensors]
+        if all(p is None for p in parts):
+            continue
+        unit = next(p.unit for p in parts if p is not None)
+        shown = [text for p in parts for text in cells(p)]
+        published = " / ".join(PUBLISHED[key]) if paper and key in PUBLISHED else ""
+        limit = next((f"{limits[n]:g}" for n, (k, _, _) in LIMITS.items() if k == key and n in limits), "")
+        rows.append((f"{label}, {unit}", *shown, published, limit))
+    if np.isfinite(analysis.system_sensitivity.value):
+        span = [""] * (2 * len(analysis.sensors) - 2)
+        published = "34.2" if paper else ""
+        rows.append(("Sensitivity of the system, mV/mm", *cells(analysis.system_sensitivity), *span, published, ""))
+    if np.isfinite(analysis.actuator_hysteresis.value):
+        span = [""] * (2 * len(analysis.sensors) - 2)
+        rows.append(("Hysteresis, actuator, % of span", *cells(analysis.actuator_hysteresis), *span, "", ""))
+    sensors = [text for i in range(len(analysis.sensors)) for text in (f"Sensor {i + 1}", "95 % interval")]
+    header = ("Figure", *sensors, "Published", "Limit")
+    keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
+    table = Table(
+        tuple(header[i] for i in keep),
+        tuple(tuple(row[i] for i in keep) for row in rows),
+        "Intervals by bootstrap over cycles (drift: Sen). FSO: full-scale output. Hysteresis: system, signal over "
+        "pressure; sensor, signal over elongation; actuator, elongation over pressure.",
+    )
+    void = sorted(
+        {
+            f"{label}: {p.void}."
+            for k, label in KEY_FIGURES
+            for s in analysis.sensors
+            if (p := s.figures.get(k)) is not None and p.void
+        }
+    )
+    calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
+    draws = [figures.calibration_curve(analysis, i) for i in calibrated[:2]]
+    if not draws and analysis.loops.n_cycles:
+        draws = [figures.system_loop(analysis, i) for i in range(min(2, len(analysis.sensors)))]
+    first = [Drawing(tuple(draws), "What was measured; details follow.", 2.45)] if draws else []
+    return Section("Key figures", (table, *first, *void))
+
+
+def curves(analysis: Analysis) -> Section:
+    parts: list[str | Table | Drawing] = []
+    for i, sensor in enumerate(analysis.sensors):
+        if sensor.calibration is not None:
+            drawing = (figures.calibration_curve(analysis, i), figures.residuals(analysis, i))
+            caption = f"Sensor {i + 1}: plateau means, fit and bands; below, residuals."
+            parts.append(Drawing(drawing, caption, 3.9, (2.6, 1.0)))
+    return Section("Calibration curve", tuple(parts))
+
+
+def coefficients(analysis: Analysis) -> Section:
+    parts: list[str | Table | Drawing] = []
+    for i, sensor in enumerate(analysis.sensors):
+        c, p = sensor.calibration, sensor.posterior
+        if c is None:
+            parts.append(f"Sensor {i + 1} is not calibrated: {sensor.calibration_void}.")
+            continue
+        rows = []
+        for k, (b, u) in enumerate(zip(c.coefficients, c.std_errors, strict=True)):
+            sampled = with_uncertainty(float(p.mean[k]), float(p.sd[k])) if p else NOTHING
+            rows.append(
+                (f"b{k}", with_uncertainty(float(b), float(u)), sampled, "mV" if k == 0 else f"mV/mm{power(k)}")
+            )
+        header = ("", "least squares ± u", "posterior ± sd", "unit")
+        parts.append(
+            Table(header, tuple(rows), f"Sensor {i + 1}: y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}")
+        )
+    return Section("Coefficients", tuple(parts))
+
+
+def _quality(analysis: Analysis, sensor: int) -> str:
+    c, p = analysis.sensors[sensor].calibration, analysis.sensors[sensor].posterior
+    assert c is not None
+    turning = ", ".join(f"{t:.2f}" for t in c.turning_points) or "none"
+    text = (
+        f"R² = {c.r2:.5f}, residual sd {c.residual_sd:.2f} mV, n = {c.n}, range {c.x_range[0]:+.2f} to "
+        f"{c.x_range[1]:+.2f} mm, {'monotone' if c.monotone else 'NOT monotone'}, turning points {turning} mm."
+    )
+    checks = fit_checks(c, analysis.sensors[sensor].point_cycle)
+    if checks["lack_of_fit"] is not None:
+        text += f" Lack of fit: F = {checks['lack_of_fit']['f']:.2f}, p {p_value(checks['lack_of_fit']['p'])}."
+    text += f" Degree by AICc: {checks['preferred_degree']}."
+    if p is not None:
+        text += f" Posterior: {p.n_eff:.0f} effective samples, tau {p.tau:.0f}, "
+        text += "converged." if p.converged else "NOT CONVERGED."
+    return text
+
+
+def loops(analysis: Analysis) -> Section:
+    parts: list[str | Table | Drawing] = []
+    draws = [figures.system_loop(analysis, i) for i in range(len(analysis.sensors))]
+    parts += [
+        Drawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
+        for at in range(0, len(draws), 2)
+    ]
+    second = [figures.loop_difference(analysis)]
+    if analysis.loops.elongation_mm is not None and np.isfinite(analysis.loops.elongation_mm).any():
+        second.append(figures.actuator_loop(analysis))
+    parts.append(
+        Drawing(tuple(second), "Where the hysteresis sits, and the actuator's own loop where x was read.", 2.7)
+    )
+    return Section("Hysteresis loops", tuple(parts))
+
+
+def over_cycles(analysis: Analysis) -> Section:
+    sensors = range(len(analysis.sensors))
+    parts: list[str | Table | Drawing] = [
+        Drawing(
+            (
+                figures.per_cycle_figure(
+                    analysis, "hysteresis_percent_fso", "hysteresis, % FSO", "Hysteresis per cycle"
+                ),
+                figures.per_cycle_figure(analysis, "displacement_percent_fso", "displacement, % FSO", "Common drift"),
+            ),
+            "Each cycle; displacement is the mean of all levels from the second half of the run.",
+            2.5,
+        ),
+        Drawing(
+            (
+                figures.per_cycle_figure(analysis, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle"),
+                figures.per_cycle_figure(analysis, "span_mv", "span, mV", "Output span per cycle"),
+            ),
+            "Each cycle.",
+            2.5,
+        ),
+    ]
+    parts += [
+        Drawing((figures.drift_of_levels(analysis, i), figures.distribution(analysis, i)), f"Sensor {i + 1}.", 2.8)
+        for i in sensors
+    ]
+    for i in sensors:
+        warm = per_cycle(analysis, i).warm_up
+        if warm:
+            numbers = ", ".join(str(n) for n in analysis.loops.numbers[:warm])
+            parts.append(f"Sensor {i + 1}: warm-up cycles {numbers}, beyond three robust sds of the second half.")
+    return Section("Over the cycles", tuple(parts))
+
+
+def budget(analysis: Analysis) -> list[Section]:
+    try:
+        calibrations = [s.calibration for s in analysis.sensors if s.calibration is not None]
+        if not calibrations:
+            return []
+        middle = sum(calibrations[0].x_range) / 2
+        budgets = elongation_budget(analysis, middle)
+    except AnalysisError as error:
+        return [Section("Uncertainty of an elongation", (f"Not given: {error.cause}.",))]
+    drawing = Drawing(
+        tuple(figures.budget_pareto(b, f"Sensor {i + 1} at {middle:+.2f} mm") for i, b in enumerate(budgets[:2])),
+        "Components, largest first, with their share of the variance.",
+        2.6,
+        left=1.05,
+    )
+    return [Section("Uncertainty of an elongation", (drawing, *(_budget_table(i, b) for i, b in enumerate(budgets))))]
+
+
+def _budget_table(sensor: int, budget: Budget) -> Table:
+    shares = budget.shares()
+    rows = [(c.name, f"{1000 * c.contribution:.1f}", f"{shares[c.name]:.1%}", c.source) for c in budget.components]
+    rows.append(("combined", f"{1000 * budget.u:.1f}", "100 %", f"effective degrees of freedom {budget.dof:.0f}"))
+    rows.append(("expanded, k = 2", f"{1000 * budget.expanded:.0f}", "", "about 95 %"))
+    return Table(
+        ("Component", "u, µm", "share", "source"), tuple(rows), f"Sensor {sensor + 1}: {budget.what_halves_it()}."
+    )
+
+
+def readings(analysis: Analysis) -> Section:
+    x = analysis.elongations.elongation_mm if analysis.elongations else None
+    rows = []
+    typical = np.nanmedian([p.signal_se_mv for p in analysis.plateaus], axis=0)
+    for i, p in enumerate(analysis.plateaus):
+        if not p.branch:
+            continue
+        signals = [
+            f"{rounded(m, t)} ± {rounded(u, t)}" for m, u, t in zip(p.signal_mv, p.signal_se_mv, typical, strict=True)
+        ]
+        reading = f"{x[i]:+.2f}" if x is not None and np.isfinite(x[i]) else NOTHING
+        rows.append(
+            (
+                str(p.number),
+                str(p.cycle),
+                p.branch,
+                f"{p.pressure_kpa:+.2f}",
+                reading,
+                *signals,
+                str(min(p.n)),
+                p.void or "",
+            )
+        )
+    header = (
+        "no.",
+        "cycle",
+        "branch",
+        "kPa",
+        "mm",
+        *(f"s{i + 1}, mV" for i in range(len(analysis.sensors))),
+        "n",
+        "void",
+    )
+    keep = [i for i in range(len(header)) if header[i] != "void" or any(row[i] for row in rows)]
+    table = Table(
+        tuple(header[i] for i in keep), tuple(tuple(r[i] for i in keep) for r in rows), "Means ± standard error."
+    )
+    return Section("Plateaus and readings", (table,))
+
+
+def run(analysis: Analysis) -> Section:
+    o = analysis.options
+    settings = (
+        ("Degree", str(o.degree)),
+        ("Settled within", f"{o.plateau.tolerance_kpa:g} kPa for {o.plateau.settling_s:g} s"),
+        ("Void above", f"{o.plateau.max_damaged:.0%} of a window lost or left out"),
+        ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"),
+        ("Seed", str(o.seed)),
+        ("Program", f"boat-daq {program_version()}"),
+        ("Recorded with", str(analysis.recording.meta.get("program_version"))),
+        ("Recording", str(analysis.recording.meta.get("uuid") or analysis.recording.source)),
+    )
+    flags = tuple((f["code"].replace("_", " "), f["text"]) for f in analysis.flags)
+    parts: list[str | Table | Drawing] = [Drawing((figures.trace(analysis),), "Measured pressure.", 1.9)]
+    parts.append(
+        Table(("Flag", "What"), flags, numeric=False) if flags else "No flags: nothing was lost, masked or void."
+    )
+    parts.append(Table(("Setting", "Value"), settings, numeric=False))
+    return Section("The run, flags and settings", tuple(parts))

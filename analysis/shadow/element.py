@@ -18,6 +18,7 @@ from numba import njit
 
 from analysis.shadow import material
 from analysis.shadow.arrays import Floats, Integers
+from analysis.shadow.band import add_to_band
 
 CORNER_XI = np.array([-1.0, 1.0, 1.0, -1.0])
 CORNER_ETA = np.array([-1.0, -1.0, 1.0, 1.0])
@@ -146,17 +147,10 @@ def internal_force(
 
 
 @njit(cache=True)
-def add_to_band(band: Floats, row: int, column: int, value: float) -> None:
-    """Add to the lower triangle: entry (i, j), i >= j, sits at band[i - j, j]; -1 marks a fixed freedom."""
-    if column >= 0 and row >= column:
-        band[row - column, column] += value
-
-
-@njit(cache=True)
 def internal_tangent(
     gradient: Floats, weight: Floats, u: Floats, quads: Integers, moduli: Floats, equations: Integers, band: Floats
 ) -> None:
-    """Add d2W/du2 to the lower band, shape (bandwidth + 1, equations), mN/mm."""
+    """Add d2W/du2, mN/mm, to the band of all equations (see band.py)."""
     f, c = np.empty(5), np.empty((5, 5))
     cb = np.empty((2, 5))
     ke = np.empty((16, 16))

@@ -20,6 +20,7 @@ from numba import njit
 
 from analysis.shadow import material
 from analysis.shadow.arrays import Booleans, Floats, Integers
+from analysis.shadow.band import empty_band
 from analysis.shadow.element import deformation_gradient
 from analysis.shadow.pressure import DERIVATIVES, VALUES, WEIGHTS
 from analysis.shadow.problem import Problem
@@ -87,7 +88,7 @@ def scatter_block(block: Floats, members: Integers, equations: Integers, band: F
                 for j in range(3):
                     column = equations[members[b], j]
                     if 0 <= column <= row:
-                        band[row - column, column] += block[3 * a + i, 3 * b + j]
+                        band[column, row - column] += block[3 * a + i, 3 * b + j]
 
 
 @njit(cache=True)
@@ -140,8 +141,8 @@ class Harmonics:
     bandwidth: int
 
     def tangent(self, u: Floats, pressure_kpa: float, wave_number: int) -> Floats:
-        """Return the lower band of K_n, shape (bandwidth + 1, size), mN/mm."""
-        band = np.zeros((self.bandwidth + 1, self.size), order="F")
+        """Return the band of K_n, mN/mm."""
+        band = empty_band(self.size, self.bandwidth)
         p = self.problem
         harmonic_tangent(
             p.quadrature.gradient, p.quadrature.weight, u, p.quads, p.moduli, wave_number, self.equations, band

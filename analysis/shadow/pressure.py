@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 
 from analysis.shadow.arrays import Floats, Integers
-from analysis.shadow.element import add_to_band
+from analysis.shadow.band import add_to_band
 
 _POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 VALUES = np.stack([_POINTS * (_POINTS - 1) / 2, 1 - _POINTS**2, _POINTS * (_POINTS + 1) / 2], axis=1)

@@ -1,9 +1,9 @@
 """A boundary-value problem in discrete form: which displacement is which equation, and how forces are assembled.
 
 Strategy: freedoms are numbered by reverse Cuthill-McKee so that the symmetric tangent is a narrow band, assembled in
-place and factorised by LAPACK's banded Cholesky, which at the same time tells whether the state is stable: it succeeds
-if and only if the tangent is positive definite. The rigid tip plate is one freedom, the elongation, shared by the axial
-displacements of all its nodes.
+place and factorised by Cholesky, which at the same time tells whether the state is stable: it succeeds if and only if
+the tangent is positive definite. The rigid tip plate is one freedom, the elongation, shared by the axial displacements
+of all its nodes.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from scipy import sparse
 
 from analysis.shadow import element, pressure
 from analysis.shadow.arrays import Booleans, Floats, Integers
+from analysis.shadow.band import empty_band
 from analysis.shadow.element import QuadratureData, quadrature_data
 from analysis.shadow.mesh import Mesh
 
@@ -88,8 +89,8 @@ class Problem:
         return float(strain - pressure_kpa * pressure.cavity_volume(self.nodes, u, self.cavity))
 
     def tangent(self, u: Floats, pressure_kpa: float) -> Floats:
-        """Return the lower band of the tangent, shape (bandwidth + 1, size), Fortran order, mN/mm."""
-        band = np.zeros((self.bandwidth + 1, self.size), order="F")
+        """Return the band of the tangent, mN/mm (see band.py)."""
+        band = empty_band(self.size, self.bandwidth)
         q = self.quadrature
         element.internal_tangent(q.gradient, q.weight, u, self.quads, self.moduli, self.equations, band)
         pressure.pressure_tangent(self.nodes, u, self.cavity, pressure_kpa, self.equations, band)

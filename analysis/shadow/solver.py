@@ -19,9 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lapack
 
 from analysis.errors import ConvergenceError
+from analysis.shadow import band
 from analysis.shadow.arrays import Floats
 from analysis.shadow.problem import Balance, Problem
 
@@ -68,11 +68,8 @@ class Factor:
     held: bool
 
     def solve(self, right: Floats) -> Floats:
-        """Return the tangent's inverse times `right`, shape (size,) or (size, k)."""
-        x, info = lapack.dpbtrs(self.cholesky, right, lower=1)
-        if info != 0:  # pragma: no cover - only for arguments of wrong shape
-            raise ConvergenceError(f"the banded solver refused its arguments ({info})")
-        return np.asarray(x)
+        """Return the tangent's inverse times `right`, shape (size,)."""
+        return np.asarray(band.backward(self.cholesky, band.forward(self.cholesky, right)))
 
 
 class NotConvergedError(Exception):
@@ -114,20 +111,20 @@ def factorise(problem: Problem, u: Floats, pressure_kpa: float, *, held: bool) -
     ----------
     held : the plate's displacement is prescribed: its row and column are taken out.
     """
-    band = problem.tangent(u, pressure_kpa)
+    matrix = problem.tangent(u, pressure_kpa)
     column, diagonal = np.zeros(problem.size), 0.0
     if held:
         plate, width = problem.plate, problem.bandwidth
         below = min(width, problem.size - 1 - plate)
         above = np.arange(max(0, plate - width), plate)
-        column[plate + 1 : plate + 1 + below] = band[1 : below + 1, plate]
-        column[above] = band[plate - above, above]
-        diagonal = float(band[0, plate])
-        band[:, plate] = 0.0
-        band[plate - above, above] = 0.0
-        band[0, plate] = 1.0
-    cholesky, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
-    return Factor(cholesky, column, diagonal, held) if info == 0 else None
+        column[plate + 1 : plate + 1 + below] = matrix[plate, 1 : below + 1]
+        column[above] = matrix[above, plate - above]
+        diagonal = float(matrix[plate, 0])
+        matrix[plate] = 0.0
+        matrix[above, plate - above] = 0.0
+        matrix[plate, 0] = 1.0
+    whole = band.factorise(matrix) == problem.size
+    return Factor(matrix, column, diagonal, held) if whole else None
 
 
 @dataclass(slots=True)
@@ -252,10 +249,10 @@ class Solver:
         else:
             area = now.balance.area.copy()
             area[plate] = 0.0
-            both = factor.solve(np.stack([right, area], axis=1))
-            stiff = float(factor.column @ both[:, 1]) - now.balance.area[plate]
-            dp = -(force[plate] + factor.diagonal * gap + float(factor.column @ both[:, 0])) / stiff
-            du = both[:, 0] + dp * both[:, 1]
+            du, by_pressure = factor.solve(right), factor.solve(area)
+            stiff = float(factor.column @ by_pressure) - now.balance.area[plate]
+            dp = -(force[plate] + factor.diagonal * gap + float(factor.column @ du)) / stiff
+            du = du + dp * by_pressure
         du[plate] = gap
         return self.problem.spread(du), float(dp)
 

@@ -10,13 +10,12 @@ bisecting between the last stable and the first unstable state.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from scipy.linalg import blas, lapack
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from analysis.errors import ConvergenceError
+from analysis.shadow import band
 from analysis.shadow.arrays import Floats
 from analysis.shadow.harmonics import Harmonics
 from analysis.shadow.problem import Problem
@@ -26,6 +25,7 @@ WAVE_NUMBERS = (0, 1, 2, 3, 4)
 STEP_SHARE = 1.0 / 100.0
 LONGEST_WALK_SHARE = 0.2
 BISECTIONS = 14
+EIGENVALUE_STEP = 1e-5
 """The walk goes in steps of this share of the length, as far as that share, and halves its last step so often."""
 
 
@@ -58,41 +58,50 @@ class Stability:
     problem: Problem
     harmonics: Harmonics
 
-    def band(self, u: Floats, pressure_kpa: float, wave_number: int) -> tuple[Floats, int]:
-        """Return the lower band of K_n and its bandwidth."""
+    def tangent(self, u: Floats, pressure_kpa: float, wave_number: int) -> Floats:
+        """Return the band of K_n."""
         if wave_number == 0:
-            return self.problem.tangent(u, pressure_kpa), self.problem.bandwidth
-        return self.harmonics.tangent(u, pressure_kpa, wave_number), self.harmonics.bandwidth
+            return self.problem.tangent(u, pressure_kpa)
+        return self.harmonics.tangent(u, pressure_kpa, wave_number)
 
     def unstable_mode(self, solution: Solution) -> int | None:
         """Return the first wave number whose tangent is not positive definite; None for a stable state."""
         for n in WAVE_NUMBERS:
-            band, _ = self.band(solution.displacement_mm, solution.pressure_kpa, n)
-            if lapack.dpbtrf(band, lower=1, overwrite_ab=1)[1] != 0:
+            matrix = self.tangent(solution.displacement_mm, solution.pressure_kpa, n)
+            if band.factorise(matrix) < len(matrix):
                 return n
         return None
 
     def lowest_eigenvalue(self, solution: Solution) -> float:
-        """Return the margin of a state, the least over all wave numbers: 1 at rest, 0 at the limit, no unit."""
-        return min(self._relative_eigenvalue(solution, n) for n in WAVE_NUMBERS)
+        """Return the margin of a state, the least over all wave numbers: 1 at rest, 0 at the limit, no unit.
 
-    def _relative_eigenvalue(self, solution: Solution, wave_number: int) -> float:
-        at_rest, width = self.band(np.zeros_like(solution.displacement_mm), 0.0, wave_number)
-        root, info = lapack.dpbtrf(at_rest, lower=1, overwrite_ab=1)
-        if info != 0:
+        It is the greatest s for which K_n - s K_n(rest) is positive definite for all n, found by bisection.
+        """
+        rest = np.zeros_like(solution.displacement_mm)
+        lowest = np.inf
+        for n in WAVE_NUMBERS:
+            now = self.tangent(solution.displacement_mm, solution.pressure_kpa, n)
+            lowest = least_shift(now, self.tangent(rest, 0.0, n), lowest)
+        return lowest
+
+
+def least_shift(matrix: Floats, reference: Floats, known: float) -> float:
+    """Return the smaller of `known` and the lowest eigenvalue of matrix v = s reference v, to EIGENVALUE_STEP."""
+
+    def definite(shift: float) -> bool:
+        return band.factorise(matrix - shift * reference) == len(matrix)
+
+    if np.isfinite(known) and definite(known):
+        return known
+    low, high = (0.0, min(known, 2.0)) if definite(0.0) else (-1.0, 0.0)
+    while low < 0.0 and not definite(low):
+        low, high = 2.0 * low, low
+        if low < -1e6:
             raise ConvergenceError("the actuator is not stable even at rest", "support it, or repair its mesh")
-        band, _ = self.band(solution.displacement_mm, solution.pressure_kpa, wave_number)
-
-        def apply(v: Floats) -> Floats:
-            x, _ = lapack.dtbtrs(root, v, uplo="L", trans="T")
-            y, _ = lapack.dtbtrs(root, blas.dsbmv(width, 1.0, band, np.ravel(x), lower=1), uplo="L")
-            return np.ravel(y)
-
-        size = band.shape[1]
-        operator: Any = LinearOperator((size, size), matvec=apply, dtype=np.float64)
-        start = np.random.default_rng(0).standard_normal((size,))
-        values, _ = eigsh(operator, k=1, which="SA", v0=start, tol=1e-4, ncv=min(40, size - 1), maxiter=4000)
-        return float(values[0])
+    while high - low > EIGENVALUE_STEP:
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if definite(middle) else (low, middle)
+    return low
 
 
 def find_limit(solver: Solver, stability: Stability, length_mm: float, direction: Literal[-1, 1]) -> CriticalState:

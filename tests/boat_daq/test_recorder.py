@@ -429,57 +429,74 @@ def test_a_reader_left_open_does_not_keep_a_recording_from_closing(recorder, sou
 
 # ---- kill -9 --------------------------------------------------------------------------------------------------------
 
-CHILD = """
-import sys, time
+FORKS = """
+import os, sys, time
 from pathlib import Path
 from boat_daq.engine.recorder import Recorder
 from tests.boat_daq.board_link import meta_of
 from tests.boat_daq.test_recorder import Source
-source = Source(rate_hz=int(sys.argv[2]))
-recorder = Recorder(Path(sys.argv[1]), meta_of(source.link))
-recorder.attached(source.link.decoder_state())
-while True:
-    recorder(source.next(5_000))
-    done = recorder.acknowledged
-    print(done.chunks, done.samples, time.monotonic_ns(), flush=True)
-    time.sleep(0.005)
+
+def record(path, rate_hz):
+    source = Source(rate_hz=rate_hz)
+    recorder = Recorder(path, meta_of(source.link))
+    recorder.attached(source.link.decoder_state())
+    print(os.getpid(), flush=True)
+    while True:
+        recorder(source.next(5_000))
+        done = recorder.acknowledged
+        print(done.chunks, done.samples, time.monotonic_ns(), flush=True)
+        time.sleep(0.005)
+
+for line in sys.stdin:  # imports are paid once; each recording is a process of its own
+    path, rate_hz = line.rstrip().rsplit(" ", 1)
+    child = os.fork()
+    if not child:
+        record(Path(path), int(rate_hz))
+    os.waitpid(child, 0)
+    print("\\nend", flush=True)
 """
 
 
-def kill_once(path: Path, after_s: float, rate_hz: int) -> tuple[int, float, float]:
-    """Kill a recording child.
+@pytest.fixture
+def forks() -> Iterator[subprocess.Popen[str]]:
+    """A process that starts recording processes, one a line."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", FORKS], stdin=pipe, stdout=pipe, text=True) as process:
+        yield process
 
-    Returns how many acknowledged samples are missing, the seconds missing at the end, and for how long the child,
-    which wants to run every 5 ms, was not let by a busy machine.
-    """
-    command = [sys.executable, "-c", CHILD, str(path), str(rate_hz)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
-        said = child.stdout.readline()
-        time.sleep(after_s)
-        os.kill(child.pid, signal.SIGKILL)
-        said += child.stdout.read()
-    lines = np.array([line.split() for line in said[: said.rindex("\n")].splitlines()], dtype=np.int64)
-    acknowledged, last_ns = int(lines[-1, 1]), int(lines[-1, 2])
-    stood_still_s = np.diff(lines[:, 2], prepend=lines[0, 2]).max() / 1e9
+
+def kill_once(forks: subprocess.Popen[str], path: Path, after_s: float, rate_hz: int) -> tuple[int, float]:
+    """Kill a recording process; return how many acknowledged samples are missing, and seconds missing at the end."""
+    assert forks.stdin is not None
+    assert forks.stdout is not None
+    print(path, rate_hz, file=forks.stdin, flush=True)
+    child = int(forks.stdout.readline())
+    time.sleep(after_s)
+    os.kill(child, signal.SIGKILL)
+    said = [line.split() for line in iter(forks.stdout.readline, "end\n")]
+    whole = [line for line in said if len(line) == 3 and len(line[2]) == len(said[0][2])]  # the last may be torn
+    _, acknowledged, last_ns = map(int, whole[-1])
     recovery = recover(path)
     assert recovery.status == "recovered"
     assert recovery.damaged == ()
     assert verify_recording(path).identical
     sql = "SELECT coalesce((SELECT max(host_ns) FROM chunk), (SELECT value FROM session WHERE key = 'started_host_ns'))"
     kept_ns = int(rows(path, sql)[0][0])
-    return acknowledged - recovery.samples, (last_ns - kept_ns) / 1e9, stood_still_s
+    return acknowledged - recovery.samples, (last_ns - kept_ns) / 1e9
 
 
 @pytest.mark.parametrize("times", [20, pytest.param(200, marks=[pytest.mark.nightly, pytest.mark.timeout(1800)])])
-def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, times):
-    """Killed at random instants: it opens, all that was acknowledged is there, at most 0.2 s are missing."""
+def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, forks, times):
+    """Killed at random instants: it opens, all that was acknowledged is there, at most 0.2 s are missing.
+
+    A machine with more to do than it can is slower by so much; nothing acknowledged is lost there either.
+    """
     instants = random.Random(times)
     missing = []
     for number in range(times):
         rate_hz = 10_000 if number % 2 else 100
-        lost, seconds, stood_still_s = kill_once(tmp_path / f"{number}.boat", instants.uniform(0.0, 0.4), rate_hz)
+        lost, seconds = kill_once(forks, tmp_path / f"{number}.boat", instants.uniform(0.02, 0.4), rate_hz)
         assert lost <= 0
-        assert seconds <= 0.2 + stood_still_s
+        assert seconds <= 0.2 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
         missing.append(seconds)
     print(f"{times} kills: median {np.median(missing) * 1e3:.0f} ms, worst {max(missing) * 1e3:.0f} ms missing")

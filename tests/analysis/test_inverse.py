@@ -1,0 +1,87 @@
+"""The inverse: exact inside the range, silent outside, honest about its uncertainty."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from analysis import AnalysisError, Fusion, Inverse, fit_calibration
+from tests.analysis.boat_builder import PAPER
+
+X = np.tile(np.linspace(-2.7, 3.8, 10), 5)
+
+
+def fitted(sensor: int = 0, sign: float = 1.0, noise: float = 1.0, seed: int = 0):  # type: ignore[no-untyped-def]
+    """A calibration of the paper's cubic with noise."""
+    rng = np.random.default_rng(seed)
+    return fit_calibration(X, sign * np.polynomial.Polynomial(PAPER[sensor])(X) + noise * rng.standard_normal(X.size))
+
+
+@settings(deadline=None)
+@given(st.floats(0, 1), st.sampled_from([1.0, -1.0]), st.integers(0, 1))
+def test_there_and_back_is_exact_inside_the_range(share: float, sign: float, sensor: int) -> None:
+    """x -> mV -> x closes to 1e-10 mm at every x of the range, its ends included, rising or falling."""
+    calibration = fitted(sensor, sign)
+    x = calibration.x_range[0] + share * (calibration.x_range[1] - calibration.x_range[0])
+    assert float(Inverse.of(calibration)(calibration.predict(x))) == pytest.approx(x, abs=1e-10)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_outside_the_range_there_is_no_value(sign: float) -> None:
+    """Fault 41: NaN and a flag outside, the end of the range where asked for, NaN stays NaN."""
+    calibration = fitted(sign=sign)
+    inverse = Inverse.of(calibration)
+    beyond = calibration.predict(np.asarray(calibration.x_range)) + sign * np.asarray([-5.0, 5.0])
+    assert np.isnan(inverse(beyond)).all()
+    np.testing.assert_allclose(inverse(beyond, clamp=True), calibration.x_range)
+    assert np.isnan(inverse([np.nan], clamp=True)).all()
+    assert inverse.evaluate([*beyond, np.nan]).outside.tolist() == [True, True, False]
+
+
+def test_a_curve_that_turns_has_no_inverse() -> None:
+    """The refusal names the turning point."""
+    x = np.linspace(-1, 2, 30)
+    with pytest.raises(AnalysisError, match="turns at"):
+        Inverse.of(fit_calibration(x, x**2 + 1e-3 * np.sin(9 * x), 2))
+
+
+def test_stated_uncertainty_is_the_scatter_of_readings() -> None:
+    """Noise of 1 mV through the local slope: the sd of many readings of one x is u(x), within 3 %."""
+    calibration = fitted()
+    inverse = Inverse.of(calibration, noise_sd=1.0)
+    rng = np.random.default_rng(5)
+    readings = inverse(calibration.predict(1.0) + rng.standard_normal(40_000))
+    noise, _ = inverse.parts(1.0)
+    assert readings.std() == pytest.approx(float(noise), rel=0.03)
+
+
+def test_two_sensors_weigh_by_their_variances() -> None:
+    """Two equal, independent sensors halve the variance of the noise; the value is their mean."""
+    one, two = fitted(seed=1), fitted(seed=2)
+    fusion = Fusion.of([Inverse.of(one, noise_sd=2.0), Inverse.of(two, noise_sd=2.0)])
+    signal = np.asarray([float(one.predict(1.0)), float(two.predict(1.0))])
+    both = fusion.evaluate(signal)
+    single = fusion.inverses[0].evaluate(signal[0])
+    assert float(both.elongation_mm) == pytest.approx(1.0, abs=1e-6)
+    assert float(both.standard_uncertainty_mm) == pytest.approx(float(single.standard_uncertainty_mm) / 2**0.5, rel=0.05)
+
+
+def test_sensors_that_disagree_are_flagged() -> None:
+    """A shift of 1 mm in one sensor is beyond 4 sigma; none is not."""
+    one, two = fitted(0, seed=1), fitted(1, seed=2)
+    fusion = Fusion.of([one, two])
+    agree = [float(one.predict(1.0)), float(two.predict(1.0))]
+    apart = [float(one.predict(1.0)), float(two.predict(2.0))]
+    assert fusion.evaluate([agree, apart]).disagreement.tolist() == [False, True]
+
+
+def test_a_sensor_outside_its_range_leaves_the_other_alone() -> None:
+    """The value then is that of the sensor that still sees it; with none left it is NaN and flagged."""
+    one, two = fitted(0), fitted(1)
+    fusion = Fusion.of([one, two])
+    found = fusion.evaluate([[float(one.predict(1.0)), 9e3], [9e3, 9e3]])
+    assert found.elongation_mm[0] == pytest.approx(1.0, abs=1e-9)
+    assert np.isnan(found.elongation_mm[1])
+    assert found.outside.tolist() == [False, True]

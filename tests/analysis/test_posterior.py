@@ -1,0 +1,142 @@
+"""The posterior against the closed form, a long run, and its own claims."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from analysis import AnalysisError, fit_calibration, sample_posterior
+from tests.analysis.boat_builder import PAPER
+
+X = np.tile(np.linspace(-2.7, 3.8, 10), 9)
+TRUTH = np.polynomial.Polynomial(PAPER[0])
+GRID_SD = 1.0 / 12**0.5
+
+
+def noisy(seed: int, sd: float = 1.3) -> np.ndarray:
+    return TRUTH(X) + sd * np.random.default_rng(seed).standard_normal(X.size)
+
+
+def test_sd_is_that_of_students_t() -> None:
+    """Without reading error the coefficients have Student's t: mean and sd agree, the sd within 3 %."""
+    posterior = sample_posterior(X, noisy(0), seed=0)
+    fit = posterior.calibration
+    closed = fit.std_errors * np.sqrt(fit.dof / (fit.dof - 2))
+    assert posterior.converged
+    np.testing.assert_allclose(posterior.sd, closed, rtol=0.03)
+    assert (np.abs(posterior.mean - fit.coefficients) < 0.06 * closed).all()
+
+
+def test_band_of_the_curve_is_the_closed_one() -> None:
+    """The 68 and 95 % bands agree with Student's within 5 % of their width."""
+    posterior = sample_posterior(X, noisy(1), seed=1)
+    x = np.linspace(-2.5, 3.5, 7)
+    for level in (0.68, 0.95):
+        sampled, closed = posterior.curve_band(x, level), posterior.calibration.band(x, level)
+        width = closed[1] - closed[0]
+        assert (np.abs(np.asarray(sampled) - np.asarray(closed)) < 0.05 * width).all()
+
+
+def test_same_seed_same_draws() -> None:
+    """Fault 44: bit for bit; another seed gives others."""
+    a, b, c = (sample_posterior(X, noisy(2), seed=s, max_steps=400) for s in (7, 7, 8))
+    assert np.array_equal(a.basis_samples, b.basis_samples)
+    assert not np.array_equal(a.basis_samples, c.basis_samples)
+
+
+def test_a_chain_too_short_says_so() -> None:
+    """Fault 43: fewer than 50 autocorrelation times is not converged."""
+    assert not sample_posterior(X, noisy(3), seed=0, max_steps=400).converged
+
+
+def test_berkson_error_is_taken_out() -> None:
+    """A reading is the centre of a cell of 1 mm: least squares shifts b0 by b2/12, the posterior does not."""
+    rng = np.random.default_rng(4)
+    read = np.tile(np.arange(-4.0, 5.0), 4000)
+    y = TRUTH(read + rng.uniform(-0.5, 0.5, read.size)) + 0.5 * rng.standard_normal(read.size)
+    shift = PAPER[0][2] / 12
+    plain = fit_calibration(read, y)
+    assert plain.coefficients[0] - PAPER[0][0] == pytest.approx(shift, abs=0.35 * abs(shift) + 3 * plain.std_errors[0])
+    target = sample_posterior(read[:360], y[:360], reading_sd=GRID_SD, seed=0)
+    assert abs(target.mean[0] - PAPER[0][0]) < 3 * target.sd[0]
+    # the same model by weighted least squares on the full set: correct the mean, weigh by the effective variance
+    slope, bend = TRUTH.deriv(1)(read), TRUTH.deriv(2)(read)
+    exact = fit_calibration(read, y - 0.5 * bend * GRID_SD**2, standard_uncertainty=np.hypot(0.5, slope * GRID_SD))
+    assert abs(exact.coefficients[0] - PAPER[0][0]) < 3 * exact.std_errors[0]
+
+
+def test_reading_error_widens_the_posterior_as_the_effective_variance_says() -> None:
+    """Against weighted least squares with the known effective variance: sd within 10 %."""
+    rng = np.random.default_rng(6)
+    read = np.tile(np.linspace(-2.5, 3.5, 13), 10)
+    y = TRUTH(read + rng.uniform(-0.25, 0.25, read.size)) + 1.3 * rng.standard_normal(read.size)
+    sd = 0.5 / 12**0.5
+    posterior = sample_posterior(read, y, reading_sd=sd, seed=0)
+    known = np.hypot(1.3, TRUTH.deriv()(read) * sd)
+    design = np.vander(read, 4, increasing=True) / known[:, None]
+    expected = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    assert posterior.converged
+    np.testing.assert_allclose(posterior.sd, expected, rtol=0.15)
+
+
+def test_unequal_noise_weighs_the_points() -> None:
+    """With known ratios of the noise the sds are those of weighted least squares times sqrt(dof / (dof - 2))."""
+    u = np.where(X > 0, 4.0, 1.0)
+    y = TRUTH(X) + u * np.random.default_rng(8).standard_normal(X.size)
+    posterior = sample_posterior(X, y, standard_uncertainty=u, seed=0)
+    fit = fit_calibration(X, y, standard_uncertainty=u)
+    np.testing.assert_allclose(posterior.sd, fit.std_errors * np.sqrt(fit.dof / (fit.dof - 2)), rtol=0.04)
+
+
+def test_monotone_curves_only() -> None:
+    """With the constraint no draw turns inside the range; without it some do where the data allow."""
+    x = np.tile(np.linspace(0, 4.4, 8), 2)
+    y = TRUTH(x) + 6.0 * np.random.default_rng(10).standard_normal(x.size)
+    grid = np.linspace(0, 4.4, 41)
+    free = sample_posterior(x, y, seed=0, max_steps=1200)
+    bound = sample_posterior(x, y, seed=0, max_steps=1200, monotone=True)
+    slopes = [p.basis_samples @ p.calibration.fit.basis.slope_design(grid).T for p in (free, bound)]
+    assert (slopes[0] < 0).any()
+    assert not (slopes[1] < -1e-9).any()
+
+
+def test_points_on_the_curve_have_no_noise_to_sample() -> None:
+    """Exact points and too few points are refused with the reason."""
+    with pytest.raises(AnalysisError, match="no noise"):
+        sample_posterior(X, TRUTH(X))
+    with pytest.raises(AnalysisError, match="no degree of freedom"):
+        sample_posterior(X[:4], noisy(0)[:4])
+
+
+@pytest.mark.nightly
+def test_bands_cover_what_they_say() -> None:
+    """Over 200 data sets the 68 and 95 % bands of the curve hold the truth in 68 +- 5 and 95 +- 3 %."""
+    x, at = X[:30], np.linspace(-2.5, 3.6, 9)
+    inside = np.zeros((2, 200, at.size), dtype=bool)
+    for seed in range(200):
+        y = TRUTH(x) + 1.3 * np.random.default_rng(1000 + seed).standard_normal(x.size)
+        posterior = sample_posterior(x, y, seed=seed, max_steps=1600)
+        for k, level in enumerate((0.68, 0.95)):
+            low, high = posterior.curve_band(at, level)
+            inside[k, seed] = (low <= TRUTH(at)) & (TRUTH(at) <= high)
+    found = inside.mean(axis=(1, 2))
+    print(f"coverage of the 68 and 95 % bands: {found[0]:.3f}, {found[1]:.3f}")
+    assert abs(found[0] - 0.68) < 0.05
+    assert abs(found[1] - 0.95) < 0.03
+
+
+def test_closed_bands_cover_what_they_say() -> None:
+    """Student's bands of curve and new reading hold the truth 95 +- 3 % of the time over 400 data sets."""
+    x, at = X[:30], np.asarray([-2.0, 0.0, 3.0])
+    rng = np.random.default_rng(11)
+    hits = []
+    for _ in range(400):
+        fit = fit_calibration(x, TRUTH(x) + 1.3 * rng.standard_normal(x.size))
+        low, high = fit.band(at)
+        reading = TRUTH(at) + 1.3 * rng.standard_normal(at.size)
+        below, above = fit.band(at, new_reading=True)
+        hits.append([((low <= TRUTH(at)) & (TRUTH(at) <= high)), ((below <= reading) & (reading <= above))])
+    rates = np.mean(hits, axis=(0, 2))
+    assert (np.abs(rates - 0.95) < 0.03).all()
+    assert stats.binomtest(int(rates[0] * 1200), 1200, 0.95).pvalue > 1e-6

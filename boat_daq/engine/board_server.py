@@ -4,7 +4,7 @@ The board's time follows the monotonic clock times the speed, in steps of a few 
 bytes are handed over before each step, so that a stalled machine does not starve the board's watchdog while the feed
 lies in the buffer; for the same reason a fast board does not make up for a stall: its time then simply went slower. At
 1x it does, so that its clock keeps to the wall's. Nor does a fast board count milliseconds of a busy computer as
-seconds without a host: just before its watchdog would vent, it waits up to half a second of wall time for one that is
+seconds without a host: just before its watchdog would vent, it waits up to a second of wall time for one that is
 connected. A host that does not read never holds the board up: beyond the
 transmit buffer samples are dropped, counted and told, as the contract says. With no host at all bytes go nowhere, as on
 a wire without a listener.
@@ -37,7 +37,7 @@ SPEEDS = (1.0, 1000.0)
 _STEP_S = 0.005
 _FAST_STEP_S = 0.002  # from 20x on, where the host waits for more board time in each step
 _LONGEST_STEP_S = 0.02
-_GRACE_S = 0.5  # wall time without a byte from a connected host, before a fast board's watchdog may vent
+_GRACE_S = 1.0  # wall time without a byte from a connected host, before a fast board's watchdog may vent
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,6 +34,11 @@ def sensor_ink(number: int) -> Ink:
     return lambda theme: theme.sensors[(number - 1) % len(theme.sensors)]
 
 
+def ramp_ink(place: int, of: int) -> Ink:
+    """Return the colour role of one of several in a row, on viridis."""
+    return lambda theme: style.sequential(theme, place, of)
+
+
 class TickAxis(pg.AxisItem):  # type: ignore[misc]
     """An axis whose ticks are 1-2-5 (or clock divisions) and whose minus is a minus."""
 

@@ -24,7 +24,7 @@ class ReadingBar(QFrame):
     def __init__(self, desk: Desk) -> None:
         super().__init__()
         self.desk = desk
-        self._asked: int | None = None
+        self.asked: int | None = None
         self.setObjectName("card")
         self.question = widgets.label("", "set", name="Reading asked for")
         self.field = widgets.field("Elongation in mm", placeholder="mm", width=3 * style.CONTROL_HEIGHT)
@@ -56,9 +56,9 @@ class ReadingBar(QFrame):
         self.setVisible(waiting is not None)
         step = waiting.step_id if waiting else None
         self.simulated.setVisible(self.desk.can_read_simulated())
-        if step == self._asked:
+        if step == self.asked:
             return
-        self._asked = step
+        self.asked = step
         self.field.clear()
         if waiting is not None:
             widgets.set_text(self.question, self.desk.readings.question(snapshot))
@@ -68,15 +68,15 @@ class ReadingBar(QFrame):
 
     def enter(self) -> None:
         """Keep what was typed."""
-        text, step = self.field.text(), self._asked
+        text, step = self.field.text(), self.asked
         if step is None or not text.strip():
             return
         kept = self.desk.notices.attempt(lambda: self.desk.readings.enter(step, text))
         widgets.set_state(self.field, "" if kept else "true", "wrong")
 
     def _simulated(self) -> None:
-        if self._asked is not None:
-            self.desk.read_simulated(self._asked)
+        if self.asked is not None:
+            self.desk.read_simulated(self.asked)
 
     def _skip(self) -> None:
         self.desk.notices.attempt(self.desk.session.skip_reading)
@@ -158,6 +158,7 @@ class ReadingsView(QTableView):
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setAlternatingRowColors(True)
         self.setShowGrid(False)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.verticalHeader().hide()
         self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
 

@@ -8,7 +8,7 @@ from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.figure_table import FigureTable
-from boat_daq.gui.plot import Curve, sensor_ink
+from boat_daq.gui.plot import Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.viewmodels.calibration import sensor_words
 from boat_daq.viewmodels.desk import Desk
@@ -25,8 +25,7 @@ class LoopsByCycle(PlotCard):
         self.number = number
         self.plot = self.add("Signal", "mV", x_title="Pressure", x_unit="kPa")
         self.curves: list[Curve] = [
-            self.plot.curve(f"Group {i + 1}", lambda t, i=i: style.sequential(t, i, GROUPS), gaps=True)
-            for i in range(GROUPS)
+            self.plot.curve(f"Group {i + 1}", ramp_ink(i, GROUPS), gaps=True) for i in range(GROUPS)
         ]
 
     def show_groups(self, desk: Desk) -> None:
@@ -98,10 +97,10 @@ class RepeatPage(QWidget):
         grid.setSpacing(style.GAP)
         for i, card in enumerate(self.loops):
             grid.addWidget(card, 0, 3 * i, 1, 3)
-        for i, card in enumerate((self.drift, self.hysteresis, self.span)):
-            grid.addWidget(card, 1, 2 * i, 1, 2)
-        for column in range(6):
-            grid.setColumnStretch(column, 1)
+        for i, shown in enumerate((self.drift, self.hysteresis, self.span)):
+            grid.addWidget(shown, 1, 2 * i, 1, 2)
+        for sixth in range(6):
+            grid.setColumnStretch(sixth, 1)
         grid.setRowStretch(0, 4)
         grid.setRowStretch(1, 3)
         side, column = widgets.card()

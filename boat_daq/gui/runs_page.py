@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -26,11 +27,11 @@ from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.files import ask_save
-from boat_daq.gui.plot import sensor_ink
+from boat_daq.gui.plot import Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.desk import Desk
-from boat_daq.viewmodels.runs import HEADINGS, Run
+from boat_daq.viewmodels.runs import HEADINGS, MOST_COMPARED, Run
 
 SPEEDS = (1, 5, 20, 100)
 RUN_ROLE = Qt.ItemDataRole.UserRole
@@ -50,7 +51,7 @@ class Thumbnail(QStyledItemDelegate):
         run = index.data(RUN_ROLE)
         if not isinstance(run, Run) or not run.outline:
             return
-        room: QRect = option.rect.adjusted(style.GAP, style.STEP + 2, -style.GAP, -style.STEP - 2)  # type: ignore[attr-defined]
+        room: QRect = option.rect.adjusted(style.GAP, style.STEP + 2, -style.GAP, -style.STEP - 2)
         ink = style.colour(self.theme.pressure)
         painter.save()
         painter.setPen(QPen(ink, 1))
@@ -118,15 +119,15 @@ class RunsPage(QWidget):
         self.stack.addWidget(self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
-    def _comparison_plots(self) -> list[list[object]]:
+    def _comparison_plots(self) -> list[list[Curve]]:
         rows = []
         for number in (1, 2):
             plot = self.compare_card.add(
                 f"Sensor {number}", "mV", x_title="Elongation" if number == 2 else "", x_unit="mm"
             )
-            rows.append([plot.curve(f"Run {i + 1}", lambda t, i=i: style.sequential(t, i, 4)) for i in range(4)])
+            rows.append([plot.curve(f"Run {i + 1}", ramp_ink(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
         self.compare_card.link_x()
-        return rows  # type: ignore[return-value]
+        return rows
 
     def _empty(self) -> QWidget:
         return EmptyState(
@@ -168,10 +169,10 @@ class RunsPage(QWidget):
         layout.addLayout(lower, 2)
         return body
 
-    def _menu(self, key: str, entries: list[tuple[str, object]]) -> None:
+    def _menu(self, key: str, entries: list[tuple[str, Callable[[], object]]]) -> None:
         menu = QMenu(self.buttons[key])
         for text, deed in entries:
-            menu.addAction(text, deed)  # type: ignore[arg-type]
+            menu.addAction(text, deed)
         self.buttons[key].setMenu(menu)
 
     def selected(self) -> list[Run]:
@@ -270,6 +271,6 @@ class RunsPage(QWidget):
         for row, curves in zip(self.differences, lines, strict=False):
             for i, curve in enumerate(row):
                 x, y = curves[i] if i < len(curves) else self.desk.runs.nothing
-                curve.set(x, y)  # type: ignore[attr-defined]
+                curve.set(x, y)
         for plot in self.compare_card.plots:
             plot.fit()

@@ -15,7 +15,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.shadow_live import LEVELS, SCALES, ShadowPicture
 
-ROOM_MM = QRectF(-31.0, -4.0, 62.0, 90.0)  # what the view shows of (x, z)
+ROOM_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # what the view shows of (x, z)
 LINES = 5
 DOT = 5
 REST_LENGTH_MM = 75.0

@@ -136,8 +136,9 @@ def sequential(theme: Theme, place: int, of: int) -> str:
     at = (first + (last - first) * place / max(of - 1, 1)) * (len(VIRIDIS) - 1)
     low = min(int(at), len(VIRIDIS) - 2)
     a, b = QColor(VIRIDIS[low]), QColor(VIRIDIS[low + 1])
-    mix = [round(x + (y - x) * (at - low)) for x, y in zip(a.getRgb(), b.getRgb(), strict=True)]
-    return QColor(*mix).name()
+    share = at - low
+    mixed = (x + (y - x) * share for x, y in ((a.red(), b.red()), (a.green(), b.green()), (a.blue(), b.blue())))
+    return QColor(*(round(value) for value in mixed)).name()
 
 
 def colour(value: str, alpha: int = 255) -> QColor:

@@ -74,10 +74,11 @@ def _sensor(found: Analysis, index: int) -> SensorResult:
     values = {key: float(figure.value) for key, figure in sensor.figures.items() if key in FIGURES}
     calibration = sensor.calibration
     if calibration is None:
-        empty = np.zeros(0)
+        empty, no_flags, no_numbers = np.zeros(0), np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
         return SensorResult(
-            sensor.name, sensor.calibration_void, values, per_cycle, *([empty] * 5), *([empty] * 5), None, ()
-        )
+            sensor.name, sensor.calibration_void, values, per_cycle, empty, empty, empty, no_flags, no_numbers,
+            empty, empty, empty, empty, empty, None, (),
+        )  # fmt: skip
     points = [found.plateaus[int(i)] for i in sensor.point_plateau]
     loading = np.array([p.branch != "unloading" for p in points])
     grid = np.linspace(*calibration.x_range, GRID)

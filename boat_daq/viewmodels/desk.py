@@ -21,7 +21,7 @@ from boat_daq.viewmodels.changes import Change, Changes, History
 from boat_daq.viewmodels.connection import ConnectionModel
 from boat_daq.viewmodels.conversion import Preparation
 from boat_daq.viewmodels.live import LiveModel, Marker
-from boat_daq.viewmodels.notices import Level, Notices
+from boat_daq.viewmodels.notices import Level, Notice, Notices
 from boat_daq.viewmodels.overlay import OverlayModel
 from boat_daq.viewmodels.preferences import Preferences
 from boat_daq.viewmodels.readings import ReadingsModel
@@ -78,6 +78,7 @@ class Desk:
         self._inverse_of: StoredCalibration | None = None
         self.request: Callable[[str], None] = lambda what: None
         self._unit_shown = ""
+        self._link_notices: list[Notice] = []  # they leave by themselves once the link is up again
         self.snapshot = session.snapshot()
         self._last_message = max((m.number for m in self.snapshot.messages), default=0)
 
@@ -96,7 +97,13 @@ class Desk:
         for message in self.snapshot.messages:
             if message.number > self._last_message:
                 self._last_message = message.number
-                self.notices.say(LEVELS.get(message.level, Level.WARNING), message.cause, message.remedy)
+                notice = self.notices.say(LEVELS.get(message.level, Level.WARNING), message.cause, message.remedy)
+                if self.snapshot.link in (LinkState.SILENT, LinkState.LOST):
+                    self._link_notices.append(notice)
+        if self._link_notices and self.connected():
+            for notice in self._link_notices:
+                self.notices.dismiss(notice)
+            self._link_notices.clear()
         return self.snapshot
 
     def _tell_runs(self) -> None:

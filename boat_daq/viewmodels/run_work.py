@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from analysis.export import export
+from analysis.pipeline import analyse
 from analysis.recording import load_recording
+from analysis.reporting import write_report
 from boat_daq.viewmodels.calibration_work import analyse_run
 from boat_daq.viewmodels.results import RunResult
 
@@ -24,6 +26,21 @@ def export_run(
     AnalysisError : it cannot be read, or the target cannot be written.
     """
     return export(load_recording(path), target, kind, progress=progress)
+
+
+def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = None) -> str:
+    """Make the report of one or several recordings; returns its verdict.
+
+    Raises
+    ------
+    AnalysisError : one of them cannot be read, or the target cannot be written.
+    """
+    analyses = []
+    for done, path in enumerate(paths):
+        if progress is not None:
+            progress(done, len(paths) + 1)
+        analyses.append(analyse(path))
+    return write_report(analyses, target).verdict
 
 
 def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:

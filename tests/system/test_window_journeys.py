@@ -59,7 +59,7 @@ def travel(screen, tmp_path):
 
 @pytest.mark.timeout(240)
 def test_first_start_to_accepted_calibration_and_report(travel, capsys):
-    """A new user's way: connect the virtual board, two cycles, every reading, accept, see millimetres, make the report."""
+    """A new user's way: connect the virtual board, two cycles, every reading, accept, see millimetres, report."""
     seen = travel("whole_session")
     with capsys.disabled():
         print(f"\nwhole session, seconds from the start: {seen['times']}")

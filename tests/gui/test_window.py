@@ -1,0 +1,250 @@
+"""The window's manners: pages, keys, names, undo, themes, nothing modal."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QKeySequence
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractButton, QAbstractSpinBox, QApplication, QComboBox, QDialog, QLineEdit, QWidget
+
+from boat_daq.engine.session import Message, ReadingRequest, SessionState, StepMark
+from boat_daq.gui import style
+from boat_daq.gui.plot_card import PlotCard
+from boat_daq.viewmodels.desk import PAGES
+from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+
+
+def test_first_start_shows_the_three_steps(empty):
+    """Without a sample the live page says what to do, and the virtual board is one of the ways."""
+    empty.refresh()
+    assert empty.live.first_steps.isVisible()
+    assert empty.live.first_steps.virtual.text() == "Start the virtual board"
+
+
+def test_data_replace_the_first_steps(live):
+    """With samples the plots stand where the steps stood, and hold the newest sample."""
+    live.refresh()
+    live.draw()
+    assert live.live.plots.isVisible()
+    assert live.live.plots.s1.x[-1] == pytest.approx(299.99)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_page_opens(live, name):
+    """Each page of the navigation can be gone to and refreshed."""
+    live.go(name)
+    live.refresh()
+    assert live.page == name
+    assert live.navigation.buttons[name].isChecked()
+
+
+def test_every_command_has_its_own_keys(live):
+    """No command is without a shortcut, and no two share one."""
+    keys = [QKeySequence(c.shortcut).toString() for c in live.commands.commands]
+    assert all(keys)
+    assert [key for key, n in Counter(keys).items() if n > 1] == []
+
+
+def test_every_control_has_an_accessible_name(live):
+    """A screen reader can name every button, field and choice."""
+    nameless = [
+        type(widget).__name__ + " in " + type(widget.parent()).__name__
+        for widget in live.findChildren(QWidget)
+        if isinstance(widget, QAbstractButton | QLineEdit | QComboBox)
+        and not isinstance(widget.parent(), QAbstractSpinBox)
+        and not (widget.accessibleName() or getattr(widget, "text", str)())
+        and not widget.objectName().startswith("qt_")
+    ]
+    assert nameless == []
+
+
+def test_no_dialog_is_modal(live):
+    """No panel of the window stops the rest of it."""
+    live.show_keys()
+    live.live.open_photograph()
+    live.show_request("connect")
+    assert [dialog for dialog in live.findChildren(QDialog) if dialog.isModal()] == []
+
+
+def test_vent_acts_on_the_press(live):
+    """The red button vents when it is pressed, not when it is let go."""
+    QTest.mousePress(live.header.vent, Qt.MouseButton.LeftButton)
+    assert live.desk.session.asked == ["vent"]
+
+
+def test_a_warning_stands_with_cause_and_remedy(make):
+    """A message of the session comes to the strip and stays until it is dismissed."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    session.change(messages=(Message(1, "error", "the port is gone", "Plug the board in again."),))
+    window.refresh()
+    assert window.strip.text.text() == "The port is gone. Plug the board in again."
+    assert window.strip.property("level") == "fault"
+    window.strip.close_.click()
+    assert window.strip.text.text() == ""
+
+
+def test_typed_readings_can_be_undone_and_redone(make):
+    """Enter keeps a reading and undo brings back what was there, as a newer entry."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = (StepMark(3, 1, "unloading", 30.0, 10.0, 0),)
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0), state=SessionState.RUNNING)
+    window = make(session)
+    window.refresh()
+    bar = window.live.reading
+    assert bar.isVisible()
+    QTest.keyClicks(bar.field, "2,31")
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert session.kept[-1].elongation_mm == 2.31
+    window.undo.stack.undo()
+    assert session.kept[-1].elongation_mm is None
+    window.undo.stack.redo()
+    assert session.kept[-1].elongation_mm == 2.31
+
+
+def test_what_is_no_length_is_refused_where_it_was_typed(make):
+    """A wrong reading is not kept, its field is marked, and the strip says what to type."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0))
+    window = make(session)
+    window.refresh()
+    QTest.keyClicks(window.live.reading.field, "2..3")
+    window.live.reading.enter()
+    window.refresh()
+    assert session.kept == []
+    assert window.live.reading.field.property("wrong") == "true"
+    assert "is not a length" in window.strip.text.text()
+
+
+def test_a_refused_plan_says_which_field(live):
+    """A step that does not divide the span is refused in the form, and the plan stays."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    field = live.live.plan.fields["step_kpa"]
+    field.setText("7")
+    field.editingFinished.emit()
+    assert "divide the span" in live.live.plan.refused.text()
+    assert live.desk.sequence.plan.step_kpa == 10.0
+
+
+def test_an_edit_of_the_plan_can_be_undone(live):
+    """The number of cycles goes back with undo, in the model and in the form."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    field = live.live.plan.fields["cycles"]
+    field.setText("2")
+    field.editingFinished.emit()
+    assert live.desk.sequence.plan.cycles == 2
+    live.undo.stack.undo()
+    live.refresh()
+    assert live.desk.sequence.plan.cycles == 5
+    assert field.text() == "5"
+
+
+def test_the_palette_finds_and_does(live):
+    """Typing a few letters finds a command, Enter does it."""
+    live.show_palette()
+    QTest.keyClicks(live.palette_.field, "repeat")
+    QTest.keyClick(live.palette_.field, Qt.Key.Key_Return)
+    assert live.page == "Repeat"
+
+
+def test_cursors_give_statistics(live):
+    """With A and B placed, the page shows mean, sd and slope between them."""
+    live.draw()
+    live.live.plots.place_cursor("a")
+    live.live.plots.place_cursor("b")
+    live.refresh()
+    assert live.live.spans.isVisible()
+    assert "slope per s" in live.live.spans.text()
+    live.live.plots.place_cursor("a")
+    live.refresh()
+    assert not live.live.spans.isVisible()
+
+
+def test_holding_stops_the_picture_not_the_data(live):
+    """A held picture keeps its range while the ring goes on."""
+    live.live.toggle_hold()
+    before = live.desk.live.span_s()
+    ring = filled_ring(400.0)
+    live.desk.session.ring = ring
+    assert live.desk.live.span_s() == before
+    live.live.toggle_hold()
+    assert live.desk.live.span_s()[1] == pytest.approx(399.99)
+
+
+def test_the_mouse_moves_the_picture_off_following(live):
+    """A pan with the mouse is a look at the past: following ends until it is asked for again."""
+    live.draw()
+    box = live.live.plots.first.item.getViewBox()
+    box.setXRange(100.0, 110.0, padding=0)
+    box.sigRangeChangedManually.emit([True, True])
+    assert not live.desk.live.following
+    assert live.desk.live.span_s() == pytest.approx((100.0, 110.0))
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "csv"])
+def test_every_plot_saves(live, tmp_path, suffix):
+    """The live plots save as picture, vectors and undecimated numbers."""
+    live.refresh()
+    live.draw()
+    path = tmp_path / f"plot.{suffix}"
+    live.live.plots.save(path)
+    head = path.read_bytes()[:200]
+    assert {"png": b"\x89PNG", "svg": b"<?xml", "csv": b"time_s,pressure_kpa"}[suffix] in head
+    if suffix == "csv":
+        assert len(path.read_text().splitlines()) == 6001
+
+
+def test_all_plots_have_the_menu(live):
+    """Every plot of every page copies and saves."""
+    cards = live.findChildren(PlotCard)
+    assert len(cards) >= 8
+    for card in cards:
+        assert [action.text() for action in card.menu_button.menu().actions()][:2] == ["Copy picture", "Save PNG …"]
+
+
+def test_the_window_remembers(make, tmp_path):
+    """Page, length of the picture and theme are there again at the next start."""
+    first = make(RecordedSession(connected(), filled_ring(10.0)))
+    first.go("Runs")
+    first.live.set_window(300.0)
+    first.choose_theme("dark")
+    first.close()
+    second = make(RecordedSession(connected(), filled_ring(10.0)))
+    assert second.page == "Runs"
+    assert second.desk.live.window_s == 300.0
+    assert second.theme is style.DARK
+
+
+def test_themes_repaint_without_an_error(live):
+    """Light and dark can be changed at any time, with every page open."""
+    for name in PAGES:
+        live.go(name)
+        live.set_theme(style.DARK)
+        live.set_theme(style.LIGHT)
+    assert QApplication.instance().styleSheet()
+
+
+def test_simulated_is_said(live):
+    """A simulated board is named in the head and in the title."""
+    live.refresh()
+    assert live.header.simulated.isVisible()
+    assert "SIMULATED" in live.windowTitle()
+
+
+def test_buttons_follow_the_state(make):
+    """Only what may be pressed is shown: arm while idle, pause and stop while running."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    shown = lambda: {key for key, b in window.live.sequence.buttons.items() if b.isVisible()}  # noqa: E731
+    window.refresh()
+    assert shown() == {"arm"}
+    session.change(state=SessionState.RUNNING)
+    window.refresh()
+    assert shown() == {"pause", "stop"}
+    session.shown = dataclasses.replace(session.shown, can_command=False)
+    window.refresh()
+    assert shown() == set()

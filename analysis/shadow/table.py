@@ -220,7 +220,7 @@ def write_table(table: ReducedModel, path: Path) -> None:
 def read_table(path: Path) -> ReducedModel | None:
     """Return a kept table; None if there is none or it cannot be read."""
     try:
-        with np.load(path, allow_pickle=False) as kept:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             return ReducedModel(**{f.name: kept[f.name] for f in fields(ReducedModel)})
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None

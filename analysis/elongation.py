@@ -165,7 +165,8 @@ def _by_branch(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], near: float, 
     columns = [frame[c].tolist() for c in ("cycle", "branch", "pressure_kpa", "elongation_mm")]
     for at, (cycle, branch, pressure, elongation) in enumerate(zip(*columns, strict=True), 1):
         close = [i for i, p in enumerate(plateaus) if abs(p.pressure_kpa - pressure) <= near]
-        hits = [i for i in close if plateaus[i].cycle == cycle and plateaus[i].branch in (branch, "start")]
+        own = [i for i in close if plateaus[i].cycle == cycle]
+        hits = [i for i in own if plateaus[i].branch == branch] or [i for i in own if plateaus[i].branch == "start"]
         # the extreme that ends a branch also opens the next: a row may name it from either side
         hits = hits or [i for i in close if abs(plateaus[i].cycle - cycle) <= 1 and _is_extreme(i, plateaus)]
         if not hits:

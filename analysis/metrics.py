@@ -275,7 +275,7 @@ def noise_and_snr(
     definition = "20 log10(FSO / noise rms)"
     if not np.isfinite(full_scale_value):
         return noise_figure, Figure.nothing("dB", "the full-scale output is not known", definition)
-    if noise == 0:
+    if noise <= 1e-10 * full_scale_value:  # rounding of the arithmetic, not noise
         reason = "the signal is flat" if full_scale_value == 0 else "no noise was found: infinite"
         value = float("nan") if full_scale_value == 0 else float("inf")
         return noise_figure, Figure(value, "dB", len(numbers), void=reason, definition=definition)

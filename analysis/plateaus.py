@@ -27,6 +27,7 @@ TOLERANCE_KPA = 1.0
 SETTLING_S = 0.5
 MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
 MIN_SAMPLES = 5
+NEAR_TARGET_KPA = 3.0  # a hold farther from a step's target is not that step's
 WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 MIN_COVERED = 0.15  # share of the run that a staircase stands still
 MIN_LEVELS = 3  # fewer distinct levels are turning points of a continuous run
@@ -191,6 +192,8 @@ def _measure(
     settled = int(np.searchsorted(recording.time_s, recording.time_s[arrived] + settings.settling_s))
     if cycles.noise_kpa > settings.tolerance_kpa:
         last -= (last - first + 1) // 10  # under such noise the end of the hold is known no better
+    else:
+        last = _before_the_ramp(cycles.smooth_kpa[first : last + 1], settings.tolerance_kpa) + first
     rows = slice(min(settled, last + 1), last + 1)
     pressure = recording.pressure_kpa[rows][recording.pressure_usable[rows]]
     signals = [recording.signal_mv[rows, s][recording.usable[rows, s]] for s in range(recording.n_sensors)]
@@ -207,6 +210,15 @@ def _measure(
     return replace(plateau, void=_void_reason(held, lost, left_out, settings))
 
 
+def _before_the_ramp(smooth_kpa: FloatArray, tolerance: float) -> int:
+    """The last row of a hold that is not yet on its way to the next one."""
+    count = smooth_kpa.size
+    middle = smooth_kpa[count // 4 : max(3 * count // 4, count // 4 + 1)]
+    near = np.abs(smooth_kpa - np.median(middle)) <= 0.25 * tolerance + 3.0 * float(middle.std())
+    rows = np.flatnonzero(near)
+    return int(rows[-1]) if rows.size else count - 1
+
+
 def _void_reason(held: int, lost: int, left_out: int, settings: PlateauSettings) -> str:
     if held - left_out < MIN_SAMPLES:
         return f"only {held - left_out} usable samples after settling"
@@ -221,8 +233,9 @@ def _mean(values: FloatArray) -> float:
 
 
 def _with_step(plateau: Plateau, recording: Recording) -> Plateau:
-    """Attach the sequencer's step that this hold overlaps most."""
+    """Attach the sequencer's step that this hold overlaps most, among those that were to hold this pressure."""
     steps = recording.steps
+    steps = steps[(steps["target_kpa"] - plateau.pressure_kpa).abs() <= NEAR_TARGET_KPA]
     if steps.empty:
         return plateau
     ends = steps["ended_s"].to_numpy(dtype=float)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.recording import Recording
+from analysis.recording import STEP_COLUMNS, Recording
 from protocol.recording import APPLICATION_ID, SCHEMA_VERSION, SESSION_KEYS, TABLES, describe_dtype, sample_dtype
 
 PAPER = ((1651.9842, 46.4413, -2.6934, -0.36251), (1624.5567, 33.37911, -2.3102, -0.14139))
@@ -158,3 +158,15 @@ def write_boat(path: Path, recording: Recording, *, meta: dict[str, Any] | None 
         )
     db.close()
     return path
+
+
+def marks_of(stairs: Staircase) -> pd.DataFrame:
+    """The steps that a sequencer would have marked for a staircase: one a hold, begun by its ramp."""
+    rate, before, rows = stairs.plant.rate_hz, 100, []
+    for number, ((_, last), (level, up, k)) in enumerate(zip(stairs.trace()[3], stairs.levels(), strict=True), 1):
+        branch = "start" if number == 1 else "loading" if up else "unloading"
+        cycle = 0 if number == 1 else k
+        times = (before / rate, None, None, (last + 1) / rate)
+        rows.append((number, 0, number, cycle, branch, level, 20.0, *times, "reached", "{}"))
+        before = last + 1
+    return pd.DataFrame(rows, columns=list(STEP_COLUMNS))

@@ -65,7 +65,9 @@ def test_two_sensors_weigh_by_their_variances() -> None:
     both = fusion.evaluate(signal)
     single = fusion.inverses[0].evaluate(signal[0])
     assert float(both.elongation_mm) == pytest.approx(1.0, abs=1e-6)
-    assert float(both.standard_uncertainty_mm) == pytest.approx(float(single.standard_uncertainty_mm) / 2**0.5, rel=0.05)
+    assert float(both.standard_uncertainty_mm) == pytest.approx(
+        float(single.standard_uncertainty_mm) / 2**0.5, rel=0.05
+    )
 
 
 def test_sensors_that_disagree_are_flagged() -> None:

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from boat_daq.engine.session import Session
 
 SIMULATED = "simulated"
-SIMULATED_RESOLUTION_MM = 0.05  # a photograph of the millimetre grid, the tip found between its lines
-READER_SD_MM = 0.01  # of the one who reads it, before rounding
+SIMULATED_RESOLUTION_MM = 0.02  # a pixel, where a photograph shows 80 mm of the grid on 4,000
+READER_SD_MM = 0.005  # of the one who finds the tip in it, before rounding
 NEAR_KPA = 3.0  # a row names its plateau by its target; no closer than this, or a third of the smallest step
 _DELIMITERS = ";\t,"
 
@@ -220,7 +220,7 @@ def enter_simulated_readings(
 ) -> int:
     """Enter readings of a virtual unit, from its truth; return how many.
 
-    The defaults leave 0.018 mm (rms) of error: what the paper's R2 of 0.99991 for its second sensor has room for.
+    The defaults leave 0.008 mm (rms) of error; the paper's R2 of 0.99991 for its second sensor has room for 0.02 mm.
 
     Raises
     ------

@@ -393,8 +393,8 @@ class Controller:
                 case _:
                     self._effects.append(action)
             if isinstance(action, Ended):
-                level = "error" if action.reason.startswith("aborted") else "info"
-                self.dialogue.note("run_ended", action.reason, level)
+                told = action.reason.startswith("aborted")  # what aborted it has been told already
+                self.dialogue.note("run_ended", action.reason, "" if told else "info")
         if self.sequencer.state in (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT):
             self.interlock.set_limits("plan", None)
 

@@ -28,7 +28,7 @@ from protocol.messages import (
     Vent,
 )
 
-VENT_AGAIN_S = 0.25
+VENT_AGAIN_S = 1.0  # the link itself has repeated it three times by then
 
 _WORDS = {
     AckStatus.UNKNOWN_COMMAND: "it does not know the command",

@@ -33,7 +33,6 @@ class Operators(RuleBasedStateMachine):
     def begin(self, speed: float, seed: int, board_s: float, going: bool) -> None:
         self.bench = Bench(speed=speed, seed=seed)
         self.bench.control.interlock.set_limits("unit", LIMITS_KPA)
-        self.runs = 0
         self.unheard_s = 0.0  # board time since the host could last be heard
         self.spoiled = False  # a fault pushed the pressure, not we
         self.bench.run(0.5 * speed)
@@ -51,10 +50,7 @@ class Operators(RuleBasedStateMachine):
     def pass_time(self, host_s: float, steps: int) -> None:
         bench = self.bench
         for _ in range(steps):
-            before = bench.state
             bench.step(host_s / steps)
-            if bench.state is SessionState.RUNNING and before is SessionState.ARMED:
-                self.runs += 1
             heard = bench.plugged and bench.host_alive and not bench.stalled
             self.unheard_s = 0.0 if heard else self.unheard_s + host_s / steps * bench.speed
             self.look()
@@ -179,7 +175,8 @@ class Operators(RuleBasedStateMachine):
         if not hasattr(self, "bench"):
             return
         going = self.bench.state in (SessionState.RUNNING, SessionState.PAUSED)
-        assert len(self.bench.ends) == self.runs - going
+        assert len(self.bench.ends) == len(self.bench.said(["run_started"])) - going
+        assert len(self.bench.said(["run_ended"])) == len(self.bench.ends)
 
     @invariant()
     def latched_means_fault(self) -> None:

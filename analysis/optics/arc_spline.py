@@ -137,7 +137,8 @@ def straight(start: tuple[float, float], end: tuple[float, float]) -> ArcSpline:
     xy = np.array([start, end], dtype=float)
     way = xy[1] - xy[0]
     tangent = way / np.hypot(*way)
-    return _from_joints(xy, np.array([tangent, tangent]))
+    nodes = np.column_stack([xy, [tangent, tangent], [0.0, np.hypot(*way)]])
+    return ArcSpline(nodes, np.zeros(1))
 
 
 def ring(radius_mm: float, angle_rad: float, arcs: int = 2) -> ArcSpline:

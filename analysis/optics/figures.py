@@ -29,7 +29,7 @@ from analysis.optics.sweep import STEPS_MM, SweepResult
 BLUE, VERMILLION, GREEN, PURPLE, GREY, INK, RESIN = (
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8a8f98", "#1f2328", "#e3edf5")
 FONT_PT, SMALL_PT, LINE_PT, DPI = 9, 8, 1.0, 160
-_FAINT = 0.004
+_FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
 
 
@@ -79,7 +79,7 @@ def draw_scene(frame: Frame, design: Design, guide: Waveguide, light: Light, tit
         chosen = [p for p in paths if p.secondary == secondary]
         step = max(1, len(chosen) // _MOST_DRAWN)
         lines = [laid(frame, p.points) for p in chosen[::step]]
-        strength = [min(0.5, max(_FAINT, 0.5 * float(p.power[-1]))) for p in chosen[::step]]
+        strength = [min(_STRONG, max(_FAINT, _STRONG * float(p.power[-1]))) for p in chosen[::step]]
         axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.4, alpha=strength))
     if np.isfinite(shape.receiver[0, 0]):
         axes.plot(*laid(frame, shape.receiver).T, color=GREEN, linewidth=3.0, solid_capstyle="butt", label="receiver")

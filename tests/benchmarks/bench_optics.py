@@ -1,0 +1,55 @@
+"""How fast the optical sweep is: seconds, hits, ns a hit, and the ratio to the paper's 8 s a simulation.
+
+Seconds on the clock need an idle machine; processor seconds are printed beside them and do not.
+"""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from analysis.optics.curves import default_curves, frame_of
+from analysis.optics.parameters import Design, Light, Waveguide
+from analysis.optics.simulation import trace
+from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
+
+PAPER_S = 8.0
+
+
+def sweep(rays: int, designs: int = 648) -> None:
+    """Print one sweep."""
+    run_sweep(SweepRequest(tuple(paper_grid()[:2])))
+    began, busy = time.perf_counter(), time.process_time()
+    result = run_sweep(SweepRequest(tuple(paper_grid()[:designs]), light=Light(rays=rays)))
+    seconds, busy = time.perf_counter() - began, time.process_time() - busy
+    print(
+        f"\n{result.ndr.size} simulations of {rays} rays: {seconds:.2f} s, processor {busy:.2f} s, {result.hits} hits, "
+        f"{1e9 * busy / result.hits:.0f} ns a hit and core, {PAPER_S * result.ndr.size / seconds:.0f} times the paper's "
+        f"{PAPER_S:g} s a simulation"
+    )
+
+
+@pytest.mark.benchmark_run
+def test_the_papers_sweep() -> None:
+    """All 9,720 simulations of 250 rays; target 2 s on two cores."""
+    sweep(250)
+
+
+@pytest.mark.benchmark_run
+def test_the_papers_sweep_with_a_hundred_times_the_rays() -> None:
+    """All 9,720 simulations of 25,000 rays; target 3 minutes on two cores."""
+    sweep(25_000)
+
+
+@pytest.mark.benchmark_run
+def test_one_scene() -> None:
+    """A million rays on one scene; target 1 s, and 60 ns a hit on one core."""
+    frame = frame_of(default_curves(), 7, Waveguide())
+    trace(frame, Design(), Waveguide(), Light(rays=10))
+    for threads in (1, 2):
+        began, busy = time.perf_counter(), time.process_time()
+        out = trace(frame, Design(), Waveguide(), Light(rays=1_000_000), threads=threads)
+        seconds, busy = time.perf_counter() - began, time.process_time() - busy
+        print(f"\n1,000,000 rays on {threads} thread(s): {seconds:.2f} s, {out.hits} hits, {1e9 * busy / out.hits:.0f} ns a hit "
+              f"and core (a naive tracer with 800 chords: 200)")

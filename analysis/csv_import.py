@@ -187,8 +187,8 @@ def _our_name(name: str) -> str:
     sensor = SENSOR.match(name)
     if sensor:
         return f"s{sensor[1]}_mv"
-    short = {"time": "time_s", "pressure": "pressure_kpa", "target": "target_kpa"}.get(name, name)
-    if short in UNITS or short in PLAIN or COUNTS.match(short):
+    short = {"time": "time_s", "pressure": "pressure_kpa", "target": "target_kpa", "signal": "s1_mv"}.get(name, name)
+    if short in UNITS or short in PLAIN or COUNTS.match(short) or short == "s1_mv":
         return short
     raise RequestError(
         f"{name!r} is nothing that can be mapped",
@@ -222,7 +222,7 @@ def _by_hand(table: Table, name: str, text: str) -> Column:
 def _recognise(title: str) -> str | None:
     plain = " ".join(title.lower().replace("_", " ").split())
     exact = plain.replace(" ", "_")
-    if exact in PLAIN or exact in UNITS or COUNTS.match(exact):
+    if exact in PLAIN or (exact in UNITS and exact != "signal") or COUNTS.match(exact):
         return exact
     sensor = SENSOR.match(plain)
     if sensor:

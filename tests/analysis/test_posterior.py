@@ -110,6 +110,7 @@ def test_points_on_the_curve_have_no_noise_to_sample() -> None:
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(1800)
 def test_bands_cover_what_they_say() -> None:
     """Over 200 data sets the 68 and 95 % bands of the curve hold the truth in 68 +- 5 and 95 +- 3 %."""
     x, at = X[:30], np.linspace(-2.5, 3.6, 9)

@@ -1,7 +1,8 @@
 """The virtual board's way out: numbered frames, a transmit buffer with an end, and whatever a fault does to them.
 
-Samples that find no room are dropped, counted, and told with the next one that does (EVENT 9, flag bit 4); messages
-always find room. What is dropped never had a sequence number; what is lost on the way did.
+Samples that find no room are dropped, counted, and told with the next one that does (EVENT 9, flag bit 4) or, if none
+comes, where their run ends; messages always find room. What is dropped never had a sequence number; what is lost on the
+way did.
 """
 
 from __future__ import annotations
@@ -72,17 +73,18 @@ class Transmitter:
             fitting = max(0, (self.room - len(self._out) - _EVENT_ROOM) // self._frame_length)
         sent = bodies[:fitting]
         if sent.size:
-            self._tell_dropped(sent)
+            if self._dropped:
+                sent["flags"][0] |= SampleFlag.DROPPED_BEFORE
+                self.tell_dropped(int(sent["time_us"][0]))
             frames = encode_samples(sent, self._seq)
             self._seq += sent.size
             self.send_raw(self._arrange(frames).tobytes())
         self._dropped += bodies.size - sent.size
 
-    def _tell_dropped(self, bodies: NDArray[np.void]) -> None:
-        """Report what was dropped before the first of `bodies`."""
+    def tell_dropped(self, time_us: int) -> None:
+        """Report what was dropped and not yet told: before the next sample, or where a run of samples ends."""
         if self._dropped:
-            self.send(BoardEvent(int(bodies["time_us"][0]), EventCode.SAMPLES_DROPPED, self._dropped))
-            bodies["flags"][0] |= SampleFlag.DROPPED_BEFORE
+            self.send(BoardEvent(time_us, EventCode.SAMPLES_DROPPED, self._dropped))
             self._dropped = 0
 
     def _make_absurd(self, bodies: NDArray[np.void]) -> None:

@@ -87,7 +87,6 @@ class VirtualBoard:
         self._pump_noise = SampleNoise(seed, 0, 0)
         self._travel_kpa = 0.0
         self._later: list[tuple[int, BoardMessage]] = []
-        self._last_saturated_us = [-_SATURATION_QUIET_US] * self.n_sensors
         clock_wrap = next((fault.start_us for fault in faults if fault.name == "clock_wrap"), 0)
         begun, ended = self._schedule.move_to(0)
         self._boot(BootReason.POWER, clock_start_us=-clock_wrap)
@@ -158,6 +157,7 @@ class VirtualBoard:
                 if self.now_us == self._boot_at_us:
                     self._boot(BootReason.RESET_PIN)
                 self._apply_faults(*self._schedule.move_to(self.now_us))
+                self._show_control()
         return self._transmitter.take()
 
     def take_truth(self) -> NDArray[np.void]:
@@ -192,6 +192,7 @@ class VirtualBoard:
         self._booted_us, self._clock_start_us = self.now_us, clock_start_us
         self._reader = FrameReader()
         self._answered: tuple[int, int, AckStatus] | None = None
+        self._last_saturated_us = [self.now_us - _SATURATION_QUIET_US] * self.n_sensors
         self._transmitter.reset()
         if "estop" in self._schedule.active:
             self._control.set_estop(True, announce=False)
@@ -287,12 +288,19 @@ class VirtualBoard:
             refusal, self._refusal = self._refusal, None
             return refusal
         status = self._control.obey(command, self.now_us)
+        self._show_control()
+        if status is AckStatus.DONE and isinstance(command, Start | Stop):
+            self._transmitter.tell_dropped(self._clock(self.now_us))
         if status is AckStatus.DONE and isinstance(command, Start):
             slow = self._schedule.active.get("slow_rate", command.rate_hz)
             self._sampler.start(self.now_us, round(slow))
         elif isinstance(command, Stop):
             self._sampler.stop()
         return status
+
+    def _show_control(self) -> None:
+        """Let the samples after this instant show the state and flags of now, not those of the last tick."""
+        self._plant.states[-1], self._plant.flags[-1] = self._control.state, self._control.flags
 
     # ---- the run of time -----------------------------------------------------------------------------------------
 

@@ -364,3 +364,43 @@ def test_pressure_never_leaves_the_limits_on_command(script):
             host.wait(0.2)
             assert HARD_LIMITS_PA[0] - 2000 <= 1000 * host.board.pressure_kpa <= HARD_LIMITS_PA[1] + 2000
     assert all(isinstance(m, Sample | Ack | Hello | BoardEvent) for m in host.said)
+
+
+def test_samples_after_an_answer_show_the_state_that_it_stands_for():
+    """No sample behind an ACK or an event contradicts it, though the control ticks only every 10 ms."""
+    host = BoardHost("estop@0.553:0.5")
+    host.ask(Start(10_000))
+    host.wait(0.0521)
+    for command, state in [(SetPressure(20_000), BoardState.RAMPING), (Vent(), BoardState.VENTED)]:
+        assert host.ask(command) == DONE
+        first, *_ = host.wait(0.0002)
+        assert first.state == state
+    host.ask(Heartbeat(5000))
+    assert host.wait(0.0002)[0].flags & SampleFlag.WATCHDOG_ARMED
+    said = host.wait(0.52)
+    after = said[next(at for at, m in enumerate(said) if isinstance(m, BoardEvent)) :]
+    assert all(m.flags & SampleFlag.ESTOP and m.state == BoardState.FAULT for m in after if isinstance(m, Sample))
+
+
+def test_samples_dropped_at_the_end_of_a_run_are_told_there():
+    """No sample follows that could tell: EVENT 9 comes before the ACK of STOP, and the next run begins unflagged."""
+    host = BoardHost()
+    host.ask(Start(1000))
+    host.wait(0.1)
+    host.take(host.board.advance(100_000, room=0))
+    event, ack = host.send(Stop())
+    assert (event.code, event.value) == (EventCode.SAMPLES_DROPPED, 100)
+    assert ack.status == DONE
+    host.ask(Start(1000))
+    first, *_ = host.wait(0.01)
+    assert (first.index, first.flags) == (0, 0)
+
+
+def test_a_rebooted_board_tells_of_a_saturated_sensor_again():
+    """What it told before the reset is forgotten like everything else."""
+    host = BoardHost("saturate@0.5:1", "reset@0.9")
+    host.ask(Start(100))
+    host.wait(1.0)
+    host.ask(Start(100))
+    host.wait(0.1)
+    assert host.codes == [EventCode.SENSOR_SATURATED, EventCode.SENSOR_SATURATED]

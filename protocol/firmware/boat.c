@@ -342,7 +342,6 @@ void boat_init(boat *board, const boat_config *config, const boat_hardware *hard
     boat_control_drive(&board->control, config, hardware);
     send_hello(board);
     tell(board, BOAT_BOOTED, board->boot_reason, board->now_us);
-    tick(board);
 }
 
 void boat_receive(boat *board, const uint8_t *data, size_t n)

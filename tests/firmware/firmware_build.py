@@ -1,0 +1,65 @@
+"""Compiles the firmware for this computer, every warning an error and both sanitizers on, and talks to it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+FIRMWARE = HERE.parents[1] / "protocol" / "firmware"
+PORTABLE = [FIRMWARE / f"boat{part}.c" for part in ("", "_control", "_frame")]
+WARNINGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
+SANITIZERS = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+
+
+def compile_host(folder: Path, name: str, *sources: str) -> Path:
+    """Return the program `name` made of the firmware and of `sources` from the folder c/."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("gcc is not on this computer: the firmware cannot be compiled for it")
+    objects = []
+    for source in [*PORTABLE, *(HERE / "c" / source for source in sources)]:
+        objects.append(folder / f"{name}_{source.stem}.o")
+        strict = WARNINGS if source in PORTABLE else [flag for flag in WARNINGS if flag != "-Wconversion"]
+        command = [compiler, *strict, *SANITIZERS, f"-I{FIRMWARE}", "-c", str(source), "-o", str(objects[-1])]
+        subprocess.run(command, check=True)
+    program = folder / name
+    subprocess.run([compiler, *SANITIZERS, *map(str, objects), "-o", str(program), "-lm"], check=True)
+    return program
+
+
+class Bench:
+    """The firmware at the end of a pipe (c/bench.c)."""
+
+    def __init__(self, program: Path) -> None:
+        self._process = subprocess.Popen([str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def tell(self, order: str) -> str:
+        """Give one order; return the line that answers it."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(order + "\n")
+        self._process.stdin.flush()
+        line = self._process.stdout.readline()
+        assert line.endswith("\n"), f"the firmware died of {order[:200]!r}"
+        return line.strip()
+
+    def order(self, order: str) -> bytes:
+        """Give one order; return what was transmitted meanwhile."""
+        return bytes.fromhex(self.tell(order))
+
+    def boot(self, *, reason: int = 0, clock_us: int = 0) -> bytes:
+        """Boot anew on a fresh computer."""
+        return self.order(f"B {reason} {clock_us}")
+
+    def receive(self, data: bytes) -> bytes:
+        """Hand over bytes of the host."""
+        return self.order(f"R {data.hex()}")
+
+    def close(self) -> None:
+        """End it, and see that it found nothing to complain of."""
+        assert self._process.communicate(timeout=10) == ("", None)
+        assert self._process.returncode == 0

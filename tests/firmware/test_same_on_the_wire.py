@@ -1,0 +1,104 @@
+"""The firmware and the virtual board, given the same bytes at the same board times, cannot be told apart."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from protocol.faults import Fault, make_fault
+from protocol.framing import encode_frame
+from protocol.messages import (
+    ClearFault,
+    Command,
+    Heartbeat,
+    Identify,
+    SetLimits,
+    SetPressure,
+    Start,
+    Stop,
+    Vent,
+    encode_command,
+)
+from tests.firmware.board_pair import BoardPair, assert_the_same
+from tests.firmware.firmware_build import Bench
+
+PRESSURES_PA = st.one_of(
+    st.integers(-50, 60).map(lambda kpa: 1000 * kpa),
+    st.sampled_from([-45_001, -45_000, 55_000, 55_001, 0, 1, -(2**31), 2**31 - 1]),
+)
+COMMANDS: st.SearchStrategy[Command] = st.one_of(
+    st.builds(Identify),
+    st.builds(Start, st.sampled_from([0, 1, 3, 10, 62, 100, 250, 20_001, 65_535])),
+    st.builds(Stop),
+    st.builds(SetPressure, PRESSURES_PA, st.sampled_from([0, 1, 999, 3_000, 20_000, 40_000, 2**32 - 1])),
+    st.builds(Vent),
+    st.builds(Heartbeat, st.sampled_from([0, 99, 100, 123, 500, 2000, 5000, 5001, 65_535])),
+    st.builds(ClearFault),
+    st.builds(SetLimits, PRESSURES_PA, PRESSURES_PA),
+)
+FRAMES = st.one_of(
+    st.builds(encode_command, COMMANDS, st.integers(0, 3)),  # few numbers: some are the same twice running
+    st.builds(encode_frame, st.integers(0, 255), st.integers(0, 3), st.binary(max_size=12)),
+    st.binary(max_size=40),
+    st.just(b"A" * 300 + b"\0"),
+)
+SCRIPTS = st.lists(st.tuples(st.integers(0, 150), FRAMES), min_size=1, max_size=15)
+AT_S = st.integers(1, 800).map(lambda tick: tick / 100)
+FAULTS = st.lists(
+    st.one_of(
+        st.builds(make_fault, st.just("estop"), AT_S, st.sampled_from([0.5, 2.0, 0.0])),
+        st.builds(make_fault, st.just("pressure_invalid"), AT_S, st.just(1.0)),
+        st.builds(make_fault, st.just("beyond_limit"), AT_S, st.sampled_from([60, -60, 56, 40, 5000 / 60])),
+        st.builds(make_fault, st.sampled_from(["dead_pump", "stall", "overshoot", "leak"]), AT_S),
+        st.builds(make_fault, st.just("saturate"), AT_S, st.sampled_from([1, 2])),
+        st.builds(make_fault, st.just("dropped"), AT_S, st.sampled_from([1, 10])),
+        st.builds(make_fault, st.just("reset"), AT_S, st.integers(0, 4)),
+        st.builds(make_fault, st.just("clock_wrap"), AT_S),
+    ),
+    max_size=3,
+    unique_by=lambda fault: fault.name,
+)
+QUIET = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+
+
+def play(pair: BoardPair, script: list[tuple[int, bytes]], *, after: int) -> None:
+    """Hand over a script, and see that both said the same."""
+    for pause, frame in script:
+        pair.wait(pause)
+        pair.receive(frame)
+    pair.wait(after)
+    assert_the_same(pair.virtual, pair.firmware)
+
+
+def frames(*steps: tuple[int, Command]) -> list[tuple[int, bytes]]:
+    """Return commands, numbered in a row, as a script."""
+    return [(pause, encode_command(command, seq)) for seq, (pause, command) in enumerate(steps)]
+
+
+STALLED = frames((10, Start(100)), (10, SetPressure(20_000, 20_000)), (850, Stop()))
+STARTED_TWICE = frames((10, Start(100)), (150, Start(100)), (10, SetPressure(20_000, 20_000)))
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=QUIET)
+@given(SCRIPTS, FAULTS)
+@example(STALLED, [make_fault("stall", 0.5, 10)])
+@example(STALLED, [make_fault("dropped", 8.65, 10)])
+@example(STARTED_TWICE, [make_fault("dropped", 1.55, 10)])
+@example(STARTED_TWICE, [make_fault("saturate", 1.0, 2), make_fault("reset", 1.5)])
+@example(STARTED_TWICE, [make_fault("clock_wrap", 1.0)])
+def test_any_order_of_commands_and_faults(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, script: list[tuple[int, bytes]], faults: list[Fault]
+) -> None:
+    """ACK statuses, states, flags, events and their values, sampling instants: the same, in the same order."""
+    play(BoardPair(bench, monkeypatch, faults), script, after=100)
+
+
+@pytest.mark.nightly
+@settings(max_examples=3000, deadline=None, suppress_health_check=QUIET)
+@given(SCRIPTS, FAULTS)
+def test_any_order_at_length(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, script: list[tuple[int, bytes]], faults: list[Fault]
+) -> None:
+    """The same with three thousand scripts, each long enough for a target to count as not reached."""
+    play(BoardPair(bench, monkeypatch, faults), script, after=1000)

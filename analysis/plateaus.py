@@ -163,10 +163,12 @@ def _ramps(means: FloatArray, interval_s: float, noise: float, tolerance: float)
 
 
 def _split_at_breaks(hold: tuple[int, int], recording: Recording) -> list[tuple[int, int]]:
-    """Split a hold where a segment ends, and where one step of the sequencer ends and the next begins in it."""
+    """Split a hold where a segment ends, and where two steps of the sequencer hold one level, one after the other."""
     first, last = hold
     cuts: list[int] = (first + 1 + np.flatnonzero(np.diff(recording.segment[first : last + 1]))).tolist()
-    starts = np.searchsorted(recording.time_s, recording.steps["started_s"].to_numpy(dtype=float))
+    targets_kpa = recording.steps["target_kpa"].to_numpy(dtype=float)
+    same_level = np.abs(np.diff(targets_kpa, prepend=np.nan)) <= 2 * TOLERANCE_KPA
+    starts = np.searchsorted(recording.time_s, recording.steps["started_s"].to_numpy(dtype=float)[same_level])
     margin = max(MIN_SAMPLES, round(SETTLING_S / recording.interval_s))
     cuts += [int(s) for s in starts if first + margin < s < last - margin]
     edges = [first, *sorted(set(cuts)), last + 1]

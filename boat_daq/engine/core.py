@@ -6,6 +6,7 @@ are carried out in the order in which the controller gave them; a sink of the us
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import threading
 import time
@@ -28,6 +29,8 @@ from boat_daq.errors import DeviceError, StorageError
 from protocol.errors import ProtocolError
 from protocol.link import HelloReceived, Samples, WrongProtocol
 from protocol.messages import Command, SetPressure
+
+_OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
 
 SampleSink = Callable[[np.ndarray[Any, Any]], None]
 
@@ -55,6 +58,25 @@ class Core:
         """Whether what comes is no real unit's."""
         hello, replayed = self.control.hello, self.port.replayed if self.port else None
         return bool(replayed["simulated"]) if replayed else hello is not None and "SIMULATED" in hello.board_id
+
+    def describe(self) -> dict[str, Any]:
+        """Return what a recording says of board, link and plan (keys of `protocol.recording.SESSION_KEYS`)."""
+        assert self.port is not None
+        link, hello, replayed = self.port.link, self.control.hello, self.port.replayed
+        limits, plan = self.control.interlock.limits, self.control.sequencer.plan
+        described = {
+            "simulated": self.simulated,
+            "board_id": hello.board_id if hello else "",
+            "profile": self.port.profile,
+            "n_sensors": link.n_sensors,
+            "sample_kind": link.sample_kind,
+            "vref_mv": hello.vref_mv if hello else 0,
+            "adc_bits": hello.adc_bits if hello else 0,
+            "rate_hz": self.control.rate_hz,
+            "limits_pa": [1000 * limits.min_kpa, 1000 * limits.max_kpa] if limits else None,
+            "plan": dataclasses.asdict(plan) if plan else None,
+        }
+        return described if replayed is None else {**described, **{key: replayed[key] for key in _OF_THE_BOARD}}
 
     def attach(self, port: OpenPort) -> None:
         """Begin to read a port that has just been opened."""

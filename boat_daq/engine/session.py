@@ -59,7 +59,6 @@ __all__ = [
     "StepMark",
 ]
 
-_OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
 VENTING_WAIT_S = 5.0
 POLL_S = 0.01
 
@@ -167,6 +166,14 @@ class Session:
         OperatorError : a recording runs already, a run goes on, the name cannot be used, or nothing is connected.
         """
         core = self._core
+        ours = {
+            "operator": self.settings.operator,
+            "unit": self._unit,
+            "note": "",
+            "port": self._keeper.url,
+            "polarity": self.units.load(self._unit).polarity if self._unit else -1,
+            "settings": dataclasses.asdict(self.settings),
+        }
         with core.lock:
             acquisition = core.acquisition
             if acquisition is None or not (core.control.up or core.control.hold_samples):
@@ -175,7 +182,7 @@ class Session:
                 raise OperatorError(f"{core.journal.recorder.path} is being recorded", "stop that recording first")
             if core.control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
                 raise OperatorError("a recording begins before its run", "stop the run first")
-            meta = {**self._meta(), **(metadata or {})}
+            meta = {**ours, **core.describe(), **(metadata or {})}
         recorder = Recorder(path, meta, health=core.health_now, on_error=core.storage_failed)
         with core.lock:
             raced = core.journal.recorder is not None or core.acquisition is not acquisition
@@ -215,32 +222,6 @@ class Session:
         if recorder.remark:
             core.tell("warning", recorder.remark)
         return path
-
-    def _meta(self) -> dict[str, Any]:
-        """Return what the recording says of itself."""
-        core, control = self._core, self._core.control
-        assert core.port is not None
-        link, hello, replayed = core.port.link, control.hello, core.port.replayed
-        limits = control.interlock.limits
-        meta = {
-            "simulated": core.simulated,
-            "operator": self.settings.operator,
-            "unit": self._unit,
-            "note": "",
-            "port": self._keeper.url,
-            "board_id": hello.board_id if hello else "",
-            "profile": core.port.profile,
-            "n_sensors": link.n_sensors,
-            "sample_kind": link.sample_kind,
-            "vref_mv": hello.vref_mv if hello else 0,
-            "adc_bits": hello.adc_bits if hello else 0,
-            "polarity": self.units.load(self._unit).polarity if self._unit else -1,
-            "rate_hz": control.rate_hz,
-            "limits_pa": [1000 * limits.min_kpa, 1000 * limits.max_kpa] if limits else None,
-            "settings": dataclasses.asdict(self.settings),
-            "plan": dataclasses.asdict(control.sequencer.plan) if control.sequencer.plan else None,
-        }
-        return meta if replayed is None else {**meta, **{key: replayed[key] for key in _OF_THE_BOARD}}
 
     # ---- the run ---------------------------------------------------------------------------------------------------
 

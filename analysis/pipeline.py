@@ -11,7 +11,7 @@ same numbers, bit for bit.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -262,6 +262,9 @@ def _loop_figures(
             own, fso, n, "max over x of |loading - unloading| / FSO, mean loop"
         )
         per_cycle = tuple((100.0 / fso * own.per_cycle).tolist()) if fso > 0 else ()
+        figures["sensor_hysteresis_percent_fso"] = _limited_by_reading(
+            figures["sensor_hysteresis_percent_fso"], run.reading_sd_mm, loops.elongation_mm
+        )
     system_cycles = tuple((100.0 / fso * system.per_cycle).tolist()) if fso > 0 else ()
     if run.plateaus:
         parts = metrics.staircase_noise(run.plateaus, sensor)
@@ -272,6 +275,18 @@ def _loop_figures(
     figures |= metrics.repeatability(loops, sensor, fso, run.weights)
     figures["drift_percent_fso_per_100_cycles"], levels = metrics.drift(loops, sensor, fso)
     return figures, per_cycle, system_cycles, levels
+
+
+def _limited_by_reading(figure: Figure, reading_sd_mm: float, elongation_mm: FloatArray) -> Figure:
+    """Say where the reading error of x alone would make most of the sensor's loop: two readings, two sigma."""
+    span = float(np.nanmax(elongation_mm) - np.nanmin(elongation_mm)) if np.isfinite(elongation_mm).any() else 0.0
+    floor = 100.0 * 2.0 * np.sqrt(2.0) * reading_sd_mm / span if span > 0 else 0.0
+    if floor > 0.5 * figure.value:
+        note = (
+            f"an upper bound: a reading error of {reading_sd_mm:.2f} mm alone makes up to about {floor:.1f} % FSO of it"
+        )
+        return replace(figure, note=note)
+    return figure
 
 
 def _actuator_hysteresis(run: _Run) -> tuple[Figure, tuple[float, ...]]:
@@ -339,6 +354,9 @@ def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
         inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
         where = ", ".join(f"{t:.2f}" for t in inside)
         flags.append(("not_monotone", f"the curve turns at {where} mm: its inverse is refused"))
+    bound = sensor.figures["sensor_hysteresis_percent_fso"].note
+    if "reading error" in bound:
+        flags.append(("hysteresis_is_a_bound", f"the hysteresis over elongation is {bound}"))
     if posterior is None and run.options.mcmc:
         flags.append(("no_posterior", sensor.calibration_void))
     if posterior is not None and not posterior.converged:

@@ -123,7 +123,7 @@ def test_stated_interval_of_an_elongation_holds_the_truth(tmp_path: Path) -> Non
 
 
 def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
-    """The budget lists the nine components of the definition, each with its source; a grid makes reading the largest."""
+    """The budget lists the nine components, each with its source; on a grid, reading is the largest."""
     stairs = Staircase(Plant(loop_mm=0.25))
     frame = stairs.elongations()
     frame["elongation_mm"] = (frame["elongation_mm"] * 2).round() / 2

@@ -1,0 +1,36 @@
+"""Calibrate a run and read elongations from its signals.
+
+python -m analysis.examples.calibrate_a_run run.boat [readings.csv]
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from analysis import analyse, load_recording
+from analysis.uncertainty import elongation_reader
+
+
+def main(run: str, readings: str | None = None) -> float:
+    """Print coefficients and key figures; return the largest elongation that the run reached, mm."""
+    recording = load_recording(run)
+    analysis = analyse(recording, readings, mcmc=False)
+    for sensor in analysis.sensors:
+        if sensor.calibration is None:
+            print(f"{sensor.name}: {sensor.calibration_void}")
+            continue
+        print(f"{sensor.name}: b = {sensor.calibration.coefficients}, R2 = {sensor.calibration.r2:.5f}")
+        for name in ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db"):
+            figure = sensor.figures[name]
+            print(f"  {name}: {figure.value:.2f} [{figure.low:.2f}, {figure.high:.2f}] {figure.unit}")
+    elongation = elongation_reader(analysis).evaluate(recording.signal_mv)
+    largest = int(np.nanargmax(elongation.elongation_mm))
+    expanded = 2 * elongation.standard_uncertainty_mm[largest]
+    print(f"largest elongation: {elongation.elongation_mm[largest]:.2f} mm, U = {expanded:.2f} mm (k = 2)")
+    return float(elongation.elongation_mm[largest])
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:3])

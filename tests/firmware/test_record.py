@@ -1,0 +1,98 @@
+"""The whole program records from the firmware: a real port, a real file, every sample that was sent."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis import load_recording
+from protocol.messages import BoardEvent, EventCode
+from tests.firmware.board_pair import Said, hear
+from tests.firmware.firmware_build import compile_host
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
+
+ROOT = Path(__file__).resolve().parents[2]
+SHORT_PLAN = """
+name = "short"
+kind = "staircase"
+cycles = 1
+high_kpa = 10.0
+low_kpa = -10.0
+step_kpa = 20.0
+ramp_kpa_per_s = 40.0
+settling_s = 0.2
+window_s = 0.3
+min_dwell_s = 0.5
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What the firmware sent, and what the program made of it."""
+
+    run: Path
+    said: Said
+    summary: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def board_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The firmware on a pseudo-terminal."""
+    return compile_host(tmp_path_factory.mktemp("board"), "pty_board", "host.c", "pty_board.c")
+
+
+def program(*arguments: str) -> dict[str, Any]:
+    """Run boat-daq with --json and return its object."""
+    command = [sys.executable, "-m", "boat_daq", *arguments, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr
+    content: dict[str, Any] = json.loads(done.stdout)
+    return content
+
+
+def record(board_program: Path, folder: Path, speed: int, *plan: str) -> Session:
+    """Record a plan from the firmware."""
+    run, sent = folder / "run.boat", folder / "sent.bin"
+    with subprocess.Popen([str(board_program), str(speed), str(sent)], stdout=subprocess.PIPE, text=True) as board:
+        try:
+            assert board.stdout is not None
+            port = board.stdout.readline().strip()
+            summary = program("record", "--port", port, *plan, "--out", str(run))
+            assert board.poll() is None, "a sanitizer has ended the board"
+        finally:
+            board.kill()
+    return Session(run, hear(sent.read_bytes()), summary)
+
+
+def check(session: Session) -> None:
+    """The plan was run to its end without a loss, and the file holds every sample as it was sent."""
+    summary, samples = session.summary, session.said.samples
+    recording = load_recording(session.run)
+    assert (summary["stop_reason"], summary["lost_samples"], summary["cycles"]["complete"]) == ("finished", 0, 1)
+    assert [message.code for message in session.said.others if isinstance(message, BoardEvent)] == [EventCode.BOOTED]
+    assert [sample.index for sample in samples] == list(range(recording.n))
+    np.testing.assert_array_equal(np.round(recording.pressure_kpa * 1000), [s.pressure_pa for s in samples])
+    np.testing.assert_array_equal(recording.lit, [s.lit for s in samples])
+    np.testing.assert_array_equal(recording.dark, [s.dark for s in samples])
+    np.testing.assert_array_equal(recording.state, [s.state for s in samples])
+    assert program("verify", str(session.run))["identical"] is True
+
+
+def test_a_short_plan_at_the_board_s_own_pace(board_program: Path, tmp_path: Path) -> None:
+    """At 1x: three plateaus regulated by the firmware's own loop, recorded, identical when derived again."""
+    plan = tmp_path / "short.toml"
+    plan.write_text(SHORT_PLAN, encoding="utf-8")
+    check(record(board_program, tmp_path, 1, "--plan", str(plan)))
+
+
+def test_a_calibration_at_50x(board_program: Path, tmp_path: Path) -> None:
+    """The calibration plan's cycle of 19 plateaus, fifty times as fast."""
+    check(record(board_program, tmp_path, 50, "--plan", "calibration", "--cycles", "1"))

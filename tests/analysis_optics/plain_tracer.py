@@ -86,7 +86,7 @@ def nearest(scene: Plain, p: np.ndarray, d: np.ndarray, last: int) -> tuple[floa
             side_x = (x[:, 0] - scene.a[:, 0]) * e[:, 1] - (x[:, 1] - scene.a[:, 1]) * e[:, 0]
             side_c = (scene.centre[:, 0] - scene.a[:, 0]) * e[:, 1] - (scene.centre[:, 1] - scene.a[:, 1]) * e[:, 0]
             t[k] = np.where(~np.isnan(scene.radius) & (side_x * side_c < 0), s, t[k])
-    t[~(t > (0 if last < 0 else 0))] = np.inf
+    t[~(t > 0)] = np.inf
     if last >= 0:
         same = t[:, last]
         t[:, last] = np.where(same < 1e-9, np.inf, same)

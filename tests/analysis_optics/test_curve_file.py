@@ -22,8 +22,12 @@ def named(c: np.ndarray) -> str:
 
 
 def by_elongation(c: np.ndarray) -> str:
-    rows = [f"{e:.4f},{name},{p}" for e, state in zip(elongations(), c, strict=True)
-            for name, guide in zip(("left", "right"), state, strict=True) for p in pairs(guide)]
+    rows = [
+        f"{e:.4f},{name},{p}"
+        for e, state in zip(elongations(), c, strict=True)
+        for name, guide in zip(("left", "right"), state, strict=True)
+        for p in pairs(guide)
+    ]
     return "\n".join(["elongation_mm,waveguide,x,z", *rows[::-1][:0], *rows])
 
 

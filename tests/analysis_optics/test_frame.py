@@ -60,10 +60,18 @@ def test_cavities_that_cannot_be_cut_are_refused(frames: list[Frame], design: De
     assert refused.value.remedy
 
 
-@pytest.mark.parametrize(("change", "word"), [
-    ({"spacing_mm": 0.0}, "overlap"), ({"spacing_mm": -0.2}, "overlap"), ({"width_mm": 0.0}, "width"),
-    ({"width_mm": float("nan")}, "not a number"), ({"depth_mm": -1.0}, "depth"), ({"cavities": -1}, "cavities"),
-    ({"face": "top"}, "face")])
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"spacing_mm": 0.0}, "overlap"),
+        ({"spacing_mm": -0.2}, "overlap"),
+        ({"width_mm": 0.0}, "width"),
+        ({"width_mm": float("nan")}, "not a number"),
+        ({"depth_mm": -1.0}, "depth"),
+        ({"cavities": -1}, "cavities"),
+        ({"face": "top"}, "face"),
+    ],
+)
 def test_parameters_outside_their_range_are_refused(change: dict[str, object], word: str) -> None:
     """Each parameter is refused by its name, with a remedy."""
     with pytest.raises(RequestError, match=word) as refused:
@@ -109,8 +117,10 @@ def test_zero_receivers_detect_nothing(curves: np.ndarray) -> None:
 
 def test_a_wider_receiver_sees_more(curves: np.ndarray) -> None:
     """Detected power grows with the receiver's width, also beyond the end face."""
-    found = [trace(frame_of(curves, 7, g), Design(), g, Light(rays=2000)).power
-             for g in (Waveguide(receiver_mm=w) for w in (0.5, 1.0, 2.0, 30.0))]
+    found = [
+        trace(frame_of(curves, 7, g), Design(), g, Light(rays=2000)).power
+        for g in (Waveguide(receiver_mm=w) for w in (0.5, 1.0, 2.0, 30.0))
+    ]
     assert found == sorted(found)
     assert found[-1] > found[2]
 

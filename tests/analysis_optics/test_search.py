@@ -16,11 +16,21 @@ from analysis.optics.sweep import paper_grid
 
 
 def test_a_study_compares_its_cases(tmp_path: object) -> None:
-    """Each case tells its best, its ties, and the paper's place; more rays scatter less; the first case is like itself."""
+    """Each case tells its best, its ties, and the paper's place; more rays scatter less; the first is like itself."""
     chosen = cases(Waveguide(), Light(), rays=(250, 1000))
     names = [name for name, _, _ in chosen]
-    assert names == ["250 rays", "1000 rays", "2500 rays, secondaries in proportion", "2500 rays, no secondaries", "order bounce", "order index", "index 1.48", "index 1.52", "thickness 1.5 mm",
-                     "thickness 2.5 mm"]
+    assert names == [
+        "250 rays",
+        "1000 rays",
+        "2500 rays, secondaries in proportion",
+        "2500 rays, no secondaries",
+        "order bounce",
+        "order index",
+        "index 1.48",
+        "index 1.52",
+        "thickness 1.5 mm",
+        "thickness 2.5 mm",
+    ]
     found = study(chosen[:3], paper_grid((5,))[::30])
     assert found[0].rank_correlation == pytest.approx(1.0)
     assert found[1].noise < found[0].noise
@@ -44,9 +54,11 @@ def test_power_merit_refuses_nothing_and_ranks_what_fits() -> None:
 
 
 def test_the_search_is_no_worse_than_where_it_starts() -> None:
-    """Cut short it still returns a design at least as good as the grid's best it knows, and says that it was cut short."""
+    """Cut short it still returns a design as good as the grid's best, and says that it was cut short."""
     seen: list[float] = []
-    found = optimise(Waveguide(), default_curves(), rays=40, seconds=3.0, progress=lambda done, total: seen.append(done))
+    found = optimise(
+        Waveguide(), default_curves(), rays=40, seconds=3.0, progress=lambda done, total: seen.append(done)
+    )
     assert found.best_p >= found.start_p
     assert optimum_json(found)["gain"] >= 1
     assert "gain" in optimum_text(found)

@@ -107,8 +107,20 @@ def test_results_are_told_in_the_agreed_keys(result: SweepResult, tmp_path: Path
     """JSON, text, table and figures all name the best, the ties and the paper's optimum."""
     told = sweep_json(result)
     assert told["simulations"] == 15 * len(DESIGNS)
-    assert {"cavities", "width_mm", "depth_mm", "spacing_mm", "ndr", "andr", "delta", "n_sign", "rmse", "p", "p_ci",
-            "monotone"} <= set(told["designs"][0])
+    assert {
+        "cavities",
+        "width_mm",
+        "depth_mm",
+        "spacing_mm",
+        "ndr",
+        "andr",
+        "delta",
+        "n_sign",
+        "rmse",
+        "p",
+        "p_ci",
+        "monotone",
+    } <= set(told["designs"][0])
     assert told["best"]["p"] == max(d["p"] for d in told["designs"])
     assert told["paper_optimum"]["rank"] == told["designs"][0]["rank"]
     assert {k: told["best"][k] for k in ("cavities", "width_mm", "depth_mm", "spacing_mm", "face")} in told[
@@ -134,8 +146,9 @@ def test_counted_rays_scatter_as_their_standard_deviation_says(curves: np.ndarra
 def test_a_cluster_gives_the_same_bits(request_: SweepRequest, result: SweepResult) -> None:
     """Two Dask workers give what this process gives, bit for bit."""
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
-                                  silence_logs=50) as cluster:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
         assert same(run_sweep(request_, scheduler=cluster.scheduler_address), result)
 
 

@@ -61,7 +61,7 @@ def test_rays_that_can_never_leave_end_at_the_cap(curves: np.ndarray) -> None:
 
 
 def test_a_ring_keeps_every_rays_distance_from_its_centre() -> None:
-    """In a ring total reflection keeps the angular momentum: each chord passes the centre at the first one's distance."""
+    """In a ring total reflection keeps angular momentum: each chord passes the centre at the first one's distance."""
     guide = Waveguide(thickness_mm=2.0)
     frame = one_strip(ring(50.0, math.pi / 2, 5), guide)
     for path in ray_paths(frame, PLAIN, guide, Light(rays=40, cone_deg=60.0, secondary=0)):
@@ -71,7 +71,7 @@ def test_a_ring_keeps_every_rays_distance_from_its_centre() -> None:
 
 
 def test_whispering_ray_stays_on_the_outer_wall() -> None:
-    """A ray flatter than the bend's own angle never sees the inner wall; its hits are the arc over the chord's angle."""
+    """A ray flatter than the bend's own angle never sees the inner wall; its hits are the arc over a chord's angle."""
     radius, angle = 50.0, 0.1
     guide = Waveguide(thickness_mm=2.0)
     outer = radius + 1.0
@@ -81,7 +81,9 @@ def test_whispering_ray_stays_on_the_outer_wall() -> None:
     r = np.hypot(*path.points[1:-1].T)
     np.testing.assert_allclose(r, outer, rtol=1e-12)
     assert len(r) == int((math.pi / 2) / (2 * angle))
-    np.testing.assert_allclose(np.hypot(*np.diff(path.points[1:-1], axis=0).T), 2 * outer * math.sin(angle), rtol=1e-8)
+    np.testing.assert_allclose(
+        np.hypot(*np.diff(path.points[1:-1], axis=0).T), 2 * outer * math.sin(angle), rtol=1e-8
+    )
 
 
 @pytest.mark.parametrize("index", [1.33, 1.5, 2.0])
@@ -105,16 +107,28 @@ def test_rays_traced_backwards_return(frames: list[Frame]) -> None:
             continue
         way = (before - end) / np.hypot(*(before - end))
         inside = end + 1e-7 * way
-        back_frame = Frame(frame.nodes, frame.curvature, frame.ends, frame.outer, frame.half_mm, frame.surfaces, frame.kinds,
-                           frame.owners, frame.corners, np.concatenate([inside, way]), frame.receiver_way, -2)
+        back_frame = Frame(
+            frame.nodes,
+            frame.curvature,
+            frame.ends,
+            frame.outer,
+            frame.half_mm,
+            frame.surfaces,
+            frame.kinds,
+            frame.owners,
+            frame.corners,
+            np.concatenate([inside, way]),
+            frame.receiver_way,
+            -2,
+        )
         back = ray_paths(back_frame, Design(), guide, Light(rays=1, cone_deg=0.001, secondary=0))[0].points
-        np.testing.assert_allclose(back[1:len(path.points) - 1], path.points[1:-1][::-1], atol=1e-7)
+        np.testing.assert_allclose(back[1 : len(path.points) - 1], path.points[1:-1][::-1], atol=1e-7)
         checked += 1
     assert checked >= 10
 
 
 def test_index_one_is_no_guide_at_all(frames: list[Frame]) -> None:
-    """With index 1 nothing bends or reflects: only what flies straight from emitter to receiver is detected, in full."""
+    """With index 1 nothing bends or reflects: only what flies straight to the receiver is detected, in full."""
     guide = Waveguide(index=1.0)
     out = trace(frames[7], Design(), guide, Light(rays=4000, secondary=100))
     x, half = 3.0 + 75.0 + 3.0, 1.0
@@ -128,7 +142,9 @@ def test_grazing_ray_is_given_up_not_lost() -> None:
     """A ray that leaves along its own wall has no way to go: it is tallied, and the ledger still closes."""
     guide = Waveguide(thickness_mm=2.0)
     edge = np.array([0.5, 1.0, 1.0, 0.0])
-    out = trace(one_strip(straight((0, 0), (10, 0)), guide, edge), PLAIN, guide, Light(rays=1, cone_deg=0.001, secondary=0))
+    out = trace(
+        one_strip(straight((0, 0), (10, 0)), guide, edge), PLAIN, guide, Light(rays=1, cone_deg=0.001, secondary=0)
+    )
     assert sum(v for k, v in out.ledger.items() if k != "released") == 1
 
 
@@ -156,7 +172,7 @@ def test_a_ray_at_a_smooth_joint_is_not_a_corner() -> None:
 
 
 def test_attenuation_takes_what_the_way_says() -> None:
-    """Along a straight guide at 1 dB/cm a ray at angle a keeps 10^(-L / (100 cos a)); the rest is booked as absorbed."""
+    """Along a straight guide at 1 dB/cm a ray at angle a keeps 10^(-L / (100 cos a)); the rest is absorbed."""
     guide = Waveguide(attenuation_db_per_cm=1.0)
     out = strip(straight((0, 0), (80, 0)), guide, Light(rays=101, cone_deg=60.0, secondary=0))
     angle = np.radians(60) * ((np.arange(101) + 0.5) / 101 - 0.5)

@@ -25,8 +25,8 @@ def sweep(rays: int, designs: int = 648) -> None:
     seconds, busy = time.perf_counter() - began, time.process_time() - busy
     print(
         f"\n{result.ndr.size} simulations of {rays} rays: {seconds:.2f} s, processor {busy:.2f} s, {result.hits} hits, "
-        f"{1e9 * busy / result.hits:.0f} ns a hit and core, {PAPER_S * result.ndr.size / seconds:.0f} times the paper's "
-        f"{PAPER_S:g} s a simulation"
+        f"{1e9 * busy / result.hits:.0f} ns a hit and core, {PAPER_S * result.ndr.size / seconds:.0f} times "
+        f"the paper's {PAPER_S:g} s a simulation"
     )
 
 
@@ -51,5 +51,7 @@ def test_one_scene() -> None:
         began, busy = time.perf_counter(), time.process_time()
         out = trace(frame, Design(), Waveguide(), Light(rays=1_000_000), threads=threads)
         seconds, busy = time.perf_counter() - began, time.process_time() - busy
-        print(f"\n1,000,000 rays on {threads} thread(s): {seconds:.2f} s, {out.hits} hits, {1e9 * busy / out.hits:.0f} ns a hit "
-              f"and core (a naive tracer with 800 chords: 200)")
+        print(
+            f"\n1,000,000 rays on {threads} thread(s): {seconds:.2f} s, {out.hits} hits, {1e9 * busy / out.hits:.0f} ns "
+            f"a hit and core (a naive tracer with 800 chords: 200)"
+        )

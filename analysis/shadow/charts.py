@@ -21,8 +21,8 @@ from analysis.shadow.solver import Solver
 from analysis.shadow.table import build_table
 
 DATA, CHOSEN, LIMIT, MUTED = "#0072b2", "#d55e00", "#555f6b", "#555f6b"
-SCREEN_TOLERANCE_MM = 0.02
-"""A tenth of a pixel's worth on the pane, and a seventh of the millimetre grid's reading error (0.5 / sqrt(12) mm)."""
+SCREEN_TOLERANCE_MM = 0.05
+"""A quarter of a pixel of the pane, and a third of the millimetre grid's reading error (0.5 / sqrt(12) = 0.14 mm)."""
 MESHES = ((4, 1, 2), (6, 1, 3), (6, 2, 3), (8, 2, 4), (12, 2, 5), (12, 3, 6), (16, 4, 8))
 REFERENCE_MESH = (24, 5, 10)
 

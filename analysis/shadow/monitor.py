@@ -36,6 +36,8 @@ HEALTHY_CYCLES_BETWEEN_ALARMS = 1000.0
 RUN_IN_CYCLES = 2
 STEADY_KPA, SHORTEST_HOLD_S, SETTLING_S, LEAST_PRESSURE_KPA = 0.75, 2.0, 0.7, 15.0
 """A hold: pressure within this of its own median for so long; its beginning is left out, and so are low pressures."""
+PRESSURE_STEPS, FEWEST_STEPS = 24, 6
+"""Gain, offset and differences are fitted through means over so many steps of pressure a branch; fewer give NaN."""
 
 _CHANNELS: tuple[tuple[str, float, str, Illness | None, Illness | None], ...] = (
     ("loss", 0.3, "%/min", "leak", None),
@@ -180,10 +182,26 @@ def loss_percent_per_min(time_s: Floats, pressure_kpa: Floats, residual_kpa: Flo
     return 6000.0 * float(np.linalg.lstsq(design / size, r, rcond=None)[0][2] / size[2])
 
 
+def branch_means(pressure_kpa: Floats, *columns: Floats) -> list[Floats]:
+    """Average columns over equal steps of pressure on each branch of a cycle, so that waiting does not weigh.
+
+    The branches part at the extreme that the cycle does not begin at; rows with a NaN in any column are left out.
+    """
+    known = np.isfinite(pressure_kpa) & np.isfinite(np.stack(columns)).all(axis=0)
+    p = pressure_kpa[known]
+    if not len(p) or np.ptp(p) == 0.0:
+        return [np.empty(0) for _ in columns]
+    turn = int(np.argmin(p) if p[0] > (p.min() + p.max()) / 2.0 else np.argmax(p))
+    step = np.minimum(((p - p.min()) / np.ptp(p) * PRESSURE_STEPS).astype(int), PRESSURE_STEPS - 1)
+    place = step + PRESSURE_STEPS * (np.arange(len(p)) > turn)
+    count = np.bincount(place, minlength=2 * PRESSURE_STEPS)
+    return [np.bincount(place, c[known], 2 * PRESSURE_STEPS)[count > 0] / count[count > 0] for c in columns]
+
+
 def line(x: Floats, y: Floats) -> tuple[float, float]:
     """Return the value at x = 0 and the slope of a straight line; NaN where there are not enough different x."""
     known = np.isfinite(x) & np.isfinite(y)
-    if known.sum() < 10 or np.ptp(x[known]) < 0.5:
+    if known.sum() < FEWEST_STEPS or np.ptp(x[known]) < 0.5:
         return np.nan, np.nan
     slope, value = np.polyfit(x[known], y[known], 1)
     return float(value), float(slope)
@@ -217,8 +235,8 @@ def cycle_figures(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elo
     if not known.any():
         raise DataError("no elongation is known in this cycle", "check the calibration's range: it gives NaN outside")
     mean = np.where(known.any(axis=1), np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
-    offset, gain = line(table.nominal_elongation(p)[0], mean)
-    apart = line(mean, x[:, 0] - x[:, 1]) if x.shape[1] > 1 else (np.nan, np.nan)
+    offset, gain = line(*branch_means(p, table.nominal_elongation(p)[0], mean))
+    apart = line(*branch_means(p, mean, x[:, 0] - x[:, 1])) if x.shape[1] > 1 else (np.nan, np.nan)
     loss = loss_percent_per_min(t, p, p - table.nominal_pressure(mean))
     return CycleFigures(loss, fade_percent_per_min(t, p), gain, offset, *apart)
 

@@ -11,6 +11,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
 from analysis.errors import DataError
@@ -163,7 +164,8 @@ def replay_figure(result: Replay) -> Figure:
     above.fill_between(time, -band, band, color=_BAND, alpha=0.25, lw=0, label="band from E, k = 2")
     above.plot(time, result.deviation_mm[::step], color=_LINE, lw=0.6, label="measured minus nominal")
     above.set(xlabel="time, s", ylabel="deviation, mm")
-    above.legend(frameon=False, fontsize=8.5, ncols=2, loc="upper right")
+    above.legend(frameon=False, fontsize=8.5, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    below.xaxis.set_major_locator(MaxNLocator(integer=True))
     gain = np.array([astuple(f)[2] for f in result.figures])
     below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=_LINE, ms=3, lw=0.8)
     for i, alarm in enumerate(result.alarms):

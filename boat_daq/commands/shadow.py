@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+from boat_daq.commands.shadow_chain import chain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from analysis.shadow.solver import Solution
 
 app = typer.Typer(
-    help="The digital shadow: solve, table, modulus, states, replay, export.",
+    help="The digital shadow: solve, table, modulus, states, replay, export, chain.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -377,3 +378,6 @@ def measured_elongations(recording: Recording, calibration: Path, elongation: Pa
         signal = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
         columns.append(Inverse.of(sensor.calibration)(signal))
     return np.stack(columns, axis=1)
+
+
+app.command()(chain)

@@ -1,0 +1,74 @@
+"""The shadow's speed: full solutions, reduced states and whole frames a second, and the ratio to the plain way."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from analysis.shadow.charts import MESHES, mesh_points, solutions_per_second, states_per_second
+from analysis.shadow.full_model import FullModel
+from analysis.shadow.oracle import make_oracle
+from analysis.shadow.parameters import ActuatorParameters
+from analysis.shadow.shadow import Shadow
+from analysis.shadow.solver import factorise
+from analysis.shadow.table import build_table
+
+pytestmark = pytest.mark.benchmark_run
+PAPER_FRAMES_PER_S = 2.0
+
+
+def test_newton_step_against_scikit_fem() -> None:
+    """Assembly and factorisation, compiled, against the same assembly by scikit-fem."""
+    model = FullModel()
+    u, problem = model.solve(pressure_kpa=30.0).displacement_mm, model.problem
+    oracle = make_oracle(problem)
+    ours = best_seconds(lambda: (problem.balance(u, 30.0), factorise(problem, u, 30.0, held=False)), 50)
+    plain = best_seconds(lambda: (oracle.internal_force(u), oracle.internal_tangent(u)), 5)
+    print(f"\nNewton step: {1e3 * ours:.2f} ms for {problem.size} unknowns")
+    print(f"scikit-fem's assembly alone: {1e3 * plain:.0f} ms, {plain / ours:.0f} times as long")
+    assert ours < plain
+
+
+def test_full_solutions() -> None:
+    """Warm-started solutions over a slow cycle."""
+    model = FullModel()
+    rate = max(solutions_per_second(model.solver, 200) for _ in range(3))
+    print(f"\nfull model: {rate:.0f} solutions/s, {rate / 60:.1f} times the target of 60")
+    assert rate > 0
+
+
+def test_reduced_states() -> None:
+    """Building, a batch, one by one, and whole frames."""
+    begun = time.perf_counter()
+    table = build_table()
+    built = time.perf_counter() - begun
+    batch = max(states_per_second(table) for _ in range(5))
+    single = 1.0 / best_seconds(lambda: table.tracked(np.array([20.0]), np.array([1.0])), 500)
+    shadow = Shadow(table=table)
+    _ = shadow.topology
+    frame = 1.0 / best_seconds(lambda: shadow.state(elongation_mm=1.0, pressure_kpa=20.0), 300)
+    print(f"\nreduced model: built in {built:.1f} s, error bound {table.error_bound_mm:.1e} mm")
+    print(f"{batch:,.0f} states/s in a batch, {single:,.0f} one by one; {frame:,.0f} whole frames/s,")
+    print(f"{frame / PAPER_FRAMES_PER_S:,.0f} times the paper's 2")
+    assert table.error_bound_mm < 3.8e-3
+
+
+def test_mesh_against_error() -> None:
+    """The chart's points: unknowns, error, time."""
+    print()
+    for point in mesh_points(ActuatorParameters(), MESHES):
+        cost = f"{point.unknowns:6} unknowns  {point.error_mm:.4f} mm  {1e3 * point.seconds:6.2f} ms"
+        print(f"  {point.elements!s:12} {cost}")
+        assert point.error_mm < 1.0
+
+
+def best_seconds(work: object, repeats: int) -> float:
+    """The best time of some calls."""
+    best = np.inf
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        work()  # type: ignore[operator]
+        best = min(best, time.perf_counter() - begun)
+    return float(best)

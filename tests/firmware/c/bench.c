@@ -4,6 +4,7 @@
      B REASON CLOCK   boot, the clock showing CLOCK microseconds
      R HEX            receive bytes
      T PA PA ...      a control tick (10 ms) for each PA, the pressure found at that tick; samples on the way
+     J N              the main loop comes back after N microseconds, once
      G N              N control ticks on the plant of host.c
      P PA  V 0|1  E 0|1  S MASK   pressure, its validity, e-stop, saturated sensors; then a poll
      D N              N samples find no room
@@ -115,6 +116,7 @@ static void obey(void)
     case 'R': boat_receive(&board, bytes, read_hex(line + 2)); break;
     case 'T': run_ticks(line + 1); break;
     case 'G': while (value--) { host_plant(BOAT_TICK_US / 1e6); run_tick(host.pressure_pa); } break;
+    case 'J': host.clock_us += (uint64_t)value; poll(); break;
     case 'P': host.pressure_pa = (int32_t)value; poll(); break;
     case 'V': host.pressure_valid = value; poll(); break;
     case 'E': host.estop = value; poll(); break;

@@ -1,0 +1,42 @@
+"""Any bytes, any order: the decoder and the whole board under a fuzzer, sanitizers on."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.firmware.firmware_build import compile_host
+
+TARGETS = {"fuzz_decoder": 20_000, "fuzz_board": 2_000}  # inputs a second that even a busy computer manages
+
+
+@pytest.fixture(scope="module", params=TARGETS)
+def target(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """A fuzz target and its program."""
+    folder = tmp_path_factory.mktemp(request.param)
+    return request.param, compile_host(folder, request.param, "host.c", f"{request.param}.c", "fuzz_main.c")
+
+
+def fuzz(program: Path, seconds: float, seed: int) -> int:
+    """Return how many inputs were tried; the program aborts at the first that breaks a promise."""
+    run = subprocess.run([str(program), str(seconds), str(seed)], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    return int(run.stdout)
+
+
+def test_a_second_of_fuzzing_finds_nothing(target: tuple[str, Path]) -> None:
+    """The promises of c/fuzz_decoder.c and c/fuzz_board.c hold; a second of processor time tries thousands of inputs."""
+    name, program = target
+    assert fuzz(program, 1.0, seed=1) > TARGETS[name] / 4
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", range(2, 6))
+def test_minutes_of_fuzzing_find_nothing(target: tuple[str, Path], seed: int) -> None:
+    """The same for half a minute from each of four seeds; prints how many inputs that were."""
+    name, program = target
+    tried = fuzz(program, 30.0, seed)
+    print(f"{name} seed {seed}: {tried} inputs")
+    assert tried > TARGETS[name]

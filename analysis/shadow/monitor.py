@@ -265,7 +265,7 @@ class Monitor:
         return self.take(cycle_figures(self.table, time_s, pressure_kpa, elongations_mm))
 
     def take(self, figures: CycleFigures) -> list[Alarm]:
-        """Take one cycle's figures; return the alarms that it raises for the first time."""
+        """Take one cycle's figures; return the alarms that it raises for the first time, causes before effects."""
         self.cycles += 1
         if self.cycles <= RUN_IN_CYCLES:
             return []
@@ -274,7 +274,7 @@ class Monitor:
         self._open = {key for key in self._open if sums[key] > 0.0}
         fresh = [(int(i), int(j)) for i, j in np.argwhere(raised) if (int(i), int(j)) not in self._open]
         self._open.update(fresh)
-        return [self._alarm(i, j) for i, j in fresh]
+        return sorted((self._alarm(i, j) for i, j in fresh), key=lambda alarm: len(alarm.may_follow_from))
 
     def _illness(self, channel: int, side: int) -> Illness | None:
         rise, fall = _CHANNELS[channel][3:]

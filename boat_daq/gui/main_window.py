@@ -84,7 +84,7 @@ class MainWindow(QMainWindow):
         self.keys: ShortcutSheet | None = None
         self.vent_key = VentKey(desk)
         application().focusWindowChanged.connect(self.vent_key.watch)
-        QGuiApplication.styleHints().colorSchemeChanged.connect(lambda _: self.follow_theme())
+        QGuiApplication.styleHints().colorSchemeChanged.connect(self.follow_theme)
         for plots in self.findChildren(PlotCard):
             plots.save_wanted.connect(self.save_plot)
         self.follow_theme()
@@ -207,7 +207,7 @@ class MainWindow(QMainWindow):
 
     # ---- look ----------------------------------------------------------------------------------------------------
 
-    def follow_theme(self) -> None:
+    def follow_theme(self, *_: object) -> None:
         """Take the theme that is preferred, or the system's."""
         self.set_theme(THEMES.get(self.desk.preferences.get("theme", "system")) or style.system_theme())
 
@@ -220,8 +220,10 @@ class MainWindow(QMainWindow):
         """Repaint everything in `theme`."""
         self.theme = theme
         app = application()
-        app.setPalette(style.palette(theme))
-        app.setStyleSheet(style.style_sheet(theme))
+        sheet = style.style_sheet(theme)
+        if app.styleSheet() != sheet:  # a sheet that is set again is worked out again for every widget
+            app.setPalette(style.palette(theme))
+            app.setStyleSheet(sheet)
         for widget in self.findChildren(QWidget):
             paint = getattr(widget, "paint_theme", None)
             if paint is not None:

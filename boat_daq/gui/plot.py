@@ -15,6 +15,7 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QGraphicsItem
 
 from boat_daq.gui import style
@@ -150,7 +151,7 @@ class Plot:
         """Add a curve; `dashed` is for what is set, not measured."""
         pen_style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
         item = pg.PlotCurveItem()
-        layer = Curve(name, item, ink, lambda it, colour: it.setPen(pg.mkPen(colour, width=1, style=pen_style)))
+        layer = Curve(name, item, ink, lambda it, colour: it.setPen(pg.mkPen(QColor(colour), width=1, style=pen_style)))
         layer.gaps = gaps
         return self._add(layer)
 

@@ -25,7 +25,7 @@ class Strip(QWidget):
         self.mark = widgets.label()
         self.text = widgets.label(name="What needs attention")
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.act = widgets.button("", self._act)
+        self.act = widgets.button("", self._act, name="Do what the message proposes")
         self.more = widgets.button("Details", self._toggle_details, "link")
         self.copy = widgets.button("Copy", self._copy, "link", name="Copy the message")
         self.close_ = widgets.button("Dismiss", self._dismiss, "link", name="Dismiss the message")

@@ -99,7 +99,7 @@ VIRIDIS = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a
 
 BAND_ALPHA = 56  # of 255: a band lets the grid and the curve through
 BAND_ALPHA_WIDE = 30
-HISTORY_ALPHA = 110
+RAY_ALPHA = 90
 
 
 def style_sheet(theme: Theme) -> str:
@@ -139,6 +139,11 @@ def sequential(theme: Theme, place: int, of: int) -> str:
     share = at - low
     mixed = (x + (y - x) * share for x, y in ((a.red(), b.red()), (a.green(), b.green()), (a.blue(), b.blue())))
     return QColor(*(round(value) for value in mixed)).name()
+
+
+def faint(value: str, alpha: int) -> str:
+    """Return a token with `alpha` of 255, as `#aarrggbb`."""
+    return colour(value, alpha).name(QColor.NameFormat.HexArgb)
 
 
 def colour(value: str, alpha: int = 255) -> QColor:

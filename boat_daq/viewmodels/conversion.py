@@ -8,14 +8,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from boat_daq.viewmodels.live import Array, Elongation, Inverse
+from boat_daq.viewmodels.live import Array, Elongation
+
+if TYPE_CHECKING:
+    from analysis.inverse import Fusion
 
 
-def prepare(content: Mapping[str, Any]) -> Inverse:
+class Conversion:
+    """mV -> mm of one unit: all sensors together, or each by itself."""
+
+    def __init__(self, fusion: Fusion) -> None:
+        self._fusion = fusion
+
+    def __call__(self, signal_mv: Array) -> Elongation:
+        """Return the elongation of [n, sensors] signals, sensors fused."""
+        found = self._fusion.evaluate(signal_mv)
+        return Elongation(found.elongation_mm, 2.0 * found.standard_uncertainty_mm, found.disagreement)
+
+    def each(self, signal_mv: Array) -> Array:
+        """Return the elongation by each sensor, [n, sensors] mm; NaN outside its range."""
+        return np.column_stack([inverse(signal_mv[:, i]) for i, inverse in enumerate(self._fusion.inverses)])
+
+
+def prepare(content: Mapping[str, Any]) -> Conversion:
     """Return the inverse of a stored calibration, all sensors fused.
 
     Raises
@@ -27,14 +46,9 @@ def prepare(content: Mapping[str, Any]) -> Inverse:
     from analysis.inverse import Fusion
 
     fits = [fit_calibration(s["elongation_mm"], s["signal_mv"], int(s["fit"]["degree"])) for s in content["sensors"]]
-    fusion = Fusion.of(fits)
-
-    def inverse(signal_mv: Array) -> Elongation:
-        found = fusion.evaluate(signal_mv)
-        return Elongation(found.elongation_mm, 2.0 * found.standard_uncertainty_mm, found.disagreement)
-
-    inverse(np.zeros((1, len(fits))))  # compile now, not in the first frame
-    return inverse
+    conversion = Conversion(Fusion.of(fits))
+    conversion(np.zeros((1, len(fits))))  # compile now, not in the first frame
+    return conversion
 
 
 class Preparation:
@@ -42,13 +56,13 @@ class Preparation:
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="calibration")
-        self._future: Future[Inverse] | None = None
+        self._future: Future[Conversion] | None = None
 
     def ask(self, content: Mapping[str, Any]) -> None:
         """Prepare the inverse of a stored calibration; an earlier one still on its way is dropped."""
         self._future = self._pool.submit(prepare, content)
 
-    def poll(self) -> Inverse | None:
+    def poll(self) -> Conversion | None:
         """Return the inverse once it is there, else None.
 
         Raises

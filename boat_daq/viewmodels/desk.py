@@ -19,9 +19,10 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.calibration import CalibrationModel
 from boat_daq.viewmodels.changes import Change, Changes, History
 from boat_daq.viewmodels.connection import ConnectionModel
-from boat_daq.viewmodels.conversion import Preparation
+from boat_daq.viewmodels.conversion import Conversion, Preparation
 from boat_daq.viewmodels.live import LiveModel, Marker
 from boat_daq.viewmodels.notices import Level, Notice, Notices
+from boat_daq.viewmodels.optics import OpticsModel
 from boat_daq.viewmodels.overlay import OverlayModel
 from boat_daq.viewmodels.preferences import Preferences
 from boat_daq.viewmodels.readings import ReadingsModel
@@ -29,6 +30,7 @@ from boat_daq.viewmodels.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.runs import RunsModel
 from boat_daq.viewmodels.sequence import SequenceModel
 from boat_daq.viewmodels.shadow_live import ShadowLive
+from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
 from boat_daq.viewmodels.work import Bench
 
 PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
@@ -74,7 +76,10 @@ class Desk:
         self.calibration = CalibrationModel(session, self.units, self.bench)
         self.repeatability = RepeatabilityModel(self.bench)
         self.runs = RunsModel(recordings, self.units, self.bench)
+        self.optics = OpticsModel(self.bench)
         self.preparation = Preparation()
+        self.conversion: Conversion | None = None
+        self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay, lambda: session.ring)
         self._inverse_of: StoredCalibration | None = None
         self.request: Callable[[str], None] = lambda what: None
         self._unit_shown = ""
@@ -89,6 +94,7 @@ class Desk:
         self.bench.poll()
         self.runs.poll()
         self.shadow.poll()
+        self._watch()
         if self.connected():
             self.shadow.prepare()
         self.repeatability.follow(self.snapshot)
@@ -145,6 +151,12 @@ class Desk:
             return Path(self.repeatability.result.path)
         return self.calibration.last_path
 
+    def _watch(self) -> None:
+        """Hand whole cycles to the monitor; say what it finds."""
+        self.monitor.follow(self.snapshot, self.conversion)
+        for sentence in self.monitor.poll():
+            self.notices.say(Level.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
+
     def _follow_calibration(self) -> None:
         """Use the calibration in force of the unit on the bench."""
         name = self.unit_name
@@ -154,7 +166,7 @@ class Desk:
             self.use_calibration(stored)
         ready = self.preparation.poll()
         if ready is not None:
-            self.live.inverse = ready
+            self.live.inverse = self.conversion = ready
 
     @property
     def unit_name(self) -> str:
@@ -164,7 +176,7 @@ class Desk:
     def use_calibration(self, stored: StoredCalibration | None) -> None:
         """Show elongation by this calibration from now on; by none where there is none."""
         self._inverse_of = stored
-        self.live.inverse = None
+        self.live.inverse = self.conversion = None
         if stored is not None:
             self.preparation.ask(stored.content)
 
@@ -297,5 +309,6 @@ class Desk:
         self.preparation.close()
         self.runs.close()
         self.shadow.close()
+        self.monitor.close()
         self.session.close()
         self.connection.close()

@@ -46,7 +46,7 @@ class OverlayModel:
     def cycles(self) -> list[CycleTrace]:
         """Return the traces, oldest first."""
         ring = self._ring()
-        spans = self._spans()[-KEPT:]
+        spans = self.spans()[-KEPT:]
         if ring is None or not spans:
             return []
         result = []
@@ -56,7 +56,7 @@ class OverlayModel:
             result.append(CycleTrace(number, columns["time_s"] - begin, signals))
         return result
 
-    def _spans(self) -> list[tuple[int, float, float | None]]:
+    def spans(self) -> list[tuple[int, float, float | None]]:
         """Return (cycle, begin, end) in the ring's time; the end of the one under way is None."""
         spans: dict[int, tuple[float, float | None]] = {}
         for step in self._steps():

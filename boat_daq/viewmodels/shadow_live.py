@@ -29,6 +29,8 @@ RECENT = 10  # samples that one frame's state is the mean of
 LEVELS = 24  # of colour
 SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
+PRESSURES_KPA = (-45.0, 55.0)
+TRACE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +105,24 @@ class ShadowLive:
         """Let the thread end."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
+    def nominal_curve(self) -> tuple[Array, Array, Array, Array] | None:
+        """Return pressures (kPa), nominal elongation and its band, k = 2 (mm), over the table; None while it loads."""
+        if self.model is None:
+            return None
+        pressure = np.linspace(*PRESSURES_KPA, 91)
+        mm, sd = self.model.table.nominal_elongation(pressure)
+        keep = np.isfinite(mm) & np.isfinite(sd)
+        return pressure[keep], mm[keep], (mm - 2 * sd)[keep], (mm + 2 * sd)[keep]
+
+    def trace(self) -> tuple[Array, Array]:
+        """Return pressure (kPa) and measured elongation (mm) of the last minute."""
+        ring, inverse = self._ring(), self._inverse()
+        recent = ring.view(last=1) if ring is not None else {"time_s": np.zeros(0)}
+        if ring is None or inverse is None or not recent["time_s"].size:
+            return np.zeros(0), np.zeros(0)
+        columns = ring.draw(float(recent["time_s"][0]) - TRACE_S, None, max_points=1200)
+        return columns["pressure_kpa"], inverse(signals(columns)).mm
+
     # ---- the picture ---------------------------------------------------------------------------------------------
 
     def now(self) -> tuple[float, float, float]:
@@ -133,8 +153,10 @@ class ShadowLive:
         )
 
     def _state(self, pressure: float, measured: float) -> ShadowState | None:
-        if self.model is None or not math.isfinite(pressure):
+        if self.model is None:
             return None
+        if not math.isfinite(pressure):
+            return self.model.state(pressure_kpa=0.0, elongation_mm=0.0)  # at rest, until something is measured
         q = measured if math.isfinite(measured) else float(self.model.table.nominal_elongation(np.array(pressure))[0])
         if not math.isfinite(q) or not bool(self.model.table.holds(np.array(pressure), np.array(q))):
             return None
@@ -169,6 +191,8 @@ class ShadowLive:
 
 
 def _measured_lines(pressure: float, measured: float) -> tuple[tuple[str, str, str], ...]:
+    if not math.isfinite(pressure):
+        return (("Measured", "nothing yet: drawn at rest", ""),)
     known = math.isfinite(measured)
     words = f"{number(measured, 2, sign=True)} mm" if known else "not calibrated: nominal drawn"
     return (("Measured", words, ""), ("Pressure", f"{number(pressure, 1, sign=True)} kPa", ""))

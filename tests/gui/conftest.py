@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from PySide6.QtCore import QEvent
+from PySide6.QtWidgets import QApplication
 
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring, idle
 
@@ -21,12 +23,17 @@ def make(qtbot, tmp_path):
         desk = Desk(session, tmp_path / "config", tmp_path / "recordings", UnitLibrary(tmp_path / "units"))
         desk.shadow.prepare = lambda: None  # a helper process has no place in these tests
         window = MainWindow(desk)
-        qtbot.addWidget(window)
+        windows.append(window)
         window.show()
         qtbot.waitExposed(window)
         return window
 
-    return build
+    windows: list[MainWindow] = []
+    yield build
+    for window in windows:
+        window.close()
+        window.deleteLater()
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # else each window slows the next one down
 
 
 @pytest.fixture

@@ -31,7 +31,7 @@ def contrast(a: str, b: str) -> float:
 def test_text_has_contrast(theme):
     """Text of every voice has 4.5 : 1 or more on every surface it stands on."""
     pairs = [
-        *((theme.text, ground) for ground in (theme.window, theme.surface, theme.sunken, theme.accent_soft, theme.warn_soft)),
+        *((theme.text, g) for g in (theme.window, theme.surface, theme.sunken, theme.accent_soft, theme.warn_soft)),
         *((theme.muted, ground) for ground in (theme.window, theme.surface, theme.sunken)),
         (theme.accent, theme.surface), (theme.on_accent, theme.accent), (theme.on_fault, theme.fault),
         (theme.ok, theme.surface), (theme.warn, theme.surface), (theme.on_simulated, theme.simulated),

@@ -1,0 +1,66 @@
+"""What the optical helper hands to its page: plain arrays, ready to be drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class StateScene:
+    """One state, mm along and across the actuator: polylines [k, 2] with NaN between their parts."""
+
+    outline: Array
+    released: Array
+    secondary: Array
+    receiver: Array
+
+
+@dataclass(frozen=True, slots=True)
+class DesignResult:
+    """One design in all states."""
+
+    values: tuple[int, float, float, float]
+    scenes: tuple[StateScene, ...]
+    elongation_mm: Array
+    ndr: Array
+    ndr_sd: Array
+    andr: Array
+    power: Array
+    p: float
+    delta: float
+    n_sign: int
+    rmse: float
+
+
+@dataclass(frozen=True, slots=True)
+class SweepSummary:
+    """A sweep: `values` [n, 4] cavities, width, depth, spacing; the rest [n], P normalised by its maximum."""
+
+    values: Array
+    p: Array
+    delta: Array
+    rmse: Array
+    n_sign: Array
+    tied: Flags
+    front: Flags
+    best: int
+    paper: int
+    ranks: NDArray[np.int64]
+    seconds: float
+    simulated: int
+    hits: int
+    rays: int
+
+    def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> Array:
+        """Return P over [spacing, depth] for one number of cavities and one width; NaN where nothing was simulated."""
+        out = np.full((len(steps), len(steps)), np.nan)
+        chosen = (self.values[:, 0] == cavities) & np.isclose(self.values[:, 1], width_mm)
+        for (_, _, depth, spacing), p in zip(self.values[chosen], self.p[chosen], strict=True):
+            out[int(np.argmin(np.abs(np.array(steps) - spacing))), int(np.argmin(np.abs(np.array(steps) - depth)))] = p
+        return out

@@ -60,7 +60,7 @@ def proportional(light: Light, rays: int) -> Light:
 
 
 def cases(guide: Waveguide, light: Light, rays: Sequence[int] = RAYS) -> list[tuple[str, Waveguide, Light]]:
-    """The cases of a full study: ray counts, what the secondaries do, orders of the budget, index +- 0.02, thickness +- 0.5 mm."""
+    """The cases of a full study: ray counts, secondaries, orders of the budget, index +- 0.02, thickness +- 0.5 mm."""
     out = [(f"{n} rays", guide, replace(light, rays=n)) for n in rays]
     out += [(f"{_MANY} rays, secondaries in proportion", guide, proportional(light, _MANY)),
             (f"{_MANY} rays, no secondaries", guide, replace(light, rays=_MANY, secondary=0))]

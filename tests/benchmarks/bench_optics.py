@@ -52,6 +52,6 @@ def test_one_scene() -> None:
         out = trace(frame, Design(), Waveguide(), Light(rays=1_000_000), threads=threads)
         seconds, busy = time.perf_counter() - began, time.process_time() - busy
         print(
-            f"\n1,000,000 rays on {threads} thread(s): {seconds:.2f} s, {out.hits} hits, {1e9 * busy / out.hits:.0f} ns "
+            f"\n1,000,000 rays on {threads} threads: {seconds:.2f} s, {out.hits} hits, {1e9 * busy / out.hits:.0f} ns "
             f"a hit and core (a naive tracer with 800 chords: 200)"
         )

@@ -144,7 +144,7 @@ def drift_of_levels(analysis: Analysis, sensor: int) -> Draw:
         loops = analysis.loops
         fso = analysis.sensors[sensor].figures["fso_mv"].value
         values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
-        chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 7).round().astype(int))
+        chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 5).round().astype(int))
         colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.95, chosen.size))
         for g, colour in zip(chosen, colours, strict=True):
             both = values[:, :, g]
@@ -188,7 +188,7 @@ def distribution(analysis: Analysis, sensor: int) -> Draw:
     def draw(ax: Axes) -> None:
         loops, fso = analysis.loops, analysis.sensors[sensor].figures["fso_mv"].value
         values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
-        step = max(1, loops.level_kpa.size // 15)
+        step = max(1, -(-loops.level_kpa.size // 10))
         for b, shift, fill in ((0, -0.18, style.PAPER), (1, 0.18, style.sensor_colour(sensor))):
             boxes, places = [], []
             for k, g in enumerate(range(0, loops.level_kpa.size, step)):

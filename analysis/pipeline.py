@@ -363,9 +363,15 @@ def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
         flags.append(
             ("not_converged", f"the posterior is not converged: {posterior.steps} steps, tau {posterior.tau:.0f}")
         )
-    if posterior is not None and run.reading_sd_mm > 0 and posterior.sigma < 0.1 * calibration.residual_sd:
+    low, high = calibration.x_range
+    by_reading = run.reading_sd_mm * calibration.full_scale / (high - low)
+    if by_reading > 2.0 * calibration.residual_sd:
         flags.append(
-            ("reading_error_large", f"a reading error of {run.reading_sd_mm:.2f} mm alone explains the residuals")
+            (
+                "reading_error_overstated",
+                f"the readings scatter less than a reading error of {run.reading_sd_mm:.2f} mm would make them: "
+                "posterior and uncertainty are too wide; give --x-resolution",
+            )
         )
     return flags
 

@@ -93,7 +93,7 @@ def write_pdf(report: Report, path: Path) -> None:
     _head(flow, report)
     for section in report.sections:
         first = section.parts[0] if section.parts else ""
-        flow.room(0.5 + (first.height if isinstance(first, Drawing) else 4 * ROW_INCH))
+        flow.room(0.9 + (first.height if isinstance(first, Drawing) else 4 * ROW_INCH))
         _heading(flow, section.title)
         for part in section.parts:
             if isinstance(part, Table):

@@ -43,33 +43,9 @@ KEY_FIGURES = (
 
 
 def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
-    paper = comparison.unit_of(analysis) in ("", "SA1") and len(analysis.sensors) == 2
-    rows = []
-    for key, label in KEY_FIGURES:
-        parts = [s.figures.get(key) for s in analysis.sensors]
-        if all(p is None for p in parts):
-            continue
-        unit = next(p.unit for p in parts if p is not None)
-        shown = [text for p in parts for text in cells(p)]
-        published = " / ".join(PUBLISHED[key]) if paper and key in PUBLISHED else ""
-        limit = next((f"{limits[n]:g}" for n, (k, _, _) in LIMITS.items() if k == key and n in limits), "")
-        rows.append((f"{label}, {unit}", *shown, published, limit))
-    if np.isfinite(analysis.system_sensitivity.value):
-        span = [""] * (2 * len(analysis.sensors) - 2)
-        published = "34.2" if paper else ""
-        rows.append(("Sensitivity of the system, mV/mm", *cells(analysis.system_sensitivity), *span, published, ""))
-    if np.isfinite(analysis.actuator_hysteresis.value):
-        span = [""] * (2 * len(analysis.sensors) - 2)
-        rows.append(("Hysteresis, actuator, % of span", *cells(analysis.actuator_hysteresis), *span, "", ""))
-    sensors = [text for i in range(len(analysis.sensors)) for text in (f"Sensor {i + 1}", "95 % interval")]
-    header = ("Figure", *sensors, "Published", "Limit")
-    keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
-    table = Table(
-        tuple(header[i] for i in keep),
-        tuple(tuple(row[i] for i in keep) for row in rows),
-        "Intervals by bootstrap over cycles (drift: Sen). FSO: full-scale output. Hysteresis: system, signal over "
-        "pressure; sensor, signal over elongation; actuator, elongation over pressure.",
-    )
+    """The figures that a reader looks for, two sensors a table, and the curves or loops they come from."""
+    count = len(analysis.sensors)
+    tables = [_key_table(analysis, limits, range(at, min(at + 2, count))) for at in range(0, count, 2)]
     void = sorted(
         {
             f"{label}: {p.void}."
@@ -81,9 +57,39 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
     calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
     draws = [figures.calibration_curve(analysis, i) for i in calibrated[:2]]
     if not draws and analysis.loops.n_cycles:
-        draws = [figures.system_loop(analysis, i) for i in range(min(2, len(analysis.sensors)))]
+        draws = [figures.system_loop(analysis, i) for i in range(min(2, count))]
     first = [Drawing(tuple(draws), "What was measured; details follow.", 2.45)] if draws else []
-    return Section("Key figures", (table, *first, *void))
+    return Section("Key figures", (*tables, *first, *void))
+
+
+def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> Table:
+    sensors = [analysis.sensors[i] for i in chosen]
+    paper = comparison.unit_of(analysis) in ("", "SA1") and len(analysis.sensors) == 2
+    rows = []
+    for key, label in KEY_FIGURES:
+        parts = [s.figures.get(key) for s in sensors]
+        unit = next((p.unit for p in parts if p is not None), None)
+        if unit is None:
+            continue
+        shown = [text for p in parts for text in cells(p)]
+        published = " / ".join(PUBLISHED[key]) if paper and key in PUBLISHED else ""
+        limit = next((f"{limits[n]:g}" for n, (k, _, _) in LIMITS.items() if k == key and n in limits), "")
+        rows.append((f"{label}, {unit}", *shown, published, limit))
+    whole = (
+        ("Sensitivity of the system, mV/mm", analysis.system_sensitivity, "34.2" if paper else ""),
+        ("Hysteresis, actuator, % of span", analysis.actuator_hysteresis, ""),
+    )
+    blank = [""] * (2 * len(sensors) - 2)
+    rows += [(n, *cells(f), *blank, p, "") for n, f, p in whole if np.isfinite(f.value) and chosen.start == 0]
+    heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
+    header = ("Figure", *heads, "Published", "Limit")
+    keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
+    return Table(
+        tuple(header[i] for i in keep),
+        tuple(tuple(row[i] for i in keep) for row in rows),
+        "Intervals by bootstrap over cycles (drift: Sen). FSO: full-scale output. Hysteresis: system, signal over "
+        "pressure; sensor, signal over elongation; actuator, elongation over pressure.",
+    )
 
 
 def curves(analysis: Analysis) -> Section:

@@ -405,6 +405,8 @@ class Controller:
             self._trip(Trip("refused", error.cause, error.remedy))
             return
         self.pressurised, self.target_kpa = True, target_kpa
+        if self.dialogue.feeder.armed_ms:  # a board that restarted an instant ago, unseen yet, has forgotten it
+            self.dialogue.send(Heartbeat(self.dialogue.feeder.armed_ms))
         self.dialogue.send(command)
 
     def _vent(self) -> None:

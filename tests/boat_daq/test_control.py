@@ -307,3 +307,15 @@ def test_a_vent_is_repeated_until_it_is_acknowledged() -> None:
     assert sent > 1 and not bench.control.dialogue.venting
     bench.run(5.0)
     assert len(bench.sent_of(Vent)) == sent
+
+
+def test_a_restart_not_yet_seen_leaves_no_unwatched_pressure() -> None:
+    """The board restarts, a pressure is already on its way, and then the host dies: vented all the same."""
+    bench = Bench().connected()
+    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
+    bench.run(3.0)
+    bench.fault("reset", 0)
+    bench.do(lambda: bench.control.set_pressure(40.0, 40.0))
+    bench.host_alive = False
+    bench.run(1.0 + 1.5)
+    assert vented(bench)

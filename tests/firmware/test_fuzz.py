@@ -27,7 +27,7 @@ def fuzz(program: Path, seconds: float, seed: int) -> int:
 
 
 def test_a_second_of_fuzzing_finds_nothing(target: tuple[str, Path]) -> None:
-    """The promises of c/fuzz_decoder.c and c/fuzz_board.c hold; a second of processor time tries thousands of inputs."""
+    """The promises of c/fuzz_decoder.c and c/fuzz_board.c hold; a second of processor time tries thousands."""
     name, program = target
     assert fuzz(program, 1.0, seed=1) > TARGETS[name] / 4
 

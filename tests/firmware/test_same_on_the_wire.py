@@ -80,7 +80,7 @@ STALLED = frames((10, Start(100)), (10, SetPressure(20_000, 20_000)), (850, Stop
 STARTED_TWICE = frames((10, Start(100)), (150, Start(100)), (10, SetPressure(20_000, 20_000)))
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=QUIET)
+@settings(max_examples=200, deadline=None, suppress_health_check=QUIET)
 @given(SCRIPTS, FAULTS)
 @example(STALLED, [make_fault("stall", 0.5, 10)])
 @example(STALLED, [make_fault("dropped", 8.65, 10)])

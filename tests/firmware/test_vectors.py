@@ -48,7 +48,7 @@ def test_cobs_of_bodies_too_short_to_be_frames(bench: Bench, case: dict[str, Any
 
 @pytest.mark.parametrize("case", [c for c in MESSAGES if c["direction"] == "to_board"], ids=lambda case: case["name"])
 def test_every_command_is_answered(bench: Bench, case: dict[str, Any]) -> None:
-    """IDENTIFY with HELLO, each other with an ACK of its type and seq: 0 (done), but 4 for CLEAR_FAULT without a fault."""
+    """IDENTIFY with HELLO, each other with an ACK of its type and seq: 0, but 4 for CLEAR_FAULT without a fault."""
     bench.boot()
     wire = bench.receive(bytes.fromhex(case["wire"]))
     _, body = find(bench, wire.hex())

@@ -23,8 +23,14 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminal
 ROOT = Path(__file__).resolve().parents[2]
 BOARD = Path(__file__).with_name("independent_board.py")
 SENT = np.dtype(
-    [("index", "<u4"), ("time_us", "<u4"), ("pressure_pa", "<i4"), ("state", "u1"), ("flags", "u1")]
-    + [("light", "<u2", (2, 2))]
+    [
+        ("index", "<u4"),
+        ("time_us", "<u4"),
+        ("pressure_pa", "<i4"),
+        ("state", "u1"),
+        ("flags", "u1"),
+        ("light", "<u2", (2, 2)),
+    ]
 )
 SLOW_PLAN = """
 name = "short"

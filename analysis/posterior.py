@@ -163,8 +163,9 @@ def sample_posterior(
     state = emcee.State(start, random_state=np.random.RandomState(seed % 2**32).get_state())
     steps, burn, tau = 0, 0, float("inf")
     while steps < max_steps:
-        state = sampler.run_mcmc(state, CHUNK, skip_initial_state_check=True)
-        steps += CHUNK
+        count = min(CHUNK, max_steps - steps)
+        state = sampler.run_mcmc(state, count, skip_initial_state_check=True)
+        steps += count
         if progress is not None:
             progress(steps, max_steps)
         burn = steps // 5

@@ -14,7 +14,7 @@ from analysis.repeatability import judge, per_cycle
 from analysis.report import build_report
 from analysis.report_content import Table, aligned
 from analysis.reporting import write_report
-from tests.analysis.boat_builder import Plant, Staircase, triangle
+from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 MARKUP = "<script>alert(1)</script>"
 
@@ -22,7 +22,7 @@ MARKUP = "<script>alert(1)</script>"
 @pytest.fixture(scope="module")
 def calibration(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
     """A simulated calibration whose operator is markup."""
-    stairs = Staircase(Plant(loop_mm=0.25), cycles=2)
+    stairs = Staircase(Plant(cubics=PAPER[:1], noise_mv=(1.49,), loop_mm=0.25), cycles=2)
     path = tmp_path_factory.mktemp("c") / "e.csv"
     stairs.elongations().to_csv(path, index=False)
     meta = {
@@ -66,7 +66,7 @@ def test_html_is_one_file_that_loads_nothing(written: Path) -> None:
     assert [ref for ref in outside if not ref.startswith("#")] == []
     assert "<script" not in html
     assert html.count("SIMULATED") >= 2
-    assert html.count("<svg") >= 5
+    assert html.count("<svg") >= 5  # curve, loops, cycles, budget, trace
 
 
 @pytest.mark.skipif(shutil.which("pdffonts") is None, reason="poppler's tools are not installed")

@@ -1,0 +1,110 @@
+"""The commands of the analysis as a user types them: keys of the surface, exit codes, no traceback."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from analysis.errors import AnalysisError
+from boat_daq.commands.analyze import analyze
+from boat_daq.commands.batch import batch
+from boat_daq.commands.export import export
+from boat_daq.commands.fit import fit
+from boat_daq.commands.importing import import_csv
+from boat_daq.commands.report import report
+from tests.analysis.boat_builder import Plant, Staircase, write_boat
+from tests.analysis.test_calibration import certified, digits
+
+app = typer.Typer()
+for name, command in {
+    "analyze": analyze, "batch": batch, "export": export, "fit": fit, "import": import_csv, "report": report,
+}.items():  # fmt: skip
+    app.command(name)(command)
+FIT_KEYS = {
+    "degree", "n", "coefficients", "std_errors", "covariance", "r2", "rmse", "range", "turning_points", "monotone",
+}  # fmt: skip
+
+
+def run(*arguments: object) -> dict:  # type: ignore[type-arg]
+    """Run a command with --json and return its object; its failure is raised."""
+    result = CliRunner().invoke(app, [str(a) for a in (*arguments, "--json")], catch_exceptions=True)
+    if result.exception is not None:
+        raise result.exception
+    return json.loads(result.stdout)
+
+
+@pytest.fixture(scope="module")
+def stairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A recording of two cycles and its elongation file."""
+    folder = tmp_path_factory.mktemp("stairs")
+    plan = Staircase(Plant(loop_mm=0.25), cycles=2)
+    plan.elongations().to_csv(folder / "e.csv", index=False)
+    return write_boat(folder / "run.boat", plan.recording()), folder / "e.csv"
+
+
+def test_fit_meets_certified_digits_and_gives_bands(shared_data: Path, tmp_path: Path) -> None:
+    """Pontius through the command: 10 digits, the keys of the surface, bands where asked for."""
+    x, y, coefficients, _ = certified(shared_data / "nist_strd" / "Pontius.dat")
+    pd.DataFrame({"load": x, "deflection": y}).to_csv(tmp_path / "p.csv", index=False)
+    found = run("fit", tmp_path / "p.csv", "--x", "load", "--y", "deflection", "--degree", "2", "--bands")
+    assert set(found) >= FIT_KEYS
+    assert digits(np.asarray(found["coefficients"]), coefficients) >= 10
+    assert len(found["bands"]["curve_95"][0]) == len(found["bands"]["x"])
+
+
+def test_fit_masks_what_is_missing_and_refuses_what_cannot_be(tmp_path: Path) -> None:
+    """A row without a number is left out and counted; too few distinct x are an error of the family."""
+    (tmp_path / "a.csv").write_text("x,y\n0,0\n1,1\n2,4\n3,\n4,16\n5,25\n")
+    assert run("fit", tmp_path / "a.csv", "--x", "x", "--y", "2", "--degree", "2")["masked"] == 1
+    with pytest.raises(AnalysisError, match="no column"):
+        run("fit", tmp_path / "a.csv", "--x", "z", "--y", "y")
+    (tmp_path / "b.csv").write_text("x,y\n0,0\n1,1\n0,4\n1,5\n")
+    with pytest.raises(AnalysisError, match="2 distinct x"):
+        run("fit", tmp_path / "b.csv", "--x", "x", "--y", "y")
+    with pytest.raises(SystemExit) as usage:
+        run("fit", tmp_path / "a.csv", "--x", "x", "--y", "y", "--degree", "11")
+    assert usage.value.code == 2
+
+
+def test_analyze_export_import_and_report(stairs: tuple[Path, Path], tmp_path: Path) -> None:
+    """One run through all of them; the export, imported again, gives the same figures."""
+    boat, readings = stairs
+    first = run("analyze", boat, "--elongation", readings, "--no-mcmc", "--no-store")
+    assert first["cycles"]["complete"] == 2
+    assert first["simulated"] is True
+    assert run("export", boat, "--format", "csv", "--out", tmp_path / "r.csv")["samples"] == first["samples"]
+    imported = run("import", tmp_path / "r.csv", "--out", tmp_path / "again.boat")
+    assert imported["samples"] == first["samples"]
+    again = run("analyze", tmp_path / "again.boat", "--elongation", readings, "--no-mcmc")
+    assert again["simulated"] is True
+    for a, b in zip(first["sensors"], again["sensors"], strict=True):
+        np.testing.assert_allclose(a["calibration"]["coefficients"], b["calibration"]["coefficients"], rtol=1e-9)
+    wrote = run(
+        "report", boat, "--elongation", readings, "--no-mcmc", "--out", tmp_path / "r.html", "--limit", "snr=40"
+    )
+    assert "PASSES" in wrote["verdict"]
+    assert run("import", tmp_path / "r.csv", "--preview")["missing"] == []
+
+
+def test_batch_makes_one_table(stairs: tuple[Path, Path], tmp_path: Path) -> None:
+    """A folder with one run: two rows, none failed."""
+    found = run("batch", stairs[0].parent, "--workers", "1", "--out", tmp_path / "t.csv")
+    assert found["runs"] == 2  # the elongation file is no run: it is a row with its reason
+    assert found["failed"] == 1
+    assert len(pd.read_csv(tmp_path / "t.csv")) == 3
+
+
+@pytest.mark.parametrize(
+    "arguments", [("report", "a.boat", "--out", "r.docx"), ("export", "a", "--format", "xml", "--out", "b")]
+)
+def test_a_wrong_option_is_a_usage_error(arguments: tuple[str, ...]) -> None:
+    """Exit code 2 before any file is read."""
+    with pytest.raises(SystemExit) as usage:
+        run(*arguments)
+    assert usage.value.code == 2

@@ -1,0 +1,90 @@
+"""Leaving in the middle: Ctrl-C and a polite kill close properly; a brutal one leaves a file that recovers, and a vent."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from boat_daq.engine.board_server import BoardSettings, ServedBoard, serve
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
+
+ROOT = Path(__file__).resolve().parents[2]
+PRESSED_KPA = 5.0
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Iterator[ServedBoard]:
+    """A virtual board at 4 times real time that writes its truth."""
+    with serve(BoardSettings(speed=4.0, truth=str(tmp_path / "truth.csv"))) as served:
+        yield served
+
+
+def truth(folder: Path) -> np.ndarray[Any, Any]:
+    """Return the board's own pressure, kPa, at each of its samples so far."""
+    lines = (folder / "truth.csv").read_text().splitlines()[2:-1]
+    return np.array([float(line.split(",")[3]) for line in lines])
+
+
+def start_under_pressure(board: ServedBoard, folder: Path) -> subprocess.Popen[str]:
+    """Start a calibration and wait until the unit is under pressure."""
+    command = [sys.executable, "-m", "boat_daq", "record", "--port", board.url, "--plan", "calibration"]
+    command += ["--out", str(folder / "run.boat")]
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        pressure = truth(folder)
+        if pressure.size and pressure[-1] > PRESSED_KPA:
+            return process
+        time.sleep(0.05)
+    process.kill()
+    raise AssertionError("the unit never came under pressure")
+
+
+def info(path: Path) -> dict[str, Any]:
+    """Return what `boat-daq info` says of a recording."""
+    command = [sys.executable, "-m", "boat_daq", "info", str(path), "--json"]
+    content: dict[str, Any] = json.loads(subprocess.run(command, capture_output=True, cwd=ROOT, check=True).stdout)
+    return content
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_leaving_vents_and_closes(number: int, board: ServedBoard, tmp_path: Path) -> None:
+    """Ctrl-C and `kill`: exit 130, the unit vented, one closed file, identical to its bytes."""
+    process = start_under_pressure(board, tmp_path)
+    process.send_signal(number)
+    process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert abs(truth(tmp_path)[-1]) < 1.0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.boat", "truth.csv"]
+    assert info(tmp_path / "run.boat")["status"] == "closed"
+    verify = [sys.executable, "-m", "boat_daq", "verify", str(tmp_path / "run.boat")]
+    assert subprocess.run(verify, cwd=ROOT, capture_output=True, check=False).returncode == 0
+
+
+def test_a_killed_host_leaves_a_vented_board_and_a_file_that_recovers(board: ServedBoard, tmp_path: Path) -> None:
+    """kill -9 under pressure: the board vents by its own watchdog; the file says interrupted, recovers, verifies."""
+    process = start_under_pressure(board, tmp_path)
+    process.kill()
+    process.communicate(timeout=60)
+    run = tmp_path / "run.boat"
+    assert info(run)["status"] == "interrupted"
+    time.sleep(4.0)  # 16 s of board time: its watchdog of 5 s, and the way back to zero
+    assert abs(truth(tmp_path)[-1]) < 1.0
+    for command in ("recover", "verify"):
+        done = subprocess.run(
+            [sys.executable, "-m", "boat_daq", command, str(run)], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    after = info(run)
+    assert after["status"] == "recovered"
+    assert after["samples"] > 0

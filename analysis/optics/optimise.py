@@ -69,7 +69,7 @@ class PowerMerit:
     """P on detected power of designs over the given states; safe to call from several threads."""
 
     def __init__(self, frames: Sequence[Frame], guide: Waveguide, rays: int) -> None:
-        light = Light(rays=rays, secondary=FOLLOWED * rays, faintest=FAINTEST)
+        light = Light(rays=rays, secondary=FOLLOWED * rays, faintest=FAINTEST, order="index")
         self.thickness_mm = guide.thickness_mm
         self._common = stacked(frames), rules_of(guide, light, frames[0]), fan_of(light, frames[0]), light.secondary
         self._free = min(f.free_mm for f in frames)

@@ -94,7 +94,7 @@ class Outcome:
 def new_queue(capacity: int) -> Queue:
     """An empty queue for a budget of `capacity` secondaries."""
     return Queue(np.empty((capacity, RAY_NUMBERS)), np.empty((capacity, RAY_LABELS), dtype=np.int64),
-                 np.arange(capacity), np.zeros(2, dtype=np.int64), capacity)
+                 np.arange(capacity), np.array([0, 0, capacity]), capacity)
 
 
 @compiled
@@ -143,6 +143,7 @@ def spend(g: Geometry, rules: Rules, rays: int, q: Queue, book: Book) -> None:
         ray = read(queue, q.rank[q.state[0]])
         q.state[0] += 1
         q.state[1] -= 1
+        q.state[2] -= 1
         book.counts[RELEASED] += 1
         book.counts[GRANTED] += 1
         follow(tables, rules, ray, queue, pages, rays + book.counts[GRANTED] - 1)

@@ -80,9 +80,10 @@ ROOT = 3
 
 
 class Queue(NamedTuple):
-    """Secondaries that may yet be followed, sorted by key: `rank[head:head + n]` are their slots, state = (head, n).
+    """Secondaries that may yet be followed, sorted by key: `rank[head:head + n]` are their slots.
 
-    `numbers` (capacity + 1, 8) and `labels` (capacity + 1, 5) hold the rays; the spare slot holds a newcomer.
+    `state` is (head, n, how many the budget still affords); the other places of `rank` are free slots. `numbers`
+    (capacity, 8) and `labels` (capacity, 5) hold the rays.
     """
 
     numbers: Floats
@@ -302,27 +303,35 @@ def _sooner(q: Queue, key: float, root: int, slot: int) -> bool:
 def offer(q: Queue, ray: Ray, key: float, book: Book) -> None:
     """Put a secondary in its place in the queue; where the budget is full, the last in rank is refused."""
     head, n = q.state[0], q.state[1]
-    full = head + n == q.capacity
-    if full and (n == 0 or not _sooner(q, key, ray.root, q.rank[q.capacity - 1])):
+    end = head + n
+    full = n == q.state[2]
+    if full and (n == 0 or not _sooner(q, key, ray.root, q.rank[end - 1])):
         book.counts[REFUSED] += 1
         book.energy[E_CUT] += ray.power
         return
-    low, high = head, head + n
+    low, high = head, end
     while low < high:
         middle = (low + high) // 2
         if _sooner(q, key, ray.root, q.rank[middle]):
             high = middle
         else:
             low = middle + 1
-    last = q.capacity - 1 if full else head + n
-    slot = q.rank[last]
-    if full:
-        book.counts[REFUSED] += 1
-        book.energy[E_CUT] += q.numbers[slot * RAY_NUMBERS + 4]
+    if not full and head > 0 and (end == q.capacity or low - head < end - low):
+        slot = q.rank[head - 1]
+        for i in range(head, low):
+            q.rank[i - 1] = q.rank[i]
+        low -= 1
+        q.state[0], q.state[1] = head - 1, n + 1
     else:
-        q.state[1] = n + 1
-    for i in range(last, low, -1):
-        q.rank[i] = q.rank[i - 1]
+        last = end - 1 if full else end
+        slot = q.rank[last]
+        if full:
+            book.counts[REFUSED] += 1
+            book.energy[E_CUT] += q.numbers[slot * RAY_NUMBERS + 4]
+        else:
+            q.state[1] = n + 1
+        for i in range(last, low, -1):
+            q.rank[i] = q.rank[i - 1]
     q.rank[low] = slot
     _write(q, slot, ray, key)
 

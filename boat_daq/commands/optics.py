@@ -200,7 +200,7 @@ def sweep(
 
 
 @app.command()
-def optimise(rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 1000,
+def optimise(rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 500,
              seconds: Annotated[float, typer.Option(help="Time allowed, s.")] = 50.0,
              index: Index = 1.50, curves: Curves = None, thickness: Thickness = 2.0, face: Face = "outer",
              attenuation: Attenuation = 0.0, seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,

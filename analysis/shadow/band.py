@@ -51,7 +51,7 @@ def factorise(band: Floats) -> int:
                 column[i] *= scale
         if block == 4:
             eliminate_four(band, first)
-    return size
+    return int(size)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})

@@ -22,6 +22,8 @@ from analysis.shadow.problem import Problem, make_problem
 from analysis.shadow.solver import TOLERANCE, Solution, Solver
 from analysis.shadow.stability import CriticalState, Stability, find_limit
 
+VACUUM_KPA = -101.325
+
 
 def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: int = 2) -> Problem:
     """Set up the actuator: base clamped, tip bonded to a rigid plate that only moves along the axis."""
@@ -136,6 +138,10 @@ class FullModel:
                 else f"{asked} lies beyond {where}, as far as the model was walked and found stable"
             )
             raise RequestError(cause, f"stay on this side of {limit.pressure_kpa:.1f} kPa")
+        if p is not None and p < VACUUM_KPA:
+            raise RequestError(
+                f"{p:g} kPa is less than perfect vacuum", f"give a gauge pressure above {VACUUM_KPA} kPa"
+            )
 
     def tracked(self, solution: Solution) -> Floats:
         """Return the deformed tracked points of one guide, shape (7, 2), (r, z) in mm."""

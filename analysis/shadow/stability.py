@@ -21,10 +21,10 @@ from analysis.shadow.harmonics import Harmonics
 from analysis.shadow.problem import Problem
 from analysis.shadow.solver import Solution, Solver
 
-WAVE_NUMBERS = (0, 1, 2, 3, 4)
-STEP_SHARE = 1.0 / 100.0
+WAVE_NUMBERS = (0, 1, 2, 3, 4, 5, 6)
+STEP_SHARE = 1.0 / 50.0
 LONGEST_WALK_SHARE = 0.2
-BISECTIONS = 14
+BISECTIONS = 12
 EIGENVALUE_STEP = 1e-5
 """The walk goes in steps of this share of the length, as far as that share, and halves its last step so often."""
 

@@ -51,6 +51,13 @@ def test_nothing_given_is_refused(actuator: FullModel) -> None:
         actuator.solve()
 
 
+def test_less_than_vacuum_is_refused() -> None:
+    """A wall that never buckles is still refused what no pump can do."""
+    thick = ActuatorParameters(cells=1, neck_radius_mm=2.0, belly_radius_mm=2.5, wall_mm=6.0, axial_elements=4)
+    with pytest.raises(RequestError, match="vacuum"):
+        FullModel(thick).solve(pressure_kpa=-102.0)
+
+
 def test_a_softer_lattice_moves_more() -> None:
     """One standard deviation of E moves the tip by a tenth of a millimetre and more at +50 kPa."""
     soft = FullModel(replace(ActuatorParameters(), lattice_modulus_kpa=18.34 - 1.86)).solver

@@ -20,7 +20,7 @@ from boat_daq.engine.recovery import find_interrupted
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.summary import Summary, summarise
 from boat_daq.errors import BoatDaqError, OperatorError
-from boat_daq.viewmodels.formatting import NOTHING, duration, number
+from boat_daq.viewmodels.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.results import RunResult
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 from protocol.errors import ProtocolError
@@ -198,7 +198,7 @@ class RunsModel:
         OperatorError : another number of them.
         """
         if not 2 <= len(paths) <= MOST_COMPARED:
-            raise OperatorError(f"{len(paths)} recordings were chosen", "Choose two to four lines.")
+            raise OperatorError(f"{count(len(paths), 'recording')} chosen to compare", "Choose two to four lines.")
         work = Work("Comparing", "boat_daq.viewmodels.run_work:compare_runs", paths, report=True)
         self.bench.start("compare", work, self._compared)
 

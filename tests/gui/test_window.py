@@ -223,9 +223,11 @@ def test_themes_repaint_without_an_error(live):
     """Light and dark can be changed at any time, with every page open."""
     for name in PAGES:
         live.go(name)
-        live.set_theme(style.DARK)
-        live.set_theme(style.LIGHT)
-    assert QApplication.instance().styleSheet()
+    live.set_theme(style.DARK)
+    assert QApplication.instance().styleSheet() == style.style_sheet(style.DARK)
+    assert live.live.plots.theme is style.DARK
+    live.set_theme(style.LIGHT)
+    assert live.live.plots.theme is style.LIGHT
 
 
 def test_simulated_is_said(live):

@@ -1,0 +1,299 @@
+"""Live page, sequence, readings, photograph, overlay, connection: what each knows and decides."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.session import LinkState, Phase, Progress, ReadingRequest, SessionState, StepMark
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.changes import History
+from boat_daq.viewmodels.connection import link_text
+from boat_daq.viewmodels.live import Elongation, LiveModel
+from boat_daq.viewmodels.overlay import OverlayModel
+from boat_daq.viewmodels.photograph import Photograph
+from boat_daq.viewmodels.readings import ReadingsModel, column_of_lengths, outlying, parse_mm
+from boat_daq.viewmodels.sequence import BUTTONS, SequenceModel, drawing, staircase
+from tests.gui.recorded_session import RecordedSession, connected, filled_ring, idle
+
+PLAN = built_in_plans()["calibration"]
+
+
+@pytest.fixture(scope="module")
+def ring():
+    return filled_ring(600.0)
+
+
+# ---- live -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_frame_never_has_more_points_than_the_screen(ring):
+    """Whatever the span, a frame holds a few points a pixel, and the extremes of all samples are in it."""
+    model = LiveModel(lambda: ring, window_s=math.inf)
+    frame = model.frame(800)
+    assert frame.columns["time_s"].size <= 2400
+    everything = ring.view()
+    for name in ("s1_mv", "s2_mv", "pressure_kpa"):
+        assert frame.columns[name].min() == everything[name].min()
+        assert frame.columns[name].max() == everything[name].max()
+
+
+def test_following_and_looking_back(ring):
+    """Following ends at the newest sample; a look at the past stays where it is; zoom keeps its anchor."""
+    model = LiveModel(lambda: ring, window_s=30.0)
+    assert model.span_s() == pytest.approx((569.99, 599.99))
+    model.look_at(100.0, 120.0)
+    model.zoom(0.5)
+    assert model.span_s() == (105.0, 115.0)
+    model.follow()
+    model.zoom(2.0)
+    assert model.span_s() == pytest.approx((539.99, 599.99))
+
+
+def test_nothing_to_draw_before_the_first_sample():
+    """Without a ring there is no frame, no headline and no statistics, and no error either."""
+    model = LiveModel(lambda: None)
+    assert model.frame(800) is None
+    assert not model.has_data()
+    assert model.headline(idle()).pressure == "\u2013"
+    assert model.statistics() == []
+
+
+def test_statistics_between_the_cursors_agree_with_numpy(ring):
+    """Mean, sd, extremes and slope are those of the samples between A and B, in whichever order they stand."""
+    model = LiveModel(lambda: ring)
+    model.put_cursor("a", 50.0)
+    model.put_cursor("b", 40.0)
+    first = model.statistics()[0]
+    columns = ring.view()
+    inside = (columns["time_s"] >= 40.0) & (columns["time_s"] <= 50.0)
+    y, t = columns["s1_mv"][inside], columns["time_s"][inside]
+    assert (first.mean, first.sd) == pytest.approx((y.mean(), y.std(ddof=1)))
+    assert (first.low, first.high) == (y.min(), y.max())
+    assert first.slope_per_s == pytest.approx(np.polyfit(t, y, 1)[0], rel=1e-6)
+
+
+def test_elongation_outside_the_range_is_said_not_shown(ring):
+    """A signal outside the calibrated range gives a dash and the reason."""
+    outside = Elongation(np.array([np.nan]), np.array([np.nan]), np.array([False]))
+    model = LiveModel(lambda: ring, inverse=lambda signal: outside)
+    head = model.headline(connected())
+    assert (head.elongation, head.band) == ("\u2013", "outside the calibrated range")
+
+
+@given(st.floats(1.0, 3600.0), st.integers(200, 3000))
+def test_no_frame_is_paid_for_that_cannot_be_seen(window_s, width):
+    """The frame interval is at least 60 a second and never slower than a byte may take to its pixel."""
+    interval = LiveModel(lambda: None, window_s=window_s).frame_interval_ms(width, connected=True)
+    assert 16 <= interval <= 45
+
+
+# ---- sequence -------------------------------------------------------------------------------------------------------
+
+
+def test_the_staircase_has_the_plans_own_duration():
+    """The picture ends when the plan's estimate ends, and each step begins where the one before ended."""
+    picture = staircase(PLAN)
+    assert picture.time_s[-1] == pytest.approx(PLAN.duration_s)
+    assert picture.step_starts_s.size == len(PLAN.steps)
+    assert np.all(np.diff(picture.time_s) >= 0)
+    assert set(picture.pressure_kpa[1::2]) == {step.target_kpa for step in PLAN.steps}
+
+
+def test_the_done_part_ends_with_now():
+    """The filled part is closed on the zero line, at the share of the time that has passed."""
+    picture = staircase(PLAN)
+    half = picture.time_s[-1] / 2
+    shown = drawing(picture, half, (-40.0, 50.0))
+    assert shown.done[0] == (0.0, shown.zero)
+    assert shown.done[-1] == (pytest.approx(0.5), shown.zero)
+    assert drawing(picture, 0.0, None).done == ()
+
+
+def test_every_state_has_its_buttons():
+    """No state of a session is without a line in the table, and every button does something."""
+    assert set(BUTTONS) == set(SessionState)
+    session = RecordedSession(connected())
+    model = SequenceModel(session, History())
+    for button in {b for row in BUTTONS.values() for b in row}:
+        model.press(button)
+    assert sorted(session.asked) == sorted(["arm", "start", "disarm", "pause", "resume", "stop", "clear_fault"])
+
+
+def test_a_board_that_cannot_be_commanded_offers_nothing():
+    """A replay or a text profile shows data; no button of the run is offered."""
+    session = RecordedSession(dataclasses.replace(connected(), can_command=False))
+    assert SequenceModel(session, History()).allowed(session.snapshot()) == ()
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "part"),
+    [
+        ("cycles", "2.5", "whole number"),
+        ("cycles", "zero", "not a number"),
+        ("step_kpa", "7", "divide"),
+        ("high_kpa", "80", "limit"),
+    ],
+)
+def test_a_bad_entry_is_refused_and_changes_nothing(key, text, part):
+    """The refusal names the reason; the plan stays as it was."""
+    model = SequenceModel(RecordedSession(idle()), History())
+    assert part in model.edit(key, text)
+    assert model.plan == PLAN
+
+
+def test_an_entry_is_kept_and_undone():
+    """A good entry changes the plan through the history."""
+    history = History()
+    model = SequenceModel(RecordedSession(idle()), history)
+    assert model.edit("low_kpa", "\u221230") == ""
+    assert model.plan.low_kpa == -30.0
+    history.undo()
+    assert model.plan == PLAN
+
+
+# ---- readings -------------------------------------------------------------------------------------------------------
+
+
+def plateaus(cycles=2):
+    """Marks of a whole staircase."""
+    return tuple(
+        StepMark(i, step.cycle, step.branch, step.target_kpa, 10.0, 1000 * i, status="reached")
+        for i, step in enumerate(dataclasses.replace(PLAN, cycles=cycles).steps, 1)
+    )
+
+
+def elongation(mark):
+    """A smooth elongation with a loop between the branches."""
+    u = mark.target_kpa / 50
+    return round(2 * (0.14 + 3.6 * u + 0.1 * u**2 - (0.2 * (1 - u**2) if mark.branch == "loading" else 0.0))) / 2
+
+
+def test_a_wrong_reading_is_marked_the_others_are_not():
+    """A reading 2 mm off is far from the running fit; half-millimetre rounding is not."""
+    marks = plateaus()
+    read = {mark.number: elongation(mark) for mark in marks}
+    assert outlying(marks, read) == set()
+    read[14] += 2.0
+    assert outlying(marks, read) == {14}
+
+
+def test_too_few_readings_mark_nothing():
+    """Before there is a fit, nothing is far from it."""
+    marks = plateaus()[:5]
+    assert outlying(marks, {mark.number: 50.0 * i for i, mark in enumerate(marks)}) == set()
+
+
+def test_a_paste_enters_all_or_nothing():
+    """A bad line is named and nothing is kept; a good column goes line by line from the chosen plateau on."""
+    session = RecordedSession(connected())
+    session.marks = plateaus(1)
+    history = History()
+    model = ReadingsModel(session, history)
+    with pytest.raises(OperatorError, match="line 3"):
+        model.paste("mm\n1.0\nx\n2.0", 1)
+    assert session.kept == []
+    assert model.paste("kPa\tmm\n50\t3,5\n40\t3,0\n", 2) == 2
+    assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(2, 3.5), (3, 3.0)]
+    history.undo()
+    assert [r.elongation_mm for r in session.kept[2:]] == [None, None]
+    with pytest.raises(OperatorError, match="plateaus follow"):
+        model.paste("\n".join(["1"] * 40), 1)
+
+
+def test_the_question_names_the_plateau():
+    """The window asks with pressure, branch and cycle, and the row of the table is marked."""
+    session = RecordedSession(dataclasses.replace(
+        connected(), waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.1, 99.0)))  # fmt: skip
+    session.marks = plateaus(1)
+    model = ReadingsModel(session, History())
+    assert model.question(session.snapshot()) == "Elongation at +30 kPa, unloading, cycle 1"
+    assert [row.step_id for row in model.rows(session.snapshot()) if row.current] == [3]
+
+
+@pytest.mark.parametrize(("text", "value"), [("2.31", 2.31), (" 2,31 mm", 2.31), ("\u22120.5", -0.5), ("+3", 3.0)])
+def test_lengths_as_people_type_them(text, value):
+    """Comma or point, a typographic minus, a unit: all mean the same length."""
+    assert parse_mm(text) == value
+
+
+def test_a_length_longer_than_the_actuator_is_refused():
+    """90 mm cannot be an elongation of a 75 mm actuator: the unit was forgotten."""
+    with pytest.raises(OperatorError, match="longer than the actuator"):
+        parse_mm("90")
+
+
+def test_columns_of_a_spreadsheet():
+    """Tabs, semicolons and commas part columns; the last one is taken; a heading and comments are left out."""
+    assert column_of_lengths("# note\nkPa,mm\n50,3.5\n40,3.0\n") == [3.5, 3.0]
+    assert column_of_lengths("50;3,5\r\n40;3,0\r\n") == [3.5, 3.0]
+    assert column_of_lengths("3,5\n3,0\n") == [3.5, 3.0]
+
+
+# ---- photograph -----------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(0, 2 * math.pi), st.floats(2.0, 40.0), st.floats(-5.0, 5.0), st.floats(-200.0, 200.0))
+def test_a_turned_and_scaled_picture_gives_the_same_elongation(angle, pixels_per_mm, mm, shift):
+    """Turning, scaling and shifting the camera changes nothing; a sideways miss of the tip does not count."""
+    along = np.array([math.cos(angle), math.sin(angle)]) * pixels_per_mm
+    across = np.array([-along[1], along[0]])
+    place = np.array([shift, -shift])
+    photo = Photograph(distance_mm=10.0)
+    for spot in (0 * along, 10 * along, 60 * along, (60 + mm) * along + 0.7 * across):
+        photo = photo.click(*(place + spot))
+    assert photo.elongation_mm == pytest.approx(mm, abs=1e-9)
+    assert photo.resolution_mm > math.sqrt(24) * photo.click_px / pixels_per_mm * 0.999
+
+
+def test_clicks_go_back_and_the_scale_stays():
+    """A fifth click corrects the tip; the next picture keeps scale and rest; two clicks on one spot give no scale."""
+    photo = Photograph().click(0, 0).click(100, 0).click(50, 0).click(60, 0).click(70, 0)
+    assert photo.elongation_mm == pytest.approx(2.0)
+    assert photo.next_picture().clicks == photo.clicks[:3]
+    assert photo.back().elongation_mm is None
+    assert Photograph().click(5, 5).click(5, 5).mm_per_pixel is None
+    with pytest.raises(ValueError, match="0"):
+        photo.with_distance(0.0)
+
+
+# ---- overlay and link -----------------------------------------------------------------------------------------------
+
+
+def test_cycles_lie_over_each_other_from_their_beginnings(ring):
+    """Each cycle's trace begins at 0 and holds the samples of its own steps."""
+    marks = tuple(
+        StepMark(i, i, "unloading", 0.0, 10.0, int(36e6 * i), ended_us=int(36e6 * (i + 1))) for i in range(1, 4)
+    )
+    model = OverlayModel(lambda: ring, lambda: marks, lambda time_us: time_us / 1e6)
+    cycles = model.cycles()
+    assert [c.number for c in cycles] == [1, 2, 3]
+    for cycle in cycles:
+        assert cycle.time_s[0] == pytest.approx(0.0, abs=0.3)  # a thinned point may lie just before
+        assert cycle.time_s[-1] == pytest.approx(36.0, abs=0.3)
+
+
+@pytest.mark.parametrize("link", list(LinkState))
+def test_every_link_state_has_colour_shape_and_word(link):
+    """No state of the link is told by its colour alone."""
+    text = link_text(dataclasses.replace(idle(), link=link))
+    assert text.state
+    assert text.shape
+    assert text.word
+
+
+def test_progress_in_a_line():
+    """Cycle, step, phase and time left are said in the lab's words."""
+    from boat_daq.viewmodels.sequence import progress_text
+
+    progress = Progress(
+        "calibration", 9, 37, 1, 2, 0, (), "unloading", Phase.WAITING_FOR_READING, -30.0, 3.0, 60.0, 227.0
+    )
+    text = progress_text(dataclasses.replace(connected(), progress=progress))
+    assert text == "cycle 1 of 2   step 9 of 37   waiting for the reading at \u221230 kPa   3:47 left"

@@ -273,7 +273,8 @@ static boat_status obey(boat *board, uint8_t type, const uint8_t *payload, size_
     case STOP:
         return stop(board);
     case SET_PRESSURE:
-        return boat_control_set_pressure(control, board->config, board->now_us, get_signed(payload), get(payload + 4, 4));
+        return boat_control_set_pressure(control, board->config, board->now_us, get_signed(payload),
+                                         get(payload + 4, 4));
     case VENT:
         boat_control_vent(control);
         return BOAT_DONE;

@@ -1,7 +1,7 @@
 /* The lab's own part on a PSoC 5LP: components of the schematic behind the seven functions of `boat_hardware`.
 
-   Names of components (README.md says what each is): USBUART, ADC, Sensor_Mux, Emitters, Pressure_ADC, Pump_Up, Pump_Down,
-   Valve, EStop, Clock_us. Only this file knows them. */
+   Names of components (README.md says what each is): USBUART, ADC, Sensor_Mux, Emitters, Pressure_ADC, Pump_Up,
+   Pump_Down, Valve, EStop, Clock_us. Only this file knows them. */
 #include <project.h>
 
 #include "boat.h"
@@ -27,7 +27,7 @@ static boat_config config = {
     .gain_permille_per_kpa = 200,
 };
 
-/* ---- sending: a ring, emptied packet by packet -------------------------------------------------------------------- */
+/* ---- sending: a ring, emptied packet by packet ------------------------------------------------------------------- */
 
 static uint8_t ring[TRANSMIT_BYTES];
 static size_t ring_first, ring_used;
@@ -73,7 +73,7 @@ static void feed_usb(void)
     owes_empty_packet = n == PACKET_BYTES;
 }
 
-/* ---- the other six ------------------------------------------------------------------------------------------------- */
+/* ---- the other six ----------------------------------------------------------------------------------------------- */
 
 /* A 32-bit down counter at 1 MHz. */
 static uint32_t clock_us(void)
@@ -142,7 +142,7 @@ static void drive(int32_t permille, bool vent)
     Valve_Write(vent ? 0u : 1u); /* normally open: without power the pressure goes */
 }
 
-/* ---- boot and main loop -------------------------------------------------------------------------------------------- */
+/* ---- boot and main loop ------------------------------------------------------------------------------------------ */
 
 static boat_boot_reason boot_reason(void)
 {

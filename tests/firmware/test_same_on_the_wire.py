@@ -24,32 +24,39 @@ from tests.firmware.board_pair import BoardPair, assert_the_same
 from tests.firmware.firmware_build import Bench
 
 PRESSURES_PA = st.one_of(
-    st.integers(-50, 60).map(lambda kpa: 1000 * kpa),
+    st.integers(-45, 55).map(lambda kpa: 1000 * kpa),
     st.sampled_from([-45_001, -45_000, 55_000, 55_001, 0, 1, -(2**31), 2**31 - 1]),
 )
-COMMANDS: st.SearchStrategy[Command] = st.one_of(
-    st.builds(Identify),
-    st.builds(Start, st.sampled_from([0, 1, 3, 10, 62, 100, 250, 20_001, 65_535])),
-    st.builds(Stop),
-    st.builds(SetPressure, PRESSURES_PA, st.sampled_from([0, 1, 999, 3_000, 20_000, 40_000, 2**32 - 1])),
-    st.builds(Vent),
-    st.builds(Heartbeat, st.sampled_from([0, 99, 100, 123, 500, 2000, 5000, 5001, 65_535])),
-    st.builds(ClearFault),
-    st.builds(SetLimits, PRESSURES_PA, PRESSURES_PA),
+LIMITS_PA = st.sampled_from(
+    [(-45_000, 55_000), (-20_000, 30_000), (5_000, 20_000), (-45_001, 0), (0, 55_001), (0, 0), (9_000, -9_000)]
 )
-FRAMES = st.one_of(
-    st.builds(encode_command, COMMANDS, st.integers(0, 3)),  # few numbers: some are the same twice running
-    st.builds(encode_frame, st.integers(0, 255), st.integers(0, 3), st.binary(max_size=12)),
+COMMANDS: st.SearchStrategy[Command] = st.one_of(
+    st.builds(SetPressure, PRESSURES_PA, st.sampled_from([0, 1, 999, 3_000, 20_000, 40_000, 2**32 - 1])),
+    st.builds(SetPressure, st.integers(-20, 20).map(lambda kpa: 1000 * kpa), st.just(0)),
+    st.builds(Vent),
+    st.builds(ClearFault),
+    st.builds(Heartbeat, st.sampled_from([0, 99, 100, 123, 500, 2000, 5000, 5001, 65_535])),
+    LIMITS_PA.map(lambda limits: SetLimits(*limits)),
+    st.builds(SetLimits, PRESSURES_PA, PRESSURES_PA),
+    st.builds(Start, st.sampled_from([0, 1, 3, 62, 100, 250, 20_001, 65_535])),
+    st.builds(Stop),
+    st.builds(Identify),
+)
+COMMAND_FRAMES = st.builds(encode_command, COMMANDS, st.integers(0, 3))  # few numbers: some come twice running
+OTHER_FRAMES = st.one_of(
+    st.builds(encode_frame, st.integers(0x7F, 0x90), st.integers(0, 3), st.binary(max_size=12)),
     st.binary(max_size=40),
     st.just(b"A" * 300 + b"\0"),
 )
-SCRIPTS = st.lists(st.tuples(st.integers(0, 150), FRAMES), min_size=1, max_size=15)
+FRAMES = st.one_of(*[COMMAND_FRAMES] * 6, OTHER_FRAMES)
+STARTED = (0, encode_command(Start(100), 200))
+SCRIPTS = st.lists(st.tuples(st.integers(0, 150), FRAMES), min_size=4, max_size=20).map(lambda steps: [STARTED, *steps])
 AT_S = st.integers(1, 800).map(lambda tick: tick / 100)
 FAULTS = st.lists(
     st.one_of(
         st.builds(make_fault, st.just("estop"), AT_S, st.sampled_from([0.5, 2.0, 0.0])),
         st.builds(make_fault, st.just("pressure_invalid"), AT_S, st.just(1.0)),
-        st.builds(make_fault, st.just("beyond_limit"), AT_S, st.sampled_from([60, -60, 56, 40, 5000 / 60])),
+        st.builds(make_fault, st.just("beyond_limit"), AT_S, st.sampled_from([60, -60, 57, 57.001, -47, -47.001, 20])),
         st.builds(make_fault, st.sampled_from(["dead_pump", "stall", "overshoot", "leak"]), AT_S),
         st.builds(make_fault, st.just("saturate"), AT_S, st.sampled_from([1, 2])),
         st.builds(make_fault, st.just("dropped"), AT_S, st.sampled_from([1, 10])),
@@ -77,16 +84,25 @@ def frames(*steps: tuple[int, Command]) -> list[tuple[int, bytes]]:
 
 
 STALLED = frames((10, Start(100)), (10, SetPressure(20_000, 20_000)), (850, Stop()))
+FAULTY = frames((10, Start(100)), (60, Vent()), (10, ClearFault()), (60, SetPressure(20_000)), (90, ClearFault()))
+UNFED = frames((10, Start(100)), (0, Heartbeat(500)), (0, SetPressure(55_000)), (45, Vent()), (50, Heartbeat(500)))
+TURNED_BACK = frames((10, Start(100)), (0, SetPressure(30_000)), (200, SetLimits(-45_000, 29_000)))
 STARTED_TWICE = frames((10, Start(100)), (150, Start(100)), (10, SetPressure(20_000, 20_000)))
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=QUIET)
+@settings(max_examples=120, deadline=None, suppress_health_check=QUIET)
 @given(SCRIPTS, FAULTS)
 @example(STALLED, [make_fault("stall", 0.5, 10)])
 @example(STALLED, [make_fault("dropped", 8.65, 10)])
 @example(STARTED_TWICE, [make_fault("dropped", 1.55, 10)])
 @example(STARTED_TWICE, [make_fault("saturate", 1.0, 2), make_fault("reset", 1.5)])
 @example(STARTED_TWICE, [make_fault("clock_wrap", 1.0)])
+@example(FAULTY, [make_fault("beyond_limit", 0.5, 57.001)])
+@example(FAULTY, [make_fault("beyond_limit", 0.5, 57)])
+@example(FAULTY, [make_fault("estop", 0.5, 0.5)])
+@example(FAULTY, [make_fault("estop", 0.5, 3)])
+@example(UNFED, [])
+@example(TURNED_BACK, [])
 def test_any_order_of_commands_and_faults(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, script: list[tuple[int, bytes]], faults: list[Fault]
 ) -> None:

@@ -99,6 +99,17 @@ static void send_pressures(input *in, uint8_t type)
     boat_receive(&board, frame, boat_seal(frame, n + 7));
 }
 
+static void send_raw(input *in)
+{
+    uint8_t raw[16];
+    size_t n = 0;
+
+    while (n < sizeof raw && in->at < in->end) {
+        raw[n++] = (uint8_t)take(in, 1);
+    }
+    boat_receive(&board, raw, n);
+}
+
 static void pass_time(uint32_t time_us)
 {
     uint64_t before = board.tick_us;
@@ -114,15 +125,13 @@ static void pass_time(uint32_t time_us)
 static void step(input *in)
 {
     uint32_t order = take(in, 1);
-    uint8_t raw[16];
-    size_t n = 0;
 
     switch (order % 12) {
     case 0: send_command(in, (uint8_t)take(in, 1)); break;
     case 1: case 2: send_command(in, (uint8_t)(0x81 + order / 12 % 8)); break;
     case 3: send_pressures(in, 0x84); break;
     case 4: send_pressures(in, 0x88); break;
-    case 5: while (n < sizeof raw && in->at < in->end) { raw[n++] = (uint8_t)take(in, 1); } boat_receive(&board, raw, n); break;
+    case 5: send_raw(in); break;
     case 6: case 7: case 8: pass_time(take(in, 2) * (order / 12 + 1)); break;
     case 9: host.estop = order / 12 == 0; host.pressure_valid = order / 12 != 1; break;
     case 10: host.kpa = (int16_t)take(in, 2) / 300.0; host_plant(0.0); break;

@@ -37,16 +37,18 @@ static bool read_pressure(int32_t *pressure_pa)
 /* Straight sensors on an elongation in proportion to pressure, ambient light that alternates, a little noise. */
 static void read_light(uint16_t *counts)
 {
-    static const double slopes_mv_per_kpa[BOAT_SENSORS_MAX] = {3.2, 2.3, -3.0, -2.1};
+    static const double slopes_per_kpa[BOAT_SENSORS_MAX] = {3.2, 2.3, -3.0, -2.1};
     static uint32_t noise = 1;
     uint16_t full = (uint16_t)((1u << host_config.adc_bits) - 1u);
+    double lit;
     unsigned i;
 
     for (i = 0; i < host_config.n_sensors; i++) {
         uint16_t dark = (uint16_t)(host.clock_us / 10000u % 2u ? 60 : 40);
         noise = noise * 1664525u + 1013904223u;
         counts[2 * i + 1] = (uint16_t)(dark + (noise >> 30));
-        counts[2 * i] = (uint16_t)(dark + 1600.0 + slopes_mv_per_kpa[i] * host.pressure_pa / 1000.0 + (noise >> 28) % 4);
+        lit = dark + 1600.0 + slopes_per_kpa[i] * host.pressure_pa / 1000.0 + (noise >> 28) % 4;
+        counts[2 * i] = (uint16_t)fmax(0.0, fmin(full, lit));
         if (host.saturated >> i & 1) {
             counts[2 * i] = counts[2 * i + 1] = full;
         }

@@ -13,6 +13,7 @@ import os
 import sqlite3
 import uuid
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,7 @@ from protocol.recording import (
 )
 
 CHUNK_BYTES = 1 << 20
-BLOCK_ROWS = 10_000
-OVERVIEW_ROWS = 1_000
+BLOCK_ROWS = 1_000  # as many as a row of the overview
 
 
 def write_boat_file(path: str | Path, recording: Recording, *, original: str | Path) -> None:
@@ -68,21 +68,23 @@ def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None
     for statement in TABLES.split(";\n"):
         if statement.strip():
             db.execute(statement)
-    samples = _samples(recording)
+    samples = packed_samples(recording)
     db.executemany(
         "INSERT INTO session (key, value) VALUES (?, ?)",
         [(k, json.dumps(v)) for k, v in _session(recording, samples).items()],
     )
     last_chunk = _keep_original(db, original)
+    meta = recording.meta
+    scale_mv = float(meta.get("vref_mv") or 0.0) / 2.0 ** int(meta.get("adc_bits") or 0)
     changes = np.flatnonzero(np.diff(recording.segment)) + 1
     edges = [0, *changes.tolist(), recording.n]
     for number, (first, last) in enumerate(itertools.pairwise(edges), 1):
         db.execute("INSERT INTO segment (id, host_ns, first_chunk, reason) VALUES (?, 0, 1, 'import')", (number,))
-        _write_blocks(db, samples[first:last], number, last_chunk)
-        _write_overview(db, recording, slice(first, last), samples, number)
+        _write_blocks(db, samples[first:last], number, last_chunk, scale_mv)
 
 
-def _samples(recording: Recording) -> npt.NDArray[np.void]:
+def packed_samples(recording: Recording) -> npt.NDArray[np.void]:
+    """Return the samples as records of `sample_dtype`, gaps flagged."""
     counts = recording.lit is not None and recording.dark is not None and {"vref_mv", "adc_bits"} <= set(recording.meta)
     samples = np.zeros(recording.n, sample_dtype(recording.n_sensors, "counts" if counts else "signal"))
     samples["index"] = _running_index(recording)
@@ -139,39 +141,38 @@ def _keep_original(db: sqlite3.Connection, original: Path) -> int:
     return number
 
 
-def _write_blocks(db: sqlite3.Connection, samples: npt.NDArray[np.void], segment: int, last_chunk: int) -> None:
+def _write_blocks(
+    db: sqlite3.Connection, samples: npt.NDArray[np.void], segment: int, last_chunk: int, scale_mv: float
+) -> None:
+    """Write a segment's samples: a block of a thousand, and its row of the overview."""
     for first in range(0, samples.size, BLOCK_ROWS):
         part = samples[first : first + BLOCK_ROWS]
         times = (int(part["time_us"][0]), int(part["time_us"][-1]))
-        db.execute(
+        raw = part.tobytes()
+        block = db.execute(
             "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples, crc32)"
             " VALUES (?, ?, ?, ?, ?, ?, ?)",
-            (segment, last_chunk, part.size, *times, part.tobytes(), zlib.crc32(part.tobytes())),
-        )
-
-
-def _write_overview(
-    db: sqlite3.Connection, recording: Recording, rows: slice, samples: npt.NDArray[np.void], segment: int
-) -> None:
-    for first in range(rows.start, rows.stop, OVERVIEW_ROWS):
-        part = slice(first, min(first + OVERVIEW_ROWS, rows.stop))
-        pressure, signal = recording.pressure_kpa[part], recording.signal_mv[part]
-        known = np.isfinite(signal)
-        low = np.where(known, signal, np.inf).min(axis=0)
-        high = np.where(known, signal, -np.inf).max(axis=0)
-        flags = int(np.bitwise_or.reduce(samples["flags"][part]))
-        pressures = pressure[np.isfinite(pressure)]
+            (segment, last_chunk, part.size, *times, raw, zlib.crc32(raw)),
+        ).lastrowid
         db.execute(
             "INSERT INTO overview (segment, first_block, last_block, n, first_time_us, last_time_us, pressure_min_kpa,"
             " pressure_max_kpa, signal_min_mv, signal_max_mv, flags) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (
-                segment, first // BLOCK_ROWS + 1, (part.stop - 1) // BLOCK_ROWS + 1, part.stop - first,
-                int(samples["time_us"][part.start]), int(samples["time_us"][part.stop - 1]),
-                float(pressures.min()) if pressures.size else None, float(pressures.max()) if pressures.size else None,
-                _json(low), _json(high), flags,
-            ),
-        )  # fmt: skip
+            (segment, block, block, part.size, *times, *_extremes(part, scale_mv)),
+        )
 
 
-def _json(values: npt.NDArray[np.float64]) -> str:
-    return json.dumps([v if np.isfinite(v) else None for v in values.tolist()])
+def _extremes(samples: npt.NDArray[np.void], scale_mv: float) -> tuple[Any, ...]:
+    """Extremes of pressure and signals, implausible samples left out, and the flags of all."""
+    flags = int(np.bitwise_or.reduce(samples["flags"]))
+    good = samples[(samples["flags"] & int(SampleFlag.IMPLAUSIBLE)) == 0]
+    names = good.dtype.names or ()
+    counts = "lit" in names
+    signal = (good["lit"].astype(np.float64) - good["dark"]) * scale_mv if counts else good["signal_mv"]
+    pressure = good["pressure_pa"] / 1000.0
+    low, high = ([_finite(extreme, column) for column in signal.T] for extreme in (np.min, np.max))
+    return _finite(np.min, pressure), _finite(np.max, pressure), json.dumps(low), json.dumps(high), flags
+
+
+def _finite(extreme: Callable[[Any], Any], values: npt.NDArray[np.float64]) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(extreme(known)) if known.size else None

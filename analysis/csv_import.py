@@ -287,6 +287,8 @@ def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | No
             f"{path.name}: no column was recognised as {', '.join(missing)}", f"{remedy}. Columns: {listed}."
         )
     meta = _meta(table, mapping, path)
+    if "time_s" not in mapping.columns:
+        meta["import_rate_hz"] = rate_hz
     values = {name: table.columns[c.position] * c.factor for name, c in mapping.columns.items()}
     if "time_s" in values:
         keep = _increasing(path, table, values["time_s"], values.get("segment"))

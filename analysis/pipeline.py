@@ -30,8 +30,6 @@ from analysis.statistics import Figure, resampling_weights
 
 Progress = Callable[[float, float], None]
 
-DISAGREEMENT_SIGMA = 4.0
-
 
 @dataclass(frozen=True, slots=True)
 class Options:

@@ -6,8 +6,7 @@ Rules: no analysis and no layout here, only the shape of a report.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from analysis.figures import Draw
 
@@ -55,7 +54,6 @@ class Report:
     facts: tuple[tuple[str, str], ...]
     sections: tuple[Section, ...]
     footer: str
-    keywords: Mapping[str, str] = field(default_factory=dict)
 
 
 def aligned(table: Table) -> Table:

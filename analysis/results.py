@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.boat_file import is_boat_file, store_result
+from analysis.boat_file import is_boat_file, opened, store_result
 from analysis.errors import AnalysisError
-from analysis.pipeline import Analysis
+from analysis.pipeline import Analysis, Options, analyse
+from analysis.plateaus import PlateauSettings
 
 
 def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path | None = None) -> str:
@@ -39,6 +40,28 @@ def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path |
     except AnalysisError as error:
         return f"the result was not kept: {error.cause}"
     return ""
+
+
+def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Compute a stored analysis anew, with the options it was made with.
+
+    Returns
+    -------
+    Its content as `store_analysis` would keep it; None where it rests on more than the recording holds (a file of
+    elongations) or a reading was corrected since.
+    """
+    if "elongation" in parameters or _corrected_since(Path(run), result_id):
+        return None
+    stored = dict(parameters["options"])
+    options = Options(**{**stored, "plateau": PlateauSettings(**stored["plateau"])})
+    content: dict[str, Any] = finite(analyse(run, options=options).to_json())
+    return content
+
+
+def _corrected_since(run: Path, result_id: int) -> bool:
+    with opened(run) as db:
+        query = "SELECT count(*) FROM reading WHERE utc > (SELECT utc FROM result WHERE id = ?)"
+        return bool(db.execute(query, (result_id,)).fetchone()[0])
 
 
 def finite(value: Any) -> Any:

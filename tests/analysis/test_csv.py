@@ -16,6 +16,7 @@ from analysis.boat_writer import write_boat_file
 from analysis.csv_import import import_csv, load_profile, map_columns, preview, save_profile
 from analysis.csv_table import read_table
 from analysis.export import export, neutral
+from analysis.import_check import first_difference
 from tests.analysis.boat_builder import Plant, triangle, write_boat
 
 ROWS = [(0.0, 1.5, 1650.25), (0.01, 1.75, 1651.5), (0.02, 2.0, 1652.75), (0.03, 2.5, 1653.0)]
@@ -197,3 +198,17 @@ def test_an_import_becomes_a_recording_with_its_original_bytes(tmp_path: Path) -
         assert b"".join(r for (r,) in db.execute("SELECT raw FROM chunk ORDER BY id")) == path.read_bytes()
     with pytest.raises(AnalysisError, match="exists already"):
         write_boat_file(run, recording, original=path)
+
+
+def test_an_import_is_derived_again_from_its_bytes(tmp_path: Path) -> None:
+    """The kept bytes and map give the same samples; a changed byte is found."""
+    import sqlite3
+
+    path, run = tmp_path / "a.csv", tmp_path / "a.boat"
+    path.write_text(text(";", ",", None))
+    columns = {"time_s": "1:ms", "pressure_kpa": "2:bar", "s1_mv": "3:V"}
+    write_boat_file(run, import_csv(path, columns=columns), original=path)
+    assert first_difference(run) == ""
+    with sqlite3.connect(run) as db:
+        db.execute("UPDATE chunk SET raw = ?", (path.read_bytes().replace(b"1651,5", b"1651,6"),))
+    assert "sample 1 differs" in first_difference(run)

@@ -58,6 +58,9 @@ def test_the_demo_finds_the_truth_and_writes_its_report(tmp_path: Path) -> None:
     assert content["shadow"]["largest_deviation_mm"] < 0.5
     for name in content["reports"]:
         assert Path(name).stat().st_size > 50_000
+    verify = [sys.executable, "-m", "boat_daq", "verify", content["recording"], "--json"]
+    verdict = json.loads(subprocess.run(verify, capture_output=True, cwd=ROOT, check=True).stdout)
+    assert (verdict["identical"], verdict["results"]) == (True, 1)
     html = next(Path(name) for name in content["reports"] if name.endswith(".html"))
     assert "SIMULATED" in html.read_text(encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""Leaving in the middle: Ctrl-C and a polite kill close properly; a brutal one leaves a file that recovers, and a vent."""
+"""Leaving in the middle: Ctrl-C and a polite kill close properly; kill -9 leaves a vented board and a whole file."""
 
 from __future__ import annotations
 

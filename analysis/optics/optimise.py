@@ -1,7 +1,7 @@
 """Beyond the grid: width, depth, spacing, count and face searched together, on detected power.
 
 Strategy: power converges where a count of rays does not, so the search uses power with practically every reflection
-followed. The grid is looked through with a quarter of the rays; its best designs are the first population of scipy's
+followed. The grid is looked through with a fifth of the rays; its best designs are the first population of scipy's
 differential evolution (count and face as integers), each generation's candidates running side by side. What is found
 is judged again with ten times the rays against the grid's best, so that luck at few rays is not reported as gain.
 """
@@ -31,12 +31,13 @@ from analysis.optics.sweep import Progress, paper_grid, run_item
 POPULATION = 24
 FOLLOWED = 4
 """Budget of secondaries for each released ray: with this many practically none is refused."""
-FAINTEST = 1e-4
+FAINTEST = 1e-3
 FLOOR = float(resolution(250))
 """RMSE below what the paper's 250 rays resolve wins nothing."""
 BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
-_CHECK, _GLANCE = 10, 4
-_RESERVE = 0.2
+_CHECK, _GLANCE = 10, 5
+_LOOK, _SEARCH = 0.3, 0.85
+"""Parts of the time after which the look through the grid and the search itself are cut short."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +121,8 @@ def optimise(guide: Waveguide, curves: Floats, *, rays: int = 500, seconds: floa
     frames = frames_of(curves, guide)
     glance, judge = PowerMerit(frames, guide, max(rays // _GLANCE, 50)), PowerMerit(frames, guide, rays)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        start, search = _search(
-            glance, judge, pool, _watch(began, seconds * (1 - _RESERVE), seconds, progress), first_face, seed
+        start, search, seen = _search(
+            glance, judge, pool, _watch(began, seconds, progress), first_face, seed
         )
         careful = PowerMerit(frames, guide, _CHECK * rays)
         finalists = [start, design_at(search.x), PAPER_OPTIMUM]
@@ -129,32 +130,33 @@ def optimise(guide: Waveguide, curves: Floats, *, rays: int = 500, seconds: floa
     p = [float(merit(250.0 * each, FLOOR).p) for each in power]
     best = int(p[1] > p[0])
     return Optimum(start, finalists[best], p[0], p[best], p[2] if len(p) > 2 else np.nan, power[0], power[best],
-                   int(search.nfev) + len(paper_grid()), time.perf_counter() - began, rays, _CHECK * rays,
+                   int(search.nfev) + seen, time.perf_counter() - began, rays, _CHECK * rays,
                    bool(search.success))
 
 
-def _watch(began: float, stop: float, allowed: float, progress: Progress | None) -> Callable[[], bool]:
-    """A clock that reports progress and says when to stop."""
+def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[[float], bool]:
+    """A clock that reports progress and says whether a part of the time has gone."""
 
-    def late() -> bool:
+    def late(part: float) -> bool:
         gone = time.perf_counter() - began
         if progress is not None:
             progress(min(gone, allowed), allowed)
-        return gone > stop
+        return gone > part * allowed
 
     return late
 
 
-def _search(glance: PowerMerit, judge: PowerMerit, pool: ThreadPoolExecutor, late: Callable[[], bool],
-            face: Face, seed: int) -> tuple[Design, OptimizeResult]:
-    """The grid's best design, and differential evolution from its best ones."""
-    grid = [design for design in paper_grid(face=face) if judge.fits(design)]
+def _search(glance: PowerMerit, judge: PowerMerit, pool: ThreadPoolExecutor, late: Callable[[float], bool],
+            face: Face, seed: int) -> tuple[Design, OptimizeResult, int]:
+    """The grid's best design, differential evolution from its best ones, and how many of it were seen."""
+    every = [design for design in paper_grid(face=face) if judge.fits(design)]
+    grid = [every[i] for i in np.random.default_rng(seed).permutation(len(every))]
     if not grid:
         raise RequestError("no design of the grid fits these states", "use longer or thicker guides")
     rough: list[float] = []
     for first in range(0, len(grid), 4 * POPULATION):
         rough += pool.map(glance.p, grid[first:first + 4 * POPULATION])
-        if late() and len(rough) >= POPULATION:
+        if late(_LOOK):
             break
     likely = [grid[i] for i in np.argsort(rough)[::-1][:2 * POPULATION]]
     ranked = [likely[i] for i in np.argsort(list(pool.map(judge.p, likely)))[::-1]]
@@ -170,9 +172,9 @@ def _search(glance: PowerMerit, judge: PowerMerit, pool: ThreadPoolExecutor, lat
         return -judge.p(design_at(x))
 
     def stop(x: Any, convergence: Any) -> Any:
-        return late()
+        return late(_SEARCH)
 
     found = differential_evolution(loss, limits, init=first_population, integrality=[True, False, False, False, True],
                                    rng=seed, workers=spread, updating="deferred", polish=False, maxiter=400, tol=0.005,
                                    callback=stop)
-    return ranked[0], found
+    return ranked[0], found, len(rough) + len(likely)

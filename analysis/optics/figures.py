@@ -184,7 +184,7 @@ def draw_pareto(result: SweepResult) -> Figure:
 
 def draw_convergence(cases: Sequence[Case]) -> Figure:
     """How the scatter of NDR, the rank of the paper's optimum and the number of ties settle with the number of rays."""
-    chosen = [case for case in cases if case.name.endswith("rays")]
+    chosen = [case for case in cases if case.name == f"{case.light.rays} rays"]
     rays = [case.light.rays for case in chosen]
     figure = _figure(9.0, 3.0)
     panels = figure.subplots(1, 3)

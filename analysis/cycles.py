@@ -1,7 +1,7 @@
 """Cycles from measured pressure.
 
-Strategy: the pressure is freed of single spikes and of noise, its span is taken from robust extremes, and a reversal of
-at least half of it is an extreme: noise, ties on the end levels and small excursions cannot make one, and amplitudes
+Strategy: the pressure is freed of spikes, drop-outs and noise, its span is taken from robust extremes, and a reversal
+of at least half of it is an extreme: noise, ties on the end levels and small excursions cannot make one, and amplitudes
 may grow or shrink. A cycle runs from the extreme that the run starts with, through the other, back.
 
 Rules: an incomplete first or last cycle is named and left out, never completed; a cycle across a segment boundary (a
@@ -11,6 +11,7 @@ marks are compared, never used. Nothing here looks at a signal.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +29,8 @@ EXTREME_SHARE = 0.02  # rows this near to an extreme belong to it
 TRUNCATED_SHARE = 0.10  # an end extreme this much short of its neighbour was cut off
 VENTED_KPA = 3.0  # a run that begins or ends this near to zero (or 5 % of its span) was vented there, not cut off
 EXCURSION_SHARE = 0.10  # smaller reversals are not listed
+DROP_OUT_SHARE, MAX_DROP_OUT = 0.25, 50  # of the span in one sample, and back within so many
+MAX_DROPPED_SHARE = 0.05
 MAX_WINDOW = 401  # samples of the noise filter
 
 
@@ -125,11 +128,28 @@ def smooth_pressure(pressure_kpa: FloatArray, usable: BoolArray) -> tuple[FloatA
     noise = white_noise_sd(whole)
     middle = ndimage.median_filter(whole, 5, mode="nearest")
     span = float(np.ptp(np.percentile(middle, [0.5, 99.5])))
+    dropped = _drop_outs(whole, max(DROP_OUT_SHARE * span, 8.0 * noise))
+    if dropped.any():
+        whole = np.interp(rows, rows[~dropped], whole[~dropped])
+        middle = ndimage.median_filter(whole, 5, mode="nearest")
     # only spikes are replaced (Hampel): a plain median would round off the turns of a fast cycle
     quiet = np.where(np.abs(whole - middle) > max(6.0 * noise, 0.03 * span), middle, whole)
     window = 1 if span <= 0 else int(np.ceil((noise / (0.01 * span)) ** 2))
     window = min(window | 1, MAX_WINDOW, max(1, (whole.size // 20) | 1))
     return (ndimage.uniform_filter1d(quiet, window, mode="nearest") if window > 1 else quiet), noise
+
+
+def _drop_outs(pressure_kpa: FloatArray, jump_kpa: float) -> BoolArray:
+    """Rows between a jump and the jump back, few samples later: no pump does that, a loose wire does."""
+    found = np.zeros(pressure_kpa.size, dtype=bool)
+    steps = np.diff(pressure_kpa)
+    jumps = np.flatnonzero(np.abs(steps) > jump_kpa) if jump_kpa > 0 else np.empty(0, dtype=np.int64)
+    for out, back in itertools.pairwise(jumps.tolist()):
+        returns = abs(steps[out] + steps[back]) < 0.3 * abs(steps[out])
+        if returns and back - out <= MAX_DROP_OUT and not found[out]:
+            found[out + 1 : back + 1] = True
+    # what fills more of the run than faults do is its plan: a square wave, seldom sampled
+    return found if found.mean() <= MAX_DROPPED_SHARE else np.zeros_like(found)
 
 
 def find_cycles(recording: Recording) -> Cycles:

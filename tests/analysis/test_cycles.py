@@ -64,6 +64,23 @@ def test_a_spike_is_no_cycle() -> None:
     assert len(find_cycles(continuous(pressure)).used) == 10
 
 
+@pytest.mark.parametrize("value", [0.0, -100.0, np.nan])
+def test_drop_outs_make_no_cycle(value: float) -> None:
+    """Twenty bursts of 30 samples at zero, at an absurd value, or not there at all: ten cycles, as without them."""
+    pressure = 5 + 45 * WAVE
+    for first in range(700, 29_000, 1400):
+        pressure[first : first + 30] = value
+    cycles = find_cycles(continuous(pressure, noise_kpa=0.2))
+    assert len(cycles.used) == 10
+    assert all(e.high_kpa - e.low_kpa < 0.25 * cycles.span_kpa for e in cycles.excursions)
+
+
+def test_a_seldom_sampled_square_wave_is_no_series_of_drop_outs() -> None:
+    """Holds of 30 samples between the extremes are cycles: nine complete ones and the last, cut off."""
+    pressure = np.where(np.arange(600) % 60 < 30, 50.0, -40.0)
+    assert find_cycles(continuous(pressure, rate_hz=10.0)).as_json() == {"complete": 9, "partial": 1, "with_gap": 0}
+
+
 @pytest.mark.parametrize("rate_hz", [10.0, 62.0, 100.0, 1000.0])
 @pytest.mark.parametrize("ramp", [5.0, 20.0])
 def test_every_hold_of_a_staircase_is_found(rate_hz: float, ramp: float) -> None:

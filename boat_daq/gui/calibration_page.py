@@ -19,6 +19,7 @@ from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.results import LoopSet, PosteriorResult, SensorResult
 
 SENSORS = 2
+MOST_FLAGS = 5  # shown; all of them on hover
 
 
 class CurveCard(PlotCard):
@@ -229,6 +230,6 @@ class CalibrationPage(QWidget):
         self.posterior.setText("\n".join(["Posterior", *posterior] if posterior else []))
         self.posterior.setVisible(bool(posterior))
         self.comparison.setText(self.model.comparison())
-        self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in result.flags[:6]))
+        self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in result.flags[:MOST_FLAGS]))
         self.flags.setToolTip("\n".join(result.flags))
         self.flags.setVisible(bool(result.flags))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFrame, QGridLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QScrollArea, QVBoxLayout, QWidget
 
 from boat_daq.gui import style, widgets
 from boat_daq.viewmodels.desk import Desk
@@ -27,7 +27,7 @@ STEPS = (
 )
 
 
-class FirstSteps(QWidget):
+class FirstSteps(QScrollArea):
     """Three steps on a `Desk`; the one that comes next is marked."""
 
     def __init__(self, desk: Desk) -> None:
@@ -44,8 +44,11 @@ class FirstSteps(QWidget):
         for number, (title, words) in enumerate(STEPS, 1):
             buttons = {1: (self.virtual, self.board), 2: (self.plan,)}.get(number, ())
             inside.addWidget(self._step(str(number), title, words, *buttons))
-        layout = QVBoxLayout(self)
+        body = QWidget()
+        layout = QVBoxLayout(body)
         layout.addWidget(frame, 0, Qt.AlignmentFlag.AlignCenter)
+        self.setWidgetResizable(True)
+        self.setWidget(body)
 
     def _step(self, number: str, title: str, words: str, *buttons: QWidget) -> QFrame:
         frame, inside = widgets.card()

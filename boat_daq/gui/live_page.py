@@ -53,7 +53,7 @@ class Figure(QWidget):
         font = style.measured_font(pixels)
         self.value.setFont(font)
         self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
-        self.value.setFixedWidth(style.text_width(font, self.example) + style.STEP)
+        self.value.setFixedWidth(style.text_width(font, self.example) + 2 * style.STEP)
 
     def set(self, text: str, note: str = "") -> None:
         """Show a value."""
@@ -279,9 +279,15 @@ class LivePage(QWidget):
             figure.tint(colour)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Grow figures and pane on a wide window."""
-        wide = self.window().width() >= style.WIDE_FROM
-        self.pane.setFixedWidth(style.PANE_WIDTH_WIDE if wide else style.PANE_WIDTH)
-        for figure in self.figures.values():
-            figure.resize_text(style.FONT_MEASURED_WIDE if wide else style.FONT_MEASURED)
+        """Fit figures and pane to the window's width."""
+        width = self.window().width()
+        pane, figure = style.PANE_WIDTH, style.FONT_MEASURED
+        if width >= style.WIDE_FROM:
+            pane, figure = style.PANE_WIDTH_WIDE, style.FONT_MEASURED_WIDE
+        elif width < style.NARROW_BELOW:
+            pane, figure = style.PANE_WIDTH_NARROW, style.FONT_MEASURED_NARROW
+        self.pane.setFixedWidth(pane)
+        self.sequence.picture.setVisible(self.window().height() >= style.LOW_BELOW)
+        for value in self.figures.values():
+            value.resize_text(figure)
         super().resizeEvent(event)

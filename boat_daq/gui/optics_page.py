@@ -31,7 +31,6 @@ class SceneCard(PlotCard):
         self.released = self.plot.curve("Released", lambda t: style.faint(t.sensors[0], style.RAY_ALPHA), gaps=True)
         self.secondary = self.plot.curve("Secondary", lambda t: style.faint(t.sensors[1], style.RAY_ALPHA), gaps=True)
         self.receiver = self.plot.curve("Receiver", lambda t: t.pressure)
-        self._framed = False
 
     def show_state(self, model: OpticsModel) -> None:
         """Draw the state that the slider is on."""
@@ -44,9 +43,10 @@ class SceneCard(PlotCard):
             (self.receiver, scene.receiver),
         ):  # fmt: skip
             curve.set(line[:, 0], line[:, 1])
-        if not self._framed:
-            self._framed = True
-            self.plot.fit()
+
+    def frame(self) -> None:
+        """Show the whole guide."""
+        self.plot.fit()
 
 
 class ResponseCard(PlotCard):
@@ -285,6 +285,7 @@ class OpticsPage(QWidget):
             or "A sweep simulates 648 designs in 15 states each and draws the maps and the front."
         )
         self.scene.show_state(self.model)
+        self.scene.frame()
         self.response.show_result(self.model)
         self.maps.show_sweep()
         self.pareto.show_sweep(self.model)

@@ -216,14 +216,13 @@ class Plot:
     def fit(self, *, x_margin: float = 0.04) -> None:
         """Frame all that is drawn; for pages that change on request, never in a frame."""
         layers = [layer for layer in self.layers if layer.item.isVisible() and layer.x.size]
-        low, high = axis.extremes(*(layer.x for layer in layers))
-        if low <= high:
-            self.x_range(*axis.padded(low, high, x_margin))
-        low, high = axis.extremes(
-            *(layer.y for layer in layers), *(layer.low for layer in layers if isinstance(layer, Band))
-        )
-        if low <= high:
-            self.y_range(*axis.framed(low, high))
+        x_low, x_high = axis.extremes(*(layer.x for layer in layers))
+        bands = (layer.low for layer in layers if isinstance(layer, Band))
+        y_low, y_high = axis.extremes(*(layer.y for layer in layers), *bands)
+        if x_low <= x_high and y_low <= y_high:
+            self._y_shown = axis.framed(y_low, y_high)
+            box = self.item.getViewBox()  # both at once, or a locked aspect would cut one of them off
+            box.setRange(xRange=axis.padded(x_low, x_high, x_margin), yRange=self._y_shown, padding=0)
 
     def columns(self) -> dict[str, Array]:
         """Return what is drawn: for each layer its x and y, named with their units."""

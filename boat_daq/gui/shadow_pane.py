@@ -28,7 +28,7 @@ class ShadowView(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.setAccessibleName("The actuator now, over its outline at rest")
-        self.setMinimumHeight(8 * style.CONTROL_HEIGHT)
+        self.setMinimumHeight(5 * style.CONTROL_HEIGHT)
         self.theme: Theme = style.LIGHT
         self.picture: ShadowPicture | None = None
         self.scale_words = ("0", "")

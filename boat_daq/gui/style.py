@@ -73,6 +73,9 @@ STRIP_HEIGHT = 40
 NAVIGATION_WIDTH = 124
 PANE_WIDTH = 308
 PANE_WIDTH_WIDE = 400
+PANE_WIDTH_NARROW = 236
+NARROW_BELOW = 1200  # a small or much enlarged screen: figures and pane shrink
+LOW_BELOW = 640  # the plots need the staircase's room
 WIDE_FROM = 1600  # from this window width on the pane and the figures grow
 CONTROL_HEIGHT = 32
 VENT_WIDTH = 176
@@ -82,7 +85,7 @@ AXIS_HEIGHT = 36
 CURSOR_GRAB = 8
 POINT_SIZE = 8
 WINDOW_SIZE = (1280, 800)
-WINDOW_MINIMUM = (960, 640)
+WINDOW_MINIMUM = (900, 520)  # 200 % on 1920 x 1080
 FORM_WIDTH = 560
 THUMBNAIL = (168, 44)
 
@@ -92,6 +95,7 @@ FONT_SMALL = 12
 FONT_SET = 16
 FONT_TITLE = 18
 FONT_MEASURED = 34
+FONT_MEASURED_NARROW = 24
 FONT_MEASURED_WIDE = 48
 FAMILIES = ("Inter", "Segoe UI", "SF Pro Text", "Helvetica Neue", "Noto Sans", "Liberation Sans", "DejaVu Sans")
 

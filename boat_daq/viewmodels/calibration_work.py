@@ -6,6 +6,7 @@ travel. This file is imported in the helper process, not by the window.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,7 @@ def analyse_run(path: str, *, seed: int = 0, progress: Progress | None = None) -
         system_sensitivity=figure_text(found.system_sensitivity, 1),
         actuator_hysteresis=figure_text(found.actuator_hysteresis, 2),
         loops=_loops(found.loops),
-        flags=tuple(str(flag["text"]) for flag in found.flags),
+        flags=tuple(_in_words(str(flag["text"])) for flag in found.flags),
         reading_sd_mm=_reading_sd(found),
     )
 
@@ -61,6 +62,11 @@ def analyse_run(path: str, *, seed: int = 0, progress: Progress | None = None) -
 def _tell(progress: Progress | None, done: float, total: float) -> None:
     if progress is not None:
         progress(done, total)
+
+
+def _in_words(text: str) -> str:
+    """Return a flag with its sensor's name written out, e.g. `s1: ...` as `Sensor 1: ...`."""
+    return re.sub(r"^s(\d)(_mv)?: ", r"Sensor \1: ", text)
 
 
 def _reading_sd(found: Analysis) -> float:

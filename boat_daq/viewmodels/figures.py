@@ -13,7 +13,7 @@ from boat_daq.viewmodels.formatting import NOTHING, number
 FIGURES = {
     "sensitivity_mv_per_mm": ("Sensitivity", "mV/mm", 1),
     "slope_at_rest_mv_per_mm": ("Slope at rest", "mV/mm", 1),
-    "least_squares_slope_mv_per_mm": ("Slope, least squares", "mV/mm", 1),
+    "least_squares_slope_mv_per_mm": ("Slope, best line", "mV/mm", 1),
     "fso_mv": ("Full-scale output", "mV", 1),
     "noise_mv": ("Noise, rms", "mV", 2),
     "snr_db": ("SNR", "dB", 1),

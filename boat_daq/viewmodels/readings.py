@@ -82,7 +82,7 @@ class ReadingsModel:
         if waiting is None:
             return ""
         cycle = f", cycle {waiting.cycle}" if waiting.cycle else ""
-        return f"Elongation at {target(waiting.target_kpa)}, {BRANCH_WORDS[waiting.branch]}{cycle}"
+        return f"Reading at {target(waiting.target_kpa)}, {BRANCH_WORDS[waiting.branch]}{cycle}"
 
     def latest(self) -> dict[int, Reading]:
         """Return the reading that counts for each plateau."""

@@ -30,6 +30,7 @@ MIN_SAMPLES = 5
 NEAR_TARGET_KPA = 3.0  # a hold farther from a step's target is not that step's
 WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 MIN_COVERED = 0.15  # share of the run that a staircase stands still
+MIN_PASSED = 0.3  # share of its holds that lie between a lower and a higher one
 MIN_LEVELS = 3  # fewer distinct levels are turning points of a continuous run
 
 
@@ -86,7 +87,8 @@ def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSetting
         return ()
     holds = [part for hold in holds for part in _split_at_breaks(hold, recording)]
     levels = [float(np.median(cycles.smooth_kpa[a : b + 1])) for a, b in holds]
-    if _distinct(np.asarray(levels), 2 * settings.tolerance_kpa) < MIN_LEVELS:
+    apart = 2 * settings.tolerance_kpa
+    if _distinct(np.asarray(levels), apart) < MIN_LEVELS or _passed_through(levels, apart) < MIN_PASSED:
         return ()
     plateaus = [
         _measure(recording, settings, number, hold, level, cycles)
@@ -177,6 +179,13 @@ def _split_at_breaks(hold: tuple[int, int], recording: Recording) -> list[tuple[
 
 def _distinct(levels: FloatArray, apart: float) -> int:
     return 0 if not levels.size else 1 + int((np.diff(np.sort(levels)) > apart).sum())
+
+
+def _passed_through(levels: list[float], apart: float) -> float:
+    """Share of the holds that the pressure passed on its way up or down; the turns of a wave are none of these."""
+    steps = np.diff(np.asarray(levels))
+    steps = steps[np.abs(steps) > apart]
+    return float((steps[1:] * steps[:-1] > 0).mean()) if steps.size > 1 else 0.0
 
 
 def _measure(

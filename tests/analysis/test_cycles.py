@@ -111,6 +111,12 @@ def test_a_continuous_run_has_no_plateaus() -> None:
         assert find_plateaus(recording, find_cycles(recording)) == ()
 
 
+def test_the_turns_of_a_growing_wave_are_no_plateaus() -> None:
+    """Slow turns at ever other pressures are no staircase: the figures are those of a continuous run."""
+    recording = continuous(5 + (9 + 36 * TIME / 300) * WAVE)
+    assert find_plateaus(recording, find_cycles(recording)) == ()
+
+
 def test_a_damaged_plateau_is_void_with_its_share() -> None:
     """A third of a hold's samples saturated: void, with the share; its neighbours are not."""
     stairs = Staircase()

@@ -53,7 +53,7 @@ class ConnectPanel(QDialog):
         grid = QGridLayout()
         grid.addWidget(widgets.label("Port"), 0, 0)
         grid.addWidget(self.port, 0, 1)
-        grid.addWidget(widgets.button("Look again", self.look), 0, 2)
+        grid.addWidget(widgets.button("Look again", self.look_again), 0, 2)
         grid.addWidget(widgets.label("Unit"), 1, 0)
         grid.addWidget(self.unit, 1, 1)
         grid.addWidget(widgets.label("Profile"), 2, 0, Qt.AlignmentFlag.AlignTop)
@@ -83,10 +83,16 @@ class ConnectPanel(QDialog):
     def open_fresh(self) -> None:
         """Look for ports and show the panel."""
         self.look()
+        self.desk.connection.ask_boards()
         self.unit.setText(self.desk.connection.unit)
         self.show()
         self.raise_()
         self.port.setFocus()
+
+    def look_again(self) -> None:
+        """Look for ports, and ask them who they are."""
+        self.look()
+        self.desk.connection.ask_boards()
 
     def look(self) -> None:
         """Look for ports again."""
@@ -95,6 +101,11 @@ class ConnectPanel(QDialog):
         for found in self.desk.connection.ports():
             self.port.addItem(found.text, found.port)
         self.port.setEditText(typed)
+
+    def refresh(self) -> None:
+        """Show which ports have said that they are boards."""
+        if self.isVisible() and self.desk.connection.heard_boards():
+            self.look()
 
     def connect_board(self) -> None:
         """Connect to the port that is chosen or typed."""

@@ -248,6 +248,7 @@ class LivePage(QWidget):
         self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
         self.plots.arrange()
         self.plots.show_markers()
+        self.plots.show_readings(*self.desk.reading_points())
         self._show_spans(self.desk.live.statistics())
         self.sequence.refresh(snapshot)
         self.reading.refresh(snapshot)

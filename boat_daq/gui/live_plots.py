@@ -8,6 +8,7 @@ from __future__ import annotations
 from time import monotonic
 from typing import Any
 
+import numpy as np
 from PySide6.QtCore import Qt
 
 from boat_daq.gui import style
@@ -46,6 +47,7 @@ class LivePlots(PlotCard):
         self.s2_with = self.first.curve("Sensor 2", sensor_ink(2))
         self.s2 = self.second.curve("Sensor 2", sensor_ink(2))
         self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
+        self.read = self.length.points("Readings", lambda t: t.text, filled=False)
         self.mm = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
         self.kpa = self.pressure.curve("Pressure", lambda t: t.pressure)
         self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, dashed=True)
@@ -114,6 +116,11 @@ class LivePlots(PlotCard):
             line.setVisible(value is not None)
             if value is not None:
                 line.setValue(value)
+
+    def show_readings(self, time_s: list[float], mm: list[float]) -> None:
+        """Mark the plateaus' readings on the elongation."""
+        if len(time_s) != self.read.x.size or (time_s and time_s[-1] != self.read.x[-1]):
+            self.read.set(np.array(time_s), np.array(mm))
 
     def _moved(self) -> None:
         low, high = self.first.item.getViewBox().viewRange()[0]

@@ -141,6 +141,7 @@ class MainWindow(QMainWindow):
         self.header.refresh(snapshot)
         self.pages[self.page].refresh(snapshot)
         self.strip.refresh()
+        self.connect_panel.refresh()
         title = self.desk.title()
         if title != self.windowTitle():
             self.setWindowTitle(title)

@@ -71,7 +71,7 @@ class ShadowPage(QWidget):
         self.desk = desk
         self._revision = -1
         self.pane = ShadowPane(desk)
-        self.pane.layout().setContentsMargins(0, 0, 0, 0)
+        self.pane.setContentsMargins(0, -style.GAP, 0, 0)
         self.nominal, self.deviation = NominalCard(), DeviationCard()
         self.alarms = widgets.label("", wrap=True, name="Alarms of the monitor")
         frame, inside = widgets.card()

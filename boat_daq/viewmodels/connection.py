@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import os
 import threading
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from boat_daq.engine.board_server import BoardSettings, ServedBoard, serve
+from boat_daq.engine.discovery import Answer, ask_all
 from boat_daq.engine.session import LinkState, Session, SessionSnapshot
 from boat_daq.engine.transports import list_ports
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.formatting import NOTHING, number
 from boat_daq.viewmodels.preferences import Preferences
+from boat_daq.viewmodels.profiles import profile_text
 
 VIRTUAL_UNITS = ("SA1", "SA2", "SA3")
 
@@ -135,6 +138,9 @@ class ConnectionModel:
         self._preferences = preferences
         self.board: VirtualBoard | None = None
         self._board_waits = False
+        self.boards: dict[str, str] = {}  # port -> identity, as the boards themselves say
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="ports")
+        self._asking: Future[list[Answer]] | None = None
 
     @property
     def last_port(self) -> str:
@@ -152,9 +158,26 @@ class ConnectionModel:
         return str(self._preferences.get("profile", ""))
 
     def ports(self) -> list[PortChoice]:
-        """Return the ports there are, the last one first."""
-        found = [PortChoice(p.port, f"{p.port}   {p.description}".strip()) for p in list_ports()]
-        return sorted(found, key=lambda choice: (choice.port != self.last_port, choice.port))
+        """Return the ports there are, BOAT boards that have said so first, then the last one used."""
+        found = [PortChoice(p.port, self._port_text(p.port, p.description)) for p in list_ports()]
+        return sorted(found, key=lambda c: (c.port not in self.boards, c.port != self.last_port, c.port))
+
+    def _port_text(self, port: str, description: str) -> str:
+        board = f"\u25cf BOAT board {self.boards[port]}" if port in self.boards else description
+        return f"{port}   {board}".strip()
+
+    def ask_boards(self) -> None:
+        """Ask every port who is there, on a helper thread; not while a board is connected, whose port is not ours."""
+        if self._asking is None and self.session.snapshot().link is LinkState.CLOSED:
+            self._asking = self._pool.submit(ask_all)
+
+    def heard_boards(self) -> bool:
+        """Take the answers where they have come; returns whether they have."""
+        if self._asking is None or not self._asking.done():
+            return False
+        asking, self._asking = self._asking, None
+        self.boards = {answer.port: answer.hello.board_id for answer in asking.result() if answer.hello is not None}
+        return True
 
     def set_unit(self, unit: str) -> None:
         """Take another unit on the bench.
@@ -176,7 +199,7 @@ class ConnectionModel:
         """
         if not port.strip():
             raise OperatorError("no port was chosen", "Choose a port, or start the virtual board.")
-        self.session.connect(port.strip(), profile or None, unit=self.unit)
+        self.session.connect(port.strip(), profile_text(profile) or None, unit=self.unit)
         if self.board is None or port != self.board.url:
             self._preferences.set("port", port.strip())
         self._preferences.set("profile", profile)
@@ -222,6 +245,7 @@ class ConnectionModel:
 
     def close(self) -> None:
         """End what was started here."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
         self._end_board()
 
     def _end_board(self) -> None:

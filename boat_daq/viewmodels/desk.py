@@ -219,6 +219,17 @@ class Desk:
             return None
         return now - (last.time_s - time_us * 1e-6)
 
+    def reading_points(self) -> tuple[list[float], list[float]]:
+        """Return the ring's time and the elongation (mm) of every plateau that was read and is still in the ring."""
+        read = {key: r.elongation_mm for key, r in self.readings.latest().items() if r.elongation_mm is not None}
+        marks = [
+            (self.picture_time(s.settled_us or s.started_us), read[s.number])
+            for s in self.session.steps()
+            if s.number in read
+        ]
+        kept = [(at, mm) for at, mm in marks if at is not None]
+        return [at for at, _ in kept], [mm for _, mm in kept]
+
     def title(self) -> str:
         """Return the window's title; a simulated board is said there too."""
         parts = ["boat-daq"]

@@ -11,10 +11,10 @@ from analysis.optics.curves import default_curves, elongations, frames_of
 from analysis.optics.figure_of_merit import merit, pareto, resolution
 from analysis.optics.figures import laid
 from analysis.optics.frame import Frame
-from analysis.optics.parameters import Design, Light, Waveguide
+from analysis.optics.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.scene import outline
 from analysis.optics.simulation import ray_paths, trace
-from analysis.optics.sweep import PAPER_OPTIMUM, SweepRequest, paper_grid, run_sweep
+from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
 from boat_daq.viewmodels.optics_results import DesignResult, StateScene, SweepSummary
 
 Array = NDArray[np.float64]

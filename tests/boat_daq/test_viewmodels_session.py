@@ -297,3 +297,20 @@ def test_progress_in_a_line():
     )
     text = progress_text(dataclasses.replace(connected(), progress=progress))
     assert text == "cycle 1 of 2   step 9 of 37   waiting for the reading at \u221230 kPa   3:47 left"
+
+
+# ---- profiles -------------------------------------------------------------------------------------------------------
+
+
+def test_a_pasted_rx8_line_becomes_a_profile():
+    """The line of the shipped profile, pasted bare, describes the same columns; other variables are skipped."""
+    from boat_daq.viewmodels.profiles import profile_text
+    from protocol.profile_file import load_profile
+
+    line = "RX8 [h=43] @1T @0T @1P @0P @1S1 @0S1 @1S2 @0S2 @0Aux [t=00]"
+    profile = load_profile(profile_text(line))
+    assert sorted(column.name for column in profile.columns) == ["pressure", "s1_signal", "s2_signal", "time"]
+    assert profile.n_sensors == 2
+    assert profile_text(" some/profile.toml ") == "some/profile.toml"
+    with pytest.raises(OperatorError, match="no sensor"):
+        profile_text("RX8 [h=43] @0A [t=00]")

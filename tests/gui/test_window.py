@@ -7,11 +7,12 @@ from collections import Counter
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeySequence
+from PySide6.QtGui import QKeySequence, QPixmap
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QAbstractSpinBox, QApplication, QComboBox, QDialog, QLineEdit, QWidget
 
 from boat_daq.engine.session import Message, ReadingRequest, SessionState, StepMark
+from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.viewmodels.desk import PAGES
@@ -250,3 +251,35 @@ def test_buttons_follow_the_state(make):
     session.shown = dataclasses.replace(session.shown, can_command=False)
     window.refresh()
     assert shown() == set()
+
+
+def test_a_photograph_gives_a_reading(make, tmp_path):
+    """Load a picture, four clicks, and the tip's way is kept as a reading from a photograph."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0))
+    window = make(session)
+    panel = window.live.photograph
+    panel.show()
+    picture = QPixmap(200, 100)
+    picture.fill()
+    picture.save(str(tmp_path / "grid.png"))
+    panel.load(tmp_path / "grid.png")
+    for x in (20.0, 120.0, 150.0, 173.0):
+        panel.view.clicked.emit(x, 50.0)
+    assert panel.value.text() == "+2.30 mm"
+    panel.take.click()
+    assert (session.kept[-1].elongation_mm, session.kept[-1].source) == (2.3, "photograph")
+    assert session.kept[-1].resolution_mm < 1.0
+    with pytest.raises(OperatorError, match="no picture"):
+        panel.load(tmp_path / "nothing.png")
+
+
+def test_a_marker_is_kept_with_its_note(live):
+    """M asks for a note, Enter puts it at the newest sample, in the session and in the picture."""
+    live.live.ask_marker()
+    QTest.keyClicks(live.live.note, "tapped the tube")
+    QTest.keyClick(live.live.note, Qt.Key.Key_Return)
+    live.refresh()
+    assert "mark" in live.desk.session.asked
+    assert [marker.note for marker in live.desk.live.markers] == ["tapped the tube"]
+    assert len(live.live.plots._markers) == 1

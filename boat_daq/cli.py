@@ -14,6 +14,7 @@ import typer
 import boat_daq
 from boat_daq.commands import (
     analyze,
+    batch,
     board,
     demo,
     export,
@@ -21,9 +22,11 @@ from boat_daq.commands import (
     gui,
     importing,
     info,
+    optics,
     ports,
     record,
     recover,
+    report,
     shadow,
     verify,
 )
@@ -70,12 +73,14 @@ COMMANDS = (
     verify.verify,
     info.info,
     analyze.analyze,
+    report.report,
+    batch.batch,
     export.export,
     fit.fit,
 )
 for command in COMMANDS:
     app.command("import" if command is importing.import_csv else None)(command)
-for name, group in (("shadow", shadow.app),):
+for name, group in (("optics", optics.app), ("shadow", shadow.app)):
     app.add_typer(group, name=name)
 
 

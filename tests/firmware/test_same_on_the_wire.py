@@ -86,6 +86,10 @@ def frames(*steps: tuple[int, Command]) -> list[tuple[int, bytes]]:
 STALLED = frames((10, Start(100)), (10, SetPressure(20_000, 20_000)), (850, Stop()))
 FAULTY = frames((10, Start(100)), (60, Vent()), (10, ClearFault()), (60, SetPressure(20_000)), (90, ClearFault()))
 UNFED = frames((10, Start(100)), (0, Heartbeat(500)), (0, SetPressure(55_000)), (45, Vent()), (50, Heartbeat(500)))
+FED_BY_REPETITION = [(10, encode_command(Heartbeat(500), 7)), (40, encode_command(Heartbeat(500), 7))]
+DISARMED = frames((10, Start(100)), (0, Heartbeat(0)), (9, Heartbeat(100)), (5, Heartbeat(0)))
+PAUSED = frames((10, Start(100)), (60, Stop()), (140, Start(100)))
+FASTEST = frames((10, Start(20_000)), (10, Start(20_001)), (10, Stop()))
 TURNED_BACK = frames((10, Start(100)), (0, SetPressure(30_000)), (200, SetLimits(-45_000, 29_000)))
 STARTED_TWICE = frames((10, Start(100)), (150, Start(100)), (10, SetPressure(20_000, 20_000)))
 
@@ -101,13 +105,18 @@ STARTED_TWICE = frames((10, Start(100)), (150, Start(100)), (10, SetPressure(20_
 @example(FAULTY, [make_fault("beyond_limit", 0.5, 57)])
 @example(FAULTY, [make_fault("estop", 0.5, 0.5)])
 @example(FAULTY, [make_fault("estop", 0.5, 3)])
+@example(FAULTY, [make_fault("beyond_limit", 0.72, 90)])
 @example(UNFED, [])
+@example(FED_BY_REPETITION, [])
+@example(DISARMED, [])
+@example(PAUSED, [make_fault("saturate", 0.5, 1)])
+@example(FASTEST, [])
 @example(TURNED_BACK, [])
 def test_any_order_of_commands_and_faults(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, script: list[tuple[int, bytes]], faults: list[Fault]
 ) -> None:
     """ACK statuses, states, flags, events and their values, sampling instants: the same, in the same order."""
-    play(BoardPair(bench, monkeypatch, faults), script, after=100)
+    play(BoardPair(bench, monkeypatch, faults), script, after=45)
 
 
 @pytest.mark.nightly

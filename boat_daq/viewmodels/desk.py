@@ -20,6 +20,7 @@ from boat_daq.viewmodels.calibration import CalibrationModel
 from boat_daq.viewmodels.changes import Change, Changes, History
 from boat_daq.viewmodels.connection import ConnectionModel
 from boat_daq.viewmodels.conversion import Conversion, Preparation
+from boat_daq.viewmodels.formatting import count
 from boat_daq.viewmodels.live import LiveModel, Marker
 from boat_daq.viewmodels.notices import Level, Notice, Notices
 from boat_daq.viewmodels.optics import OpticsModel
@@ -83,6 +84,7 @@ class Desk:
         self._inverse_of: StoredCalibration | None = None
         self.request: Callable[[str], None] = lambda what: None
         self._unit_shown = ""
+        self._state_before = SessionState.IDLE
         self._link_notices: list[Notice] = []  # they leave by themselves once the link is up again
         self.snapshot = session.snapshot()
         self._last_message = max((m.number for m in self.snapshot.messages), default=0)
@@ -99,6 +101,7 @@ class Desk:
             self.shadow.prepare()
         self.repeatability.follow(self.snapshot)
         self._tell_runs()
+        self._offer_calibration()
         self.notices.attempt(self._follow_calibration)
         for message in self.snapshot.messages:
             if message.number > self._last_message:
@@ -150,6 +153,25 @@ class Desk:
         if page == "Repeat" and self.repeatability.result is not None:
             return Path(self.repeatability.result.path)
         return self.calibration.last_path
+
+    def _offer_calibration(self) -> None:
+        """Say what comes next when a run with readings has ended."""
+        state, before = self.snapshot.state, self._state_before
+        self._state_before = state
+        ended = state is SessionState.IDLE and before in (SessionState.RUNNING, SessionState.FINISHING)
+        read = sum(r.elongation_mm is not None for r in self.readings.latest().values()) if ended else 0
+        if read:
+            self.notices.say(
+                Level.INFORMATION,
+                f"the run is finished, {count(read, 'plateau')} read",
+                "Next: fit and look at it.",
+                action_text="Calibrate",
+                action=self._calibrate_now,
+            )
+
+    def _calibrate_now(self) -> None:
+        self.request("Calibrate")
+        self.calibration.analyse_current()
 
     def _watch(self) -> None:
         """Hand whole cycles to the monitor; say what it finds."""

@@ -1,7 +1,7 @@
 """What needs attention: the strip at the foot of the window, in order of weight, then of time.
 
 Rules: a notice has a cause and, where there is one, a remedy and an action; details are for whoever asks. Faults and
-warnings stay until dismissed or replaced by weightier ones; an information leaves by itself.
+warnings stay until dismissed or replaced by weightier ones; an information without an offer leaves by itself.
 """
 
 from __future__ import annotations
@@ -39,6 +39,11 @@ class Notice:
     action_text: str = ""
     action: Callable[[], None] | None = None
     at_s: float = 0.0
+
+    @property
+    def stays(self) -> bool:
+        """Whether it waits to be dismissed: a warning, a fault, or an offer."""
+        return self.level is not Level.INFORMATION or self.action is not None
 
     @property
     def text(self) -> str:
@@ -102,7 +107,7 @@ class Notices:
     def current(self) -> Notice | None:
         """Return the weightiest standing notice, the newest of equals; None when all is well."""
         now = self._clock()
-        kept = [n for n in self._standing if n.level is not Level.INFORMATION or now - n.at_s < INFORMATION_S]
+        kept = [n for n in self._standing if n.stays or now - n.at_s < INFORMATION_S]
         if len(kept) != len(self._standing):
             self._standing = kept
             self.revision += 1

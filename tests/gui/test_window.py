@@ -283,3 +283,20 @@ def test_a_marker_is_kept_with_its_note(live):
     assert "mark" in live.desk.session.asked
     assert [marker.note for marker in live.desk.live.markers] == ["tapped the tube"]
     assert len(live.live.plots._markers) == 1
+
+
+def test_the_end_of_a_run_offers_the_next_step(make):
+    """A finished run with readings is said, with the way to its calibration; the offer waits."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = (StepMark(3, 1, "unloading", 30.0, 10.0, 0),)
+    session.change(state=SessionState.RUNNING)
+    window = make(session)
+    window.refresh()
+    session.add_reading(3, 2.0, "typed")
+    session.change(state=SessionState.IDLE)
+    window.refresh()
+    assert window.strip.text.text() == "The run is finished, 1 plateau read. Next: fit and look at it."
+    window.strip.act.click()
+    assert window.page == "Calibrate"
+    window.refresh()
+    assert "Nothing has been recorded yet" in window.strip.text.text()

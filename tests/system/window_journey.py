@@ -1,6 +1,6 @@
 """A journey through the real window, in a process of its own: started by `test_window_journeys.py` under Xvfb.
 
-    python -m tests.system.window_journey NAME FOLDER
+    python -m tests.system.window_journey NAME FOLDER [light|dark]
 
 Every deed is a click on a button that can be seen or a key on the window; screenshots of the screen go to FOLDER, the
 times to standard output as JSON.
@@ -30,13 +30,15 @@ SPEED = 20.0
 class Journey:
     """A window and what a hand does with it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, theme: str = "light") -> None:
         self.folder = folder
         self.began = time.perf_counter()
         self.times: dict[str, float] = {}
         self.pictures: list[tuple[str, object]] = []
         self.app: QApplication = make_application()
         self.window: MainWindow = make_window()
+        self.window.choose_theme(theme)
+        self.window.resize(self.window.screen().size())
         self.window.show()
         QTest.qWaitForWindowExposed(self.window)
         self.app.processEvents()
@@ -286,4 +288,4 @@ def keep_busy() -> None:
 JOURNEYS = {"whole_session": whole_session, "killed": killed, "recover": recover, "vent": vent}
 
 if __name__ == "__main__":
-    JOURNEYS[sys.argv[1]](Journey(Path(sys.argv[2])))
+    JOURNEYS[sys.argv[1]](Journey(Path(sys.argv[2]), *sys.argv[3:]))

@@ -93,15 +93,19 @@ def _write_csv(recording: Recording, path: Path, progress: Progress | None) -> N
     with path.open("w", encoding="utf-8", newline="") as file:
         if recording.simulated:
             file.write("# SIMULATED: recorded from the virtual board\n")
-        comments = csv.writer(file, lineterminator="\n")  # a comma in a note must not make a cell of its own
         for key in META_KEYS:
             if recording.meta.get(key) is not None:
-                comments.writerow([f"# {key}: {json.dumps(recording.meta[key], ensure_ascii=False)}"])
+                file.write(_comment(f"{key}: {json.dumps(recording.meta[key], ensure_ascii=False)}"))
         for first in range(0, recording.n, ROWS_AT_ONCE):
             part = samples_frame(recording, slice(first, first + ROWS_AT_ONCE))
             part.to_csv(file, index=False, header=first == 0, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
             if progress is not None:
                 progress(min(first + ROWS_AT_ONCE, recording.n), recording.n)
+
+
+def _comment(text: str) -> str:
+    """Return a comment line. A comma would begin a new cell, and so perhaps a formula; the sidecar has the exact text."""
+    return "# " + " ".join(text.replace(",", ";").split()) + "\n"
 
 
 def _write_parquet(recording: Recording, path: Path) -> Path:

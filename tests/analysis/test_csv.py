@@ -212,3 +212,13 @@ def test_an_import_is_derived_again_from_its_bytes(tmp_path: Path) -> None:
     with sqlite3.connect(run) as db:
         db.execute("UPDATE chunk SET raw = ?", (path.read_bytes().replace(b"1651,5", b"1651,6"),))
     assert "sample 1 differs" in first_difference(run)
+
+
+def test_exported_comments_begin_with_a_hash_and_hold_no_cell(tmp_path: Path) -> None:
+    """A reader that skips lines beginning with # meets the header next; a formula in a note stays inside its line."""
+    from analysis.export import _comment
+
+    line = _comment('note: "a,=1+1\\n"')
+    assert line.startswith("# note")
+    assert "," not in line
+    assert line.count("\n") == 1

@@ -104,7 +104,7 @@ def _write_csv(recording: Recording, path: Path, progress: Progress | None) -> N
 
 
 def _comment(text: str) -> str:
-    """Return a comment line. A comma would begin a new cell, and so perhaps a formula; the sidecar has the exact text."""
+    """Return a comment line. A comma would begin a cell, and so perhaps a formula; the sidecar has the exact text."""
     return "# " + " ".join(text.replace(",", ";").split()) + "\n"
 
 

@@ -18,6 +18,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.engine.summary import Summary, summarise
 
 LOOK_S = 0.1
+CLEARING_S = 3.0
 ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 
@@ -70,6 +71,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
         if seen.simulated:
             say("SIMULATED: this is the virtual board")
         if request.plan is not None:
+            clear_what_an_earlier_host_left(session, seen)
             run_plan(session, request.plan)
         else:
             listen(session, request.duration_s)
@@ -79,6 +81,19 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
     finally:
         session.close()
     return summarise(request.path), failure
+
+
+def clear_what_an_earlier_host_left(session: Session, seen: SessionSnapshot) -> None:
+    """A board may have latched a fault before this session came: say so, and go on where its cause is gone.
+
+    Raises
+    ------
+    OperatorError : the cause stands.
+    """
+    if seen.latched:
+        say(f"warning: {seen.latched}; the fault is cleared")
+        session.clear_fault()
+        session.wait(lambda s: not s.latched, CLEARING_S)
 
 
 def run_plan(session: Session, plan: Plan) -> None:
@@ -128,5 +143,5 @@ def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:
     if seen.link in (LinkState.LOST, LinkState.FAILED):
         return seen.link_error[0] if seen.link_error else "the link was lost"
     if plan is not None and seen.state in (SessionState.ABORTED, SessionState.FAULT):
-        return seen.latched or str(seen.state)
+        return seen.latched or seen.run_ended or str(seen.state)
     return ""

@@ -88,3 +88,8 @@ def test_a_killed_host_leaves_a_vented_board_and_a_file_that_recovers(board: Ser
     after = info(run)
     assert after["status"] == "recovered"
     assert after["samples"] > 0
+    next_run = [sys.executable, "-m", "boat_daq", "record", "--port", board.url, "--plan", "repeatability"]
+    next_run += ["--cycles", "1", "--ramp", "40", "--out", str(tmp_path / "next.boat")]
+    done = subprocess.run(next_run, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "vented" in done.stderr

@@ -9,7 +9,7 @@ import pytest
 
 from tests.firmware.firmware_build import compile_host
 
-TARGETS = {"fuzz_decoder": 20_000, "fuzz_board": 2_000}  # inputs a second that even a busy computer manages
+TARGETS = {"fuzz_decoder": 20_000, "fuzz_board": 8_000}  # inputs a second that even a busy computer manages
 
 
 @pytest.fixture(scope="module", params=TARGETS)
@@ -26,10 +26,10 @@ def fuzz(program: Path, seconds: float, seed: int) -> int:
     return int(run.stdout)
 
 
-def test_a_second_of_fuzzing_finds_nothing(target: tuple[str, Path]) -> None:
-    """The promises of c/fuzz_decoder.c and c/fuzz_board.c hold; a second of processor time tries thousands."""
+def test_half_a_second_of_fuzzing_finds_nothing(target: tuple[str, Path]) -> None:
+    """The promises of c/fuzz_decoder.c and c/fuzz_board.c hold; half a second of processor time tries thousands."""
     name, program = target
-    assert fuzz(program, 1.0, seed=1) > TARGETS[name] / 4
+    assert fuzz(program, 0.5, seed=1) > TARGETS[name] / 8
 
 
 @pytest.mark.nightly

@@ -85,6 +85,7 @@ class Desk:
         self.request: Callable[[str], None] = lambda what: None
         self._unit_shown = ""
         self._state_before = SessionState.IDLE
+        self._offer: Notice | None = None
         self._link_notices: list[Notice] = []  # they leave by themselves once the link is up again
         self.snapshot = session.snapshot()
         self._last_message = max((m.number for m in self.snapshot.messages), default=0)
@@ -159,9 +160,12 @@ class Desk:
         state, before = self.snapshot.state, self._state_before
         self._state_before = state
         ended = state is SessionState.IDLE and before in (SessionState.RUNNING, SessionState.FINISHING)
+        if self._offer is not None and (self.calibration.working or state is SessionState.RUNNING):
+            self.notices.dismiss(self._offer)
+            self._offer = None
         read = sum(r.elongation_mm is not None for r in self.readings.latest().values()) if ended else 0
         if read:
-            self.notices.say(
+            self._offer = self.notices.say(
                 Level.INFORMATION,
                 f"the run is finished, {count(read, 'plateau')} read",
                 "Next: fit and look at it.",

@@ -1,0 +1,122 @@
+"""The shadow's pane and its monitor: what is drawn, what is said, which cycles are watched."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+
+from boat_daq.engine.session import Phase, Progress, StepMark
+from boat_daq.viewmodels.formatting import number
+from boat_daq.viewmodels.live import Elongation
+from boat_daq.viewmodels.overlay import OverlayModel
+from boat_daq.viewmodels.shadow_live import LEVELS, ShadowLive, load_model
+from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
+from boat_daq.viewmodels.work import Bench
+from tests.gui.recorded_session import connected, filled_ring
+
+MV_PER_MM = 40.0
+
+
+class Straight:
+    """A conversion with one slope: what it gives is known beforehand."""
+
+    def __call__(self, signal_mv):
+        mm = (signal_mv[:, 0] - 1652.0) / MV_PER_MM
+        return Elongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
+
+    def each(self, signal_mv):
+        return np.column_stack([self(signal_mv).mm, self(signal_mv).mm])
+
+
+@pytest.fixture(scope="module")
+def ring():
+    return filled_ring(200.0)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+def pane_on(ring, model, inverse):
+    pane = ShadowLive(lambda: ring, lambda: inverse, Bench())
+    pane.model = model
+    return pane
+
+
+def test_the_picture_stands_at_the_measured_elongation(ring, model):
+    """The drawn tip is at the rest length plus the measured elongation; both halves are there; colours are in range."""
+    pane = pane_on(ring, model, Straight())
+    pressure, measured, expanded = pane.now()
+    picture = pane.picture()
+    assert picture.corners[..., 1].max() == pytest.approx(75.0 + measured, abs=1e-4)  # the reduced model's own error
+    assert picture.corners[..., 0].min() == pytest.approx(-picture.corners[..., 0].max())
+    assert picture.levels.min() >= 0
+    assert picture.levels.max() < LEVELS
+    assert picture.tracked.shape == (14, 2)
+    assert expanded == pytest.approx(0.3)
+    nominal = float(model.table.nominal_elongation(np.array(pressure))[0])
+    said = {name: value for name, value, _ in picture.lines}
+    assert said["Nominal"] == f"{number(nominal, 2, sign=True)} mm"
+
+
+def test_without_a_calibration_the_nominal_actuator_is_drawn(ring, model):
+    """Nothing is claimed to be measured."""
+    picture = pane_on(ring, model, None).picture()
+    assert np.isnan(picture.measured_mm)
+    assert picture.lines[0][1] == "not calibrated: nominal drawn"
+    assert picture.corners[..., 1].max() == pytest.approx(75.0 + picture.nominal_mm, abs=0.02)
+
+
+def test_a_state_outside_the_table_is_said(ring, model):
+    """No full solution is made in a frame; the pane says that it cannot show this."""
+
+    def absurd(signal_mv):
+        n = len(signal_mv)
+        return Elongation(np.full(n, 40.0), np.full(n, 0.3), np.zeros(n, bool))
+
+    picture = pane_on(ring, model, absurd).picture()
+    assert picture.corners.size == 0
+    assert picture.lines[-1] == ("Shadow", "outside the model's table", "")
+
+
+def test_before_the_model_has_come_the_outline_is_drawn(ring):
+    """The pane never waits."""
+    picture = pane_on(ring, None, Straight()).picture()
+    assert picture.corners.size == 0
+    assert picture.rest.shape == (4, 2)
+
+
+def test_the_nominal_curve_rises_inside_its_band(model, ring):
+    """Elongation grows with pressure, and the curve lies in its band."""
+    pressure, mm, low, high = pane_on(ring, model, None).nominal_curve()
+    assert pressure.size > 50
+    assert np.all(np.diff(mm) > 0)
+    assert np.all((low <= mm) & (mm <= high))
+
+
+def test_each_whole_cycle_is_watched_once(ring, model):
+    """Ended cycles are handed over once; the cycle under way is not; a new recording begins anew."""
+    marks = tuple(
+        StepMark(i, i, "unloading", 0.0, 10.0, int(36e6 * i), ended_us=int(36e6 * (i + 1)) if i < 4 else None)
+        for i in range(1, 5)
+    )
+    overlay = OverlayModel(lambda: ring, lambda: marks, lambda time_us: time_us / 1e6)
+    monitor = ShadowMonitor(lambda: model, overlay, lambda: ring)
+    progress = Progress("repeatability", 9, 200, 4, 100, 3, (), "loading", Phase.RAMPING, 50.0, 1.0, 90.0, 900.0)
+    snapshot = dataclasses.replace(connected(), progress=progress, recording="a.boat")
+    for _ in range(3):
+        monitor.follow(snapshot, Straight())
+    end = time.monotonic() + 30
+    while len(monitor.marks) < 3 and time.monotonic() < end:
+        assert monitor.poll() == []
+        time.sleep(0.02)
+    cycles, deviation = monitor.deviations()
+    assert cycles.tolist() == [1.0, 2.0, 3.0]
+    assert np.ptp(deviation) < 0.05
+    monitor.follow(dataclasses.replace(snapshot, recording="b.boat", progress=None), Straight())
+    assert monitor.deviations()[0].size == 0
+    monitor.close()

@@ -54,7 +54,7 @@ def demo(
     content = analysis.to_json() | {"truth": truth_json(truth), "comparison": rows, "recording": str(run)}
     if not no_report:
         content["shadow"] = beside_the_shadow(analysis)
-        content["report"] = str(write_report(run))
+        content["reports"] = write_reports(analysis, run)
     if as_json:
         emit_json(content)
         return
@@ -62,7 +62,7 @@ def demo(
     say(f"recording: {run}")
     if not no_report:
         say(f"shadow: measured tip within {content['shadow']['largest_deviation_mm']:.2f} mm of the nominal model")
-        say(f"report: {content['report']}")
+        say(f"reports: {', '.join(str(path) for path in content['reports'])}")
 
 
 def has_screen() -> bool:
@@ -140,10 +140,13 @@ def beside_the_shadow(analysis: Analysis) -> dict[str, float]:
     }
 
 
-def write_report(run: Path) -> Path:
-    """Write the calibration report beside the recording."""
-    from analysis.report import write_report as write
+def write_reports(analysis: Analysis, run: Path) -> list[Path]:
+    """Write the calibration report beside the recording, to print and to look at."""
+    from analysis.reporting import write_report
 
-    path = run.with_suffix(".pdf")
-    write([run], path)
-    return path
+    paths = [run.with_suffix(suffix) for suffix in (".pdf", ".html")]
+    with progress_bar("writing the report") as advance:
+        for number, path in enumerate(paths):
+            write_report([analysis], path)
+            advance(number + 1, len(paths))
+    return paths

@@ -79,7 +79,7 @@ class Core:
         return described if replayed is None else {**described, **{key: replayed[key] for key in _OF_THE_BOARD}}
 
     def attach(self, port: OpenPort) -> None:
-        """Begin to read a port that has just been opened."""
+        """Begin to read a port that has just been opened; the reading of a replay is begun by the keeper."""
         acquisition = Acquisition(port.transport, port.link)
         health = LinkHealth(lambda: acquisition.statistics, asked_hz=self.control.rate_hz, lag_ms=self._lag_ms)
         acquisition.add_sink(health)
@@ -91,7 +91,8 @@ class Core:
             dialogue = self.control.dialogue
             dialogue.can_command, dialogue.can_write = port.can_command, port.transport.can_write
             dialogue.whole_contract = port.profile is None
-            acquisition.start()
+            if port.replayed is None:
+                acquisition.start()
             self.control.link_opened(time.monotonic_ns())
             if port.replayed is not None:
                 self._listen(port.replayed)

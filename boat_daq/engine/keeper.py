@@ -116,6 +116,16 @@ class Keeper:
             self._fail(error.cause, error.remedy)
             return
         self._core.attach(port)
+        if port.replayed is not None:
+            self._play()
+
+    def _play(self) -> None:
+        """Let a replay begin: it waits for no START, so what was asked for is done before its first byte."""
+        if self._greeted is not None:
+            self._greet()
+        if self._core.acquisition is not None:  # it is gone where that failed
+            self.state = LinkState.UP
+            self._core.acquisition.start()
 
     def _watch_opening(self) -> None:
         """Wait for the board to show itself, but not for ever."""

@@ -379,6 +379,24 @@ def test_a_recording_replayed_is_read_only(session: Session, tmp_path: Path) -> 
     assert last is not None and last.time_s == pytest.approx(newest / 1e6)
 
 
+@pytest.mark.parametrize("speed", ["20", "max"])
+def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, tmp_path: Path, speed: str) -> None:
+    """However fast it plays, and over before anyone looked: every sample is in the new file, and it is no failure."""
+    path, again = tmp_path / "a.boat", tmp_path / "b.boat"
+    with serve(BoardSettings(speed=20.0)) as board:
+        session.connect(board.url, record_to=path)
+        session.wait_connected()
+        session.wait(lambda s: s.recorded_s > 5.0, 10)
+        session.disconnect()
+        session.wait(lambda s: s.link is LinkState.CLOSED, 10)
+    session.connect(f"replay:{path}@{speed}", record_to=again)
+    assert session.wait_connected().link in (LinkState.UP, LinkState.CLOSED)
+    assert session.wait(lambda s: s.link is LinkState.CLOSED, 10).link_error is None
+    query = "SELECT sum(n) FROM block"
+    assert read(again, query) == read(path, query)
+    assert meta(again)["stop_reason"] == "finished"
+
+
 def test_the_disk_that_fails_stops_the_run(session: Session, tmp_path: Path) -> None:
     """The recorder cannot write: the run is aborted and vented, and the reason said."""
     with serve(BoardSettings(speed=5.0)) as board:

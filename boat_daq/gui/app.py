@@ -16,6 +16,9 @@ from boat_daq.gui.main_window import MainWindow
 from boat_daq.viewmodels.desk import Desk
 
 
+INTERRUPTED = 130  # a shell's code for Ctrl-C
+
+
 def make_application() -> QApplication:
     """Return the one application with the program's font and base style."""
     app = QApplication.instance()
@@ -51,5 +54,12 @@ def run(port: str | None = None, *, board: bool = False, speed: float = 1.0) -> 
         window.desk.start_virtual_board(speed=speed)
     elif port:
         window.desk.notices.attempt(lambda: window.desk.connection.connect(port))
-    signal.signal(signal.SIGINT, lambda *_: window.close())
-    return app.exec()
+    interrupted = []
+
+    def stop(*_: object) -> None:
+        interrupted.append(True)
+        window.close()  # vents, and closes the recording
+
+    signal.signal(signal.SIGINT, stop)  # heard between two ticks of the window's timers
+    code = app.exec()
+    return INTERRUPTED if interrupted else code

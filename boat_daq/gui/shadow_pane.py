@@ -34,9 +34,10 @@ class ShadowView(QWidget):
         self.scale_words = ("0", "")
 
     def show_picture(self, picture: ShadowPicture) -> None:
-        """Draw another picture."""
-        self.picture = picture
-        self.update()
+        """Draw another picture; the same one costs nothing."""
+        if picture is not self.picture:
+            self.picture = picture
+            self.update()
 
     def _transform(self) -> QTransform:
         """Return the way from (x, z) mm to pixels."""

@@ -31,6 +31,7 @@ SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # ful
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S = 60.0
+SEEN_KPA, SEEN_MM = 0.1, 0.02  # steps of pressure and elongation that change what is drawn or said
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,7 @@ class ShadowLive:
         self.quantity = "displacement"
         self.show_cost = False
         self.problem = ""
+        self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
 
     # ---- loading -------------------------------------------------------------------------------------------------
 
@@ -138,8 +140,17 @@ class ShadowLive:
         return pressure, float(found.mm[0]), float(found.expanded_mm[0])
 
     def picture(self) -> ShadowPicture:
-        """Return the picture of this instant."""
+        """Return the picture of this instant; the same object while nothing has moved that could be seen."""
         pressure, measured, expanded = self.now()
+        seen = (
+            _step(pressure, SEEN_KPA), _step(measured, SEEN_MM), _step(expanded, SEEN_MM),
+            self.model is not None, self.quantity, self.show_cost, self.problem,
+        )  # fmt: skip
+        if self._last is None or self._last[0] != seen:
+            self._last = (seen, self._draw(pressure, measured, expanded))
+        return self._last[1]
+
+    def _draw(self, pressure: float, measured: float, expanded: float) -> ShadowPicture:
         state = self._state(pressure, measured)
         if state is None or self.model is None:
             why = self.problem or ("preparing \u2026" if self.model is None else "outside the model's table")
@@ -188,6 +199,11 @@ class ShadowLive:
         if self.show_cost:
             lines.append(("Cost of a frame", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
         return tuple(lines)
+
+
+def _step(value: float, step: float) -> int | None:
+    """Return the number of the step that `value` is on; None where it is unknown."""
+    return round(value / step) if math.isfinite(value) else None
 
 
 def _measured_lines(pressure: float, measured: float) -> tuple[tuple[str, str, str], ...]:

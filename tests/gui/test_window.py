@@ -7,9 +7,18 @@ from collections import Counter
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QKeySequence, QPixmap
+from PySide6.QtGui import QGuiApplication, QKeySequence, QPixmap
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractButton, QAbstractSpinBox, QApplication, QComboBox, QDialog, QLineEdit, QWidget
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSpinBox,
+    QApplication,
+    QComboBox,
+    QDialog,
+    QFileDialog,
+    QLineEdit,
+    QWidget,
+)
 
 from boat_daq.engine.session import Message, ReadingRequest, SessionState, StepMark
 from boat_daq.errors import OperatorError
@@ -300,3 +309,61 @@ def test_the_end_of_a_run_offers_the_next_step(make):
     assert window.page == "Calibrate"
     window.refresh()
     assert "Nothing has been recorded yet" in window.strip.text.text()
+
+
+def test_a_file_dialog_does_not_stop_the_window(live, tmp_path):
+    """Saving asks beside the window, not over it; the folder is remembered; what was saved is said."""
+    live.refresh()
+    live.draw()
+    live.save_plot(live.live.plots, "csv")
+    dialog = next(d for d in live.findChildren(QFileDialog))
+    assert not dialog.isModal()
+    dialog.fileSelected.emit(str(tmp_path / "shown.csv"))
+    live.refresh()
+    assert (tmp_path / "shown.csv").stat().st_size > 1000
+    assert live.desk.preferences.get("folder") == str(tmp_path)
+    assert live.strip.text.text() == "Saved shown.csv."
+
+
+def test_the_last_cycles_lie_over_each_other(make):
+    """O shows the cycles of the run from their beginnings, and O again the plots."""
+    session = RecordedSession(connected(), filled_ring(120.0))
+    session.marks = tuple(
+        StepMark(i, i, "unloading", 0.0, 10.0, int(36e6 * i), ended_us=int(36e6 * (i + 1))) for i in (1, 2)
+    )
+    window = make(session)
+    window.live.toggle_overlay()
+    window.refresh()
+    assert window.live.overlay.isVisible()
+    assert window.live.overlay.readout.text() == "2 of the last 5 cycles"
+    assert window.live.overlay.curves[0][-1].x.size > 100
+    window.live.toggle_overlay()
+    window.refresh()
+    assert window.live.plots.isVisible()
+
+
+def test_both_signals_on_one_axis(live):
+    """T puts the second signal into the first plot and takes its own plot away; T again parts them."""
+    live.draw()
+    rows = len(live.live.plots.rows)
+    live.live.toggle_together()
+    live.draw()
+    assert len(live.live.plots.rows) == rows - 1
+    assert live.live.plots.s2_with.x.size > 100
+    live.live.toggle_together()
+    assert len(live.live.plots.rows) == rows
+
+
+def test_a_table_pastes_from_a_spreadsheet(make):
+    """Ctrl+V in the table enters the clipboard's column from the selected plateau on."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = tuple(StepMark(i, 1, "unloading", 50.0 - 10 * i, 10.0, i) for i in range(1, 5))
+    window = make(session)
+    window.live.show_readings()
+    window.refresh()
+    window.live.table.view.selectRow(1)
+    QGuiApplication.clipboard().setText("3.0\n2.5\n")
+    QTest.keyClick(window.live.table.view, Qt.Key.Key_V, Qt.KeyboardModifier.ControlModifier)
+    assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(2, 3.0), (3, 2.5)]
+    window.refresh()
+    assert window.live.table.count.text() == "2 of 4 plateaus read"

@@ -57,7 +57,7 @@ def emit_json(value: Any) -> None:
 
 def say(text: str) -> None:
     """Print a message for the reader on standard error."""
-    err.print(text, highlight=False, markup=False)
+    err.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 @contextmanager

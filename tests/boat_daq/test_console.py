@@ -1,0 +1,14 @@
+"""How the commands speak: messages keep their lines."""
+
+from __future__ import annotations
+
+import pytest
+
+from boat_daq.commands import console
+
+
+def test_a_long_message_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """A cause of 200 characters is one line for whoever reads standard error by lines; no word or path is broken."""
+    text = "error: " + "/a-folder/of-a-long-name" * 8 + " cannot be written"
+    console.say(text)
+    assert capsys.readouterr().err == text + "\n"

@@ -142,6 +142,7 @@ def test_ledgers_close_on_random_scenes(scene: tuple[np.ndarray, Waveguide, Desi
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(3600)
 @given(scenes())
 @settings(max_examples=10_000, deadline=None, suppress_health_check=list(HealthCheck))
 def test_ledgers_close_on_ten_thousand_scenes(scene: tuple[np.ndarray, Waveguide, Design, Light]) -> None:
@@ -150,6 +151,7 @@ def test_ledgers_close_on_ten_thousand_scenes(scene: tuple[np.ndarray, Waveguide
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(3600)
 @given(scenes())
 @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
 def test_the_second_tracer_agrees_on_random_scenes(scene: tuple[np.ndarray, Waveguide, Design, Light]) -> None:

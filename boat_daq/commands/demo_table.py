@@ -54,8 +54,8 @@ def comparison(analysis: Analysis, truth: Truth) -> list[dict[str, Any]]:
         for key, label, value in (
             ("sensitivity_mv_per_mm", "sensitivity", true.sensitivity_mv_per_mm),
             ("fso_mv", "full-scale output", true.fso_mv),
-            ("sensor_hysteresis_percent_fso", "hysteresis, sensor", true.sensor_hysteresis_percent_fso),
-            ("system_hysteresis_percent_fso", "hysteresis, system", true.system_hysteresis_percent_fso),
+            ("sensor_hysteresis_percent_fso", "sensor hysteresis", true.sensor_hysteresis_percent_fso),
+            ("system_hysteresis_percent_fso", "system hysteresis", true.system_hysteresis_percent_fso),
             ("snr_db", "SNR", true.snr_db),
             ("noise_mv", "noise, rms", true.noise_mv),
         ):
@@ -73,8 +73,8 @@ def print_comparison(rows: list[dict[str, Any]]) -> None:
     from rich.table import Table
 
     table = Table(title="SIMULATED: measured on the virtual board, beside its own truth", box=None, pad_edge=False)
-    for name in ("figure", "measured", "95 % interval", "truth", "difference", "unit"):
-        table.add_column(name, justify="left" if name in ("figure", "unit") else "right")
+    for name in ("figure", "measured", "95 % interval", "truth", "off by", "unit"):
+        table.add_column(name, justify="left" if name in ("figure", "unit") else "right", no_wrap=True)
     for row in rows:
         table.add_row(row["figure"], *cells(row), row["unit"])
     out.print(table)

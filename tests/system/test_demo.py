@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # |measured - truth|, by the end of the figure's name
 BOUNDS = {
     "b0": 1.0,  # mV
-    "hysteresis, sensor": 0.5,  # % FSO
-    "hysteresis, system": 0.5,
+    "sensor hysteresis": 0.5,  # % FSO
+    "system hysteresis": 0.5,
     "SNR": 0.5,  # dB
 }
 SENSITIVITY = 0.01  # of the truth

@@ -32,9 +32,8 @@ def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict
     """Return one row for each sensor of a run, or one row with the reason why there is none."""
     from analysis.pipeline import analyse  # a worker imports what it needs, the caller of a batch does not wait
 
-    readings = path.with_suffix("").with_name(path.stem + ELONGATION)
     try:
-        analysis = analyse(path, readings if readings.is_file() else None, seed=seed, mcmc=mcmc)
+        analysis = analyse(path, readings_beside(path), seed=seed, mcmc=mcmc)
     except Exception as error:
         cause = getattr(error, "cause", None)
         if cause is None:
@@ -84,7 +83,7 @@ def batch(
     ------
     FileError : the folder is not there. RequestError : no run in it, or Dask is not installed.
     """
-    files = _files(runs)
+    files = runs_in(runs)
     task = partial(summarise_run, seed=seed, mcmc=mcmc)
     rows: list[dict[str, Any]] = []
     for done, found in enumerate(_mapped(task, files, workers or os.cpu_count() or 1, scheduler), 1):
@@ -113,7 +112,19 @@ def write_table(table: pd.DataFrame, path: str | Path) -> None:
         raise FileError(f"{path} cannot be written: {error.strerror or error}", "Choose another folder.") from error
 
 
-def _files(runs: str | Path | Sequence[str | Path]) -> list[Path]:
+def readings_beside(run: Path) -> Path | None:
+    """Return the elongations that lie beside a run as NAME.elongation.csv, None where there are none."""
+    readings = run.with_name(run.stem + ELONGATION)
+    return readings if readings.is_file() else None
+
+
+def runs_in(runs: str | Path | Sequence[str | Path]) -> list[Path]:
+    """Return the runs of a folder in order of their names, or the files given.
+
+    Raises
+    ------
+    FileError : the folder is not there. RequestError : no run in it.
+    """
     if not isinstance(runs, str | Path):
         return [Path(run) for run in runs]
     folder = Path(runs)

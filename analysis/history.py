@@ -11,12 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from analysis.batch import Progress, readings_beside, runs_in
 from analysis.calibration import Calibration
-from analysis.errors import DataError
-from analysis.pipeline import Analysis
+from analysis.comparison import unit_of
+from analysis.errors import AnalysisError, DataError
+from analysis.pipeline import Analysis, analyse
 from analysis.recording import FloatArray
 
 MOVING_RANGE_TO_SD = 1.128
@@ -52,6 +56,72 @@ class History:
         """Positions outside the control limits."""
         outside = (self.value_mv < self.lower_mv) | (self.value_mv > self.upper_mv)
         return tuple(int(i) for i in np.flatnonzero(outside))
+
+    @property
+    def drift_per_calibration(self) -> FloatArray:
+        """Least-squares slope of each coefficient over the calibrations, [degree + 1]; NaN below two."""
+        order = np.arange(len(self.when)) - (len(self.when) - 1) / 2
+        with np.errstate(invalid="ignore"):
+            return np.asarray(order @ self.coefficients / np.float64(order @ order), dtype=np.float64)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the history as `history --json` reports it."""
+        outside = set(self.out_of_control)
+        rows = zip(self.when, self.coefficients, self.std_errors, self.value_mv, self.expanded_mv, self.en, strict=True)
+        return {
+            "name": self.sensor,
+            "check_point_mm": self.check_point_mm,
+            "centre_mv": self.centre_mv,
+            "lower_mv": self.lower_mv,
+            "upper_mv": self.upper_mv,
+            "drift_per_calibration": self.drift_per_calibration.tolist(),
+            "calibrations": [
+                {
+                    "started_utc": when, "coefficients": b.tolist(), "std_errors": u.tolist(), "value_mv": float(v),
+                    "expanded_mv": float(expanded), "en": float(e), "in_control": k not in outside,
+                }
+                for k, (when, b, u, v, expanded, e) in enumerate(rows)
+            ],
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrations:
+    """The calibrations of one unit that a folder holds, and why its other runs are none."""
+
+    analyses: tuple[Analysis, ...]
+    left_out: tuple[dict[str, str], ...]
+
+
+def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: Progress | None = None) -> Calibrations:
+    """Analyse the runs of a folder and keep the calibrations of one unit.
+
+    Raises
+    ------
+    FileError, RequestError : no folder, or no run in it. DataError : no calibration of that unit among them.
+    """
+    files = runs_in(folder)
+    kept: list[Analysis] = []
+    left_out: list[dict[str, str]] = []
+    units: set[str] = set()
+    for done, path in enumerate(files, 1):
+        try:
+            analysis = analyse(path, readings_beside(path), seed=seed, mcmc=False)
+        except AnalysisError as error:
+            left_out.append({"run": path.name, "reason": error.cause})
+            continue
+        units.add(unit_of(analysis))
+        if unit_of(analysis) == unit:
+            if analysis.kind == "calibration":
+                kept.append(analysis)
+            else:
+                left_out.append({"run": path.name, "reason": analysis.sensors[0].calibration_void})
+        if progress is not None:
+            progress(done, len(files))
+    if not kept:
+        known = ", ".join(sorted(filter(None, units))) or "none"
+        raise DataError(f"{folder} holds no calibration of unit {unit!r}", f"Units found: {known}.")
+    return Calibrations(tuple(kept), tuple(left_out))
 
 
 def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: float = 0.0) -> History:

@@ -16,14 +16,15 @@ from boat_daq.commands.analyze import analyze
 from boat_daq.commands.batch import batch
 from boat_daq.commands.export import export
 from boat_daq.commands.fit import fit
+from boat_daq.commands.history import history
 from boat_daq.commands.importing import import_csv
 from boat_daq.commands.report import report
-from tests.analysis.boat_builder import Plant, Staircase, write_boat
+from tests.analysis.boat_builder import PAPER, Plant, Staircase, write_boat
 from tests.analysis.test_calibration import certified, digits
 
 app = typer.Typer()
 for name, command in {
-    "analyze": analyze, "batch": batch, "export": export, "fit": fit, "import": import_csv, "report": report,
+    "analyze": analyze, "batch": batch, "export": export, "fit": fit, "history": history, "import": import_csv, "report": report,
 }.items():  # fmt: skip
     app.command(name)(command)
 FIT_KEYS = {
@@ -108,3 +109,26 @@ def test_a_wrong_option_is_a_usage_error(arguments: tuple[str, ...]) -> None:
     with pytest.raises(SystemExit) as usage:
         run(*arguments)
     assert usage.value.code == 2
+
+
+def test_history_charts_a_unit_and_names_what_it_left_out(tmp_path: Path) -> None:
+    """Two calibrations in order of time; En is their difference over its U; drift is the step; a bad file is named."""
+    for day, offset in ((2, 1.0), (1, 0.0)):
+        cubics = tuple((c[0] + offset, *c[1:]) for c in PAPER)
+        plan = Staircase(Plant(cubics=cubics, loop_mm=0.25, seed=day), cycles=2)
+        plan.elongations().to_csv(tmp_path / f"run{day}.elongation.csv", index=False)
+        meta = {"uuid": str(day), "started_utc": f"2026-01-0{day}T00:00:00+00:00"}
+        write_boat(tmp_path / f"run{day}.boat", plan.recording(), meta=meta)
+    (tmp_path / "bad.csv").write_text("no numbers\n")
+    found = run("history", tmp_path, "--unit", "SA1")
+    first, second = found["sensors"][0]["calibrations"]
+    assert (first["started_utc"][:10], second["started_utc"][:10]) == ("2026-01-01", "2026-01-02")
+    step = second["value_mv"] - first["value_mv"]
+    assert step == pytest.approx(1.0, abs=0.6)
+    assert second["en"] == pytest.approx(step / np.hypot(first["expanded_mv"], second["expanded_mv"]))
+    drift = second["coefficients"][0] - first["coefficients"][0]
+    assert found["sensors"][0]["drift_per_calibration"][0] == pytest.approx(drift)
+    assert first["en"] is None
+    assert found["left_out"][0]["run"] == "bad.csv"
+    with pytest.raises(AnalysisError, match="no calibration of unit 'SB9'"):
+        run("history", tmp_path, "--unit", "SB9")

@@ -22,13 +22,18 @@ Cavities = Annotated[int, typer.Option(help="Cavities in each guide, 0 for a pla
 Width = Annotated[float, typer.Option(help="Width of a cavity, mm.")]
 Depth = Annotated[float, typer.Option(help="Depth of a cavity, mm.")]
 Spacing = Annotated[float, typer.Option(help="Spacing between cavities, mm.")]
-State = Annotated[int | None, typer.Option(help="Deformation state, 0 = most compressed .. 14 = most elongated; "
-                                                "default 7 (rest), or the only one of a file.")]
+State = Annotated[
+    int | None,
+    typer.Option(
+        help="Deformation state, 0 = most compressed .. 14 = most elongated; "
+        "default 7 (rest), or the only one of a file."
+    ),
+]
 Rays = Annotated[int, typer.Option(help="Rays released.")]
 Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
 Order = Annotated[str, typer.Option(help="How the budget is spent: time, bounce or index.")]
 Index = Annotated[float, typer.Option(help="Refractive index of the resin.")]
-Curves = Annotated[Path | None, typer.Option(help="CSV of the deformed guides, x and z in mm.")]
+Curves = Annotated[Path | None, typer.Option(help="CSV of the deformed guides, x and z in mm; or the word shadow.")]
 Thickness = Annotated[float, typer.Option(help="Thickness of the guides, mm.")]
 Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/cm.")]
 Face = Annotated[str, typer.Option(help="Which face carries the cavities: outer or inner.")]
@@ -37,11 +42,20 @@ Receiver = Annotated[float | None, typer.Option(help="Width of the receiver, mm;
 Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]
 
 
+SHADOW = "shadow"  # in place of a file: the guides of the digital shadow's own fifteen states
+
+
 def _curves(path: Path | None) -> Floats:
     from analysis.optics.curve_file import read_curves
     from analysis.optics.curves import default_curves
 
-    return default_curves() if path is None else read_curves(path)
+    if path is None:
+        return default_curves()
+    if str(path) != SHADOW:
+        return read_curves(path)
+    from analysis.shadow.states import guide_states
+
+    return guide_states().curves_mm
 
 
 def _frame(curves: Floats, state: int | None, guide: Waveguide) -> tuple[Frame, int]:
@@ -80,17 +94,36 @@ def _guide(index: float, thickness: float, attenuation: float, receiver: float |
 
 
 def _described(design: Design, state: int) -> dict[str, Any]:
-    return {"cavities": design.cavities, "width_mm": design.width_mm, "depth_mm": design.depth_mm,
-            "spacing_mm": design.spacing_mm, "face": design.face, "state": state}
+    return {
+        "cavities": design.cavities,
+        "width_mm": design.width_mm,
+        "depth_mm": design.depth_mm,
+        "spacing_mm": design.spacing_mm,
+        "face": design.face,
+        "state": state,
+    }
 
 
 @app.command()
-def trace(cavities: Cavities = 5, width: Width = 1.0, depth: Depth = 0.5, spacing: Spacing = 0.9, state: State = None,
-          rays: Rays = 250, secondary: Secondary = 100, order: Order = "time", index: Index = 1.50,
-          curves: Curves = None, thickness: Thickness = 2.0, attenuation: Attenuation = 0.0, face: Face = "outer",
-          emission: Emission = "uniform", receiver: Receiver = None,
-          out: Annotated[Path | None, typer.Option(help="Write a picture of the rays: PNG or SVG.")] = None,
-          json: JsonOption = False) -> None:
+def trace(
+    cavities: Cavities = 5,
+    width: Width = 1.0,
+    depth: Depth = 0.5,
+    spacing: Spacing = 0.9,
+    state: State = None,
+    rays: Rays = 250,
+    secondary: Secondary = 100,
+    order: Order = "time",
+    index: Index = 1.50,
+    curves: Curves = None,
+    thickness: Thickness = 2.0,
+    attenuation: Attenuation = 0.0,
+    face: Face = "outer",
+    emission: Emission = "uniform",
+    receiver: Receiver = None,
+    out: Annotated[Path | None, typer.Option(help="Write a picture of the rays: PNG or SVG.")] = None,
+    json: JsonOption = False,
+) -> None:
     """Trace one design in one state: detected rays, power, ledger.
 
     Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
@@ -106,25 +139,49 @@ def trace(cavities: Cavities = 5, width: Width = 1.0, depth: Depth = 0.5, spacin
 
         save(draw_scene(frame, design, guide, light), out)
         say(f"wrote {out}")
-    result = {**_described(design, number), "rays": rays, "ndr": outcome.ndr, "power": outcome.power,
-              "ledger": outcome.ledger, "hits": outcome.hits, "ndr_sd": outcome.ndr_sd, "energy": outcome.energy,
-              "secondaries": {"followed": outcome.granted, "refused": outcome.refused}, "order": order, "index": index}
+    result = {
+        **_described(design, number),
+        "rays": rays,
+        "ndr": outcome.ndr,
+        "power": outcome.power,
+        "ledger": outcome.ledger,
+        "hits": outcome.hits,
+        "ndr_sd": outcome.ndr_sd,
+        "energy": outcome.energy,
+        "secondaries": {"followed": outcome.granted, "refused": outcome.refused},
+        "order": order,
+        "index": index,
+    }
     if json:
         emit_json(result)
         return
-    typer.echo(f"state {number}: NDR {outcome.ndr:.1f} +- {outcome.ndr_sd:.1f} of 250, power {outcome.power:.4f}, "
-               f"{outcome.hits} hits")
+    typer.echo(
+        f"state {number}: NDR {outcome.ndr:.1f} +- {outcome.ndr_sd:.1f} of 250, power {outcome.power:.4f}, "
+        f"{outcome.hits} hits"
+    )
     typer.echo("rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()))
     typer.echo("power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()))
 
 
 @app.command()
-def scene(cavities: Cavities = 5, width: Width = 1.0, depth: Depth = 0.5, spacing: Spacing = 0.9, state: State = None,
-          rays: Rays = 250, secondary: Secondary = 100, order: Order = "time", index: Index = 1.50,
-          curves: Curves = None, thickness: Thickness = 2.0, face: Face = "outer", emission: Emission = "uniform",
-          receiver: Receiver = None,
-          out: Annotated[Path | None, typer.Option(help="File to write; default scene.json.")] = None,
-          json: JsonOption = False) -> None:
+def scene(
+    cavities: Cavities = 5,
+    width: Width = 1.0,
+    depth: Depth = 0.5,
+    spacing: Spacing = 0.9,
+    state: State = None,
+    rays: Rays = 250,
+    secondary: Secondary = 100,
+    order: Order = "time",
+    index: Index = 1.50,
+    curves: Curves = None,
+    thickness: Thickness = 2.0,
+    face: Face = "outer",
+    emission: Emission = "uniform",
+    receiver: Receiver = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; default scene.json.")] = None,
+    json: JsonOption = False,
+) -> None:
     """Write one design in one state as a scene of the 2D simulator 'ray-optics' (JSON, version 5).
 
     With --json the scene itself goes to standard output. With --secondary 0 its glass does not reflect at a
@@ -200,12 +257,18 @@ def sweep(
 
 
 @app.command()
-def optimise(rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 500,
-             seconds: Annotated[float, typer.Option(help="Time allowed, s.")] = 50.0,
-             index: Index = 1.50, curves: Curves = None, thickness: Thickness = 2.0, face: Face = "outer",
-             attenuation: Attenuation = 0.0, seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
-             out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
-             json: JsonOption = False) -> None:
+def optimise(
+    rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 500,
+    seconds: Annotated[float, typer.Option(help="Time allowed, s.")] = 50.0,
+    index: Index = 1.50,
+    curves: Curves = None,
+    thickness: Thickness = 2.0,
+    face: Face = "outer",
+    attenuation: Attenuation = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
+    json: JsonOption = False,
+) -> None:
     """Search width, depth, spacing, count and face continuously, from the grid's best, on converged power.
 
     Example: boat-daq optics optimise --seconds 50
@@ -217,8 +280,15 @@ def optimise(rays: Annotated[int, typer.Option(help="Rays of each evaluation.")]
 
     _light(rays, 0, "time", "uniform")
     with progress_bar("search") as advance:
-        found = search(_guide(index, thickness, attenuation, None), _curves(curves), rays=rays, seconds=seconds,
-                       first_face=_design(5, 1.0, 0.5, 0.9, face).face, seed=seed, progress=advance)
+        found = search(
+            _guide(index, thickness, attenuation, None),
+            _curves(curves),
+            rays=rays,
+            seconds=seconds,
+            first_face=_design(5, 1.0, 0.5, 0.9, face).face,
+            seed=seed,
+            progress=advance,
+        )
     result = optimum_json(found)
     if out is not None:
         _make(out)

@@ -20,6 +20,7 @@ from boat_daq.commands import (
     export,
     fit,
     gui,
+    history,
     importing,
     info,
     optics,
@@ -75,6 +76,7 @@ COMMANDS = (
     analyze.analyze,
     report.report,
     batch.batch,
+    history.history,
     export.export,
     fit.fit,
 )

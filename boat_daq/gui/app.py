@@ -15,7 +15,6 @@ from boat_daq.gui import style
 from boat_daq.gui.main_window import MainWindow
 from boat_daq.viewmodels.desk import Desk
 
-
 INTERRUPTED = 130  # a shell's code for Ctrl-C
 
 

@@ -288,7 +288,10 @@ class LivePage(QWidget):
         elif width < style.NARROW_BELOW:
             pane, figure = style.PANE_WIDTH_NARROW, style.FONT_MEASURED_NARROW
         self.pane.setFixedWidth(pane)
-        self.sequence.picture.setVisible(self.window().height() >= style.LOW_BELOW)
+        self.figures["target"].setVisible(width >= style.NARROW_BELOW)  # the run's line says it too
+        low = self.window().height() < style.LOW_BELOW
+        self.sequence.picture.setVisible(not low)
+        self.plots.shorten(low)
         for value in self.figures.values():
             value.resize_text(figure)
         super().resizeEvent(event)

@@ -69,6 +69,13 @@ class LivePlots(PlotCard):
         self.show_only(rows)
         self.paint_theme(self.theme)
 
+    def shorten(self, short: bool) -> None:
+        """Put only the units beside the vertical axes, or their titles again."""
+        if short != self.first.short:
+            for plot in self.plots:
+                plot.short = short
+            self.paint_theme(self.theme)
+
     def arrange(self) -> None:
         """Look again at which rows are shown."""
         self._arrange()

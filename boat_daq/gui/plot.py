@@ -135,6 +135,7 @@ class Plot:
         self.x_title, self.x_unit = x_title, x_unit
         self.layers: list[Layer] = []
         self._y_shown = (math.nan, math.nan)
+        self.short = False  # only the unit beside the vertical axis, where there is no room for more
         self._lines: list[tuple[Any, Ink, Qt.PenStyle]] = []
         item.hideButtons()
         item.setMenuEnabled(False)
@@ -253,7 +254,8 @@ class Plot:
 
     def _titles(self, theme: Theme) -> None:
         look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
-        self.item.getAxis("left").setLabel(f"{self.title} ({self.unit})" if self.unit else self.title, **look)
+        words = self.unit if self.short else f"{self.title} ({self.unit})" if self.unit else self.title
+        self.item.getAxis("left").setLabel(words, **look)
         if self.x_title:
             self.item.getAxis("bottom").setLabel(
                 f"{self.x_title} ({self.x_unit})" if self.x_unit else self.x_title, **look

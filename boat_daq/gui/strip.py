@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QSizePolicy, QVBoxLayout, QWidget
 
 from boat_daq.gui import style, widgets
 from boat_daq.viewmodels.desk import Desk
@@ -24,6 +24,7 @@ class Strip(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.mark = widgets.label()
         self.text = widgets.label(name="What needs attention")
+        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons keep their room
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.act = widgets.button("", self._act, name="Do what the message proposes")
         self.more = widgets.button("Details", self._toggle_details, "link")
@@ -48,8 +49,7 @@ class Strip(QWidget):
         line.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         line.setSpacing(style.GAP)
         line.addWidget(self.mark)
-        line.addWidget(self.text)
-        line.addStretch(1)
+        line.addWidget(self.text, 1)
         for widget in (self.behind, self.act, self.more, self.copy, self.close_, self.work, self.bar, self.cancel):
             line.addWidget(widget)
         head = QWidget()

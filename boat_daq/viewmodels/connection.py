@@ -23,6 +23,7 @@ from boat_daq.viewmodels.formatting import NOTHING, number
 from boat_daq.viewmodels.preferences import Preferences
 from boat_daq.viewmodels.profiles import profile_text
 
+LONGEST_PORT = 28
 VIRTUAL_UNITS = ("SA1", "SA2", "SA3")
 
 
@@ -58,8 +59,15 @@ _WORDS = {
 def link_text(snapshot: SessionSnapshot) -> LinkText:
     """Return what the header says of the link."""
     state, shape, word = _WORDS[snapshot.link]
-    who = snapshot.hello.board_id if snapshot.hello else (snapshot.port or "")
+    who = snapshot.hello.board_id if snapshot.hello else short_port(snapshot.port or "")
     return LinkText(state, shape, word, who, _figures(snapshot))
+
+
+def short_port(port: str) -> str:
+    """Return a port as the head has room for it: a replay by its file's name, a long name by its end."""
+    if port.startswith("replay:"):
+        return f"replay of {Path(port.removeprefix('replay:').partition('@')[0]).name}"
+    return port if len(port) <= LONGEST_PORT else f"\u2026{port[-LONGEST_PORT:]}"
 
 
 def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:

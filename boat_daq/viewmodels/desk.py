@@ -35,6 +35,7 @@ from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
 from boat_daq.viewmodels.work import Bench
 
 PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
+DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
 LEVELS = {"info": Level.INFORMATION, "warning": Level.WARNING, "error": Level.FAULT}
 
 
@@ -108,7 +109,7 @@ class Desk:
             if message.number > self._last_message:
                 self._last_message = message.number
                 notice = self.notices.say(LEVELS.get(message.level, Level.WARNING), message.cause, message.remedy)
-                if self.snapshot.link in (LinkState.SILENT, LinkState.LOST):
+                if self.snapshot.link in DOWN:
                     self._link_notices.append(notice)
         if self._link_notices and self.connected():
             for notice in self._link_notices:

@@ -210,7 +210,7 @@ def _measured_lines(pressure: float, measured: float) -> tuple[tuple[str, str, s
     if not math.isfinite(pressure):
         return (("Measured", "nothing yet: drawn at rest", ""),)
     known = math.isfinite(measured)
-    words = f"{number(measured, 2, sign=True)} mm" if known else "not calibrated: nominal drawn"
+    words = f"{number(measured, 2, sign=True)} mm" if known else "no, nominal drawn"
     return (("Measured", words, ""), ("Pressure", f"{number(pressure, 1, sign=True)} kPa", ""))
 
 

@@ -11,6 +11,7 @@ import importlib
 import multiprocessing
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from multiprocessing.connection import Connection
@@ -55,7 +56,8 @@ def _run(pipe: Connection, function: str, args: tuple[Any, ...], kwargs: dict[st
         pipe.send(("done", result))
     except BaseException as error:  # noqa: BLE001 - the other side decides; nothing may be lost on the way
         cause = str(getattr(error, "cause", "")) or f"{type(error).__name__}: {error}"
-        pipe.send(("failed", Failure(cause, str(getattr(error, "remedy", "")), traceback.format_exc())))
+        with suppress(OSError):  # the window is gone: nobody is left to tell
+            pipe.send(("failed", Failure(cause, str(getattr(error, "remedy", "")), traceback.format_exc())))
     finally:
         pipe.close()
 

@@ -314,3 +314,18 @@ def test_a_pasted_rx8_line_becomes_a_profile():
     assert profile_text(" some/profile.toml ") == "some/profile.toml"
     with pytest.raises(OperatorError, match="no sensor"):
         profile_text("RX8 [h=43] @0A [t=00]")
+
+
+@pytest.mark.parametrize(
+    ("port", "text"),
+    [
+        ("COM3", "COM3"),
+        ("replay:/a/b/SA1.boat@20", "replay of SA1.boat"),
+        ("/dev/serial/by-id/" + "x" * 40, "\u2026" + "x" * 28),
+    ],
+)
+def test_a_port_has_room_in_the_head(port, text):
+    """A replay is named by its file, a long path by its end."""
+    from boat_daq.viewmodels.connection import short_port
+
+    assert short_port(port) == text

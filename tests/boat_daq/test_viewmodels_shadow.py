@@ -67,7 +67,7 @@ def test_without_a_calibration_the_nominal_actuator_is_drawn(ring, model):
     """Nothing is claimed to be measured."""
     picture = pane_on(ring, model, None).picture()
     assert np.isnan(picture.measured_mm)
-    assert picture.lines[0][1] == "not calibrated: nominal drawn"
+    assert picture.lines[0][1] == "no, nominal drawn"
     assert picture.corners[..., 1].max() == pytest.approx(75.0 + picture.nominal_mm, abs=0.02)
 
 

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from boat_daq.engine.session import Message, ReadingRequest, SessionState, StepMark
+from boat_daq.engine.session import LinkState, Message, ReadingRequest, SessionState, StepMark
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.plot_card import PlotCard
@@ -367,3 +367,16 @@ def test_a_table_pastes_from_a_spreadsheet(make):
     assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(2, 3.0), (3, 2.5)]
     window.refresh()
     assert window.live.table.count.text() == "2 of 4 plateaus read"
+
+
+def test_what_was_said_of_a_lost_link_leaves_when_it_is_back(make):
+    """A message said while the link was down does not stand over a link that is well."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    session.change(link=LinkState.SILENT, messages=(Message(1, "warning", "no data for 1 s", "Check the cable."),))
+    window.refresh()
+    assert window.strip.text.text() == "No data for 1 s. Check the cable."
+    assert "no data" in window.header.link.text()
+    session.change(link=LinkState.UP)
+    window.refresh()
+    assert window.strip.text.text() == ""

@@ -53,7 +53,9 @@ def elongations_of(
     FileError, DataError : the file cannot be read, or does not fit the plateaus.
     """
     if file is not None:
-        return _from_file(read_elongation_file(file), plateaus, Path(file).name)
+        steps = recording.steps
+        reached = set(steps.loc[steps["status"] == "reached", "id"].tolist())
+        return _from_file(read_elongation_file(file), plateaus, reached, Path(file).name)
     return _from_session(recording, plateaus)
 
 
@@ -106,14 +108,14 @@ def _from_session(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elonga
     return Elongations(values, float(resolution.median()) if len(resolution) else DEFAULT_RESOLUTION_MM, sources)
 
 
-def _from_file(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], name: str) -> Elongations:
+def _from_file(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], name: str) -> Elongations:
     if not plateaus:
         raise DataError("the run has no plateaus, so there is nothing to put the elongations to", "Record a staircase.")
     near = _near(plateaus)
     if {"cycle", "branch"} <= set(frame.columns):
         values = _by_branch(frame, plateaus, near, name)
     else:
-        values = _by_order(frame, plateaus, near, name)
+        values = _by_order(frame, plateaus, reached, near=near, name=name)
     return Elongations(values, DEFAULT_RESOLUTION_MM, name)
 
 
@@ -124,14 +126,20 @@ def _near(plateaus: tuple[Plateau, ...]) -> float:
     return float(min(NEAR_KPA, steps.min() / 3)) if steps.size else NEAR_KPA
 
 
-def _by_order(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], near: float, name: str) -> FloatArray:
-    """Rows in plateau order: of all plateaus, or of those in cycles; equal neighbours in the file are one hold."""
+def _by_order(
+    frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], *, near: float, name: str
+) -> FloatArray:
+    """Rows in plateau order: of all plateaus, of those in cycles, or of the sequencer's steps, as a run that broke off
+    has them; equal neighbours in the file are one hold.
+    """
     everything = list(range(len(plateaus)))
     in_cycles = [i for i in everything if plateaus[i].branch]
     without_start = [i for i in in_cycles if plateaus[i].branch != "start"]
+    of_steps = [i for i in everything if plateaus[i].step is not None]
+    of_reached = [i for i in of_steps if plateaus[i].step in reached]
     misfit = ""
     for rows in (frame, _merged(frame)):
-        for chosen in (everything, in_cycles, without_start):
+        for chosen in (everything, in_cycles, without_start, of_reached, of_steps):
             if len(rows) != len(chosen):
                 continue
             reason = _first_misfit(rows, [plateaus[i] for i in chosen], near)

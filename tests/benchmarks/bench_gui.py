@@ -1,4 +1,4 @@
-"""What a frame of the live page costs, with an hour of history; how soon the window is up; what a byte takes to a pixel."""
+"""What a frame of the live page costs with an hour of history; how soon the window is up; from byte to pixel."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_plain_way(qtbot, tmp_path, capsys):
 
 
 def test_at_rest(qtbot, tmp_path, monkeypatch, capsys):
-    """A minute's window on a board that streams at 100 Hz: share of a core, and from the byte's arrival to the paint."""
+    """A minute's window on a board that streams at 100 Hz: share of a core, and from a byte's arrival to the paint."""
     monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     from boat_daq.gui.app import make_application, make_window

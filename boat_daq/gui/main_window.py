@@ -30,7 +30,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.undo import UndoStack
 from boat_daq.viewmodels.desk import PAGES, Desk
 
-CALM_MS = 100
+CALM_MS = 150
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
 

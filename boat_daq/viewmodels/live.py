@@ -25,7 +25,7 @@ Columns = Mapping[str, Array]
 WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
 HEADLINE_S = 0.2  # a figure is the mean of so much signal, so that it can be read
 MAX_POINTS = 2400  # of one curve in one frame
-PIXELS_A_FRAME = 0.5  # a picture that has moved by less need not be drawn
+PIXELS_A_FRAME = 0.6  # a picture that has moved by less need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
 
 

@@ -18,7 +18,11 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy import stats
 
+from analysis.errors import DataError
 from analysis.polynomial import FloatArray, LeastSquares, least_squares
+
+LARGEST = 1e150  # its square is still a number
+MONOMIAL_ROUNDING = 1e-6  # of the span of y: more is seen in a figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +130,22 @@ class Calibration:
         }
 
 
+def reservations(calibration: Calibration) -> tuple[str, ...]:
+    """Say what a reader of the numbers alone would not see, one sentence each; none where all is well."""
+    said = []
+    if calibration.dof < 1:
+        said.append(f"{calibration.n} points for {calibration.degree + 1} coefficients: no uncertainty can be given")
+    powers = np.vander(calibration.x, calibration.degree + 1, increasing=True)
+    rounding = float(np.abs(powers @ calibration.coefficients - calibration.predict(calibration.x)).max())
+    span = calibration.y_range[1] - calibration.y_range[0]
+    if rounding > MONOMIAL_ROUNDING * span and rounding > 1e-12 * max(np.abs(calibration.y_range)):
+        said.append(
+            f"the coefficients b0, b1, ... give the curve only to {rounding:.2g}: x lies far from zero for its range; "
+            f"fit x - {calibration.fit.basis.centre:g} instead"
+        )
+    return tuple(said)
+
+
 def fit_calibration(
     x: npt.ArrayLike, y: npt.ArrayLike, degree: int = 3, *, standard_uncertainty: npt.ArrayLike | None = None
 ) -> Calibration:
@@ -158,6 +178,8 @@ def fit_calibration(
     if standard_uncertainty is not None:
         with np.errstate(divide="ignore"):
             weights = 1.0 / np.asarray(standard_uncertainty, dtype=np.float64).ravel() ** 2
+    if any(np.abs(v[np.isfinite(v)]).max(initial=0.0) > LARGEST for v in (x, y)):
+        raise DataError(f"a value is larger than {LARGEST:g}: its square has no number", "Give it in a larger unit.")
     fit = least_squares(x, y, degree, weights)
     relative = np.ones_like(y) if weights is None else weights / weights.max()
     squares = float(relative @ fit.residuals**2)

@@ -89,15 +89,21 @@ def compare_degrees(x: FloatArray, y: FloatArray, group: FloatArray | None = Non
         if group is not None and np.unique(group).size > 1:
             prediction = leave_one_out(x, y, group, degree)["prediction_rms"]
         else:  # leaving one point out has a closed form: e / (1 - h)
-            left = np.clip(1.0 - calibration.fit.leverage, 1e-12, None)
-            prediction = float(np.sqrt(np.mean((calibration.residuals / left) ** 2)))
+            left = 1.0 - calibration.fit.leverage
+            carried = calibration.dof > 0 and left.min() > 1e-9  # else the fit needs each point: none can be left out
+            prediction = float(np.sqrt(np.mean((calibration.residuals / left) ** 2))) if carried else float("nan")
         rows.append({"degree": degree, "aicc": aicc(calibration), "prediction_rms": prediction})
     return rows
 
 
-def preferred_degree(rows: list[dict[str, float]]) -> int:
-    """Return the lowest degree whose AICc is within 2 of the best: less is not evidence (Burnham and Anderson)."""
-    best = min(row["aicc"] for row in rows)
+def preferred_degree(rows: list[dict[str, float]]) -> int | None:
+    """Return the lowest degree whose AICc is within 2 of the best: less is not evidence (Burnham and Anderson).
+
+    None where there are too few points to tell.
+    """
+    best = min((row["aicc"] for row in rows), default=float("inf"))
+    if best == float("inf"):
+        return None
     return int(next(row["degree"] for row in rows if row["aicc"] <= best + 2.0 or row["aicc"] == best))
 
 
@@ -105,7 +111,7 @@ def fit_checks(calibration: Calibration, group: FloatArray | None = None) -> dic
     """Return all checks of a calibration; `group` is each point's cycle, where there are cycles."""
     rows = compare_degrees(calibration.x, calibration.y, group)
     content: dict[str, Any] = {"lack_of_fit": lack_of_fit(calibration), "degrees": rows}
-    content["preferred_degree"] = preferred_degree(rows) if rows else None
+    content["preferred_degree"] = preferred_degree(rows)
     if group is not None and np.unique(group).size > 1:
         content["leave_one_cycle_out"] = leave_one_out(calibration.x, calibration.y, group, calibration.degree)
     return content

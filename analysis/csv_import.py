@@ -55,6 +55,7 @@ KNOWN_META = (
     "polarity",
 )
 MAX_SENSORS = 9
+MAX_COUNT = 65535
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +221,7 @@ def _by_hand(table: Table, name: str, text: str) -> Column:
 
 
 def _recognise(title: str) -> str | None:
-    plain = " ".join(title.lower().replace("_", " ").split())
+    plain = " ".join(re.sub(r"[_,;]", " ", title.lower()).split())
     exact = plain.replace(" ", "_")
     if exact in PLAIN or (exact in UNITS and exact != "signal") or COUNTS.match(exact):
         return exact
@@ -238,7 +239,7 @@ def _recognise(title: str) -> str | None:
 
 
 def _unit_of_name(title: str) -> str:
-    tail = re.split(r"[\s_]+", title.strip())[-1]
+    tail = re.split(r"[\s_,;]+", title.strip())[-1]
     units = {u for kind in UNITS.values() for u in kind}
     return tail if tail.lower() in units and tail.lower() != title.strip().lower() else ""
 
@@ -278,13 +279,20 @@ def _missing(mapping: ColumnMap) -> list[str]:
     return missing
 
 
+def _words_in(table: Table, position: int) -> str:
+    first = next((cell for cell in table.text[position] if cell), "")
+    return f"column {table.names[position]!r} holds text like {first[:30]!r}, not numbers"
+
+
 def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None) -> Recording:
     missing = [name for name in _missing(mapping) if name != "time_s" or rate_hz is None]
     if missing:
         listed = ", ".join(f"{i + 1} {name}" for i, name in enumerate(table.names[:20]))
         remedy = "Give --rate HZ" if missing == ["time_s"] else f"Map it by hand: --map {missing[0]}=COLUMN[:UNIT]"
+        words = [_words_in(table, i) for i in table.text if _recognise(table.names[i]) in missing]
         raise RequestError(
-            f"{path.name}: no column was recognised as {', '.join(missing)}", f"{remedy}. Columns: {listed}."
+            "; ".join([f"{path.name}: no column was recognised as {', '.join(missing)}", *words]),
+            f"{remedy}. Columns: {listed}.",
         )
     meta = _meta(table, mapping, path)
     if "time_s" not in mapping.columns:
@@ -298,6 +306,9 @@ def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | No
     repeated = int((~keep).sum())
     if repeated:
         meta["repeated_times"] = repeated
+        meta["import_notes"] = [
+            *meta.get("import_notes", ()), f"{repeated} rows left out: no time, or that of the row before"
+        ]  # fmt: skip
     values = {name: column[keep] for name, column in values.items()}
     signal, lit, dark = _signals(values, meta)
     whole = {name: _integers(values[name]) for name in PLAIN if name in values and np.isfinite(values[name]).all()}
@@ -333,21 +344,40 @@ def _signals(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> tuple[Fl
     counts = all(f"s{i}_lit" in values and f"s{i}_dark" in values for i in numbers)
     lit = np.stack([values[f"s{i}_lit"] for i in numbers], axis=1) if counts else None
     dark = np.stack([values[f"s{i}_dark"] for i in numbers], axis=1) if counts else None
+    scale = _counts_scale(meta) if counts else None
     signals = []
     for i in numbers:
         if f"s{i}_mv" in values:
             signals.append(values[f"s{i}_mv"])
-        elif f"s{i}_lit" in values and f"s{i}_dark" in values and "vref_mv" in meta and "adc_bits" in meta:
-            scale = float(meta["vref_mv"]) / 2.0 ** int(meta["adc_bits"])
+        elif scale is not None:
             signals.append((values[f"s{i}_lit"] - values[f"s{i}_dark"]) * scale)
         else:
             raise RequestError(
                 f"sensor {i} has counts, but no signal in mV", f"Map s{i}_mv, or give vref_mv and adc_bits."
             )
     signal = np.stack(signals, axis=1)
-    if lit is not None and dark is not None and not (np.isfinite(lit).all() and np.isfinite(dark).all()):
-        return signal, None, None  # counts with holes are no integers: the signal carries the NaN
-    return signal, lit, dark
+    if lit is None or dark is None:
+        return signal, None, None
+    good = _are_counts(lit) & _are_counts(dark)
+    if good.all():
+        return signal, lit, dark
+    return np.where(good, signal, np.nan), None, None  # counts with holes are no integers: the signal carries the NaN
+
+
+def _are_counts(values: FloatArray) -> np.ndarray[Any, Any]:
+    return (values >= 0) & (values <= MAX_COUNT)  # False for NaN
+
+
+def _counts_scale(meta: Mapping[str, Any]) -> float | None:
+    """Millivolts per count, None where the file does not say."""
+    if "vref_mv" not in meta or "adc_bits" not in meta:
+        return None
+    try:
+        return float(meta["vref_mv"]) / 2.0 ** int(meta["adc_bits"])
+    except (TypeError, ValueError, OverflowError) as error:
+        raise RequestError(
+            f"vref_mv {meta['vref_mv']!r} and adc_bits {meta['adc_bits']!r} are no numbers", "Mend the file's head."
+        ) from error
 
 
 def _integers(values: FloatArray) -> np.ndarray[Any, Any]:

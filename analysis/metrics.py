@@ -23,6 +23,8 @@ from analysis.statistics import Figure, bootstrap_interval, theil_sen
 
 CURVE_POINTS = 201
 ONE_CYCLE = "one cycle gives no interval"
+NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
+FLAT_SHARE = 0.1  # of the span of the pressure: a signal that does not change at all over it stands still
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,6 +289,21 @@ def noise_and_snr(
     return noise_figure, _figure(value, snr_replicates, "dB", len(numbers), definition)
 
 
+def flat_samples(recording: Recording, cycles: Cycles, sensor: int) -> int:
+    """Count the samples of stretches in which the signal stays exactly the same while the pressure moves.
+
+    A saturated or frozen channel that nothing flagged, as in a CSV, shows like this (fault 16 and 22).
+    """
+    y, p = recording.signal_mv[:, sensor], cycles.smooth_kpa
+    span = float(np.nanmax(p) - np.nanmin(p)) if np.isfinite(p).any() else 0.0
+    if not span > 0:
+        return 0
+    edges = np.concatenate([[0], np.flatnonzero(y[1:] != y[:-1]) + 1])  # NaN differs from everything
+    moved = np.fmax.reduceat(p, edges) - np.fmin.reduceat(p, edges)
+    lengths = np.diff(np.append(edges, y.size))
+    return int(lengths[moved > FLAT_SHARE * span].sum())
+
+
 def combined_error(parts: list[Figure]) -> Figure:
     """Root sum of squares of non-linearity, hysteresis and repeatability, % FSO (ISA-S37.1, static error)."""
     definition = "sqrt(non-linearity^2 + hysteresis^2 + repeatability^2)"
@@ -302,6 +319,8 @@ def combined_error(parts: list[Figure]) -> Figure:
 
 def _figure(value: float, replicates: FloatArray, unit: str, n: int, definition: str) -> Figure:
     low, high = bootstrap_interval(value, replicates, n)
+    if unit in NEVER_NEGATIVE:
+        low = max(low, 0.0) if np.isfinite(low) else low
     return Figure(float(value), unit, n, low, high, note=ONE_CYCLE if n < 2 else "", definition=definition)
 
 

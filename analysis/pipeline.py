@@ -345,9 +345,14 @@ def _flags(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ..
 
 def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
     flags: list[tuple[str, str]] = []
+    number = run.recording.sensor_names.index(sensor.name)
+    flat = metrics.flat_samples(run.recording, run.cycles, number)
+    if flat:
+        share = f"{flat / run.recording.n:.1%}"
+        flags.append(("flat", f"{flat} samples ({share}) stand still while the pressure moves: saturated or frozen"))
     calibration, posterior = sensor.calibration, sensor.posterior
     if calibration is None:
-        return [("no_calibration", sensor.calibration_void)] if run.plateaus else []
+        return [*flags, ("no_calibration", sensor.calibration_void)] if run.plateaus else flags
     if not calibration.monotone:
         inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
         where = ", ".join(f"{t:.2f}" for t in inside)

@@ -133,7 +133,7 @@ def _quality(analysis: Analysis, sensor: int) -> str:
     checks = fit_checks(c, analysis.sensors[sensor].point_cycle)
     if checks["lack_of_fit"] is not None:
         text += f" Lack of fit: F = {checks['lack_of_fit']['f']:.2f}, p {p_value(checks['lack_of_fit']['p'])}."
-    text += f" Degree by AICc: {checks['preferred_degree']}."
+    text += f" Degree by AICc: {checks['preferred_degree'] or 'too few points'}."
     if p is not None:
         text += f" Posterior: {p.n_eff:.0f} effective samples, tau {p.tau:.0f}, "
         text += "converged." if p.converged else "NOT CONVERGED."

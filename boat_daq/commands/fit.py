@@ -39,7 +39,7 @@ def fit(
     """
     import numpy as np
 
-    from analysis.calibration import fit_calibration
+    from analysis.calibration import fit_calibration, reservations
     from analysis.checks import fit_checks
     from analysis.csv_table import read_table
 
@@ -56,6 +56,9 @@ def fit(
     uncertainty = kept[2] if u is not None else None
     calibration = fit_calibration(kept[0], kept[1], degree, standard_uncertainty=uncertainty)
     content: dict[str, Any] = calibration.as_json() | {"masked": masked, "checks": fit_checks(calibration)}
+    content["notes"] = reservations(calibration)
+    for note in content["notes"]:
+        say(note)
     posterior = None
     if x_resolution > 0:
         from analysis.posterior import sample_posterior

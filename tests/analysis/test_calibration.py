@@ -11,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis import AnalysisError, fit_calibration
+from analysis.calibration import reservations
+from analysis.checks import fit_checks
 from tests.analysis.boat_builder import PAPER
 
 DIGITS = {"Pontius": 10.0, "Wampler1": 5.0, "Wampler5": 5.0, "Filip": 5.0}
@@ -127,3 +129,26 @@ def test_a_curve_that_turns_inside_its_range_is_not_monotone() -> None:
     fit = fit_calibration(x, x**2, 2)
     assert fit.monotone
     assert fit.turning_points == pytest.approx([0.0], abs=1e-9)
+
+
+def test_what_the_numbers_hide_is_said() -> None:
+    """No degree of freedom, and coefficients that cancel far from zero, each get a sentence; a plain fit none."""
+    exact = reservations(fit_calibration([0, 1, 2, 3], [1, 5, 2, 9], 3))
+    assert "no uncertainty" in exact[0]
+    far = np.arange(10.0)
+    noise = np.random.default_rng(0).standard_normal(10)
+    assert "fit x - 1e+09" in reservations(fit_calibration(1e9 + 1e-3 * far, 2 * far + 0.1 * noise, 3))[0]
+    assert reservations(fit_calibration(far, far**2 + noise, 3)) == ()
+
+
+def test_values_without_a_square_are_refused() -> None:
+    """1e300 has no square in double precision: refused, where it gave R2 and errors of nothing."""
+    with pytest.raises(AnalysisError, match="larger than"):
+        fit_calibration(np.arange(8.0), np.arange(8.0) * 1e300)
+
+
+def test_too_few_points_name_no_degree() -> None:
+    """With four points no degree is preferred, and a fit through every point predicts none of them."""
+    checks = fit_checks(fit_calibration([0, 1, 2, 3], [1, 5, 2, 9], 3))
+    assert checks["preferred_degree"] is None
+    assert np.isnan(checks["degrees"][2]["prediction_rms"])

@@ -24,7 +24,8 @@ from tests.analysis.test_calibration import certified, digits
 
 app = typer.Typer()
 for name, command in {
-    "analyze": analyze, "batch": batch, "export": export, "fit": fit, "history": history, "import": import_csv, "report": report,
+    "analyze": analyze, "batch": batch, "export": export, "fit": fit, "history": history, "import": import_csv,
+    "report": report,
 }.items():  # fmt: skip
     app.command(name)(command)
 FIT_KEYS = {

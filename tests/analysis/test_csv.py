@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -222,3 +223,45 @@ def test_exported_comments_begin_with_a_hash_and_hold_no_cell(tmp_path: Path) ->
     assert line.startswith("# note")
     assert "," not in line
     assert line.count("\n") == 1
+
+
+def written(path: Path, head: str, row: Callable[[int], str], rows: int = 50) -> Path:
+    path.write_text(head + "\n" + "\n".join(row(i) for i in range(rows)) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_name_with_a_comma_is_understood(tmp_path: Path) -> None:
+    """`"time, ms"` is the time, in ms."""
+    path = written(tmp_path / "a.csv", '"time, ms",pressure_kpa,s1_mv', lambda i: f'"{10 * i}","{i}.5","{1600 + i}"')
+    assert import_csv(path).rate_hz == pytest.approx(100.0)
+
+
+def test_a_column_of_text_is_named(tmp_path: Path) -> None:
+    """A time of day is no number: the refusal shows what stands in the column."""
+    path = written(tmp_path / "a.csv", "time,pressure_kpa,s1_mv", lambda i: f"10:00:{i:02d},{i}.5,{1600 + i}")
+    with pytest.raises(AnalysisError, match="column 'time' holds text like '10:00:00'"):
+        import_csv(path)
+
+
+def test_repeated_times_are_told(tmp_path: Path) -> None:
+    """A row whose time stands twice is left out, and said."""
+    path = written(tmp_path / "a.csv", "time_s,pressure_kpa,s1_mv", lambda i: f"{max(i, 1)},{i}.5,{1600 + i}")
+    assert any("1 rows left out" in note for note in import_csv(path).meta["import_notes"])
+
+
+@pytest.mark.parametrize("lit", ["-5", "70000", "1e30"])
+def test_counts_that_are_none_are_masked(tmp_path: Path, lit: str) -> None:
+    """A count beyond 16 bits does not wrap round into one that looks right."""
+    head = "# vref_mv: 3300\n# adc_bits: 12\ntime_s,pressure_kpa,s1_lit,s1_dark"
+    path = written(tmp_path / "a.csv", head, lambda i: f"{i},{i}.5,{lit if i == 7 else 2000 + i},100")
+    found = import_csv(path)
+    assert not found.usable[7].any()
+    assert found.usable.all(axis=1).sum() == 49
+
+
+def test_a_reference_voltage_that_is_a_word_is_refused(tmp_path: Path) -> None:
+    """`# vref_mv: full` is no number: refused by name."""
+    head = "# vref_mv: full\n# adc_bits: 12\ntime_s,pressure_kpa,s1_lit,s1_dark"
+    path = written(tmp_path / "a.csv", head, lambda i: f"{i},{i}.5,{2000 + i},100")
+    with pytest.raises(AnalysisError, match="vref_mv"):
+        import_csv(path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import AnalysisError, Options, analyse, load_recording
+from analysis import AnalysisError, Options, Recording, analyse, load_recording
 from analysis.results import finite, store_analysis
 from tests.analysis.boat_builder import PAPER, PAPER_NOISE, Plant, Staircase, marks_of, triangle, write_boat
 
@@ -239,3 +239,22 @@ def test_readings_of_the_session_calibrate_and_the_last_one_counts(tmp_path: Pat
     assert analysis.reading_sd_mm == pytest.approx(0.1 / 12**0.5)
     assert analysis.recording.target_kpa[np.isfinite(analysis.recording.target_kpa)].min() == -40.0
     assert "marks_disagree" not in {flag["code"] for flag in analysis.flags}
+
+
+def test_an_interval_of_a_spread_does_not_go_below_zero() -> None:
+    """Three cycles: the interval of a standard deviation, a width or a span starts at zero at least."""
+    plan = Staircase(Plant(loop_mm=0.25), cycles=3)
+    for sensor in analyse(plan.recording(), mcmc=False).sensors:
+        for figure in sensor.figures.values():
+            if figure.unit in ("mV", "% FSO"):
+                assert not figure.low < 0
+
+
+def test_a_signal_that_stands_still_while_pressure_moves_is_flagged() -> None:
+    """A CSV tells no saturation: a signal cut off at 1,650 mV is flagged with its share; a whole one is not."""
+    run = Plant().run(*triangle(4, 20))
+    cut = Recording.from_arrays(run.time_s, run.pressure_kpa, np.minimum(run.signal_mv, [1650.0, 9999.0]))
+    said = [f["text"] for f in analyse(cut, mcmc=False).flags if f["code"] == "flat"]
+    assert len(said) == 1
+    assert said[0].startswith("s1")
+    assert not [f for f in analyse(run, mcmc=False).flags if f["code"] == "flat"]

@@ -93,6 +93,26 @@ def sensor_spread(analyses: Sequence[Analysis], sensor: int) -> SensorSpread:
     return SensorSpread(analyses[0].sensors[sensor].name, pooled, np.asarray(levels), tuple(spreads), fso)
 
 
+def between_runs_mm(analyses: Sequence[Analysis], sensor: int, x_mm: float) -> tuple[float, int]:
+    """Return the sd between the calibrations of one unit, as elongation at `x_mm`, and its degrees of freedom.
+
+    The variance over runs of y(x_mm) less what the uncertainty of each fit makes of it (floored at zero), through the
+    mean slope. Spread of the signal at one pressure would hold the actuator's as well; this is the sensor's.
+
+    Raises
+    ------
+    RequestError : fewer than two of the runs calibrate this sensor at `x_mm`.
+    """
+    found = [a.sensors[sensor].calibration for a in analyses if sensor < len(a.sensors)]
+    fits = [c for c in found if c is not None and c.x_range[0] <= x_mm <= c.x_range[1]]
+    if len(fits) < 2:
+        raise RequestError(f"fewer than two runs are calibrated at {x_mm:+.2f} mm", "Record another calibration.")
+    values = np.asarray([float(c.predict(x_mm)) for c in fits])
+    by_fit = np.mean([float(c.curve_sd(x_mm)) ** 2 for c in fits])
+    slope = float(np.mean([float(c.slope(x_mm)) for c in fits]))
+    return float(np.sqrt(max(values.var(ddof=1) - by_fit, 0.0)) / abs(slope)), len(fits) - 1
+
+
 def _rms(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 

@@ -65,6 +65,10 @@ def _several(analyses: Sequence[Analysis], limits: Mapping[str, float]) -> Repor
         own = [a for a, u in zip(analyses, units, strict=True) if u == unit]
         if len(own) > 1:
             filled += spread_of_runs(own, unit) + history_of_unit(own, unit)
+            calibrated = [a for a in own if a.kind == "calibration"]
+            if len(calibrated) > 1:
+                latest = max(calibrated, key=lambda a: str(a.recording.meta.get("started_utc") or ""))
+                filled += sections.budget(latest, calibrated, unit or "the unit")
     for number, analysis in enumerate(analyses, 1):
         part = sections.key_figures(analysis, limits)
         filled.append(Section(f"Run {number}: {_name(analysis)}", part.parts))

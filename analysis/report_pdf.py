@@ -32,6 +32,7 @@ INNER = WIDTH - 2 * LEFT
 TOP, BOTTOM = 1.05, 0.85
 LINE_INCH = 0.165
 ROW_INCH = 0.185
+KEPT_TOGETHER = 0.4  # of a page: a shorter table is not broken
 PAD_INCH = 0.16
 AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12
 TEXT_PT, SMALL_PT, MIN_PT = 8.5, 7.5, 5.5
@@ -93,7 +94,7 @@ def write_pdf(report: Report, path: Path) -> None:
     _head(flow, report)
     for section in report.sections:
         first = section.parts[0] if section.parts else ""
-        flow.room(0.9 + (first.height if isinstance(first, Drawing) else 4 * ROW_INCH))
+        flow.room(0.9 + _first_height(first))
         _heading(flow, section.title)
         for part in section.parts:
             if isinstance(part, Table):
@@ -107,6 +108,14 @@ def write_pdf(report: Report, path: Path) -> None:
     with mpl.rc_context(style.RC), PdfPages(path, metadata=information) as pdf:
         for number, items in enumerate(flow.pages, 1):
             pdf.savefig(_page(report, items, number, len(flow.pages)))
+
+
+def _first_height(part: str | Table | Drawing) -> float:
+    """What must stand under a heading: a whole drawing, a whole table where it is short, else a few lines."""
+    if isinstance(part, Drawing):
+        return part.height
+    rows = len(part.rows) + 1 if isinstance(part, Table) else 4
+    return (rows if rows * ROW_INCH < KEPT_TOGETHER * (HEIGHT - TOP - BOTTOM) else 4) * ROW_INCH
 
 
 def _page(report: Report, items: list[Text | Rule | Placed], number: int, count: int) -> Canvas:
@@ -230,7 +239,8 @@ def _draw(canvas: Canvas, placed: Placed) -> None:
 def _table(flow: Flow, table: Table) -> None:
     table = aligned(table)
     size, widths = _columns(table)
-    flow.room(3 * ROW_INCH)
+    whole = sum(_cell_lines(row, widths, size) for row in (table.header, *table.rows)) * ROW_INCH + 0.3
+    flow.room(whole if whole < KEPT_TOGETHER * (HEIGHT - TOP - BOTTOM) else 3 * ROW_INCH)
     flow.y += 0.08
     _row(flow, table, table.header, widths, size, head=True)
     for row in table.rows:

@@ -16,21 +16,26 @@ from analysis.report_content import Drawing, Section, Table
 
 
 def runs_table(analyses: Sequence[Analysis]) -> Section:
-    rows = []
+    heads = ("run", "unit", "sensor")
+    figures = ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db", "fso_mv")
+    first, second = [], []
     for number, a in enumerate(analyses, 1):
         for sensor in a.sensors:
-            shown = [
-                cell(sensor.figures.get(k))
-                for k in ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db", "fso_mv")
-            ]
+            shown = [cell(sensor.figures.get(k)) for k in figures]
             b0 = NOTHING
             if sensor.calibration is not None:
                 b0 = with_uncertainty(
                     float(sensor.calibration.coefficients[0]), float(sensor.calibration.std_errors[0])
                 )
-            rows.append((str(number), comparison.unit_of(a), sensor.name, b0, *shown))
-    header = ("run", "unit", "sensor", "b0, mV", "sensitivity, mV/mm", "hysteresis, % FSO", "SNR, dB", "FSO, mV")
-    return Section("The runs side by side", (Table(header, tuple(rows), "95 % intervals within each run."),))
+            name = (str(number), comparison.unit_of(a), sensor.name)
+            first.append((*name, b0, *shown[:2]))
+            second.append((*name, *shown[2:]))
+    caption = "b0 ± standard uncertainty; 95 % intervals within each run; hysteresis of the system, over pressure."
+    parts = (
+        Table((*heads, "b0, mV", "sensitivity, mV/mm", "hysteresis, % FSO"), tuple(first)),
+        Table((*heads, "SNR, dB", "FSO, mV"), tuple(second), caption),
+    )
+    return Section("The runs side by side", parts)
 
 
 def spread_of_runs(analyses: Sequence[Analysis], unit: str) -> list[Section]:
@@ -54,6 +59,11 @@ def spread_of_runs(analyses: Sequence[Analysis], unit: str) -> list[Section]:
     return [Section(f"Within-run and between-run spread of {unit or 'the unit'}", (table,))]
 
 
+def _remark(en: float, outside: bool) -> str:
+    said = ["outside the control limits"] if outside else []
+    return ", ".join([*said, "differs from the one before"] if abs(en) > 1 else said) or NOTHING
+
+
 def history_of_unit(analyses: Sequence[Analysis], unit: str) -> list[Section]:
     parts: list[str | Table | Drawing] = []
     for i in range(min(len(a.sensors) for a in analyses)):
@@ -68,7 +78,7 @@ def history_of_unit(analyses: Sequence[Analysis], unit: str) -> list[Section]:
                 when,
                 with_uncertainty(v, u),
                 rounded(e, 0.1) if np.isfinite(e) else NOTHING,
-                "outside" if k in history.out_of_control else "",
+                _remark(float(e), k in history.out_of_control),
             )
             for k, (when, v, u, e) in enumerate(
                 zip(map(date_of, history.when), history.value_mv, history.expanded_mv, history.en, strict=True)
@@ -78,5 +88,5 @@ def history_of_unit(analyses: Sequence[Analysis], unit: str) -> list[Section]:
             f"Sensor {i + 1} at x = {history.check_point_mm:g} mm: mean {history.centre_mv:.2f} mV, control limits "
             f"{history.lower_mv:.2f} to {history.upper_mv:.2f} mV; U with k = 2; |En| above 1 is disagreement."
         )
-        parts.append(Table(("calibrated", "y(x0) ± U, mV", "En", "control"), tuple(rows), caption))
+        parts.append(Table(("calibrated", "y(x0) ± U, mV", "En", "remark"), tuple(rows), caption))
     return [Section(f"History of {unit or 'the unit'}", tuple(parts))] if parts else []

@@ -5,7 +5,7 @@ Rules: nothing is computed here but a rounding; a section that has nothing to sa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -190,22 +190,24 @@ def over_cycles(analysis: Analysis) -> Section:
     return Section("Over the cycles", tuple(parts))
 
 
-def budget(analysis: Analysis) -> list[Section]:
+def budget(analysis: Analysis, runs: Sequence[Analysis] = (), of: str = "") -> list[Section]:
+    """The budget in the middle of the range; of the latest of several runs where `runs` are given."""
+    title = f"Uncertainty of an elongation{f' with {of}' if of else ''}"
     try:
         calibrations = [s.calibration for s in analysis.sensors if s.calibration is not None]
         if not calibrations:
             return []
         middle = sum(calibrations[0].x_range) / 2
-        budgets = elongation_budget(analysis, middle)
+        budgets = elongation_budget(analysis, middle, runs=runs)
     except AnalysisError as error:
-        return [Section("Uncertainty of an elongation", (f"Not given: {error.cause}.",))]
+        return [Section(title, (f"Not given: {error.cause}.",))]
     drawing = Drawing(
         tuple(figures.budget_pareto(b, f"Sensor {i + 1} at {middle:+.2f} mm") for i, b in enumerate(budgets[:2])),
         "Components, largest first, with their share of the variance.",
         2.6,
         left=1.05,
     )
-    return [Section("Uncertainty of an elongation", (drawing, *(_budget_table(i, b) for i, b in enumerate(budgets))))]
+    return [Section(title, (drawing, *(_budget_table(i, b) for i, b in enumerate(budgets))))]
 
 
 def _budget_table(sensor: int, budget: Budget) -> Table:

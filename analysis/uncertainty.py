@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from analysis.comparison import between_runs_mm
 from analysis.errors import DataError
 from analysis.inverse import Fusion, Inverse
 from analysis.loops import loop_width
@@ -181,34 +182,37 @@ def elongation_reader(analysis: Analysis) -> Fusion:
     return Fusion.of([_inverse(analysis, i) for i in range(len(analysis.sensors))])
 
 
-def elongation_budget(analysis: Analysis, x_mm: float, *, reproducibility_mm: float = 0.0) -> tuple[Budget, ...]:
+def elongation_budget(analysis: Analysis, x_mm: float, *, runs: Sequence[Analysis] = ()) -> tuple[Budget, ...]:
     """Return the budget of one reading of elongation at `x_mm`, for each sensor.
 
     Parameters
     ----------
     analysis : of a calibration run.
-    reproducibility_mm : sd between runs, where several were compared (`analysis.comparison`).
+    runs : calibrations of the same unit, this one among them; with two or more reproducibility is assessed.
 
     Raises
     ------
-    DataError : as `elongation_reader`.
+    DataError : as `elongation_reader`. RequestError : as `between_runs_mm`.
     """
-    return tuple(_budget(analysis, i, x_mm, reproducibility_mm) for i in range(len(analysis.sensors)))
+    return tuple(_budget(analysis, i, x_mm, runs) for i in range(len(analysis.sensors)))
 
 
-def _budget(analysis: Analysis, sensor: int, x_mm: float, reproducibility_mm: float) -> Budget:
+def _budget(analysis: Analysis, sensor: int, x_mm: float, runs: Sequence[Analysis]) -> Budget:
     inverse = _inverse(analysis, sensor)
     parts = signal_parts(analysis, sensor)
     per_mv = 1.0 / abs(float(inverse.calibration.slope(x_mm)))
     cycles = f"{analysis.loops.n_cycles} cycles"
-    between = "between runs" if reproducibility_mm > 0 else "not assessed: one run"
+    between = Component("reproducibility", 0.0, source="not assessed: one run")
+    if len(runs) > 1:
+        between_mm, dof = between_runs_mm(runs, sensor, x_mm)
+        between = Component("reproducibility", between_mm, dof=float(dof), source=f"between {dof + 1} runs, less fit")
     counted = analysis.recording.lit is not None
     return combine(
         [
             Component("reading", float(inverse.reading_uncertainty(x_mm)), 1.0, source="grid, the same in every cycle"),
             Component("noise", parts.noise, per_mv, parts.noise_dof, "within plateaus"),
             Component("repeatability", parts.repeatability, per_mv, parts.repeatability_dof, cycles),
-            Component("reproducibility", reproducibility_mm, 1.0, source=between),
+            between,
             Component("hysteresis", parts.hysteresis, per_mv, source="rms of half the loop over x, less reading error"),
             Component("zero drift", parts.drift, per_mv, source=f"drift over {cycles}"),
             Component("resolution", parts.resolution, per_mv, source="ADC step" if counted else "not known: no counts"),

@@ -13,7 +13,7 @@ from analysis.errors import RequestError
 from analysis.history import en_scores
 from analysis.numbers import rounded, with_uncertainty
 from analysis.uncertainty import Component, combine, elongation_budget, elongation_reader, propagate
-from tests.analysis.boat_builder import Plant, Staircase
+from tests.analysis.boat_builder import PAPER, Plant, Staircase
 
 
 def test_end_gauge_of_gum_h1() -> None:
@@ -136,3 +136,23 @@ def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
     }  # fmt: skip
     assert all(c.source for c in budget.components)
     assert next(iter(budget.shares())) == "reading"
+
+
+def test_spread_between_runs_enters_the_budget(tmp_path: Path) -> None:
+    """Four calibrations whose b0 differ: the budget's reproducibility is the sd of y(x) over the slope, less the fit's.
+
+    With one run it is not assessed.
+    """
+    offsets, runs = (0.0, 3.0, -2.0, 1.0), []
+    for seed, offset in enumerate(offsets):
+        cubics = tuple((c[0] + offset, *c[1:]) for c in PAPER)
+        stairs = Staircase(Plant(cubics=cubics, loop_mm=0.1, seed=seed), cycles=2)
+        stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+        runs.append(analyse(stairs.recording(), tmp_path / "e.csv", mcmc=False))
+    alone, among = (elongation_budget(runs[0], 0.5, runs=part)[0] for part in ((), runs))
+    assert alone.shares()["reproducibility"] == 0.0
+    found = next(c for c in among.components if c.name == "reproducibility")
+    slope = float(np.polynomial.Polynomial(PAPER[0]).deriv()(0.5))
+    assert found.contribution == pytest.approx(np.std(offsets, ddof=1) / slope, rel=0.05)
+    assert found.dof == 3
+    assert among.u > alone.u

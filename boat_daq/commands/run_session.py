@@ -71,8 +71,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
         if seen.simulated:
             say("SIMULATED: this is the virtual board")
         if request.plan is not None:
-            clear_what_an_earlier_host_left(session, seen)
-            run_plan(session, request.plan)
+            run_plan(session, request.plan, told=clear_what_an_earlier_host_left(session, seen))
         else:
             listen(session, request.duration_s)
         if after_run is not None:
@@ -83,24 +82,30 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
     return summarise(request.path), failure
 
 
-def clear_what_an_earlier_host_left(session: Session, seen: SessionSnapshot) -> None:
+def clear_what_an_earlier_host_left(session: Session, seen: SessionSnapshot) -> int:
     """A board may have latched a fault before this session came: say so, and go on where its cause is gone.
+
+    Returns
+    -------
+    Number of the newest message that needs no more telling.
 
     Raises
     ------
     OperatorError : the cause stands.
     """
-    if seen.latched:
-        say(f"warning: {seen.latched}; the fault is cleared")
-        session.clear_fault()
-        session.wait(lambda s: not s.latched, CLEARING_S)
+    if not seen.latched:
+        return 0
+    session.clear_fault()
+    say(f"warning: {seen.latched}; the fault is cleared")
+    session.wait(lambda s: not s.latched, CLEARING_S)
+    return seen.messages[-1].number if seen.messages else 0
 
 
-def run_plan(session: Session, plan: Plan) -> None:
-    """Arm and start `plan`, and wait until it has ended one way or another."""
+def run_plan(session: Session, plan: Plan, *, told: int = 0) -> None:
+    """Arm and start `plan`, and wait until it has ended one way or another; messages up to number `told` are known."""
     session.arm(plan)
     session.start()
-    shown = 0
+    shown = told
     with progress_bar(plan.name) as advance:
         while True:
             seen = session.snapshot()
@@ -141,7 +146,7 @@ def tell_new_messages(seen: SessionSnapshot, shown: int) -> int:
 def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:
     """Return why the run did not do what was asked; empty when it did."""
     if seen.link in (LinkState.LOST, LinkState.FAILED):
-        return seen.link_error[0] if seen.link_error else "the link was lost"
+        return seen.link_error[0] if seen.link_error else seen.latched or "the link was lost"
     if plan is not None and seen.state in (SessionState.ABORTED, SessionState.FAULT):
         return seen.latched or seen.run_ended or str(seen.state)
     return ""

@@ -12,3 +12,10 @@ def test_a_long_message_stays_one_line(capsys: pytest.CaptureFixture[str]) -> No
     text = "error: " + "/a-folder/of-a-long-name" * 8 + " cannot be written"
     console.say(text)
     assert capsys.readouterr().err == text + "\n"
+
+
+def test_no_bar_where_there_is_no_screen(capsys: pytest.CaptureFixture[str]) -> None:
+    """Standard error that is no terminal gets messages alone, not an empty line for each bar."""
+    with console.progress_bar("working") as advance:
+        advance(1, 2)
+    assert capsys.readouterr() == ("", "")

@@ -1,0 +1,46 @@
+"""One session without a window: what is said of a fault that stands, that was left behind, and of a lost link."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from boat_daq.commands.run_session import SessionRequest, run_session, why_failed
+from boat_daq.engine.board_server import BoardSettings, serve
+from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
+from boat_daq.errors import OperatorError
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+
+PLAN = dataclasses.replace(built_in_plans()["repeatability"], cycles=1, ramp_kpa_per_s=40.0)
+
+
+def test_a_pressed_e_stop_is_never_called_cleared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Pressed before the run: refused for it, and nothing says that the fault is gone."""
+    pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
+    with serve(pressed) as board, pytest.raises(OperatorError, match="e-stop is pressed"):
+        run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
+    assert "is cleared" not in capsys.readouterr().err
+
+
+def test_a_fault_left_behind_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Latched before anyone came, its cause gone: one warning before the run, which then ends well; no error."""
+    with serve(BoardSettings(speed=5.0, faults=("estop@1:1",))) as board:
+        time.sleep(1.0)  # pressed and released before anyone came; the board keeps its fault
+        _, failure = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
+    told = capsys.readouterr().err
+    assert failure == ""
+    assert told.count("latched a fault") == 1
+    assert "error:" not in told
+
+
+def test_a_lost_link_is_reported_with_its_cause() -> None:
+    """Under pressure the latch says why; "the link was lost" is no cause."""
+    gone = "/dev/ttyX is gone"
+    seen = SessionSnapshot(SessionState.FAULT, LinkState.LOST, latched=gone)
+    assert why_failed(seen, PLAN) == gone

@@ -43,13 +43,13 @@ def test_data_replace_the_first_steps(live):
     assert live.live.plots.s1.x[-1] == pytest.approx(299.99)
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_every_page_opens(live, name):
+def test_every_page_opens(live):
     """Each page of the navigation can be gone to and refreshed."""
-    live.go(name)
-    live.refresh()
-    assert live.page == name
-    assert live.navigation.buttons[name].isChecked()
+    for name in PAGES:
+        live.go(name)
+        live.refresh()
+        assert live.page == name
+        assert live.navigation.buttons[name].isChecked()
 
 
 def test_every_command_has_its_own_keys(live):
@@ -195,17 +195,15 @@ def test_the_mouse_moves_the_picture_off_following(live):
     assert live.desk.live.span_s() == pytest.approx((100.0, 110.0))
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg", "csv"])
-def test_every_plot_saves(live, tmp_path, suffix):
+def test_every_plot_saves(live, tmp_path):
     """The live plots save as picture, vectors and undecimated numbers."""
     live.refresh()
     live.draw()
-    path = tmp_path / f"plot.{suffix}"
-    live.live.plots.save(path)
-    head = path.read_bytes()[:200]
-    assert {"png": b"\x89PNG", "svg": b"<?xml", "csv": b"time_s,pressure_kpa"}[suffix] in head
-    if suffix == "csv":
-        assert len(path.read_text().splitlines()) == 6001
+    for suffix, head in (("png", b"\x89PNG"), ("svg", b"<?xml"), ("csv", b"time_s,pressure_kpa")):
+        path = tmp_path / f"plot.{suffix}"
+        live.live.plots.save(path)
+        assert path.read_bytes().startswith(head)
+    assert len((tmp_path / "plot.csv").read_text().splitlines()) == 6001
 
 
 def test_all_plots_have_the_menu(live):

@@ -1,0 +1,121 @@
+"""The report of a measurement: JSON as the surface has it, a CSV of all points, charts as PNG and SVG.
+
+Rules: the JSON carries all that the charts show; an error that is infinite (the method failed) is null in it.
+"""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import json
+import math
+import os
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+from analysis import style
+from analysis.tradeoff.chart import method_chart, overview_chart
+from analysis.tradeoff.measure import MARGIN, Measured, Point
+
+TIMING = (
+    "seconds: median by the clock of a call, spread: greatest less smallest; cpu_seconds: median processor time, which "
+    "front and choice compare; error: root mean square over the repeats"
+)
+
+
+def machine() -> dict[str, Any]:
+    """Describe this machine and its load."""
+    return {
+        "system": platform.system(),
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "python": platform.python_version(),
+        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
+        "date_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def report_json(results: Sequence[Measured], *, quick: bool) -> dict[str, Any]:
+    """Return what `tradeoff --json` prints."""
+    return {
+        "machine": machine(),
+        "quick": quick,
+        "timing": TIMING,
+        "margin": MARGIN,
+        "methods": [_method_json(m) for m in results],
+    }
+
+
+def _method_json(measured: Measured) -> dict[str, Any]:
+    method = measured.method
+    return {
+        "name": method.name,
+        "title": method.title,
+        "reference": method.reference,
+        "consumer": method.consumer,
+        "tolerance": method.tolerance,
+        "unit": method.unit,
+        "per": method.per,
+        "points": [_point_json(p) for p in measured.points],
+        "front": list(measured.front),
+        "default": method.default,
+        "chosen": measured.chosen,
+        "default_is_chosen": measured.default_is_chosen,
+        "verdict": measured.verdict,
+    }
+
+
+def _point_json(point: Point) -> dict[str, Any]:
+    return {
+        "setting": point.setting,
+        "seconds": point.seconds,
+        "error": point.error if math.isfinite(point.error) else None,
+        "spread": point.spread,
+        "cpu_seconds": point.cpu_seconds,
+        "error_spread": point.error_spread if math.isfinite(point.error_spread) else None,
+        "repeats": point.repeats,
+    }
+
+
+def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> list[Path]:
+    """Write tradeoff.json, tradeoff.csv and the charts; return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    content = report_json(results, quick=quick)
+    files = [folder / "tradeoff.json", folder / "tradeoff.csv"]
+    files[0].write_text(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False), encoding="utf-8")
+    _write_csv(content, files[1])
+    where = "{processor}, {cores} cores, Python {python}, {date_utc}".format(**content["machine"])
+    with mpl.rc_context(style.RC):
+        charts = {measured.method.name: method_chart(measured, where) for measured in results}
+        charts["overview"] = overview_chart(results, where)
+        for name, figure in charts.items():
+            for kind in ("png", "svg"):
+                files.append(folder / f"{name}.{kind}")
+                figure.savefig(files[-1], dpi=150)
+    return files
+
+
+def _write_csv(content: dict[str, Any], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        columns = ("setting", "seconds", "error", "spread", "cpu_seconds", "error_spread", "repeats")
+        table.writerow(["method", *columns, "unit", "tolerance", "on_front", "default", "chosen"])
+        for method in content["methods"]:
+            for point in method["points"]:
+                name = point["setting"]
+                marks = (name in method["front"], name == method["default"], name == method["chosen"])
+                row = [point[c] for c in columns]
+                table.writerow([method["name"], *row, method["unit"], method["tolerance"], *map(int, marks)])

@@ -1,0 +1,66 @@
+"""`boat-daq tradeoff`: time against error of every method, measured on this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from boat_daq.commands.console import Advance, JsonOption, emit_json, out, progress_bar, say
+
+if TYPE_CHECKING:
+    from analysis.tradeoff import Measured, Method
+
+
+def tradeoff(
+    methods: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[METHOD]...",
+            help="tracer, ranking, full-fem, reduced-fem, posterior, inverse, segmentation, decimation; default all.",
+        ),
+    ] = None,
+    folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where JSON, CSV and charts go.")] = Path(
+        "tradeoff"
+    ),
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer settings and repeats: about half a minute.")] = False,
+    json: JsonOption = False,
+) -> None:
+    """Time against error of every method, measured on this machine, and the defaults that follow.
+
+    Writes tradeoff.json, tradeoff.csv and a chart of each method as PNG and SVG. Example:
+
+        boat-daq tradeoff inverse posterior --quick --out charts
+    """
+    from analysis.errors import RequestError
+    from analysis.tradeoff import METHODS, report_json, write_report
+    from boat_daq.commands.tradeoff_decimation import DECIMATION
+
+    known = METHODS | {DECIMATION.name: DECIMATION}
+    unknown = [name for name in methods or () if name not in known]
+    if unknown:
+        raise RequestError(f"there is no method '{unknown[0]}'", f"Choose among {', '.join(known)}.")
+    chosen = [known[name] for name in dict.fromkeys(methods or known)]
+    with progress_bar("measuring") as advance:
+        results = _measured(chosen, quick, advance)
+    files = write_report(results, folder, quick=quick)
+    if json:
+        emit_json(report_json(results, quick=quick))
+    else:
+        for measured in results:
+            out.print(f"{measured.method.title}: {measured.verdict}", highlight=False, markup=False, soft_wrap=True)
+    say(f"{len(files)} files in {folder}")
+
+
+def _measured(chosen: list[Method], quick: bool, advance: Advance) -> list[Measured]:
+    from analysis.tradeoff import measure
+
+    results = []
+    for done, method in enumerate(chosen):
+
+        def within(part: float, parts: float, before: int = done) -> None:
+            advance(before + part / parts, len(chosen))
+
+        results.append(measure(method, quick=quick, progress=within))
+    return results

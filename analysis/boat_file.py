@@ -11,6 +11,7 @@ that nobody is recording to.
 from __future__ import annotations
 
 import datetime
+import itertools
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
@@ -63,6 +64,9 @@ def read_boat_file(path: str | Path) -> Recording:
         clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))
         steps = _steps(db, clock)
         readings = pd.read_sql_query(f"SELECT {', '.join(READING_COLUMNS)} FROM reading ORDER BY id", db)  # noqa: S608
+        crc_errors = _crc_errors(db)
+    if crc_errors:
+        meta["crc_errors"] = crc_errors
     if damaged:
         meta["damaged_blocks"] = damaged
     counts = "lit" in (samples.dtype.names or ())
@@ -98,6 +102,16 @@ def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:
     for first, last, level in zip(firsts, lasts, steps["target_kpa"].to_numpy(dtype=float), strict=True):
         target[first:last] = level
     return target
+
+
+def _crc_errors(db: sqlite3.Connection) -> int:
+    """Frames that failed their check during the recording: the growth of the link's counter over its rows.
+
+    The counter may hold what failed before the recording, so its first row is no growth; it starts again at zero
+    where the link was opened anew.
+    """
+    counts = [int(row[0]) for row in db.execute("SELECT crc_errors FROM health ORDER BY id")]
+    return sum(after - before if after >= before else after for before, after in itertools.pairwise(counts))
 
 
 @dataclass(frozen=True, slots=True)

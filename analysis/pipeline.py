@@ -105,6 +105,7 @@ class Analysis:
             "samples": recording.n,
             "gaps": len(recording.gaps),
             "lost_samples": recording.lost,
+            "crc_errors": int(recording.meta.get("crc_errors", 0)),
             "masked": dict(recording.masked),
             "cycles": self.cycles.as_json(),
             "excursions_left_out": len(self.cycles.excursions),
@@ -320,6 +321,9 @@ def _flags(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ..
         flags.append(("simulated", "recorded from the virtual board: SIMULATED"))
     if recording.gaps:
         flags.append(("gaps", f"{recording.lost} samples lost in {len(recording.gaps)} gaps"))
+    if recording.meta.get("crc_errors"):
+        text = f"{recording.meta['crc_errors']} frames failed their CRC; their samples count as lost"
+        flags.append(("crc_errors", text))
     flags += [
         (name, f"{count} samples masked: {name.replace('_', ' ')}") for name, count in recording.masked.items() if count
     ]

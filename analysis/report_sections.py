@@ -214,7 +214,7 @@ def _budget_table(sensor: int, budget: Budget) -> Table:
     shares = budget.shares()
     rows = [(c.name, f"{1000 * c.contribution:.1f}", f"{shares[c.name]:.1%}", c.source) for c in budget.components]
     rows.append(("combined", f"{1000 * budget.u:.1f}", "100 %", f"effective degrees of freedom {budget.dof:.0f}"))
-    rows.append(("expanded, k = 2", f"{1000 * budget.expanded:.0f}", "", "about 95 %"))
+    rows.append(("expanded, k = 2", f"{1000 * budget.expanded:.0f}", "", f"covers about {budget.coverage:.0%}"))
     return Table(
         ("Component", "u, µm", "share", "source"), tuple(rows), f"Sensor {sensor + 1}: {budget.what_halves_it()}."
     )

@@ -57,6 +57,12 @@ class Budget:
         """U = 2 u."""
         return COVERAGE_FACTOR * self.u
 
+    @property
+    def coverage(self) -> float:
+        """Level of confidence of U: about 0.95 with many effective degrees of freedom, less with few (GUM G.6.4)."""
+        inside = stats.norm.cdf(COVERAGE_FACTOR) if np.isinf(self.dof) else stats.t.cdf(COVERAGE_FACTOR, self.dof)
+        return float(2.0 * inside - 1.0)
+
     def expanded_at(self, level: float) -> float:
         """U at a level of confidence, with Student's t for the effective degrees of freedom (GUM G.3)."""
         factor = stats.norm.ppf(0.5 + level / 2) if np.isinf(self.dof) else stats.t.ppf(0.5 + level / 2, int(self.dof))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -258,3 +259,18 @@ def test_a_signal_that_stands_still_while_pressure_moves_is_flagged() -> None:
     assert len(said) == 1
     assert said[0].startswith("s1")
     assert not [f for f in analyse(run, mcmc=False).flags if f["code"] == "flat"]
+
+
+def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
+    """The link's counter over two connections grows by 3 and by 2: five frames; 7 from before do not count."""
+    path = write_boat(tmp_path / "a.boat", Staircase(cycles=1).recording())
+    with sqlite3.connect(path) as db:
+        for count in (7, 10, 0, 2):
+            db.execute(
+                "INSERT INTO health (host_ns, bytes, frames, samples, lost, crc_errors, malformed, oversize,"
+                " duplicates, unknown) VALUES (0, 0, 0, 0, 0, ?, 0, 0, 0, 0)", (count,),
+            )  # fmt: skip
+    db.close()
+    found = analyse(path, options=QUICK)
+    assert found.to_json()["crc_errors"] == 5
+    assert [f["text"] for f in found.flags if f["code"] == "crc_errors"][0].startswith("5 frames")

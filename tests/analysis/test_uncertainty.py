@@ -32,6 +32,7 @@ def test_end_gauge_of_gum_h1() -> None:
     assert round(budget.u) == 32
     assert int(budget.dof) == 16
     assert round(budget.expanded_at(0.99)) == 93
+    assert budget.coverage == pytest.approx(0.937, abs=0.001)  # t for 16.7: 2 is not quite 95 %
 
 
 def test_impedance_of_gum_h2() -> None:

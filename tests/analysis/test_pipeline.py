@@ -273,4 +273,4 @@ def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
     db.close()
     found = analyse(path, options=QUICK)
     assert found.to_json()["crc_errors"] == 5
-    assert [f["text"] for f in found.flags if f["code"] == "crc_errors"][0].startswith("5 frames")
+    assert next(f["text"] for f in found.flags if f["code"] == "crc_errors").startswith("5 frames")

@@ -9,7 +9,7 @@ OUT    ?= out/demo
 QT_PACKAGES   := libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 libglib2.0-0 libxcb-cursor0 \
                  libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-randr0 libxcb-render-util0 libxcb-shape0 \
                  libxcb-xkb1 fonts-dejavu-core
-TEST_PACKAGES := xvfb poppler-utils gcc
+TEST_PACKAGES := xvfb xdotool poppler-utils gcc libc6-dev
 NIGHTLY_PACKAGES := calculix-ccx chromium gcc-arm-none-eabi
 
 .PHONY: demo test check nightly bench setup setup-test system system-test clean help

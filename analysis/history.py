@@ -104,7 +104,9 @@ def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: P
     kept: list[Analysis] = []
     left_out: list[dict[str, str]] = []
     units: set[str] = set()
-    for done, path in enumerate(files, 1):
+    for done, path in enumerate(files):
+        if progress is not None:
+            progress(done, len(files))
         try:
             analysis = analyse(path, readings_beside(path), seed=seed, mcmc=False)
         except AnalysisError as error:
@@ -116,8 +118,6 @@ def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: P
                 kept.append(analysis)
             else:
                 left_out.append({"run": path.name, "reason": analysis.sensors[0].calibration_void})
-        if progress is not None:
-            progress(done, len(files))
     if not kept:
         known = ", ".join(sorted(filter(None, units))) or "none"
         raise DataError(f"{folder} holds no calibration of unit {unit!r}", f"Units found: {known}.")

@@ -57,6 +57,8 @@ def _print(one: History) -> None:
     outside = set(one.out_of_control)
     for k, (when, value, expanded, en) in enumerate(zip(one.when, one.value_mv, one.expanded_mv, one.en, strict=True)):
         said = "" if en != en else f"{en:+.2f}"
-        table.add_row(when, with_uncertainty(float(value), float(expanded)), said, "outside" if k in outside else "")
-    out.print(f"{one.sensor}: mean {one.centre_mv:.2f} mV", highlight=False)
+        state = ("outside" if k in outside else "within") + (", differs from the last" if abs(en) > 1 else "")
+        table.add_row(when, with_uncertainty(float(value), float(expanded)), said, state)
+    limits = f", control limits {one.lower_mv:.2f} to {one.upper_mv:.2f} mV" if len(one.when) > 1 else ""
+    out.print(f"{one.sensor}: mean {one.centre_mv:.2f} mV{limits}", highlight=False)
     out.print(table)

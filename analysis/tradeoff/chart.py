@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from analysis import style
 from analysis.tradeoff.measure import MARGIN, Measured
@@ -38,8 +40,10 @@ def overview_chart(results: Sequence[Measured], where: str) -> Figure:
         _draw(axes, measured, labels=False)
     for axes in grid[len(results) :]:
         axes.set_axis_off()
-    handles, names = grid[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=len(names))
+    entries: dict[str, Any] = {}
+    for axes in grid[: len(results)]:
+        entries |= {name: handle for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=len(entries))
     figure.supxlabel(where, fontsize=7, color=style.SOFT)
     return figure
 
@@ -48,7 +52,8 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
     method = measured.method
     shown = [p for p in measured.points if math.isfinite(p.error)]
     smallest = min((p.error for p in shown if p.error > 0), default=method.tolerance)
-    at = {p.setting: (p.cpu_seconds, max(p.error, smallest / 3)) for p in shown}
+    floor = min(smallest, method.tolerance / MARGIN) / 3  # where an error of zero is drawn
+    at = {p.setting: (p.cpu_seconds, max(p.error, floor)) for p in shown}
     axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="what the consumer notices")
     axes.axhline(method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label="good enough")
     axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=5, label="setting")
@@ -61,6 +66,11 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.24 if labels else 0.14, 0.14)
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        # a decade at least: there are always two labels, and noise of the clock looks as small as it is
+        widen = max(1.0, 12.0 / (high / low)) ** 0.5
+        axis.set_view_interval(low / widen, high * widen, ignore=True)
+        axis.set_minor_formatter(NullFormatter())
     axes.set(title=method.title, xlabel=f"processor time {method.per}, s", ylabel=f"error, {method.unit}")
     if labels:
         for name, place in at.items():

@@ -69,8 +69,8 @@ def basis_settings(quick: bool) -> list[Setting]:
 
 def _table_setting(table: ReducedModel, side: int, modes: int) -> Setting:
     rng = np.random.default_rng(1)
-    p = rng.uniform(*table.pressure_range_kpa, STATES)
-    x = rng.uniform(*table.elongation_range_mm, STATES)
+    (p0, p1), (x0, x1) = table.pressure_range_kpa, table.elongation_range_mm
+    p, x = rng.uniform(p0, p1, STATES), rng.uniform(x0, x1, STATES)
     worst = float(table.errors_mm[-1])
     return Setting(_basis_name(side, modes), lambda _: table.tracked(p, x), lambda _: worst, work=STATES)
 

@@ -9,14 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.stats import spearmanr
 
 from analysis.optics.compiled import Floats
-from analysis.optics.parameters import PAPER_OPTIMUM, Design, Light
+from analysis.optics.curves import default_curves, frames_of
+from analysis.optics.figure_of_merit import merit, resolution
+from analysis.optics.frame import Frame
+from analysis.optics.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.sensitivity import proportional
-from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
+from analysis.optics.simulation import trace
+from analysis.optics.sweep import paper_grid
 from analysis.tradeoff.measure import Method, Setting
 
 DEFAULT = Light()
@@ -24,12 +29,19 @@ REFERENCE_PHASE = 0.47
 PHASES = (-0.4, -0.27, -0.13, 0.01, 0.12, 0.26, 0.39)
 
 
+@cache
+def _frames() -> tuple[Frame, ...]:
+    """The 15 states, built once: a sweep does so too."""
+    return tuple(frames_of(default_curves(), Waveguide()))
+
+
 def _ndr(designs: Sequence[Design], light: Light) -> Floats:
-    return run_sweep(SweepRequest(tuple(designs), light=light)).ndr
+    guide = Waveguide()
+    return np.array([[trace(frame, d, guide, light, threads=1).ndr for frame in _frames()] for d in designs])
 
 
-def _sampler(designs: Sequence[Design], light: Light) -> Callable[[int], Floats]:
-    return lambda repeat: _ndr(designs, replace(light, phase=PHASES[repeat]))
+def _p(designs: Sequence[Design], light: Light) -> Floats:
+    return merit(_ndr(designs, light), resolution(light.rays)).p
 
 
 def tracer_settings(quick: bool) -> list[Setting]:
@@ -44,21 +56,21 @@ def tracer_settings(quick: bool) -> list[Setting]:
     lights = [(f"{n} rays", proportional(DEFAULT, n)) for n in rays]
     for budget, name in ((0, "no secondaries"), (100, "100 secondaries")):
         lights.append((f"2500 rays, {name}", replace(DEFAULT, rays=2_500, secondary=budget)))
-    return [Setting(name, _sampler(designs, light), error, work=truth.size) for name, light in lights]
+
+    def sampler(light: Light) -> Callable[[int], Floats]:
+        return lambda repeat: _ndr(designs, replace(light, phase=PHASES[repeat]))
+
+    return [Setting(name, sampler(light), error, work=truth.size) for name, light in lights]
 
 
 def ranking_settings(quick: bool) -> list[Setting]:
     """Rays against the rank correlation of P with a converged ranking; one call ranks a part of the paper's grid."""
     designs = paper_grid()[:: 36 if quick else 18]
     light = replace(proportional(DEFAULT, 5_000 if quick else 10_000), phase=REFERENCE_PHASE)
-    truth = run_sweep(SweepRequest(tuple(designs), light=light)).merit().p
+    truth = _p(designs, light)
 
     def ranked(rays: int) -> Callable[[int], Floats]:
-        def call(repeat: int) -> Floats:
-            chosen = replace(proportional(DEFAULT, rays), phase=PHASES[repeat])
-            return run_sweep(SweepRequest(tuple(designs), light=chosen)).merit().p
-
-        return call
+        return lambda repeat: _p(designs, replace(proportional(DEFAULT, rays), phase=PHASES[repeat]))
 
     def error(p: Floats) -> float:
         return 1.0 - float(spearmanr(truth, p).statistic)

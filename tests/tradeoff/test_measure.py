@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import pytest
 
@@ -55,8 +56,8 @@ def test_a_result_that_is_no_number_is_an_infinite_error() -> None:
 
 def test_cancel_from_progress() -> None:
     """Raising from progress ends the measurement at once."""
-    ran = []
-    settings = [Setting(str(i), lambda _, i=i: ran.append(i), lambda _: 0.0) for i in range(3)]
+    ran: list[int] = []
+    settings = [Setting(str(i), partial(lambda i, _: ran.append(i), i), lambda _: 0.0) for i in range(3)]
     method = Method("m", "M", "r", "c", 1.0, "mm", "a call", "0", lambda _: settings)
 
     def stop(_done: float, _total: float) -> None:

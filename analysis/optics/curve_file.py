@@ -71,8 +71,10 @@ def _stack(states: list[list[Floats]], path: Path) -> Floats:
     if min(lengths) < POINTS:
         raise FileError(f"{path}: a guide has {min(lengths)} points", f"give {POINTS} points or more for each guide")
     if len(lengths) > 1:
-        raise FileError(f"{path}: guides have {', '.join(map(str, sorted(lengths)))} points",
-                        "give every guide the same number of points")
+        raise FileError(
+            f"{path}: guides have {', '.join(map(str, sorted(lengths)))} points",
+            "give every guide the same number of points",
+        )
     return np.array(states)
 
 
@@ -83,7 +85,7 @@ def _states(path: Path) -> list[list[Floats]]:
         raise FileError(f"{path} holds no points", _FORM)
     if all(_number(cell) is not None for cell in head):
         return _plain(_table(rows, path), path)
-    body = rows[rows.index(next(r for r in rows if r)) + 1:]
+    body = rows[rows.index(next(r for r in rows if r)) + 1 :]
     head = [re.sub(r"\s*[\[(]\s*mm\s*[\])]$|_mm$", "", cell) if cell not in _STATE else cell for cell in head]
     _check_units(head, path)
     width = len(head)
@@ -156,8 +158,11 @@ def _named(head: Row, body: list[Row], path: Path) -> list[list[Floats]]:
         if state is not None
         else [table[kept]]
     )
-    names = ([labels[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])]
-             if state is not None else [labels[kept]])
+    names = (
+        [labels[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])]
+        if state is not None
+        else [labels[kept]]
+    )
     if guide is None:
         return [_pair(_runs(group[:, :2], path), path) for group in groups]
     return [
@@ -195,7 +200,7 @@ def _plain(table: Floats, path: Path) -> list[list[Floats]]:
         raise FileError(
             f"{path} holds {len(runs)} guides", f"give two guides for one state, or {2 * STATES} for {STATES}"
         )
-    return [runs[i:i + 2] for i in range(0, len(runs), 2)]
+    return [runs[i : i + 2] for i in range(0, len(runs), 2)]
 
 
 def _pair(runs: list[Floats], path: Path) -> list[Floats]:

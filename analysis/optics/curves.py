@@ -62,8 +62,10 @@ def checked_curves(curves: Floats) -> Floats:
     """
     curves = np.asarray(curves, dtype=np.float64)
     if curves.ndim != 4 or curves.shape[1] != 2 or curves.shape[3] != 2:
-        raise DataError(f"curves of shape {curves.shape} are not [states][2 guides][points][2 coordinates]",
-                        "give x and z of two guides for each state")
+        raise DataError(
+            f"curves of shape {curves.shape} are not [states][2 guides][points][2 coordinates]",
+            "give x and z of two guides for each state",
+        )
     if curves.shape[0] not in (1, STATES):
         raise DataError(
             f"curves of {curves.shape[0]} states", f"give {STATES} states, most compressed first, or a single one"

@@ -92,8 +92,16 @@ def merit(ndr: Floats, floor: float) -> Merit:
     rmse = np.sqrt(np.mean((ndr - andr) ** 2, axis=-1))
     below = n_sign * rmse
     printed = np.divide(delta, below, out=np.full_like(delta, np.nan), where=below > 0)
-    return Merit(andr, delta, n_sign, rmse, printed, delta / (np.maximum(n_sign, 1.0) * np.maximum(rmse, floor)),
-                 n_sign == 0, rmse < floor)
+    return Merit(
+        andr,
+        delta,
+        n_sign,
+        rmse,
+        printed,
+        delta / (np.maximum(n_sign, 1.0) * np.maximum(rmse, floor)),
+        n_sign == 0,
+        rmse < floor,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +140,7 @@ def uncertainty(ndr: Floats, sd: Floats, floor: float, *, draws: int = DRAWS, se
         drawn[i] = merit(ndr + sd * rng.standard_normal(ndr.shape), floor).p
     low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
     best = int(np.argmax(p))
-    tied = np.mean(drawn >= drawn[:, best:best + 1], axis=0) >= _TIE
+    tied = np.mean(drawn >= drawn[:, best : best + 1], axis=0) >= _TIE
     return Uncertainty(np.stack([np.minimum(low, p), np.maximum(high, p)], axis=1), tied)
 
 

@@ -27,7 +27,14 @@ from analysis.optics.simulation import ray_paths
 from analysis.optics.sweep import STEPS_MM, SweepResult
 
 BLUE, VERMILLION, GREEN, PURPLE, GREY, INK, RESIN = (
-    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8a8f98", "#1f2328", "#e3edf5")
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#8a8f98",
+    "#1f2328",
+    "#e3edf5",
+)
 FONT_PT, SMALL_PT, LINE_PT, DPI = 9, 8, 1.0, 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
@@ -111,15 +118,20 @@ def draw_response(result: SweepResult, chosen: Sequence[Design]) -> Figure:
     merit, states = result.merit(), np.arange(result.ndr.shape[1])
     for design, colour in zip(chosen, (BLUE, VERMILLION, GREEN, PURPLE), strict=False):
         i = result.designs.index(design)
-        name = (f"{design.cavities} x {design.width_mm:g} x {design.depth_mm:g}, spacing {design.spacing_mm:g} mm: "
-                f"P {merit.p[i]:.2f}")
+        name = (
+            f"{design.cavities} x {design.width_mm:g} x {design.depth_mm:g}, spacing {design.spacing_mm:g} mm: "
+            f"P {merit.p[i]:.2f}"
+        )
         axes.errorbar(
             states, result.ndr[i], yerr=result.ndr_sd[i], fmt="o", markersize=3.5, linewidth=0.7, color=colour
         )
         axes.plot(states, merit.andr[i], color=colour, linewidth=LINE_PT, label=name)
     low, high = elongations()[[0, -1]]
-    _dress(axes, f"state: 0 compressed ({low:+.1f} mm) to {len(states) - 1} elongated ({high:+.1f} mm)",
-           "detected rays of 250")
+    _dress(
+        axes,
+        f"state: 0 compressed ({low:+.1f} mm) to {len(states) - 1} elongated ({high:+.1f} mm)",
+        "detected rays of 250",
+    )
     axes.legend(fontsize=SMALL_PT, frameon=False)
     return figure
 
@@ -149,8 +161,15 @@ def draw_maps(result: SweepResult, cavities: int) -> Figure:
         axes.set_yticks(range(6), [f"{s:g}" for s in STEPS_MM], fontsize=SMALL_PT)
         for design, mark in ((best, "*"), (PAPER_OPTIMUM, "o")):
             if (design.cavities, design.width_mm) == (cavities, width):
-                axes.plot(STEPS_MM.index(design.spacing_mm), STEPS_MM.index(design.depth_mm), mark, markersize=11,
-                          markerfacecolor="none", markeredgecolor="white", markeredgewidth=1.6)
+                axes.plot(
+                    STEPS_MM.index(design.spacing_mm),
+                    STEPS_MM.index(design.depth_mm),
+                    mark,
+                    markersize=11,
+                    markerfacecolor="none",
+                    markeredgecolor="white",
+                    markeredgewidth=1.6,
+                )
     if image is not None:
         bar = figure.colorbar(image, ax=grid, shrink=0.8)
         bar.set_label("P / largest P of the sweep", fontsize=FONT_PT)
@@ -168,12 +187,27 @@ def draw_pareto(result: SweepResult) -> Figure:
     merit = result.merit()
     front = pareto(merit.delta, merit.rmse, merit.n_sign)
     dots = axes.scatter(merit.rmse, merit.delta, c=merit.n_sign, cmap="viridis", s=14, linewidths=0)
-    axes.scatter(merit.rmse[front], merit.delta[front], s=46, facecolors="none", edgecolors=INK, linewidths=0.8,
-                 label="not bettered in all three")
+    axes.scatter(
+        merit.rmse[front],
+        merit.delta[front],
+        s=46,
+        facecolors="none",
+        edgecolors=INK,
+        linewidths=0.8,
+        label="not bettered in all three",
+    )
     for i, name, colour in ((int(np.argmax(merit.p)), "our best", BLUE), (result.find(), "paper's", VERMILLION)):
         if i is not None:
-            axes.plot(merit.rmse[i], merit.delta[i], "D", markersize=8, markerfacecolor="none", markeredgecolor=colour,
-                      markeredgewidth=1.6, label=name)
+            axes.plot(
+                merit.rmse[i],
+                merit.delta[i],
+                "D",
+                markersize=8,
+                markerfacecolor="none",
+                markeredgecolor=colour,
+                markeredgewidth=1.6,
+                label=name,
+            )
     bar = figure.colorbar(dots)
     bar.set_label("n_sign: steps in which NDR rises", fontsize=FONT_PT)
     bar.ax.tick_params(labelsize=SMALL_PT)
@@ -188,9 +222,11 @@ def draw_convergence(cases: Sequence[Case]) -> Figure:
     rays = [case.light.rays for case in chosen]
     figure = _figure(9.0, 3.0)
     panels = figure.subplots(1, 3)
-    shown = (("standard deviation of NDR, of 250", [c.noise for c in chosen], BLUE),
-             ("designs that tie with the best", [c.tied for c in chosen], GREEN),
-             ("rank of the paper's optimum", [c.paper_rank for c in chosen], VERMILLION))
+    shown = (
+        ("standard deviation of NDR, of 250", [c.noise for c in chosen], BLUE),
+        ("designs that tie with the best", [c.tied for c in chosen], GREEN),
+        ("rank of the paper's optimum", [c.paper_rank for c in chosen], VERMILLION),
+    )
     for axes, (label, values, colour) in zip(panels, shown, strict=True):
         axes.plot(rays, values, "o-", color=colour, linewidth=LINE_PT, markersize=4)
         axes.set_xscale("log")

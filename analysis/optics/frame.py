@@ -81,8 +81,9 @@ def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float])
     """The offset at `u` of one arc between two arc lengths, the resin on the centreline's side."""
     node, k = curve.nodes[arc], curve.curvature[arc]
     (start, end), (way_a, way_b) = curve.offset(np.array(span), u), curve.frame(np.array(span))[1]
-    return np.concatenate([node[:2], [-node[3], node[2]], [k, -u + k * u * u / 2, -np.sign(u), 1 / (1 - k * u)],
-                           start, way_a, end, way_b])
+    return np.concatenate(
+        [node[:2], [-node[3], node[2]], [k, -u + k * u * u / 2, -np.sign(u), 1 / (1 - k * u)], start, way_a, end, way_b]
+    )
 
 
 def offset_of(curve: ArcSpline, points: Floats) -> tuple[Floats, Floats]:
@@ -135,14 +136,26 @@ def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = 
     end_left, end_right = _crotch(right.reversed(), left.reversed(), half, name)[::-1]
     ends = np.array([[start[0], left.length - end_left], [start[1], right.length - end_right]])
     _check_apart(left, right, ends, half, name)
-    parts = [_fork(left, right, ends[:, 0], guide, FORK_START, name),
-             _fork(right.reversed(), left.reversed(), np.array([end_right, end_left]), guide, FORK_END, name)]
+    parts = [
+        _fork(left, right, ends[:, 0], guide, FORK_START, name),
+        _fork(right.reversed(), left.reversed(), np.array([end_right, end_left]), guide, FORK_END, name),
+    ]
     surfaces, kinds, corners, ways = zip(*parts, strict=True)
     emitter = np.concatenate([left.nodes[0, :2] + ways[0] * guide.stem_mm, -ways[0]])
-    return Frame(np.stack([left.nodes, right.nodes]), np.stack([left.curvature, right.curvature]), ends,
-                 np.array([1.0, -1.0]), half, np.concatenate(surfaces), np.concatenate(kinds),
-                 np.repeat([FORK_START, FORK_END], [len(k) for k in kinds]), np.concatenate(corners),
-                 emitter, ways[1], FORK_START)
+    return Frame(
+        np.stack([left.nodes, right.nodes]),
+        np.stack([left.curvature, right.curvature]),
+        ends,
+        np.array([1.0, -1.0]),
+        half,
+        np.concatenate(surfaces),
+        np.concatenate(kinds),
+        np.repeat([FORK_START, FORK_END], [len(k) for k in kinds]),
+        np.concatenate(corners),
+        emitter,
+        ways[1],
+        FORK_START,
+    )
 
 
 def one_strip(curve: ArcSpline, guide: Waveguide, emitter: Floats | None = None) -> Frame:
@@ -162,8 +175,20 @@ def one_strip(curve: ArcSpline, guide: Waveguide, emitter: Floats | None = None)
     _, s = offset_of(curve, emitter[None, :2])
     cell = int(np.searchsorted(curve.nodes[:, 4], s[0], side="right") - 1)
     none = np.zeros(0, dtype=np.int64)
-    return Frame(curve.nodes[None], curve.curvature[None], np.array([[0.0, curve.length]]), np.array([1.0]), half,
-                 np.zeros((0, 16)), none, none, none, emitter, curve.nodes[-1, 2:4], cell)
+    return Frame(
+        curve.nodes[None],
+        curve.curvature[None],
+        np.array([[0.0, curve.length]]),
+        np.array([1.0]),
+        half,
+        np.zeros((0, 16)),
+        none,
+        none,
+        none,
+        emitter,
+        curve.nodes[-1, 2:4],
+        cell,
+    )
 
 
 def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[float, float]:
@@ -177,8 +202,10 @@ def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[
     u, _ = offset_of(right, left.offset(s, -half))
     clear = np.flatnonzero(u > half)
     if not clear.size:
-        raise DataError(f"{name}: the two guides touch along their whole length",
-                        f"bow them apart by more than the guide's thickness of {2 * half:g} mm, or use a thinner guide")
+        raise DataError(
+            f"{name}: the two guides touch along their whole length",
+            f"bow them apart by more than the guide's thickness of {2 * half:g} mm, or use a thinner guide",
+        )
     if clear[0] == 0:
         raise DataError(
             f"{name}: the two guides do not meet at their junction", "let both curves share their end points"
@@ -195,8 +222,9 @@ def _check_apart(left: ArcSpline, right: ArcSpline, ends: Floats, half: float, n
         s = np.linspace(ends[number, 0], ends[number, 1], _SAMPLES)[1:-1]
         away, _ = offset_of(b, a.offset(s, u))
         if ends[number, 0] >= ends[number, 1] or np.any(np.abs(away) < half - margin):
-            raise DataError(f"{name}: the two guides touch between their junctions",
-                            "bow them further apart or use a thinner guide")
+            raise DataError(
+                f"{name}: the two guides touch between their junctions", "bow them further apart or use a thinner guide"
+            )
         both = a.frame(s)[0]
         apart = np.hypot(*(both[:, None, :] - both[None, ::8, :]).transpose(2, 0, 1))
         far = np.abs(s[:, None] - s[None, ::8]) > 4 * half
@@ -204,14 +232,17 @@ def _check_apart(left: ArcSpline, right: ArcSpline, ends: Floats, half: float, n
             raise DataError(f"{name}: guide {number + 1} runs into itself", "check the order of its points")
 
 
-def _fork(left: ArcSpline, right: ArcSpline, crotch: Floats, guide: Waveguide, end: int, name: str
-          ) -> tuple[Floats, Ints, Ints, Floats]:
+def _fork(
+    left: ArcSpline, right: ArcSpline, crotch: Floats, guide: Waveguide, end: int, name: str
+) -> tuple[Floats, Ints, Ints, Floats]:
     """Surfaces of one junction with its stem, resin on the left of each; and the way out along the stem."""
     half, junction = guide.thickness_mm / 2, left.nodes[0, :2]
     both = left.nodes[0, 2:4] + right.nodes[0, 2:4]
     if np.hypot(*both) < 0.35:
-        raise DataError(f"{name}: the guides leave their junction in opposite directions",
-                        "let them leave it side by side, each within 80 degrees of the stem")
+        raise DataError(
+            f"{name}: the guides leave their junction in opposite directions",
+            "let them leave it side by side, each within 80 degrees of the stem",
+        )
     out = -both / np.hypot(*both)
     across = np.array([out[1], -out[0]])
     far = guide.stem_mm + (guide.backing_mm if end == FORK_START else 0.0)
@@ -241,8 +272,10 @@ def _end_face(rim: list[Floats], guide: Waveguide, end: int) -> tuple[list[Float
     edge = [middle - width / 2 * way, middle + width / 2 * way]
     if width >= guide.thickness_mm * (1 - 1e-9):
         return [line_surface(*(edge if width > guide.thickness_mm else rim))], [RECEIVER]
-    return ([line_surface(rim[0], edge[0]), line_surface(edge[0], edge[1]), line_surface(edge[1], rim[1])],
-            [INTERFACE, RECEIVER, INTERFACE])
+    return (
+        [line_surface(rim[0], edge[0]), line_surface(edge[0], edge[1]), line_surface(edge[1], rim[1])],
+        [INTERFACE, RECEIVER, INTERFACE],
+    )
 
 
 def _leaves_stem(curve: ArcSpline, s_crotch: float, half: float, side: float, across: Floats, name: str) -> float:
@@ -254,23 +287,33 @@ def _leaves_stem(curve: ArcSpline, s_crotch: float, half: float, side: float, ac
     s = np.linspace(0.0, s_crotch, 200)
     out = np.flatnonzero((curve.offset(s, side * half) - curve.nodes[0, :2]) @ across * side > half)
     if not out.size:
-        raise DataError(f"{name}: the guides leave their junction too steeply curved for its stem",
-                        "use a thinner guide or a smoother curve at the ends")
+        raise DataError(
+            f"{name}: the guides leave their junction too steeply curved for its stem",
+            "use a thinner guide or a smoother curve at the ends",
+        )
     return 0.0 if out[0] == 0 else float(brentq(height, s[out[0] - 1], s[out[0]], xtol=1e-14, rtol=1e-15))
 
 
 def _pieces(curve: ArcSpline, s0: float, s1: float) -> list[tuple[int, tuple[float, float]]]:
     s = curve.nodes[:, 4]
-    return [(i, (max(s[i], s0), min(s[i + 1], s1))) for i in range(len(curve.curvature))
-            if min(s[i + 1], s1) - max(s[i], s0) > 1e-9 * s1]
+    return [
+        (i, (max(s[i], s0), min(s[i + 1], s1)))
+        for i in range(len(curve.curvature))
+        if min(s[i + 1], s1) - max(s[i], s0) > 1e-9 * s1
+    ]
 
 
 def check_row(frame: Frame, row_mm: float, depth_mm: float, name: str) -> None:
     """Refuse cavities that cut through the guide or do not fit between the junctions."""
     thickness = 2 * frame.half_mm
     if depth_mm >= thickness * (1 - 1e-6):
-        raise RequestError(f"a cavity of {depth_mm:g} mm depth cuts through the guide of {thickness:g} mm",
-                           f"choose a depth below {thickness:g} mm or a thicker guide")
+        raise RequestError(
+            f"a cavity of {depth_mm:g} mm depth cuts through the guide of {thickness:g} mm",
+            f"choose a depth below {thickness:g} mm or a thicker guide",
+        )
     if row_mm >= frame.free_mm:
-        raise RequestError(f"{name}: a row of cavities {row_mm:.4g} mm long does not fit the {frame.free_mm:.4g} mm "
-                           "between the junctions", "choose fewer, narrower or closer cavities")
+        raise RequestError(
+            f"{name}: a row of cavities {row_mm:.4g} mm long does not fit the {frame.free_mm:.4g} mm "
+            "between the junctions",
+            "choose fewer, narrower or closer cavities",
+        )

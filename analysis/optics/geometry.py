@@ -76,8 +76,17 @@ def _write_cell(cell: Floats, node: Floats, k: float, left: float, right: float)
 
 
 @compiled
-def _cut_guide(cells: Floats, first: int, nodes: Floats, curvature: Floats, ends: Floats, walls: Floats,
-               half: float, deep: float, on_left: bool) -> int:
+def _cut_guide(
+    cells: Floats,
+    first: int,
+    nodes: Floats,
+    curvature: Floats,
+    ends: Floats,
+    walls: Floats,
+    half: float,
+    deep: float,
+    on_left: bool,
+) -> int:
     """Fill cells from `first` on, cut at `walls` (arc lengths, rising); returns the number after the last one."""
     arc, wall, c, s, last = 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
@@ -93,9 +102,9 @@ def _cut_guide(cells: Floats, first: int, nodes: Floats, curvature: Floats, ends
             left = half - deep if inside and on_left else half
             right = -half + deep if inside and not on_left else -half
             _write_cell(cells[c], nodes[arc], curvature[arc], left, right)
-            cells[c, C_START:C_START + 4] = section
+            cells[c, C_START : C_START + 4] = section
             _section(nodes, curvature, arc, stop, section)
-            cells[c, C_END:C_END + 4] = section
+            cells[c, C_END : C_END + 4] = section
             c += 1
             s = stop
         if wall < len(walls) and stop == walls[wall]:
@@ -135,8 +144,13 @@ def _step_in(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
     low = cells[thin, C_LEFT] if left else cells[thick, C_RIGHT]
     high = cells[thick, C_LEFT] if left else cells[thin, C_RIGHT]
     number = 4 * thick + (3 if at_end else 2)
-    _wall(g.surfaces[number], cells[thick, C_END:C_END + 4] if at_end else cells[thick, C_START:C_START + 4],
-          low, high, at_end)
+    _wall(
+        g.surfaces[number],
+        cells[thick, C_END : C_END + 4] if at_end else cells[thick, C_START : C_START + 4],
+        low,
+        high,
+        at_end,
+    )
     g.kinds[number], g.owners[number], g.corners[number] = INTERFACE, thick, CORNER_A | CORNER_B
     g.links[thick, WALL_AFTER if at_end else WALL_BEFORE] = 1
     side = 0 if left else 1
@@ -148,7 +162,7 @@ def _step_in(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
 def _end_wall(g: Geometry, cell: int, at_end: bool, kind: int) -> None:
     """Close a strip's end."""
     number = 4 * cell + (3 if at_end else 2)
-    section = g.cells[cell, C_END:C_END + 4] if at_end else g.cells[cell, C_START:C_START + 4]
+    section = g.cells[cell, C_END : C_END + 4] if at_end else g.cells[cell, C_START : C_START + 4]
     _wall(g.surfaces[number], section, g.cells[cell, C_RIGHT], g.cells[cell, C_LEFT], at_end)
     g.kinds[number], g.owners[number], g.corners[number] = kind, cell, CORNER_A | CORNER_B
     g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = 1
@@ -234,16 +248,36 @@ def _plant(g: Geometry, cells: Ints) -> int:
 @compiled
 def _allocate(most: int, fork: int) -> Geometry:
     n = 4 * most + fork
-    return Geometry(np.zeros((most, CELL_COLUMNS)), np.zeros((most, 4), dtype=np.int64), np.zeros((n, 16)),
-                    np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64),
-                    np.zeros((2, 2), dtype=np.int64), np.zeros((2 * n + 2, 4)),
-                    np.zeros((2 * n + 2, 3), dtype=np.int64),
-                    np.zeros(n, dtype=np.int64), most, n, 0)
+    return Geometry(
+        np.zeros((most, CELL_COLUMNS)),
+        np.zeros((most, 4), dtype=np.int64),
+        np.zeros((n, 16)),
+        np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.int64),
+        np.zeros((2, 2), dtype=np.int64),
+        np.zeros((2 * n + 2, 4)),
+        np.zeros((2 * n + 2, 3), dtype=np.int64),
+        np.zeros(n, dtype=np.int64),
+        most,
+        n,
+        0,
+    )
 
 
 @compiled
-def build(nodes: Floats, curvature: Floats, ends: Floats, outer: Floats, half: float, fork: Floats, fork_kinds: Ints,
-          fork_owners: Ints, fork_corners: Ints, pattern: Floats) -> Geometry:
+def build(
+    nodes: Floats,
+    curvature: Floats,
+    ends: Floats,
+    outer: Floats,
+    half: float,
+    fork: Floats,
+    fork_kinds: Ints,
+    fork_owners: Ints,
+    fork_corners: Ints,
+    pattern: Floats,
+) -> Geometry:
     """Cut the guides of a frame by a pattern of cavities.
 
     Parameters
@@ -260,14 +294,36 @@ def build(nodes: Floats, curvature: Floats, ends: Floats, outer: Floats, half: f
         for i in range(n):
             centre = middle + (i - (n - 1) / 2) * (pattern[1] + pattern[3])
             walls[2 * i], walls[2 * i + 1] = centre - pattern[1] / 2, centre + pattern[1] / 2
-        first[guide + 1] = _cut_guide(g.cells, first[guide], nodes[guide], curvature[guide], ends[guide], walls,
-                                      half, pattern[2], outer[guide] * pattern[4] > 0)
+        first[guide + 1] = _cut_guide(
+            g.cells,
+            first[guide],
+            nodes[guide],
+            curvature[guide],
+            ends[guide],
+            walls,
+            half,
+            pattern[2],
+            outer[guide] * pattern[4] > 0,
+        )
         _link(g, guide, first[guide], first[guide + 1], len(fork) > 0)
     base = 4 * most
     g.surfaces[base:], g.kinds[base:], g.owners[base:], g.corners[base:] = fork, fork_kinds, fork_owners, fork_corners
     used = _plant(g, first)
-    return Geometry(g.cells, g.links, g.surfaces, g.kinds, g.owners, g.corners, g.doors, g.boxes, g.branches, g.leaves,
-                    most, len(g.kinds), used)
+    return Geometry(
+        g.cells,
+        g.links,
+        g.surfaces,
+        g.kinds,
+        g.owners,
+        g.corners,
+        g.doors,
+        g.boxes,
+        g.branches,
+        g.leaves,
+        most,
+        len(g.kinds),
+        used,
+    )
 
 
 def geometry_of(frame: Frame, design: Design) -> Geometry:
@@ -277,8 +333,17 @@ def geometry_of(frame: Frame, design: Design) -> Geometry:
 
 def frame_arrays(frame: Frame) -> tuple[Floats, Floats, Floats, Floats, float, Floats, Ints, Ints, Ints]:
     """The part of a frame that `build` reads, in its order."""
-    return (frame.nodes, frame.curvature, frame.ends, frame.outer, frame.half_mm, frame.surfaces, frame.kinds,
-            frame.owners, frame.corners)
+    return (
+        frame.nodes,
+        frame.curvature,
+        frame.ends,
+        frame.outer,
+        frame.half_mm,
+        frame.surfaces,
+        frame.kinds,
+        frame.owners,
+        frame.corners,
+    )
 
 
 def pattern_of(design: Design) -> Floats:

@@ -99,8 +99,16 @@ def _point(design: Design) -> list[float]:
     return [*design.values, 1.0 if design.face == "inner" else 0.0]
 
 
-def optimise(guide: Waveguide, curves: Floats, *, rays: int = 500, seconds: float = 50.0, first_face: Face = "outer",
-             seed: int = 0, progress: Progress | None = None) -> Optimum:
+def optimise(
+    guide: Waveguide,
+    curves: Floats,
+    *,
+    rays: int = 500,
+    seconds: float = 50.0,
+    first_face: Face = "outer",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Optimum:
     """Search for the design with the largest P on power.
 
     Parameters
@@ -121,17 +129,26 @@ def optimise(guide: Waveguide, curves: Floats, *, rays: int = 500, seconds: floa
     frames = frames_of(curves, guide)
     glance, judge = PowerMerit(frames, guide, max(rays // _GLANCE, 50)), PowerMerit(frames, guide, rays)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        start, search, seen = _search(
-            glance, judge, pool, _watch(began, seconds, progress), first_face, seed
-        )
+        start, search, seen = _search(glance, judge, pool, _watch(began, seconds, progress), first_face, seed)
         careful = PowerMerit(frames, guide, _CHECK * rays)
         finalists = [start, design_at(search.x), PAPER_OPTIMUM]
         power = list(pool.map(careful.power, [d for d in finalists if careful.fits(d)]))
     p = [float(merit(250.0 * each, FLOOR).p) for each in power]
     best = int(p[1] > p[0])
-    return Optimum(start, finalists[best], p[0], p[best], p[2] if len(p) > 2 else np.nan, power[0], power[best],
-                   int(search.nfev) + seen, time.perf_counter() - began, rays, _CHECK * rays,
-                   bool(search.success))
+    return Optimum(
+        start,
+        finalists[best],
+        p[0],
+        p[best],
+        p[2] if len(p) > 2 else np.nan,
+        power[0],
+        power[best],
+        int(search.nfev) + seen,
+        time.perf_counter() - began,
+        rays,
+        _CHECK * rays,
+        bool(search.success),
+    )
 
 
 def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[[float], bool]:
@@ -146,8 +163,14 @@ def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[
     return late
 
 
-def _search(glance: PowerMerit, judge: PowerMerit, pool: ThreadPoolExecutor, late: Callable[[float], bool],
-            face: Face, seed: int) -> tuple[Design, OptimizeResult, int]:
+def _search(
+    glance: PowerMerit,
+    judge: PowerMerit,
+    pool: ThreadPoolExecutor,
+    late: Callable[[float], bool],
+    face: Face,
+    seed: int,
+) -> tuple[Design, OptimizeResult, int]:
     """The grid's best design, differential evolution from its best ones, and how many of it were seen."""
     every = [design for design in paper_grid(face=face) if judge.fits(design)]
     grid = [every[i] for i in np.random.default_rng(seed).permutation(len(every))]
@@ -155,10 +178,10 @@ def _search(glance: PowerMerit, judge: PowerMerit, pool: ThreadPoolExecutor, lat
         raise RequestError("no design of the grid fits these states", "use longer or thicker guides")
     rough: list[float] = []
     for first in range(0, len(grid), 4 * POPULATION):
-        rough += pool.map(glance.p, grid[first:first + 4 * POPULATION])
+        rough += pool.map(glance.p, grid[first : first + 4 * POPULATION])
         if late(_LOOK):
             break
-    likely = [grid[i] for i in np.argsort(rough)[::-1][:2 * POPULATION]]
+    likely = [grid[i] for i in np.argsort(rough)[::-1][: 2 * POPULATION]]
     ranked = [likely[i] for i in np.argsort(list(pool.map(judge.p, likely)))[::-1]]
     first_population = np.array([_point(design) for design in ranked[:POPULATION]])
     low, high = np.array(BOUNDS).T
@@ -174,7 +197,17 @@ def _search(glance: PowerMerit, judge: PowerMerit, pool: ThreadPoolExecutor, lat
     def stop(x: Any, convergence: Any) -> Any:
         return late(_SEARCH)
 
-    found = differential_evolution(loss, limits, init=first_population, integrality=[True, False, False, False, True],
-                                   rng=seed, workers=spread, updating="deferred", polish=False, maxiter=400, tol=0.005,
-                                   callback=stop)
+    found = differential_evolution(
+        loss,
+        limits,
+        init=first_population,
+        integrality=[True, False, False, False, True],
+        rng=seed,
+        workers=spread,
+        updating="deferred",
+        polish=False,
+        maxiter=400,
+        tol=0.005,
+        callback=stop,
+    )
     return ranked[0], found, len(rough) + len(likely)

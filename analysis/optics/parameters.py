@@ -27,8 +27,10 @@ def _finite(name: str, value: float) -> None:
 def _between(name: str, value: float, low: float, high: float, unit: str = "") -> None:
     _finite(name, value)
     if not low <= value <= high:
-        raise RequestError(f"{name} is {value:g}{unit}, outside {low:g} to {high:g}{unit}",
-                           f"choose {name} within {low:g} to {high:g}{unit}")
+        raise RequestError(
+            f"{name} is {value:g}{unit}, outside {low:g} to {high:g}{unit}",
+            f"choose {name} within {low:g} to {high:g}{unit}",
+        )
 
 
 def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -63,8 +65,10 @@ class Design:
         _between("cavity depth", self.depth_mm, 0.001, 50.0, " mm")
         _finite("cavity spacing", self.spacing_mm)
         if self.spacing_mm <= 0 and self.cavities > 1:
-            raise RequestError(f"cavities overlap: a spacing of {self.spacing_mm:g} mm puts each into its neighbour",
-                               "choose a spacing above 0 mm")
+            raise RequestError(
+                f"cavities overlap: a spacing of {self.spacing_mm:g} mm puts each into its neighbour",
+                "choose a spacing above 0 mm",
+            )
 
     @property
     def row_mm(self) -> float:

@@ -19,19 +19,40 @@ from analysis.optics.sweep_file import program_version
 
 def design_json(design: Design) -> dict[str, Any]:
     """A design's parameters."""
-    return {"cavities": design.cavities, "width_mm": design.width_mm, "depth_mm": design.depth_mm,
-            "spacing_mm": design.spacing_mm, "face": design.face}
+    return {
+        "cavities": design.cavities,
+        "width_mm": design.width_mm,
+        "depth_mm": design.depth_mm,
+        "spacing_mm": design.spacing_mm,
+        "face": design.face,
+    }
 
 
 def sweep_json(result: SweepResult) -> dict[str, Any]:
     """The object of `optics sweep --json`."""
     merit, doubt, ranks = result.merit(), result.uncertainty(), result.ranks()
     power = result.merit_of_power()
-    designs = [{**design_json(d), "ndr": result.ndr[i], "andr": merit.andr[i], "delta": merit.delta[i],
-                "n_sign": int(merit.n_sign[i]), "rmse": merit.rmse[i], "p": merit.p[i], "p_printed": merit.p_printed[i],
-                "p_normalised": merit.p_normalised[i], "p_ci": doubt.p_ci[i], "monotone": bool(merit.monotone[i]),
-                "rmse_floored": bool(merit.floored[i]), "rank": int(ranks[i]), "tied": bool(doubt.tied[i]),
-                "power": result.power[i], "p_power": power.p[i]} for i, d in enumerate(result.designs)]
+    designs = [
+        {
+            **design_json(d),
+            "ndr": result.ndr[i],
+            "andr": merit.andr[i],
+            "delta": merit.delta[i],
+            "n_sign": int(merit.n_sign[i]),
+            "rmse": merit.rmse[i],
+            "p": merit.p[i],
+            "p_printed": merit.p_printed[i],
+            "p_normalised": merit.p_normalised[i],
+            "p_ci": doubt.p_ci[i],
+            "monotone": bool(merit.monotone[i]),
+            "rmse_floored": bool(merit.floored[i]),
+            "rank": int(ranks[i]),
+            "tied": bool(doubt.tied[i]),
+            "power": result.power[i],
+            "p_power": power.p[i],
+        }
+        for i, d in enumerate(result.designs)
+    ]
     best = int(np.argmax(merit.p))
     paper = result.find()
     return {
@@ -58,22 +79,28 @@ def sweep_json(result: SweepResult) -> dict[str, Any]:
 
 
 def _line(label: str, design: Design, merit: Merit, i: int) -> str:
-    return (f"{label}: {design.cavities} cavities, width {design.width_mm:g}, depth {design.depth_mm:g}, "
-            f"spacing {design.spacing_mm:g} mm: P {merit.p[i]:.3f}, Delta {merit.delta[i]:.1f}, "
-            f"n_sign {merit.n_sign[i]:.0f}, RMSE {merit.rmse[i]:.2f}")
+    return (
+        f"{label}: {design.cavities} cavities, width {design.width_mm:g}, depth {design.depth_mm:g}, "
+        f"spacing {design.spacing_mm:g} mm: P {merit.p[i]:.3f}, Delta {merit.delta[i]:.1f}, "
+        f"n_sign {merit.n_sign[i]:.0f}, RMSE {merit.rmse[i]:.2f}"
+    )
 
 
 def sweep_text(result: SweepResult) -> str:
     """The same in a few lines for a reader."""
     merit, doubt = result.merit(), result.uncertainty()
     best, paper = int(np.argmax(merit.p)), result.find()
-    lines = [f"{result.ndr.size} simulations, {result.simulated} now, in {result.seconds:.2f} s, {result.hits} hits",
-             _line("best", result.designs[best], merit, best),
-             f"95 % interval of its P: {doubt.p_ci[best, 0]:.3f} to {doubt.p_ci[best, 1]:.3f}; "
-             f"{int(doubt.tied.sum())} of {len(result.designs)} designs cannot be told from it"]
+    lines = [
+        f"{result.ndr.size} simulations, {result.simulated} now, in {result.seconds:.2f} s, {result.hits} hits",
+        _line("best", result.designs[best], merit, best),
+        f"95 % interval of its P: {doubt.p_ci[best, 0]:.3f} to {doubt.p_ci[best, 1]:.3f}; "
+        f"{int(doubt.tied.sum())} of {len(result.designs)} designs cannot be told from it",
+    ]
     if paper is not None:
-        lines += [_line(f"paper's optimum, rank {result.ranks()[paper]}", result.designs[paper], merit, paper),
-                  f"it is {'' if doubt.tied[paper] else 'not '}among the designs that tie with the best"]
+        lines += [
+            _line(f"paper's optimum, rank {result.ranks()[paper]}", result.designs[paper], merit, paper),
+            f"it is {'' if doubt.tied[paper] else 'not '}among the designs that tie with the best",
+        ]
     return "\n".join(lines)
 
 
@@ -83,9 +110,11 @@ def write_sweep(result: SweepResult, folder: Path) -> list[Path]:
     _write_table(result, table)
     best = result.designs[int(np.argmax(result.merit().p))]
     counts = sorted({d.cavities for d in result.designs})
-    drawn = {"response": figures.draw_response(result, list(dict.fromkeys([best, *_paper(result)]))),
-             "pareto": figures.draw_pareto(result),
-             **{f"p_maps_{n}_cavities": figures.draw_maps(result, n) for n in counts}}
+    drawn = {
+        "response": figures.draw_response(result, list(dict.fromkeys([best, *_paper(result)]))),
+        "pareto": figures.draw_pareto(result),
+        **{f"p_maps_{n}_cavities": figures.draw_maps(result, n) for n in counts},
+    }
     paths = [table]
     for name, figure in drawn.items():
         for suffix in (".png", ".svg"):
@@ -108,9 +137,28 @@ def _write_table(result: SweepResult, path: Path) -> None:
             f"# boat-daq {program_version()}, parameters {json.dumps(result.request.described(), sort_keys=True)}\n"
         )
         rows = csv.writer(file)
-        rows.writerow(["cavities", "width_mm", "depth_mm", "spacing_mm", "face", "rank", "tied", "p", "p_low", "p_high",
-                       "p_printed", "delta", "n_sign", "rmse", "monotone", "rmse_floored",
-                       *(f"ndr_{s}" for s in states), *(f"power_{s}" for s in states)])
+        rows.writerow(
+            [
+                "cavities",
+                "width_mm",
+                "depth_mm",
+                "spacing_mm",
+                "face",
+                "rank",
+                "tied",
+                "p",
+                "p_low",
+                "p_high",
+                "p_printed",
+                "delta",
+                "n_sign",
+                "rmse",
+                "monotone",
+                "rmse_floored",
+                *(f"ndr_{s}" for s in states),
+                *(f"power_{s}" for s in states),
+            ]
+        )
         for i, design in enumerate(result.designs):
             rows.writerow(
                 [
@@ -150,9 +198,11 @@ def optimum_json(found: Optimum) -> dict[str, Any]:
 
 def optimum_text(found: Optimum) -> str:
     """The same in a few lines for a reader."""
-    lines = [f"{label}: {d.cavities} cavities in the {d.face} face, width {d.width_mm:.3f}, depth {d.depth_mm:.3f}, "
-             f"spacing {d.spacing_mm:.3f} mm: P {p:.3f} on power"
-             for label, d, p in (("grid's best", found.start, found.start_p), ("found", found.best, found.best_p))]
+    lines = [
+        f"{label}: {d.cavities} cavities in the {d.face} face, width {d.width_mm:.3f}, depth {d.depth_mm:.3f}, "
+        f"spacing {d.spacing_mm:.3f} mm: P {p:.3f} on power"
+        for label, d, p in (("grid's best", found.start, found.start_p), ("found", found.best, found.best_p))
+    ]
     lines.append(
         f"gain {found.best_p / found.start_p:.2f} times at {found.checked_rays} rays; {found.evaluations} designs in "
         f"{found.seconds:.1f} s; the paper's optimum has P {found.paper_p:.3f} here"

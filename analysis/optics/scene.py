@@ -162,10 +162,19 @@ def ray_optics_scene(frame: Frame, design: Design, guide: Waveguide, light: Ligh
     detector = {"type": "Detector", **_ends(shape.receiver + 2 * back), "twoSided": True}
     blocker = {"type": "Blocker", **_ends(shape.receiver + back + np.stack([-beside, beside]) * 0)}
     centre = np.mean(shape.loops[0].points, axis=0)
-    return {"version": 5, "name": name, "objs": [glass, *_sources(frame, light), detector, blocker],
-            "mode": "rays", "rayModeDensity": _density(light), "maxRayDepth": _DEPTH, "lengthScale": 1 / _PER_MM,
-            "scale": _PER_MM, "width": 1500, "height": 900,
-            "origin": {"x": 750 - _PER_MM * float(centre[0]), "y": 450 - _PER_MM * float(centre[1])}}
+    return {
+        "version": 5,
+        "name": name,
+        "objs": [glass, *_sources(frame, light), detector, blocker],
+        "mode": "rays",
+        "rayModeDensity": _density(light),
+        "maxRayDepth": _DEPTH,
+        "lengthScale": 1 / _PER_MM,
+        "scale": _PER_MM,
+        "width": 1500,
+        "height": 900,
+        "origin": {"x": 750 - _PER_MM * float(centre[0]), "y": 450 - _PER_MM * float(centre[1])},
+    }
 
 
 def _point(xy: Floats) -> dict[str, float]:
@@ -218,10 +227,20 @@ def _sources(frame: Frame, light: Light) -> list[dict[str, Any]]:
     emitter, way = frame.emitter[:2], frame.emitter[2:]
     if light.emission == "uniform" and abs(turn - round(turn)) < 1e-9:
         half = math.radians(light.cone_deg) / light.rays * (0.5 + light.phase)
-        turned = np.array([math.cos(half) * way[0] - math.sin(half) * way[1],
-                           math.cos(half) * way[1] + math.sin(half) * way[0]])
-        return [{"type": "AngleSource", **_ends(np.stack([emitter, emitter + turned])), "brightness": 1.0,
-                 "emisAngle": light.cone_deg, "symmetric": True}]
+        turned = np.array(
+            [math.cos(half) * way[0] - math.sin(half) * way[1], math.cos(half) * way[1] + math.sin(half) * way[0]]
+        )
+        return [
+            {
+                "type": "AngleSource",
+                **_ends(np.stack([emitter, emitter + turned])),
+                "brightness": 1.0,
+                "emisAngle": light.cone_deg,
+                "symmetric": True,
+            }
+        ]
     rays = [_released(fan, i) for i in range(light.rays)]
-    return [{"type": "SingleRay", **_ends(np.array([[r.x, r.y], [r.x + r.dx, r.y + r.dy]])), "brightness": 1.0}
-            for r in rays]
+    return [
+        {"type": "SingleRay", **_ends(np.array([[r.x, r.y], [r.x + r.dx, r.y + r.dy]])), "brightness": 1.0}
+        for r in rays
+    ]

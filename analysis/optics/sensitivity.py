@@ -62,8 +62,10 @@ def proportional(light: Light, rays: int) -> Light:
 def cases(guide: Waveguide, light: Light, rays: Sequence[int] = RAYS) -> list[tuple[str, Waveguide, Light]]:
     """The cases of a full study: ray counts, secondaries, orders of the budget, index +- 0.02, thickness +- 0.5 mm."""
     out = [(f"{n} rays", guide, replace(light, rays=n)) for n in rays]
-    out += [(f"{_MANY} rays, secondaries in proportion", guide, proportional(light, _MANY)),
-            (f"{_MANY} rays, no secondaries", guide, replace(light, rays=_MANY, secondary=0))]
+    out += [
+        (f"{_MANY} rays, secondaries in proportion", guide, proportional(light, _MANY)),
+        (f"{_MANY} rays, no secondaries", guide, replace(light, rays=_MANY, secondary=0)),
+    ]
     out += [(f"order {order}", guide, replace(light, order=order)) for order in ORDERS if order != light.order]
     out += [(f"index {n:g}", replace(guide, index=n), light) for n in INDICES if n != guide.index]
     out += [
@@ -74,8 +76,13 @@ def cases(guide: Waveguide, light: Light, rays: Sequence[int] = RAYS) -> list[tu
     return out
 
 
-def study(chosen: Sequence[tuple[str, Waveguide, Light]], designs: Sequence[Design] | None = None,
-          curves: Floats | None = None, *, progress: Progress | None = None) -> list[Case]:
+def study(
+    chosen: Sequence[tuple[str, Waveguide, Light]],
+    designs: Sequence[Design] | None = None,
+    curves: Floats | None = None,
+    *,
+    progress: Progress | None = None,
+) -> list[Case]:
     """Sweep the designs in each case.
 
     Parameters
@@ -102,7 +109,18 @@ def _case(name: str, result: SweepResult, reference: Floats | None) -> Case:
     merit, doubt = result.merit(), result.uncertainty()
     best, paper = int(np.argmax(merit.p)), result.designs.index(PAPER_OPTIMUM)
     alike = 1.0 if reference is None else float(spearmanr(reference, merit.p).statistic)
-    return Case(name, result.request.guide, result.request.light, result.designs[best], float(merit.p[best]),
-                (float(doubt.p_ci[best, 0]), float(doubt.p_ci[best, 1])), int(doubt.tied.sum()),
-                int(result.ranks()[paper]), float(merit.p[paper]), bool(doubt.tied[paper]), alike,
-                float(np.median(result.ndr_sd)), merit.p)
+    return Case(
+        name,
+        result.request.guide,
+        result.request.light,
+        result.designs[best],
+        float(merit.p[best]),
+        (float(doubt.p_ci[best, 0]), float(doubt.p_ci[best, 1])),
+        int(doubt.tied.sum()),
+        int(result.ranks()[paper]),
+        float(merit.p[paper]),
+        bool(doubt.tied[paper]),
+        alike,
+        float(np.median(result.ndr_sd)),
+        merit.p,
+    )

@@ -93,8 +93,13 @@ class Outcome:
 @compiled
 def new_queue(capacity: int) -> Queue:
     """An empty queue for a budget of `capacity` secondaries."""
-    return Queue(np.empty((capacity, RAY_NUMBERS)), np.empty((capacity, RAY_LABELS), dtype=np.int64),
-                 np.arange(capacity), np.array([0, 0, capacity]), capacity)
+    return Queue(
+        np.empty((capacity, RAY_NUMBERS)),
+        np.empty((capacity, RAY_LABELS), dtype=np.int64),
+        np.arange(capacity),
+        np.array([0, 0, capacity]),
+        capacity,
+    )
 
 
 @compiled
@@ -108,8 +113,9 @@ def _released(fan: Fan, i: int) -> Ray:
     part = (2.0 * (i + 0.5 + fan.phase)) / fan.rays - 1.0
     angle = math.asin(math.sin(fan.half) * part) if fan.lambertian else fan.half * part
     c, s = math.cos(angle), math.sin(angle)
-    return Ray(fan.x, fan.y, c * fan.way_x - s * fan.way_y, c * fan.way_y + s * fan.way_x, 1.0, 0.0, 0.0, 1, -1,
-               fan.cell, i, 0)
+    return Ray(
+        fan.x, fan.y, c * fan.way_x - s * fan.way_y, c * fan.way_y + s * fan.way_x, 1.0, 0.0, 0.0, 1, -1, fan.cell, i, 0
+    )
 
 
 @compiled
@@ -188,18 +194,38 @@ class Stack(NamedTuple):
 
 
 @compiled
-def simulate_many(stack: Stack, patterns: Floats, rules: Rules, fan: Fan, budget: int, counts: Ints, energy: Floats,
-                  changes: Floats) -> None:
+def simulate_many(
+    stack: Stack, patterns: Floats, rules: Rules, fan: Fan, budget: int, counts: Ints, energy: Floats, changes: Floats
+) -> None:
     """Every pattern in every state: counts (p, s, 10), energy (p, s, 4), changes (p, s) along the fan."""
     no_lines, no_names = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
     for p in range(len(patterns)):
         for s in range(len(stack.nodes)):
-            g = build(stack.nodes[s], stack.curvature[s], stack.ends[s], stack.outer[s], stack.half, stack.fork[s],
-                      stack.kinds[s], stack.owners[s], stack.corners[s], patterns[p])
+            g = build(
+                stack.nodes[s],
+                stack.curvature[s],
+                stack.ends[s],
+                stack.outer[s],
+                stack.half,
+                stack.fork[s],
+                stack.kinds[s],
+                stack.owners[s],
+                stack.corners[s],
+                patterns[p],
+            )
             e, way = stack.emitter[s], stack.way[s]
             here = Fan(e[0], e[1], e[2], e[3], fan.half, fan.rays, fan.lambertian, fan.phase, stack.cell)
-            kept = Rules(rules.refractive, rules.attenuation, rules.path_cap, rules.faintest, rules.corner, rules.order,
-                         way[0], way[1], rules.tick)
+            kept = Rules(
+                rules.refractive,
+                rules.attenuation,
+                rules.path_cap,
+                rules.faintest,
+                rules.corner,
+                rules.order,
+                way[0],
+                way[1],
+                rules.tick,
+            )
             book = new_book(np.zeros(fan.rays, dtype=np.int64), no_lines, no_names)
             simulate(g, kept, here, new_queue(budget), book)
             counts[p, s] = book.counts[:TALLIES]
@@ -213,44 +239,82 @@ def stacked(frames: Sequence[Frame]) -> Stack:
 
     def padded(array: Any, value: int) -> Any:
         out = np.full((most, *array.shape[1:]), value, dtype=array.dtype)
-        out[:len(array)] = array
+        out[: len(array)] = array
         return out
 
     first = frames[0]
     return Stack(
-        np.stack([f.nodes for f in frames]), np.stack([f.curvature for f in frames]),
-        np.stack([f.ends for f in frames]), np.stack([f.outer for f in frames]), first.half_mm,
-        np.stack([padded(f.surfaces, 1) for f in frames]), np.stack([padded(f.kinds, 0) for f in frames]),
-        np.stack([padded(f.owners, NO_CELL) for f in frames]), np.stack([padded(f.corners, 0) for f in frames]),
-        np.stack([f.emitter for f in frames]), np.stack([f.receiver_way for f in frames]), first.source_cell,
+        np.stack([f.nodes for f in frames]),
+        np.stack([f.curvature for f in frames]),
+        np.stack([f.ends for f in frames]),
+        np.stack([f.outer for f in frames]),
+        first.half_mm,
+        np.stack([padded(f.surfaces, 1) for f in frames]),
+        np.stack([padded(f.kinds, 0) for f in frames]),
+        np.stack([padded(f.owners, NO_CELL) for f in frames]),
+        np.stack([padded(f.corners, 0) for f in frames]),
+        np.stack([f.emitter for f in frames]),
+        np.stack([f.receiver_way for f in frames]),
+        first.source_cell,
     )
 
 
 def rules_of(guide: Waveguide, light: Light, frame: Frame) -> Rules:
     """The tracer's rules for a frame."""
-    return Rules(guide.index, guide.attenuation_db_per_cm * _DB_PER_CM, light.path_cap_mm, light.faintest,
-                 _CORNER * frame.half_mm, ORDERS.index(light.order), float(frame.receiver_way[0]),
-                 float(frame.receiver_way[1]), _TICK * frame.half_mm)
+    return Rules(
+        guide.index,
+        guide.attenuation_db_per_cm * _DB_PER_CM,
+        light.path_cap_mm,
+        light.faintest,
+        _CORNER * frame.half_mm,
+        ORDERS.index(light.order),
+        float(frame.receiver_way[0]),
+        float(frame.receiver_way[1]),
+        _TICK * frame.half_mm,
+    )
 
 
 def fan_of(light: Light, frame: Frame) -> Fan:
     """The released rays of a frame."""
     x, y, way_x, way_y = (float(v) for v in frame.emitter)
-    return Fan(x, y, way_x, way_y, math.radians(light.cone_deg) / 2, light.rays, light.emission == "lambertian",
-               light.phase, frame.source_cell)
+    return Fan(
+        x,
+        y,
+        way_x,
+        way_y,
+        math.radians(light.cone_deg) / 2,
+        light.rays,
+        light.emission == "lambertian",
+        light.phase,
+        frame.source_cell,
+    )
 
 
 def outcome_of(counts: Ints, energy: Floats, changes: float, rays: int) -> Outcome:
     """Read one row of a simulation's arrays."""
     scale = 250.0 / rays
     sd = scale * math.sqrt(rays * changes / (2 * (rays - 1))) if rays > 1 else math.nan
-    return Outcome({name: int(counts[i]) for i, name in enumerate(LEDGER)},
-                   {name: float(energy[i]) for i, name in enumerate(ENERGY)}, int(counts[HITS]), int(counts[GRANTED]),
-                   int(counts[REFUSED]), float(counts[DETECTED]) * scale, sd, float(energy[0]))
+    return Outcome(
+        {name: int(counts[i]) for i, name in enumerate(LEDGER)},
+        {name: float(energy[i]) for i, name in enumerate(ENERGY)},
+        int(counts[HITS]),
+        int(counts[GRANTED]),
+        int(counts[REFUSED]),
+        float(counts[DETECTED]) * scale,
+        sd,
+        float(energy[0]),
+    )
 
 
-def trace(frame: Frame, design: Design, guide: Waveguide, light: Light, *, threads: int | None = None,
-          progress: Callable[[float, float], None] | None = None) -> Outcome:
+def trace(
+    frame: Frame,
+    design: Design,
+    guide: Waveguide,
+    light: Light,
+    *,
+    threads: int | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> Outcome:
     """Trace one scene; blocks of rays run side by side.
 
     Parameters
@@ -311,5 +375,7 @@ def ray_paths(frame: Frame, design: Design, guide: Waveguide, light: Light, most
     spend(g, rules, light.rays, q, book)
     n = int(book.counts[TALLIES])
     cuts = np.flatnonzero(np.diff(by[:n, 0])) + 1
-    return [RayPath(p[:, :2].copy(), p[:, 2].copy(), b[1:, 1].copy(), bool(b[0, 0] >= light.rays))
-            for p, b in zip(np.split(drawn[:n], cuts), np.split(by[:n], cuts), strict=True)]
+    return [
+        RayPath(p[:, :2].copy(), p[:, 2].copy(), b[1:, 1].copy(), bool(b[0, 0] >= light.rays))
+        for p, b in zip(np.split(drawn[:n], cuts), np.split(by[:n], cuts), strict=True)
+    ]

@@ -41,8 +41,13 @@ _CONNECT_S = 10.0
 
 def paper_grid(cavities: Sequence[int] = (3, 5, 7), face: Face = "outer") -> list[Design]:
     """The paper's designs: width, depth and spacing 0.5 to 1.0 mm by 0.1, for each number of cavities."""
-    return [Design(n, width, depth, spacing, face)
-            for n in cavities for width in STEPS_MM for depth in STEPS_MM for spacing in STEPS_MM]
+    return [
+        Design(n, width, depth, spacing, face)
+        for n in cavities
+        for width in STEPS_MM
+        for depth in STEPS_MM
+        for spacing in STEPS_MM
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +69,12 @@ class SweepRequest:
     def described(self) -> dict[str, object]:
         """What a results file records and compares: all but the designs."""
         shape = np.ascontiguousarray(self.curves)
-        return {"guide": asdict(self.guide), "light": asdict(self.light), "states": len(shape),
-                "curves_sha256": hashlib.sha256(shape.tobytes()).hexdigest()}
+        return {
+            "guide": asdict(self.guide),
+            "light": asdict(self.light),
+            "states": len(shape),
+            "curves_sha256": hashlib.sha256(shape.tobytes()).hexdigest(),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,13 +209,18 @@ def _result(request: SweepRequest, done: dict[Design, Results], seconds: float, 
     return SweepResult(request, ndr, sd, energy[..., 0], counts, energy, seconds, simulated)
 
 
-def _work(request: SweepRequest, frames: Sequence[Frame], todo: Sequence[Design], scheduler: str | None,
-          threads: int | None) -> Iterator[tuple[Sequence[Design], Results]]:
+def _work(
+    request: SweepRequest, frames: Sequence[Frame], todo: Sequence[Design], scheduler: str | None, threads: int | None
+) -> Iterator[tuple[Sequence[Design], Results]]:
     """Yield finished work items in the order in which they finish."""
-    common = (stacked(frames), rules_of(request.guide, request.light, frames[0]), fan_of(request.light, frames[0]),
-              request.light.secondary)
+    common = (
+        stacked(frames),
+        rules_of(request.guide, request.light, frames[0]),
+        fan_of(request.light, frames[0]),
+        request.light.secondary,
+    )
     size = max(1, min(16, _RAYS_AN_ITEM // (request.light.rays * len(frames))))
-    items = [todo[i:i + size] for i in range(0, len(todo), size)]
+    items = [todo[i : i + size] for i in range(0, len(todo), size)]
     patterns = [np.array([pattern_of(d) for d in item]) for item in items]
     if scheduler is None:
         yield from _in_threads(common, items, patterns, threads or os.cpu_count() or 1)
@@ -214,8 +228,9 @@ def _work(request: SweepRequest, frames: Sequence[Frame], todo: Sequence[Design]
         yield from _on_cluster(common, items, patterns, scheduler)
 
 
-def _in_threads(common: Common, items: list[Sequence[Design]], patterns: list[Floats], threads: int
-                ) -> Iterator[tuple[Sequence[Design], Results]]:
+def _in_threads(
+    common: Common, items: list[Sequence[Design]], patterns: list[Floats], threads: int
+) -> Iterator[tuple[Sequence[Design], Results]]:
     pool = ThreadPoolExecutor(threads)
     futures: dict[Future[Results], int] = {pool.submit(run_item, *common, p): i for i, p in enumerate(patterns)}
     try:
@@ -225,8 +240,9 @@ def _in_threads(common: Common, items: list[Sequence[Design]], patterns: list[Fl
         pool.shutdown(cancel_futures=True)
 
 
-def _on_cluster(common: Common, items: list[Sequence[Design]], patterns: list[Floats], address: str
-                ) -> Iterator[tuple[Sequence[Design], Results]]:
+def _on_cluster(
+    common: Common, items: list[Sequence[Design]], patterns: list[Floats], address: str
+) -> Iterator[tuple[Sequence[Design], Results]]:
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
@@ -234,8 +250,10 @@ def _on_cluster(common: Common, items: list[Sequence[Design]], patterns: list[Fl
     try:
         client = distributed.Client(address, timeout=_CONNECT_S)
     except (OSError, ValueError) as error:
-        raise RequestError(f"no Dask scheduler answers at {address}",
-                           "start one with `dask scheduler` and give its address, as tcp://HOST:8786") from error
+        raise RequestError(
+            f"no Dask scheduler answers at {address}",
+            "start one with `dask scheduler` and give its address, as tcp://HOST:8786",
+        ) from error
     with client:
         shared = client.scatter(common, broadcast=True)
         futures = {client.submit(_on_worker, shared, p, pure=False): i for i, p in enumerate(patterns)}

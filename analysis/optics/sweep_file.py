@@ -63,8 +63,11 @@ class SweepFile:
             with self._open() as db:
                 if db.execute("pragma user_version").fetchone()[0] == 0:
                     db.executescript(_SCHEMA)
-                    about = [("parameters", text), ("version", program_version()),
-                             ("began", datetime.now(UTC).isoformat(timespec="seconds"))]
+                    about = [
+                        ("parameters", text),
+                        ("version", program_version()),
+                        ("began", datetime.now(UTC).isoformat(timespec="seconds")),
+                    ]
                     db.executemany("insert into meta values (?, ?)", about)
                 kept = dict(db.execute("select key, value from meta"))["parameters"]
         except (sqlite3.Error, KeyError) as error:
@@ -72,8 +75,10 @@ class SweepFile:
                 f"{path} cannot be used as a sweep's results: {error}", "choose another --out folder"
             ) from error
         if kept != text:
-            raise RequestError(f"{path} holds a sweep with other parameters",
-                               "choose another --out folder, or remove the file to begin again")
+            raise RequestError(
+                f"{path} holds a sweep with other parameters",
+                "choose another --out folder, or remove the file to begin again",
+            )
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
@@ -86,9 +91,21 @@ class SweepFile:
 
     def write(self, designs: Sequence[Design], counts: Ints, energy: Floats, changes: Floats) -> None:
         """Add the results of whole designs in one transaction: counts (d, s, 10), energy (d, s, 4), changes (d, s)."""
-        rows = [(d.cavities, d.width_mm, d.depth_mm, d.spacing_mm, d.face, s, *counts[i, s].tolist(),
-                 *energy[i, s].tolist(), float(changes[i, s]))
-                for i, d in enumerate(designs) for s in range(counts.shape[1])]
+        rows = [
+            (
+                d.cavities,
+                d.width_mm,
+                d.depth_mm,
+                d.spacing_mm,
+                d.face,
+                s,
+                *counts[i, s].tolist(),
+                *energy[i, s].tolist(),
+                float(changes[i, s]),
+            )
+            for i, d in enumerate(designs)
+            for s in range(counts.shape[1])
+        ]
         with self._open() as db:
             db.executemany(_INSERT, rows)
 

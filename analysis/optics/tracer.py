@@ -107,9 +107,21 @@ class Book(NamedTuple):
 @compiled
 def tables_of(g: Geometry) -> Geometry:
     """The same scene with pointers for its arrays."""
-    return Geometry(pointer(g.cells), pointer(g.links), pointer(g.surfaces), pointer(g.kinds), pointer(g.owners),
-                    pointer(g.corners), pointer(g.doors), pointer(g.boxes), pointer(g.branches), pointer(g.leaves),
-                    g.most_cells, g.all_surfaces, g.tree_nodes)
+    return Geometry(
+        pointer(g.cells),
+        pointer(g.links),
+        pointer(g.surfaces),
+        pointer(g.kinds),
+        pointer(g.owners),
+        pointer(g.corners),
+        pointer(g.doors),
+        pointer(g.boxes),
+        pointer(g.branches),
+        pointer(g.leaves),
+        g.most_cells,
+        g.all_surfaces,
+        g.tree_nodes,
+    )
 
 
 @compiled
@@ -121,8 +133,14 @@ def queue_of(q: Queue) -> Queue:
 @compiled
 def book_of(book: Book) -> Book:
     """The same book with pointers for its arrays."""
-    return Book(pointer(book.counts), pointer(book.energy), pointer(book.by_root), pointer(book.drawn),
-                pointer(book.drawn_by), book.room)
+    return Book(
+        pointer(book.counts),
+        pointer(book.energy),
+        pointer(book.by_root),
+        pointer(book.drawn),
+        pointer(book.drawn_by),
+        book.room,
+    )
 
 
 @inner
@@ -212,8 +230,9 @@ def _in_fork(g: Geometry, px: float, py: float, dx: float, dy: float, fork: int,
 
 
 @inner
-def _at_edge(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int, forward: bool
-             ) -> tuple[float, int]:
+def _at_edge(
+    g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int, forward: bool
+) -> tuple[float, int]:
     """First edge of a cell that a ray inside meets: distance and side (0 left, 1 right), or inf.
 
     It meets the edge it heads for; only where that is the inside of a bend can it miss it and meet the other. A
@@ -289,8 +308,20 @@ def _write(q: Queue, slot: int, ray: Ray, key: float) -> None:
 def read(q: Queue, slot: int) -> Ray:
     """The ray in a slot of the queue."""
     n, m = slot * RAY_NUMBERS, slot * RAY_LABELS
-    return Ray(q.numbers[n], q.numbers[n + 1], q.numbers[n + 2], q.numbers[n + 3], q.numbers[n + 4], q.numbers[n + 5],
-               q.numbers[n + 6], q.labels[m], q.labels[m + 1], q.labels[m + 2], q.labels[m + 3], q.labels[m + 4])
+    return Ray(
+        q.numbers[n],
+        q.numbers[n + 1],
+        q.numbers[n + 2],
+        q.numbers[n + 3],
+        q.numbers[n + 4],
+        q.numbers[n + 5],
+        q.numbers[n + 6],
+        q.labels[m],
+        q.labels[m + 1],
+        q.labels[m + 2],
+        q.labels[m + 3],
+        q.labels[m + 4],
+    )
 
 
 @inner
@@ -398,17 +429,34 @@ def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, book: Book) ->
     rx, ry = ray.dx - 2.0 * cosine * nx, ray.dy - 2.0 * cosine * ny
     cell = g.owners[at]
     if square <= 0.0:
-        return Ray(ray.x, ray.y, rx, ry, ray.power, ray.way, ray.optical, ray.medium, at, cell, ray.root,
-                   ray.bounce + 1)
+        return Ray(
+            ray.x, ray.y, rx, ry, ray.power, ray.way, ray.optical, ray.medium, at, cell, ray.root, ray.bounce + 1
+        )
     ct = math.sqrt(square)
     lost = ray.power * reflected_part(ratio, abs(cosine), ct)
-    _share(rules, Ray(ray.x, ray.y, rx, ry, lost, ray.way, ray.optical, ray.medium, at, cell, ray.root,
-                      ray.bounce + 1), q, book)
+    _share(
+        rules,
+        Ray(ray.x, ray.y, rx, ry, lost, ray.way, ray.optical, ray.medium, at, cell, ray.root, ray.bounce + 1),
+        q,
+        book,
+    )
     turn = math.copysign(ct, cosine) - ratio * cosine
     tx, ty = ratio * ray.dx + turn * nx, ratio * ray.dy + turn * ny
     unit = 1.5 - 0.5 * (tx * tx + ty * ty)
-    return Ray(ray.x, ray.y, tx * unit, ty * unit, ray.power - lost, ray.way, ray.optical, 1 - ray.medium, at, cell,
-               ray.root, ray.bounce + 1)
+    return Ray(
+        ray.x,
+        ray.y,
+        tx * unit,
+        ty * unit,
+        ray.power - lost,
+        ray.way,
+        ray.optical,
+        1 - ray.medium,
+        at,
+        cell,
+        ray.root,
+        ray.bounce + 1,
+    )
 
 
 @compiled

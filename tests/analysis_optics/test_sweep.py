@@ -136,8 +136,7 @@ def test_counted_rays_scatter_as_their_standard_deviation_says(curves: np.ndarra
     """Fans turned by parts of a step scatter no more than the stated standard deviation, and not by nothing."""
     frame = frame_of(curves, 6, Waveguide())
     outs = [
-        trace(frame, Design(), Waveguide(), Light(rays=250, secondary=0, phase=p))
-        for p in np.linspace(-0.49, 0.49, 40)
+        trace(frame, Design(), Waveguide(), Light(rays=250, secondary=0, phase=p)) for p in np.linspace(-0.49, 0.49, 40)
     ]
     scatter, stated = np.std([o.ndr for o in outs]), np.mean([o.ndr_sd for o in outs])
     assert 0.15 * stated < scatter < 1.3 * stated

@@ -81,9 +81,7 @@ def test_whispering_ray_stays_on_the_outer_wall() -> None:
     r = np.hypot(*path.points[1:-1].T)
     np.testing.assert_allclose(r, outer, rtol=1e-12)
     assert len(r) == int((math.pi / 2) / (2 * angle))
-    np.testing.assert_allclose(
-        np.hypot(*np.diff(path.points[1:-1], axis=0).T), 2 * outer * math.sin(angle), rtol=1e-8
-    )
+    np.testing.assert_allclose(np.hypot(*np.diff(path.points[1:-1], axis=0).T), 2 * outer * math.sin(angle), rtol=1e-8)
 
 
 @pytest.mark.parametrize("index", [1.33, 1.5, 2.0])

@@ -29,6 +29,7 @@ from boat_daq.commands import (
     recover,
     report,
     shadow,
+    tradeoff,
     verify,
 )
 from boat_daq.commands.console import say
@@ -77,6 +78,7 @@ COMMANDS = (
     report.report,
     batch.batch,
     history.history,
+    tradeoff.tradeoff,
     export.export,
     fit.fit,
 )

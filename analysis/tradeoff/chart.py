@@ -67,7 +67,7 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
     axes.set_yscale("log")
     axes.margins(0.24 if labels else 0.14, 0.14)
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-        # a decade at least: there are always two labels, and noise of the clock looks as small as it is
+        # a decade at least: noise of the clock looks as small as it is
         widen = max(1.0, 12.0 / (high / low)) ** 0.5
         axis.set_view_interval(low / widen, high * widen, ignore=True)
         axis.set_minor_formatter(NullFormatter())

@@ -120,7 +120,7 @@ def _staircase() -> tuple[FloatArray, FloatArray]:
 POSTERIOR = Method(
     "posterior", "Posterior: steps of the sampler", "Student's t, the closed form without reading error",
     "the width of the band: 3 %", 3.0, "% of the sd", "a posterior", f"64 walkers x {MAX_STEPS} steps at most",
-    posterior_settings,
+    posterior_settings, "it is a limit; the sampler stops of itself at 50 autocorrelation times, which 1000 steps miss",
 )  # fmt: skip
 INVERSE = Method(
     "inverse", "Inverse: mV to mm", "the x that each signal was made from, in extended precision",

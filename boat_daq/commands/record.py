@@ -64,7 +64,7 @@ def record(
         f"{summary.cycles.complete} complete cycles, {summary.readings} readings; {summary.stop_reason}"
     )
     if failure:
-        say(f"error: {failure}\n  the recording holds everything until then")
+        say("the run did not end as planned (see above); the recording holds everything until then")
         raise typer.Exit(1)
 
 

@@ -16,7 +16,7 @@ def random_band(size: int, bandwidth: int, seed: int) -> np.ndarray:
     band, rng = empty_band(size, bandwidth), np.random.default_rng(seed)
     for j in range(size):
         below = min(bandwidth, size - 1 - j)
-        band[j, 1 : below + 1] = rng.standard_normal(below)
+        band[j, 1 : below + 1] = rng.uniform(-1.0, 1.0, below)
     band[:, 0] = 2.0 * bandwidth + 1.0 + rng.random(size)
     return band
 

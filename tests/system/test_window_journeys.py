@@ -78,7 +78,7 @@ def test_killed_session_is_offered_and_recovered(travel, capsys):
         print(f"\nrecovery, seconds from the start: {seen['times']}")
     assert "was not closed" in seen["offer"]
     assert seen["status"] == ["recovered"]
-    assert seen["samples"] >= 250
+    assert seen["samples"] >= 1200 - 400  # 12 s of board time, less 0.2 s of wall time at 20x
 
 
 @pytest.mark.skipif(

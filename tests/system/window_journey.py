@@ -210,7 +210,7 @@ def killed(journey: Journey) -> None:
     journey.click(journey.window.live.sequence.buttons["arm"])
     journey.until(lambda: journey.state() is SessionState.ARMED, "armed")
     journey.click(journey.window.live.sequence.buttons["start"])
-    journey.until(lambda: journey.window.desk.session.snapshot().recorded_s > 3, "some seconds of recording")
+    journey.until(lambda: journey.window.desk.session.snapshot().recorded_s > 12, "some seconds of recording")
     os.kill(os.getpid(), signal.SIGKILL)
 
 

@@ -17,8 +17,8 @@ from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
 PAPER_S = 8.0
 
 
-def sweep(rays: int, designs: int = 648) -> None:
-    """Print one sweep."""
+def sweep(rays: int, designs: int = 648) -> int:
+    """Print one sweep; return how many simulations it made."""
     run_sweep(SweepRequest(tuple(paper_grid()[:2])))
     began, busy = time.perf_counter(), time.process_time()
     result = run_sweep(SweepRequest(tuple(paper_grid()[:designs]), light=Light(rays=rays)))
@@ -28,18 +28,20 @@ def sweep(rays: int, designs: int = 648) -> None:
         f"{1e9 * busy / result.hits:.0f} ns a hit and core, {PAPER_S * result.ndr.size / seconds:.0f} times "
         f"the paper's {PAPER_S:g} s a simulation"
     )
+    return int(result.ndr.size)
 
 
 @pytest.mark.benchmark_run
 def test_the_papers_sweep() -> None:
     """All 9,720 simulations of 250 rays; target 2 s on two cores."""
-    sweep(250)
+    assert sweep(250) == 9720
 
 
 @pytest.mark.benchmark_run
+@pytest.mark.timeout(1800)
 def test_the_papers_sweep_with_a_hundred_times_the_rays() -> None:
     """All 9,720 simulations of 25,000 rays; target 3 minutes on two cores."""
-    sweep(25_000)
+    assert sweep(25_000) == 9720
 
 
 @pytest.mark.benchmark_run
@@ -55,3 +57,4 @@ def test_one_scene() -> None:
             f"\n1,000,000 rays on {threads} threads: {seconds:.2f} s, {out.hits} hits, {1e9 * busy / out.hits:.0f} ns "
             f"a hit and core (a naive tracer with 800 chords: 200)"
         )
+        assert out.hits > 1_000_000

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +79,8 @@ def test_a_recording_opens_for_reading_only(path):
 def test_a_newer_recording_with_more_in_it_opens(path):
     """Changes are additive: a column or a table more is no reason to refuse."""
     change(path, "ALTER TABLE step ADD COLUMN mood TEXT", "CREATE TABLE more (id INTEGER)", "PRAGMA user_version=9")
-    open_recording(path).close()
+    with closing(open_recording(path)) as db:
+        assert db.execute("PRAGMA user_version").fetchone() == (9,)
 
 
 @pytest.mark.parametrize(

@@ -485,11 +485,20 @@ def kill_once(forks: subprocess.Popen[str], path: Path, after_s: float, rate_hz:
     return acknowledged - recovery.samples, (last_ns - kept_ns) / 1e9
 
 
-@pytest.mark.parametrize("times", [20, pytest.param(200, marks=[pytest.mark.nightly, pytest.mark.timeout(1800)])])
-def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, forks, times):
+def busy() -> float:
+    """Return how many times over the machine's cores are wanted, at least 1."""
+    return max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
+NIGHTLY = [pytest.mark.nightly, pytest.mark.timeout(1800)]
+
+
+@pytest.mark.parametrize(("times", "shared"), [(20, True), pytest.param(200, False, marks=NIGHTLY)])
+def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, forks, times, shared):
     """Killed at random instants: it opens, all that was acknowledged is there, at most 0.2 s are missing.
 
-    A machine with more to do than it can is slower by so much; nothing acknowledged is lost there either.
+    The 200 kills have the machine to themselves and hold 0.2 s as it stands. The 20 run beside other tests, on a
+    machine that is slower by so much; nothing acknowledged is lost there either.
     """
     instants = random.Random(times)
     missing = []
@@ -497,6 +506,6 @@ def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, forks, times):
         rate_hz = 10_000 if number % 2 else 100
         lost, seconds = kill_once(forks, tmp_path / f"{number}.boat", instants.uniform(0.02, 0.4), rate_hz)
         assert lost <= 0
-        assert seconds <= 0.2 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+        assert seconds <= 0.2 * (busy() if shared else 1.0)
         missing.append(seconds)
     print(f"{times} kills: median {np.median(missing) * 1e3:.0f} ms, worst {max(missing) * 1e3:.0f} ms missing")

@@ -35,7 +35,7 @@ def tradeoff(
     """
     from analysis.errors import RequestError
     from analysis.tradeoff import METHODS, report_json, write_report
-    from boat_daq.commands.tradeoff_decimation import DECIMATION
+    from boat_daq.viewmodels.tradeoff_decimation import DECIMATION
 
     known = METHODS | {DECIMATION.name: DECIMATION}
     unknown = [name for name in methods or () if name not in known]

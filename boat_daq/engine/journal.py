@@ -11,6 +11,7 @@ from collections import deque
 from datetime import UTC, datetime
 
 from boat_daq.engine.recorder import Recorder
+from boat_daq.engine.resumption import BrokenRun
 from boat_daq.engine.sequencer import Ended, Marked, Noted, SegmentBreak
 from boat_daq.engine.snapshot import Message, Reading, StepMark
 from boat_daq.errors import OperatorError
@@ -31,11 +32,11 @@ class Journal:
         self.ended = ""  # how the recording's last run ended
         self._told = 0
 
-    def begin(self, recorder: Recorder) -> None:
-        """Begin a recording; steps and readings of an earlier one are its own."""
+    def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
+        """Begin a recording, or go on in that of a broken run; steps and readings of another one are its own."""
         self.recorder, self.ended = recorder, ""
-        self.steps.clear()
-        self.readings.clear()
+        self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
+        self.readings = list(broken.readings) if broken else []
 
     def tell(self, level: str, cause: str, remedy: str = "", *, host_ns: int = 0) -> None:
         """Tell the operator."""

@@ -19,7 +19,16 @@ from typing import Any, TypeAlias
 from boat_daq.engine.blocks import Block
 from boat_daq.engine.link_health import HealthSnapshot
 from boat_daq.engine.recording_file import RecordingFile, Statement, now_utc, set_meta
-from boat_daq.engine.recording_rows import INSERT_STEP, UPDATE_STEP, RowMaker, health_row, reading_row, result_row
+from boat_daq.engine.recording_rows import (
+    INSERT_STEP,
+    UPDATE_STEP,
+    Counters,
+    RowMaker,
+    health_row,
+    reading_row,
+    result_row,
+)
+from boat_daq.engine.resumption import BrokenRun, reopen
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import BRANCHES, describe_dtype, sample_dtype
 
@@ -51,6 +60,7 @@ class Recorder:
     health : called once a second on the writing thread for a row of `health`; such as `LinkHealth.snapshot`.
     on_error : called once for each cause, on the writing thread, when the disk fails; the recorder goes on trying. It
         must not call `close`, which waits for that thread.
+    goes_on : the broken run whose recording this goes on in, instead of creating one (`resumption`).
 
     Raises
     ------
@@ -65,12 +75,16 @@ class Recorder:
         *,
         health: Callable[[], HealthSnapshot] | None = None,
         on_error: Callable[[StorageError], None] | None = None,
+        goes_on: BrokenRun | None = None,
     ) -> None:
         self.path = path
         self.remark = ""  # after `close`: what the reader should know of the file
-        self._file = RecordingFile.create(path, meta)
+        if goes_on is None:
+            self._file, before = RecordingFile.create(path, meta), Counters()
+        else:
+            self._file, before = reopen(goes_on, meta)
         dtype = describe_dtype(sample_dtype(int(meta["n_sensors"]), meta["sample_kind"]))
-        self._rows = RowMaker({**meta, "sample_dtype": dtype})
+        self._rows = RowMaker({**meta, "sample_dtype": dtype}, before)
         self._health = health
         self._on_error = on_error
         self._queue: list[tuple[int, _Item]] = []  # (host_ns, item)
@@ -79,7 +93,7 @@ class Recorder:
         self._held_bytes = 0
         self._changed = threading.Condition()
         self._taken = self._committed = 0  # items
-        self._steps = 0
+        self._steps = before.step
         self._acknowledged = Acknowledged()
         self._error: StorageError | None = None  # of the last commit
         self._told: set[str] = set()

@@ -124,6 +124,22 @@ class RecordingFile:
             lock.release()
             raise storage_error(path, error) from error
 
+    @classmethod
+    def resume(cls, path: Path) -> RecordingFile:
+        """Open an existing, closed recording to go on in it, with its log on.
+
+        Raises
+        ------
+        RecordingError, StorageError : as `reopen`.
+        """
+        file = cls.reopen(path)
+        try:
+            _into_wal(file._connection)
+        except sqlite3.Error as error:
+            file.abandon()
+            raise storage_error(path, error) from error
+        return file
+
     def commit(self, statements: Iterable[Statement]) -> None:
         """Write statements in one transaction; all of them or, when it raises, none.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
 
@@ -89,7 +90,7 @@ def health_row(host_ns: int, health: HealthSnapshot, segment: int | None, time_u
     yield INSERT_HEALTH, (host_ns, segment, time_us, *counters, health.rate_hz, health.lag_ms)
 
 
-def mv_per_count(meta: dict[str, Any]) -> float | None:
+def mv_per_count(meta: Mapping[str, Any]) -> float | None:
     """Return mV of signal for one count; None where the samples are signals in mV already."""
     if meta["sample_kind"] != "counts" or not meta.get("vref_mv") or not meta.get("adc_bits"):
         return None
@@ -142,20 +143,40 @@ class Overview:
         self._held, self._n = [], 0
 
 
-class RowMaker:
-    """Turns blocks, in order, into statements; keeps the counters of what went by."""
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """What a recording holds already: the newest key of each table, its bytes and its samples."""
 
-    def __init__(self, meta: dict[str, Any]) -> None:
+    segment: int = 0
+    chunks: int = 0
+    bytes: int = 0
+    samples: int = 0
+    block: int = 0
+    event: int = 0
+    overview: int = 0
+    step: int = 0
+    result: int = 0
+
+    def after_an_event(self) -> Counters:
+        """Return the counters with one event more."""
+        return replace(self, event=self.event + 1)
+
+
+class RowMaker:
+    """Turns blocks, in order, into statements; keeps the counters of what went by, from `before` on."""
+
+    def __init__(self, meta: Mapping[str, Any], before: Counters = Counters()) -> None:
         self._dtype = dtype_from_description(meta["sample_dtype"])
-        self._overview = Overview(mv_per_count(meta))
+        self._overview = Overview(mv_per_count(meta), next_id=before.overview + 1)
         self._held: list[NDArray[np.void]] = []  # samples of the current segment without a row yet
-        self._last_block = 0
-        self._last_event = 0
+        self._last_block = before.block
+        self._last_event = before.event
         self._time_us: int | None = None
-        self.segment = 0
-        self.chunks = 0
-        self.bytes = 0
-        self.samples = 0
+        self._before = before.segment
+        self.segment = before.segment
+        self.chunks = before.chunks
+        self.bytes = before.bytes
+        self.samples = before.samples
 
     def block(self, block: Block) -> Iterator[Statement]:
         """Give the rows of a block: its bytes, then what was understood of them, in order."""
@@ -171,7 +192,8 @@ class RowMaker:
 
     def attached(self, decoder_state: Mapping[str, Any], host_ns: int) -> Iterator[Statement]:
         """Give the row of the segment that begins with a link, and what that link remembers of earlier bytes."""
-        reason = "reconnected" if self.segment else "opened"
+        first = "resumed after a break" if self._before else "opened"
+        reason = "reconnected" if self.segment > self._before else first
         yield from self.begin_segment(reason, host_ns, decoder=json.dumps(decoder_state))
 
     def begin_segment(
@@ -223,7 +245,7 @@ class RowMaker:
             return
         if not len(samples):
             return
-        if not self.segment:
+        if self.segment == self._before:
             yield from self.begin_segment("opened", host_ns, here=True)
         self._held.append(samples)
         self._time_us = int(samples["time_us"][-1])

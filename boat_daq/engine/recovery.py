@@ -168,10 +168,14 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
 
 def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     """Give what the killed program could not write: when it ended, and that it was killed."""
-    last_ns = db.execute("SELECT host_ns FROM chunk ORDER BY id DESC LIMIT 1").fetchone()
-    ended_ns = last_ns[0] if last_ns else meta["started_host_ns"]
-    passed = timedelta(microseconds=(ended_ns - meta["started_host_ns"]) / 1000)
-    ended_utc = (datetime.fromisoformat(meta["started_utc"]) + passed).isoformat(timespec="milliseconds")
+    first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
+    begun = meta.get("resumptions", [first])[-1]  # the monotonic clock may have begun anew since the first start
+    last_ns = db.execute(
+        "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1", (begun["first_chunk"],)
+    ).fetchone()
+    ended_ns = last_ns[0] if last_ns else begun["host_ns"]
+    passed = timedelta(microseconds=(ended_ns - begun["host_ns"]) / 1000)
+    ended_utc = (datetime.fromisoformat(begun["utc"]) + passed).isoformat(timespec="milliseconds")
     ended = {"ended_host_ns": ended_ns, "ended_utc": ended_utc, "stop_reason": "interrupted", "status": "recovered"}
     yield from set_meta(ended)
     number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]

@@ -25,6 +25,7 @@ from boat_daq.engine.keeper import Keeper
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.preflight import Check
 from boat_daq.engine.recorder import Recorder
+from boat_daq.engine.resumption import BrokenRun
 from boat_daq.engine.ring_buffer import RingBuffer
 from boat_daq.engine.sequencer import resume_point
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings
@@ -96,6 +97,7 @@ class Session:
         unit: str = "",
         record_to: Path | None = None,
         metadata: Mapping[str, Any] | None = None,
+        go_on_in: BrokenRun | None = None,
     ) -> None:
         """Open `port` (a path, a name, socket://HOST:PORT, replay:FILE[@SPEED]) and look for a board there.
 
@@ -109,6 +111,7 @@ class Session:
         unit : name of the unit on the bench (SA1 ..), whose limits then hold.
         record_to, metadata : begin this recording before the board's first sample; as `start_recording`. Where that
             fails, the link FAILED.
+        go_on_in : in place of `record_to`, go on in the recording of a broken run; as `resume_recording`.
 
         Raises
         ------
@@ -121,7 +124,8 @@ class Session:
             limits = self.units.load(unit)
             control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))
         self._unit = unit
-        greeted = None if record_to is None else lambda: self.start_recording(record_to, metadata)
+        path = go_on_in.path if go_on_in is not None else record_to
+        greeted = None if path is None else lambda: self._record(path, metadata, go_on_in)
         self._keeper.open(port, profile, control, greeted=greeted)
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], timeout_s: float | None = None) -> SessionSnapshot:
@@ -165,6 +169,24 @@ class Session:
         StorageError : the folder cannot be written.
         OperatorError : a recording runs already, a run goes on, the name cannot be used, or nothing is connected.
         """
+        self._record(path, metadata, None)
+
+    def resume_recording(self, broken: BrokenRun, metadata: Mapping[str, Any] | None = None) -> None:
+        """Go on in the recording of a broken run (`resumption.prepare_resumption`), as a new segment.
+
+        Its steps and readings are there again; `arm(broken.plan, go_on=True)` then continues at its next whole cycle.
+
+        Parameters
+        ----------
+        metadata : operator and note of the part that begins.
+
+        Raises
+        ------
+        OperatorError : another board, unit or rate; or as `start_recording`. StorageError : it cannot be written.
+        """
+        self._record(broken.path, metadata, broken)
+
+    def _record(self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None) -> None:
         core = self._core
         ours = {
             "operator": self.settings.operator,
@@ -183,13 +205,15 @@ class Session:
             if core.control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
                 raise OperatorError("a recording begins before its run", "stop the run first")
             meta = {**ours, **core.describe(), **(metadata or {})}
-        recorder = Recorder(path, meta, health=core.health_now, on_error=core.storage_failed)
+        if broken is not None:
+            broken.check_same(meta, can_command=core.control.dialogue.can_command)
+        recorder = Recorder(path, meta, health=core.health_now, on_error=core.storage_failed, goes_on=broken)
         with core.lock:
             raced = core.journal.recorder is not None or core.acquisition is not acquisition
             if not raced:
                 acquisition.add_recorder(recorder)
-                core.journal.begin(recorder)
-                core.control.sequencer.marks.clear()
+                core.journal.begin(recorder, broken)
+                core.control.sequencer.marks[:] = broken.marks if broken else ()
                 self._recording_since_us = core.control.dialogue.board_us
         if raced:
             recorder.close("stopped")
@@ -242,7 +266,7 @@ class Session:
             if complete >= plan.cycles:
                 raise OperatorError("the run has all its cycles", "begin a new one")
             control.arm(plan, wait_for_reading=wait_for_reading, first_cycle=first, complete_cycles=complete)
-            if self._core.journal.recorder is not None:
+            if self._core.journal.recorder is not None and not go_on:
                 limits = control.interlock.limits
                 assert limits is not None
                 self._core.journal.recorder.update_meta(

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 from boat_daq.gui.calibration_page import CalibrationPage
-from boat_daq.gui.empty_page import EmptyPage
 from boat_daq.gui.optics_page import OpticsPage
 from boat_daq.gui.repeat_page import RepeatPage
 from boat_daq.gui.runs_page import RunsPage
 from boat_daq.gui.shadow_page import ShadowPage
+from boat_daq.gui.tradeoff_page import TradeoffPage
 from boat_daq.viewmodels.desk import Desk
 
 
@@ -22,11 +21,5 @@ def make_pages(desk: Desk) -> dict[str, Any]:
         "Runs": RunsPage(desk),
         "Optics": OpticsPage(desk),
         "Shadow": ShadowPage(desk),
-        "Trade-off": EmptyPage(
-            "Speed against accuracy",
-            "Here come the charts of time against error for every method, measured on this machine: what the next "
-            "digit costs, and the setting that is chosen by default. This version does not make them yet.",
-            "Back to Live",
-            partial(desk.request, "Live"),
-        ),
+        "Trade-off": TradeoffPage(desk),
     }

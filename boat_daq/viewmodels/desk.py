@@ -32,6 +32,7 @@ from boat_daq.viewmodels.runs import RunsModel
 from boat_daq.viewmodels.sequence import SequenceModel
 from boat_daq.viewmodels.shadow_live import ShadowLive
 from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
+from boat_daq.viewmodels.tradeoff import TradeoffModel
 from boat_daq.viewmodels.work import Bench
 
 PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
@@ -75,16 +76,17 @@ class Desk:
         self.sequence = SequenceModel(session, self.changes)
         self.readings = ReadingsModel(session, self.changes)
         self.units = units or UnitLibrary()
-        self.calibration = CalibrationModel(session, self.units, self.bench)
+        self.calibration = CalibrationModel(session, self.units, self.bench, self.changes)
         self.repeatability = RepeatabilityModel(self.bench)
         self.runs = RunsModel(recordings, self.units, self.bench)
         self.optics = OpticsModel(self.bench)
+        self.tradeoff = TradeoffModel(self.bench, folder, self.preferences)
         self.preparation = Preparation()
         self.conversion: Conversion | None = None
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay, lambda: session.ring)
         self._inverse_of: StoredCalibration | None = None
         self.request: Callable[[str], None] = lambda what: None
-        self._unit_shown = ""
+        self._unit_shown = ("", 0)  # its name, and which of its calibrations
         self._state_before = SessionState.IDLE
         self._offer: Notice | None = None
         self._link_notices: list[Notice] = []  # they leave by themselves once the link is up again
@@ -186,9 +188,9 @@ class Desk:
 
     def _follow_calibration(self) -> None:
         """Use the calibration in force of the unit on the bench."""
-        name = self.unit_name
-        if name != self._unit_shown:
-            self._unit_shown = name
+        name, revision = self.unit_name, self.calibration.units_revision
+        if (name, revision) != self._unit_shown:
+            self._unit_shown = (name, revision)
             stored = self.units.load(name).calibration if name else None
             self.use_calibration(stored)
         ready = self.preparation.poll()
@@ -214,12 +216,10 @@ class Desk:
     def accept_calibration(self) -> None:
         """Store the calibration with its unit and use it live."""
 
-        def deed() -> None:
-            self.calibration.accept(self.readings.reader)
-            if self.calibration.result is not None and self.calibration.result.unit == self.unit_name:
-                self.use_calibration(self.calibration.accepted)
-
-        self.notices.attempt(deed, done="Calibration accepted; the elongation is shown on the Live page")
+        self.notices.attempt(
+            lambda: self.calibration.accept(self.readings.reader),
+            done="Calibration accepted; the elongation is shown on the Live page",
+        )
 
     def vent(self) -> None:
         """Vent now, whatever else goes on."""

@@ -1,0 +1,189 @@
+"""The trade-off page: which methods to measure, time against error of the one looked at, and what the rule chose."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHBoxLayout,
+    QHeaderView,
+    QListWidget,
+    QListWidgetItem,
+    QProgressBar,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from boat_daq.engine.session import SessionSnapshot
+from boat_daq.gui import style, widgets
+from boat_daq.gui.files import ask_open, ask_save
+from boat_daq.gui.tradeoff_chart import TradeoffCard
+from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.tradeoff import METHODS
+from boat_daq.viewmodels.tradeoff_report import MethodChart, duration_text, error_text
+
+NOTHING_YET = (
+    "What does the next digit cost? Measure, and every setting of this method stands here with its time on this "
+    "machine and its error against an independent reference."
+)
+
+
+class MethodList(QListWidget):
+    """The methods: a tick takes one into the measurement, a selected one is looked at."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk, self.model = desk, desk.tradeoff
+        self.setAccessibleName("Methods; ticked ones are measured, the selected one is shown")
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        for name in METHODS:
+            item = QListWidgetItem()
+            item.setData(Qt.ItemDataRole.UserRole, name)
+            item.setFlags(item.flags() | Qt.ItemFlag.ItemIsUserCheckable)
+            self.addItem(item)
+        self.show_entries()
+        self.itemChanged.connect(self._ticked)
+        self.currentRowChanged.connect(lambda row: self.model.show(list(METHODS)[row]))
+
+    def show_entries(self) -> None:
+        """Show ticks, titles and verdicts as they are now."""
+        self.blockSignals(True)
+        for row, (name, title) in enumerate(METHODS.items()):
+            item = self.item(row)
+            item.setText(f"{title}\n{self.model.entry(name)}")
+            ticked = name in self.model.chosen
+            item.setCheckState(Qt.CheckState.Checked if ticked else Qt.CheckState.Unchecked)
+        self.setCurrentRow(list(METHODS).index(self.model.shown))
+        self.blockSignals(False)
+
+    def _ticked(self, item: QListWidgetItem) -> None:
+        name = str(item.data(Qt.ItemDataRole.UserRole))
+        self.model.choose(name, item.checkState() is Qt.CheckState.Checked)
+
+
+class SettingsTable(QTableWidget):
+    """Every setting of a method, cheapest first."""
+
+    COLUMNS = ("No.", "Setting", "Time", "Error", "")
+
+    def __init__(self) -> None:
+        super().__init__(0, len(self.COLUMNS))
+        self.setAccessibleName("Settings of the method, cheapest first: time, error, marks")
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setShowGrid(False)
+        self.setWordWrap(False)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - 2 * style.STEP)
+        self.setHorizontalHeaderLabels(list(self.COLUMNS))
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
+
+    def show_chart(self, chart: MethodChart | None) -> None:
+        """Show another method's settings."""
+        points = chart.points if chart is not None else ()
+        self.setRowCount(len(points))
+        for row, p in enumerate(points):
+            hover = (
+                f"{p.setting}: {duration_text(p.seconds)}, {p.repeats} repeats within {duration_text(p.spread_s)}; "
+                f"error {error_text(p.error)} {chart.unit if chart else ''}, within {error_text(p.error_spread)}"
+            )
+            cells = (str(p.number), p.setting, duration_text(p.seconds), error_text(p.error), p.marks)
+            for column, text in enumerate(cells):
+                cell = QTableWidgetItem(text)
+                cell.setToolTip(hover)
+                side = Qt.AlignmentFlag.AlignRight if column in (0, 2, 3) else Qt.AlignmentFlag.AlignLeft
+                cell.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
+                self.setItem(row, column, cell)
+
+
+class TradeoffPage(QWidget):
+    """The trade-off page on a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk, self.model = desk, desk.tradeoff
+        self._revision = -1
+        self.methods = MethodList(desk)
+        self.chart, self.table = TradeoffCard(), SettingsTable()
+        self.words = widgets.label(NOTHING_YET, "muted", wrap=True, name="What the rule chose, and why")
+        self.measured = widgets.label("", "small", wrap=True)
+        across = QHBoxLayout()
+        across.setSpacing(style.GAP)
+        across.addWidget(self._side())
+        across.addLayout(self._right(), 1)
+        widgets.page_layout(self).addLayout(across)
+
+    def _side(self) -> QWidget:
+        frame, inside = widgets.card()
+        frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
+        self.kind = widgets.choice(
+            "How thoroughly to measure", [("Quick, about half a minute", True), ("Full, about 3 minutes", False)]
+        )
+        self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
+        self.kind.activated.connect(lambda _: self.model.set_quick(bool(self.kind.currentData())))
+        attempt = self.desk.notices.attempt
+        self.start = widgets.button("Measure", partial(attempt, self.model.toggle), "primary")
+        self.progress = QProgressBar()
+        self.progress.setAccessibleName("Progress of the measurement")
+        self.status = widgets.label("", "small", wrap=True)
+        self.open = widgets.button("Open \u2026", self._ask_open, name="Open a measured trade-off")
+        self.save = widgets.button("Save \u2026", self._ask_save, name="Save the trade-off as JSON or CSV")
+        inside.addWidget(widgets.label("Methods", "subtitle"))
+        inside.addWidget(self.methods, 1)
+        inside.addWidget(self.kind)
+        inside.addWidget(self.start)
+        inside.addWidget(self.progress)
+        inside.addWidget(self.status)
+        inside.addLayout(widgets.row(self.open, self.save))
+        return frame
+
+    def _right(self) -> QVBoxLayout:
+        frame, inside = widgets.card()
+        frame.setFixedWidth(style.PANE_WIDTH_WIDE)
+        inside.addWidget(self.table, 1)
+        inside.addWidget(self.words)
+        inside.addWidget(self.measured)
+        upper = QHBoxLayout()
+        upper.setSpacing(style.GAP)
+        upper.addWidget(self.chart, 1)
+        upper.addWidget(frame)
+        right = QVBoxLayout()
+        right.setSpacing(style.GAP)
+        right.addLayout(upper, 3)
+        return right
+
+    def _ask_open(self) -> None:
+        ask_open(self, self.desk, "Open a measured trade-off", "json", self.model.load)
+
+    def _ask_save(self) -> None:
+        ask_save(self, self.desk, "tradeoff", "json csv", self.model.save)
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the measurement under way; the rest where it has changed."""
+        work = self.model.work
+        widgets.set_text(self.start, "Stop" if work is not None else "Measure")
+        self.progress.setVisible(work is not None)
+        if work is not None:
+            self.progress.setRange(0, 0 if work.fraction is None else 1000)
+            self.progress.setValue(work.permille)
+        widgets.set_text(self.status, self.model.status())
+        self.status.setVisible(bool(self.status.text()))
+        if self.model.revision == self._revision:
+            return
+        self._revision = self.model.revision
+        chart = self.model.chart
+        self.methods.show_entries()
+        self.save.setEnabled(self.model.content is not None)
+        self.chart.heading.setText(METHODS[self.model.shown])
+        self.chart.readout.setText("" if chart else "not measured yet")
+        self.chart.show_chart(chart)
+        self.table.show_chart(chart)
+        self.words.setText(chart.explanation if chart else NOTHING_YET)
+        self.measured.setText(f"Measured: {chart.measured}" if chart else "")

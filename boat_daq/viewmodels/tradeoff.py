@@ -1,0 +1,199 @@
+"""The trade-off page: what each method's next digit costs on this machine, and what the rule makes of it.
+
+Rules: measuring happens in a helper process. The last result is kept beside the window's preferences and shown at the
+next start; methods that were not measured again keep theirs, with their own date.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels import tables
+from boat_daq.viewmodels.formatting import count
+from boat_daq.viewmodels.preferences import Preferences
+from boat_daq.viewmodels.tradeoff_report import MethodChart, merged, read_report, report_columns
+from boat_daq.viewmodels.work import Bench, Work, WorkState
+
+METHODS = {
+    "tracer": "Ray tracer",
+    "ranking": "Ranking of the designs",
+    "full-fem": "Full model of actuator",
+    "reduced-fem": "Reduced model of actuator",
+    "posterior": "Posterior of calibration",
+    "inverse": "Signal to elongation",
+    "segmentation": "Plateaus and cycles",
+    "decimation": "Live plot",
+}
+"""Every method that can be measured, by the name the command takes; a test holds it against the command's list."""
+FILE = "tradeoff.json"
+CHOSEN, QUICK, SHOWN = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown"
+
+
+class TradeoffModel:
+    """State of the page.
+
+    Parameters
+    ----------
+    bench : where methods are measured.
+    folder : where the last result is kept.
+    preferences : remember what was chosen.
+    """
+
+    def __init__(self, bench: Bench, folder: Path, preferences: Preferences) -> None:
+        self.bench, self.path, self.preferences = bench, folder / FILE, preferences
+        self.problem = ""
+        self.revision = 0
+        self.content: dict[str, Any] | None = None
+        self.charts: dict[str, MethodChart] = {}
+        self._remembered()
+
+    def _remembered(self) -> None:
+        try:
+            self.take(json.loads(self.path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, OperatorError):
+            self.problem = "the last result could not be read; measure again"
+
+    # ---- what is chosen ------------------------------------------------------------------------------------------
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """Names of the methods that a measurement takes."""
+        kept = self.preferences.get(CHOSEN, list(METHODS))
+        return tuple(name for name in METHODS if name in kept)
+
+    def choose(self, name: str, on: bool) -> None:
+        """Take a method into the next measurement, or leave it out."""
+        self.preferences.set(CHOSEN, [n for n in METHODS if (on if n == name else n in self.chosen)])
+
+    @property
+    def quick(self) -> bool:
+        """Whether the next measurement is the quick one."""
+        return bool(self.preferences.get(QUICK, True))
+
+    def set_quick(self, on: bool) -> None:
+        """Choose the quick measurement or the full one."""
+        self.preferences.set(QUICK, on)
+
+    @property
+    def shown(self) -> str:
+        """Name of the method that is looked at."""
+        name = str(self.preferences.get(SHOWN, ""))
+        return name if name in METHODS else next(iter(METHODS))
+
+    def show(self, name: str) -> None:
+        """Look at a method."""
+        self.preferences.set(SHOWN, name)
+        self.revision += 1
+
+    @property
+    def chart(self) -> MethodChart | None:
+        """The method that is looked at, where it was measured."""
+        return self.charts.get(self.shown)
+
+    # ---- measuring -----------------------------------------------------------------------------------------------
+
+    @property
+    def work(self) -> Work | None:
+        """The measurement under way."""
+        return self.bench.get("tradeoff")
+
+    def toggle(self) -> None:
+        """Start measuring the chosen methods, or stop.
+
+        Raises
+        ------
+        OperatorError : no method is chosen.
+        """
+        if self.work is not None:
+            self.bench.cancel("tradeoff")
+            return
+        if not self.chosen:
+            raise OperatorError("no method is chosen to be measured", "Tick one or more in the list of methods.")
+        name = "boat_daq.viewmodels.tradeoff_work:measure_methods"
+        label = f"Measuring {count(len(self.chosen), 'method')}"
+        self.bench.start("tradeoff", Work(label, name, self.chosen, self.quick, report=True), self._measured)
+        self.problem = ""
+        self.revision += 1
+
+    def _measured(self, work: Work) -> None:
+        if work.state is WorkState.DONE:
+            self.take(merged(self.content, work.result))
+            self._keep()
+        elif work.failure is not None:
+            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
+        self.revision += 1
+
+    def take(self, content: dict[str, Any]) -> None:
+        """Show a result.
+
+        Raises
+        ------
+        OperatorError : it is none.
+        """
+        self.charts = read_report(content)
+        self.content = content
+        self.problem = ""
+        self.revision += 1
+
+    # ---- files ---------------------------------------------------------------------------------------------------
+
+    def _keep(self) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._write_json(self.path)
+        except OSError as error:
+            self.problem = f"the result could not be kept for the next start: {error.strerror}"
+
+    def _write_json(self, path: Path) -> None:
+        path.write_text(json.dumps(self.content, indent=1, ensure_ascii=False), encoding="utf-8")
+
+    def load(self, path: Path) -> None:
+        """Show the result in a file, and remember it.
+
+        Raises
+        ------
+        OperatorError : it is no such result.
+        OSError : it cannot be read.
+        """
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise OperatorError(f"{path.name} is no JSON file", "Choose a tradeoff.json.") from error
+        self.take(content)
+        self._keep()
+
+    def save(self, path: Path) -> None:
+        """Write the result as the ending of `path` says: .json as the command has it, .csv with a row a point.
+
+        Raises
+        ------
+        OperatorError : nothing has been measured.
+        OSError : the path cannot be written.
+        """
+        if self.content is None:
+            raise OperatorError("nothing has been measured yet", "Measure first, or open a result.")
+        if path.suffix == ".csv":
+            tables.save_csv(path, report_columns(self.charts))
+        else:
+            self._write_json(path)
+
+    # ---- words ---------------------------------------------------------------------------------------------------
+
+    def entry(self, name: str) -> str:
+        """Return a method's line in the list."""
+        chart = self.charts.get(name)
+        if chart is None:
+            return "not measured yet"
+        return f"{chart.mark} default is the choice" if chart.default_is_chosen else f"{chart.mark} the rule chose otherwise"
+
+    def status(self) -> str:
+        """Return what is going on, in a line."""
+        work = self.work
+        if work is not None:
+            return f"{work.label} \u2026 {round(100 * (work.fraction or 0.0))} %"
+        return f"\u25b2 {self.problem}" if self.problem else ""

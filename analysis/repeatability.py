@@ -76,6 +76,26 @@ def per_cycle(analysis: Analysis, sensor: int) -> PerCycle:
     )
 
 
+def sensitivity_per_cycle(analysis: Analysis, sensor: int) -> tuple[FloatArray, str]:
+    """Return the end-to-end sensitivity of each cycle, [cycles], and its unit.
+
+    Span of the signal between the outermost levels that every cycle has, over the span of the elongation there (mV/mm)
+    where it was read in every cycle; else over that of the pressure (mV/kPa), as in a continuous run.
+    """
+    loops = analysis.loops
+    x, unit = loops.elongation_mm, "mV/mm"
+    if x is None or not (np.isfinite(branch_mean(x)).sum(axis=1) > 1).all():
+        x, unit = loops.pressure_kpa, "mV/kPa"
+    abscissa, signal = branch_mean(x), branch_mean(loops.signal_mv[sensor])
+    whole = np.flatnonzero((np.isfinite(abscissa) & np.isfinite(signal)).all(axis=0)) if loops.n_cycles else []
+    if len(whole) < 2:
+        return np.full(loops.n_cycles, np.nan), unit
+    first, last = whole[0], whole[-1]
+    across = np.abs(abscissa[:, last] - abscissa[:, first])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(across > 0, np.abs(signal[:, last] - signal[:, first]) / across, np.nan), unit
+
+
 def judge(analysis: Analysis, limits: Mapping[str, float]) -> list[Verdict]:
     """Compare the figures of every sensor with limits.
 

@@ -5,21 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
+from boat_daq.gui.divided import Divided
 from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.figure_table import FigureTable
 from boat_daq.gui.files import ask_open
 from boat_daq.gui.plot import sensor_ink
 from boat_daq.gui.plot_card import PlotCard
-from boat_daq.viewmodels.calibration import CalibrationModel, sensor_words
+from boat_daq.viewmodels.calibration import CalibrationModel, CurveShown, sensor_words
 from boat_daq.viewmodels.desk import Desk
-from boat_daq.viewmodels.results import LoopSet, PosteriorResult, SensorResult
+from boat_daq.viewmodels.results import LoopSet, SensorResult
 
 SENSORS = 2
+BESIDE = ("", "now", "last", "E\u2099")
 MOST_FLAGS = 5  # shown; all of them on hover
+
+
+SIDE = style.PANE_WIDTH_WIDE - 8 * style.STEP
 
 
 class CurveCard(PlotCard):
@@ -32,30 +37,38 @@ class CurveCard(PlotCard):
         self.bottom = self.add("Residual", "mV", x_title="Elongation", x_unit="mm", stretch=1)
         self.link_x()
         self.wide = self.top.band("Band of a new reading, 95 %", ink, alpha=style.BAND_ALPHA_WIDE)
-        self.band = self.top.band("Band of the curve, 95 %", ink)
+        self.bands = [self.top.band(f"Band of the curve, {p} %", ink) for p in (95, 68)]
         self.before = self.top.curve("Last calibration", lambda t: t.target, dashed=True)
         self.curve = self.top.curve("Calibration", ink)
         self.loading = self.top.points("Loading", ink)
         self.unloading = self.top.points("Unloading", ink, filled=False)
+        self.apart = self.bottom.curve("Last calibration less this one", lambda t: t.target, dashed=True)
+        self.rest_bands = [self.bottom.band(f"Band of the curve about itself, {p} %", ink) for p in (95, 68)]
         self.bottom.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
         self.rest_loading = self.bottom.points("Residual, loading", ink, size=6)
         self.rest_unloading = self.bottom.points("Residual, unloading", ink, filled=False, size=6)
 
-    def show_sensor(self, sensor: SensorResult, posterior: PosteriorResult | None) -> None:
-        """Draw a sensor's calibration."""
+    def show_sensor(self, sensor: SensorResult, shown: CurveShown) -> None:
+        """Draw a sensor's calibration, its bands and the unit's last one."""
         up, down = sensor.loading, ~sensor.loading
         self.loading.set(sensor.x[up], sensor.y[up])
         self.unloading.set(sensor.x[down], sensor.y[down])
-        self.rest_loading.set(sensor.x[up], sensor.residuals[up])
-        self.rest_unloading.set(sensor.x[down], sensor.residuals[down])
-        self.curve.set(sensor.grid, sensor.curve)
-        low, high = posterior.curve_95 if posterior is not None else (sensor.low, sensor.high)
-        self.band.set(sensor.grid, low, high)
-        self.wide.show(posterior is not None)
-        if posterior is not None:
-            self.wide.set(posterior.grid, *posterior.new_reading_95)
-        source = "posterior" if posterior is not None else "least squares"
-        self.readout.setText(f"\u25cf loading  \u25cb unloading   band 95 %, {source}")
+        self.rest_loading.set(sensor.x[up], shown.residuals[up])
+        self.rest_unloading.set(sensor.x[down], shown.residuals[down])
+        self.curve.set(shown.grid, shown.curve)
+        for above, below, (low, high) in zip(self.bands, self.rest_bands, (shown.band_95, shown.band_68), strict=True):
+            above.set(shown.grid, low, high)
+            below.set(shown.grid, low - shown.curve, high - shown.curve)
+        self.wide.show(shown.new_reading_95 is not None)
+        if shown.new_reading_95 is not None:
+            self.wide.set(shown.grid, *shown.new_reading_95)
+        for before in (self.before, self.apart):
+            before.show(shown.last is not None)
+        if shown.last is not None:
+            self.before.set(shown.last[0], shown.last[1])
+            self.apart.set(shown.last[0], shown.last[2])
+        last = "   \u2504 last calibration" if shown.last is not None else ""
+        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   bands 68, 95 %: {shown.source}")
         self.top.fit()
         self.bottom.fit()
 
@@ -137,12 +150,12 @@ class CalibrationPage(QWidget):
         left.setSpacing(style.GAP)
         left.addLayout(upper, 5)
         left.addLayout(lower, 4)
-        across = QHBoxLayout()
-        across.setSpacing(style.GAP)
-        across.addLayout(left, 1)
-        across.addWidget(self._side())
-        layout.addLayout(across, 1)
+        layout.addWidget(self.desk_splitter(left), 1)
         return body
+
+    def desk_splitter(self, left: QVBoxLayout) -> QWidget:
+        """Return plots and figures side by side, their border to be moved."""
+        return Divided("calibration", self.desk.preferences, widgets.holder(left), self._side(), SIDE)
 
     def _head(self) -> QWidget:
         frame, inside = widgets.card()
@@ -169,13 +182,19 @@ class CalibrationPage(QWidget):
 
     def _side(self) -> QWidget:
         frame, inside = widgets.card()
-        frame.setFixedWidth(style.PANE_WIDTH_WIDE - 8 * style.STEP)
-        inside.addWidget(widgets.label("Figures", "subtitle"))
-        inside.addWidget(self.table, 1)
-        self.posterior = widgets.label("", "small", wrap=True)
+        self.tabs = QTabWidget()
+        self.tabs.setDocumentMode(True)
+        self.tabs.tabBar().setDrawBase(False)
+        self.tabs.setAccessibleName("Figures, and the last calibration beside this one")
+        self.beside = widgets.read_table("This calibration beside the last one", BESIDE)
         self.comparison = widgets.label("", "small", wrap=True)
+        before = widgets.holder(widgets.column(self.comparison, self.beside, spacing=style.GAP))
+        self.tabs.addTab(self.table, "Figures")
+        self.tabs.addTab(before, "Against the last")
+        inside.addWidget(self.tabs, 1)
+        self.posterior = widgets.label("", "small", wrap=True)
         self.flags = widgets.label("", "small", wrap=True)
-        for widget in (self.posterior, self.comparison, self.flags):
+        for widget in (self.posterior, self.flags):
             inside.addWidget(widget)
         return frame
 
@@ -206,20 +225,12 @@ class CalibrationPage(QWidget):
         if result is None:
             return
         for i, (card, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
-            posterior = self.model.posterior[i] if i < len(self.model.posterior) else None
             if sensor.x.size:
-                card.show_sensor(sensor, posterior)
-            self._show_before(card, i)
+                card.show_sensor(sensor, self.model.shown(i))
         self.loops.show_loops(result.loops)
         self.actuator.show_loops(result.loops)
         self.table.show_rows(result.figures, [sensor_words(s.name) for s in result.sensors])
         self._show_words()
-
-    def _show_before(self, card: CurveCard, index: int) -> None:
-        before = self.model.previous_curve(index)
-        card.before.show(before is not None)
-        if before is not None:
-            card.before.set(*before)
 
     def _show_words(self) -> None:
         result = self.model.result
@@ -230,6 +241,9 @@ class CalibrationPage(QWidget):
         self.posterior.setText("\n".join(["Posterior", *posterior] if posterior else []))
         self.posterior.setVisible(bool(posterior))
         self.comparison.setText(self.model.comparison())
+        rows = self.model.coefficient_rows()
+        self.beside.setVisible(bool(rows))
+        widgets.fill_table(self.beside, [row.cells for row in rows], [row.hover for row in rows])
         self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in result.flags[:MOST_FLAGS]))
         self.flags.setToolTip("\n".join(result.flags))
         self.flags.setVisible(bool(result.flags))

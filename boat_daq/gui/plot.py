@@ -135,6 +135,7 @@ class Plot:
         self.x_title, self.x_unit = x_title, x_unit
         self.layers: list[Layer] = []
         self._y_shown = (math.nan, math.nan)
+        self._theme: Theme | None = None
         self.short = False  # only the unit beside the vertical axis, where there is no room for more
         self._lines: list[tuple[Any, Ink, Qt.PenStyle]] = []
         item.hideButtons()
@@ -203,6 +204,13 @@ class Plot:
         self.item.addItem(layer.item, ignoreBounds=True)
         return layer
 
+    def rename(self, title: str, unit: str) -> None:
+        """Measure something else from now on."""
+        if (title, unit) != (self.title, self.unit):
+            self.title, self.unit = title, unit
+            if self._theme is not None:
+                self._titles(self._theme)
+
     def x_range(self, low: float, high: float) -> None:
         """Show [low, high] horizontally."""
         if high > low:
@@ -238,6 +246,7 @@ class Plot:
 
     def paint(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
+        self._theme = theme
         for side in ("left", "bottom"):
             ruler = self.item.getAxis(side)
             ruler.setPen(pg.mkPen(theme.grid, width=1))

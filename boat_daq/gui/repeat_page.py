@@ -1,11 +1,12 @@
-"""The repeatability page: loops coloured by cycle, drift of the ends, hysteresis and span of each cycle."""
+"""The repeatability page: loops coloured by cycle; drift, hysteresis, sensitivity and SNR of every cycle."""
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QStackedWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
+from boat_daq.gui.divided import Divided
 from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.figure_table import FigureTable
 from boat_daq.gui.plot import Curve, ramp_ink, sensor_ink
@@ -42,7 +43,7 @@ class LoopsByCycle(PlotCard):
 class PerCycle(PlotCard):
     """A figure of every cycle over its number, both sensors."""
 
-    def __init__(self, title: str, axis: str, unit: str, *, points: bool = True) -> None:
+    def __init__(self, title: str, axis: str, unit: str) -> None:
         super().__init__(title)
         self.plot = self.add(axis, unit, x_title="Cycle")
         self.sensors = [
@@ -59,7 +60,7 @@ class RepeatPage(QWidget):
         self.desk = desk
         self._revision = -1
         self.words = widgets.label("", "subtitle")
-        self.failure = widgets.label("", "muted")
+        self.warm_up = widgets.label("", "muted")
         self.loops = [LoopsByCycle(n) for n in range(1, SENSORS + 1)]
         self.drift = PerCycle("Drift", "Change", "mV")
         self.low_ends = [
@@ -68,14 +69,16 @@ class RepeatPage(QWidget):
         ]
         self.drift.readout.setText("\u25cf\u25a0 high  \u25cb\u25a1 low")
         self.hysteresis = PerCycle("Hysteresis", "Per cycle", "% FSO")
-        self.span = PerCycle("Span", "Per cycle", "mV")
+        self.sensitivity = PerCycle("Sensitivity", "Per cycle", "mV/mm")
+        self.snr = PerCycle("SNR", "Per cycle", "dB")
         self.table = FigureTable()
         self.stack = QStackedWidget()
         self.stack.addWidget(
             EmptyState(
                 "No run of many cycles yet",
-                "Here come the loops of every cycle, the drift of their ends, and hysteresis, span and SNR. Choose the "
-                "plan 'repeatability' and start it: this page fills while it runs. Or open one on the Runs page.",
+                "Here come the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. "
+                "Choose the plan 'repeatability' and start it: this page fills while it runs. Or open one on the Runs "
+                "page.",
                 "Choose the plan",
                 desk.choose_repeatability,
             )
@@ -90,28 +93,24 @@ class RepeatPage(QWidget):
         layout.setSpacing(style.GAP)
         head, inside = widgets.card()
         inside.addLayout(
-            widgets.row(self.words, self.failure, None, widgets.button("Report …", lambda: self.desk.request("report")))
+            widgets.row(self.words, self.warm_up, None, widgets.button("Report …", lambda: self.desk.request("report")))
         )
         layout.addWidget(head)
         grid = QGridLayout()
+        grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(style.GAP)
-        for i, card in enumerate(self.loops):
-            grid.addWidget(card, 0, 3 * i, 1, 3)
-        for i, shown in enumerate((self.drift, self.hysteresis, self.span)):
-            grid.addWidget(shown, 1, 2 * i, 1, 2)
-        for sixth in range(6):
-            grid.setColumnStretch(sixth, 1)
-        grid.setRowStretch(0, 4)
-        grid.setRowStretch(1, 3)
+        rows = ((self.loops[0], self.drift, self.hysteresis), (self.loops[1], self.sensitivity, self.snr))
+        for i, row in enumerate(rows):
+            for k, shown in enumerate(row):
+                grid.addWidget(shown, i, k)
+            grid.setRowStretch(i, 1)
+        for k, share in enumerate((4, 3, 3)):
+            grid.setColumnStretch(k, share)
         side, column = widgets.card()
-        side.setFixedWidth(style.PANE_WIDTH_WIDE - 8 * style.STEP)
         column.addWidget(widgets.label("Figures", "subtitle"))
         column.addWidget(self.table)
-        across = QHBoxLayout()
-        across.setSpacing(style.GAP)
-        across.addLayout(grid, 1)
-        across.addWidget(side)
-        layout.addLayout(across, 1)
+        width = style.PANE_WIDTH_WIDE - 8 * style.STEP
+        layout.addWidget(Divided("repeat", self.desk.preferences, widgets.holder(grid), side, width), 1)
         return body
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -123,16 +122,22 @@ class RepeatPage(QWidget):
         result = model.result
         self.stack.setCurrentIndex(0 if result is None else 1)
         self.words.setText(model.words)
+        self.warm_up.setText(model.warm_up())
         if result is None or not result.cycles:
             return
         for card in self.loops[: len(result.sensors)]:
             card.show_groups(self.desk)
         for i in range(min(SENSORS, len(result.sensors))):
             numbers, top, bottom = model.extremes(i)
+            each = model.cycles(i)
             self.drift.sensors[i].set(numbers, top)
             self.low_ends[i].set(numbers, bottom)
-            self.hysteresis.sensors[i].set(*model.hysteresis(i))
-            self.span.sensors[i].set(*model.spans(i))
-        for shown in (self.drift, self.hysteresis, self.span):
+            for shown, values in (
+                (self.hysteresis, each.hysteresis_percent_fso), (self.sensitivity, each.sensitivity),
+                (self.snr, each.snr_db),
+            ):  # fmt: skip
+                shown.sensors[i].set(numbers, values)
+            self.sensitivity.plot.rename("Per cycle", each.sensitivity_unit)
+        for shown in (self.drift, self.hysteresis, self.sensitivity, self.snr):
             shown.plot.fit()
         self.table.show_rows(result.figures, [sensor_words(s.name) for s in result.sensors])

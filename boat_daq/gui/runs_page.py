@@ -9,15 +9,12 @@ from pathlib import Path
 from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPointF, QRect, QSize, Qt
 from PySide6.QtGui import QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import (
-    QAbstractItemView,
     QHBoxLayout,
-    QHeaderView,
     QMenu,
     QPushButton,
     QStackedWidget,
     QStyledItemDelegate,
     QStyleOptionViewItem,
-    QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
     QWidget,
@@ -70,24 +67,6 @@ class Thumbnail(QStyledItemDelegate):
         return QSize(*style.THUMBNAIL)
 
 
-def table(name: str, headings: tuple[str, ...]) -> QTableWidget:
-    """Return an empty table that is read, not edited."""
-    widget = QTableWidget(0, len(headings))
-    widget.setAccessibleName(name)
-    widget.setHorizontalHeaderLabels(list(headings))
-    widget.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-    widget.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-    widget.setShowGrid(False)
-    widget.setWordWrap(False)
-    widget.verticalHeader().hide()
-    widget.horizontalHeader().setHighlightSections(False)
-    for column in range(len(headings)):
-        item = widget.horizontalHeaderItem(column)
-        if item is not None:
-            item.setTextAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-    return widget
-
-
 class RunsPage(QWidget):
     """The runs of a `Desk`."""
 
@@ -96,19 +75,13 @@ class RunsPage(QWidget):
         self.desk = desk
         self._revision = -1
         self._compared: object = None
-        self.list = table("Recordings", HEADINGS)
+        self.list = widgets.read_table("Recordings", HEADINGS)
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
         self.thumbnail = Thumbnail(self.list)
         self.list.setItemDelegateForColumn(0, self.thumbnail)
         self.list.itemSelectionChanged.connect(self._enable)
         self.list.itemDoubleClicked.connect(lambda _: self.open())
-        header = self.list.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setStretchLastSection(True)
-        self.units = table("Units and their calibrations", UNIT_HEADINGS)
-        self.units.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT)
-        self.units.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.units.horizontalHeader().setStretchLastSection(True)
+        self.units = widgets.read_table("Units and their calibrations", UNIT_HEADINGS)
         self.history = PlotCard("Sensitivity of the unit over its calibrations")
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
         self.ages = [plot.points(f"Sensor {n}", sensor_ink(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]

@@ -5,19 +5,23 @@ Rules: a control has an accessible name (its text, where it has one); a role nam
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
+    QAbstractItemView,
     QBoxLayout,
     QComboBox,
     QFrame,
     QHBoxLayout,
+    QHeaderView,
     QLabel,
     QLineEdit,
     QPushButton,
     QSizePolicy,
+    QTableWidget,
+    QTableWidgetItem,
     QVBoxLayout,
     QWidget,
 )
@@ -125,6 +129,36 @@ def set_state(widget: QWidget, value: str, key: str = "state") -> None:
         widget.setProperty(key, value)
         widget.style().unpolish(widget)
         widget.style().polish(widget)
+
+
+def read_table(name: str, headings: Sequence[str]) -> QTableWidget:
+    """Return an empty table that is read, not edited."""
+    widget = QTableWidget(0, len(headings))
+    widget.setAccessibleName(name)
+    widget.setHorizontalHeaderLabels(list(headings))
+    widget.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+    widget.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+    widget.setShowGrid(False)
+    widget.setWordWrap(False)
+    widget.verticalHeader().hide()
+    widget.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
+    header = widget.horizontalHeader()
+    header.setHighlightSections(False)
+    header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+    header.setStretchLastSection(True)
+    header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+    return widget
+
+
+def fill_table(widget: QTableWidget, rows: Sequence[Sequence[str]], hovers: Sequence[str] = ()) -> None:
+    """Show other rows in a table that is read; a row's hover, where there is one, on each of its cells."""
+    widget.setRowCount(len(rows))
+    for i, cells in enumerate(rows):
+        for k, text in enumerate(cells):
+            item = QTableWidgetItem(text)
+            if hovers:
+                item.setToolTip(hovers[i])
+            widget.setItem(i, k, item)
 
 
 def grow(widget: QWidget) -> QWidget:

@@ -7,21 +7,52 @@ simulated run for a real unit, is never accepted quietly.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from analysis.agreement import Agreement, compare_fits
+from analysis.errors import AnalysisError
 from boat_daq.engine.session import Session, SessionState
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.formatting import count, duration, number
-from boat_daq.viewmodels.results import PosteriorResult, RunResult
+from boat_daq.viewmodels.changes import Change, Changes, History
+from boat_daq.viewmodels.formatting import NOTHING, count, duration, number
+from boat_daq.viewmodels.results import Array, Band, PosteriorResult, RunResult, SensorResult
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 
 ANALYSIS = "boat_daq.viewmodels.calibration_work:analyse_run"
 POSTERIOR = "boat_daq.viewmodels.calibration_work:sample_run"
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
+
+
+@dataclass(frozen=True, slots=True)
+class CurveShown:
+    """One sensor's curve with the bands that belong to it, and the residuals about it, mV.
+
+    `source` is "least squares", or "posterior" once it is sampled: its mean curve is then the one drawn. `last` is the
+    unit's last calibration over the shared range: grid, its curve, its curve less this fit; None where there is none.
+    """
+
+    source: str
+    grid: Array
+    curve: Array
+    band_68: Band
+    band_95: Band
+    new_reading_95: Band | None
+    residuals: Array
+    last: tuple[Array, Array, Array] | None
+
+
+@dataclass(frozen=True, slots=True)
+class CoefficientRow:
+    """A coefficient side by side: name, this calibration, the last one, E_n."""
+
+    cells: tuple[str, str, str, str]
+    hover: str
 
 
 class CalibrationModel:
@@ -32,16 +63,21 @@ class CalibrationModel:
     session : its recording is closed before it is analysed.
     units : where calibrations are kept.
     bench : where the work is done.
+    changes : where an acceptance is kept for undo.
     """
 
-    def __init__(self, session: Session, units: UnitLibrary, bench: Bench) -> None:
+    def __init__(self, session: Session, units: UnitLibrary, bench: Bench, changes: Changes | None = None) -> None:
         self.session, self.units, self.bench = session, units, bench
+        self._changes = changes if changes is not None else History()
         self.result: RunResult | None = None
+        self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
+        self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[PosteriorResult, ...] = ()
         self.failure: Any = None
         self.last_path: Path | None = None
         self.accepted: StoredCalibration | None = None
         self.revision = 0
+        self.units_revision = 0  # grows whenever a unit's calibration in force changes
 
     @property
     def working(self) -> bool:
@@ -67,12 +103,26 @@ class CalibrationModel:
     def analyse(self, path: Path) -> None:
         """Analyse a recording in the background."""
         self.last_path, self.result, self.posterior, self.failure, self.accepted = path, None, (), None, None
+        self.before, self.agreements = None, ()
         self.revision += 1
         self.bench.start("analysis", Work(f"Analysing {path.name}", ANALYSIS, str(path), report=True), self._analysed)
 
     def _analysed(self, work: Work) -> None:
-        self.result, self.failure = work.result, work.failure
+        self.failure = work.failure
+        self.show(work.result)
+
+    def show(self, result: RunResult | None) -> None:
+        """Show a result, beside the unit's calibration in force.
+
+        Raises
+        ------
+        OperatorError : the unit's file is refused.
+        """
+        self.result = result
         self.revision += 1
+        self.before = self.units.load(result.unit).calibration if result is not None and result.unit else None
+        if result is not None and self.before is not None:
+            self.agreements = tuple(map(_agreement, result.sensors, self.before.content.get("sensors", [])))
 
     def sample(self) -> None:
         """Sample the posterior in the background.
@@ -134,44 +184,70 @@ class CalibrationModel:
         )
         return "ok", f"\u25cf {fits}"
 
-    def previous(self) -> StoredCalibration | None:
-        """Return the unit's calibration in force before this one."""
-        if self.result is None or not self.result.unit:
-            return None
-        history = [entry for entry in self.units.load(self.result.unit).history if entry.accepted]
-        if self.accepted is not None and history:
-            history = history[:-1]
-        return history[-1] if history else None
+    def shown(self, index: int) -> CurveShown:
+        """Return what is drawn of a sensor: the posterior's mean curve with its bands, or the fit with its own."""
+        assert self.result is not None
+        sensor, agreement = self.result.sensors[index], self.agreement(index)
+        last = None if agreement is None else (agreement.grid, agreement.before_mv, -agreement.difference_mv)
+        if index >= len(self.posterior):
+            bands = (sensor.band_68, sensor.band_95, None)
+            return CurveShown("least squares", sensor.grid, sensor.curve, *bands, sensor.residuals, last)
+        found = self.posterior[index]
+        bands_of = (found.curve_68, found.curve_95, found.new_reading_95)
+        residuals = sensor.y - np.interp(sensor.x, found.grid, found.mean)
+        return CurveShown("posterior", found.grid, found.mean, *bands_of, residuals, last)
+
+    def agreement(self, index: int) -> Agreement | None:
+        """Return how a sensor compares with the unit's last calibration; None where there is nothing to compare."""
+        return self.agreements[index] if index < len(self.agreements) else None
 
     def comparison(self) -> str:
-        """Return how this calibration differs from the unit's last, in a line."""
+        """Return how this calibration differs from the unit's last, a line a sensor."""
         if self.result is None or not self.result.calibrated:
             return ""
-        before = self.previous()
-        if before is None:
+        if self.before is None:
             return f"{self.result.unit or 'The unit'} has no earlier calibration to compare with."
-        parts = []
-        for sensor, old in zip(self.result.sensors, before.content.get("sensors", []), strict=False):
-            apart = np.polynomial.polynomial.polyval(sensor.grid, old["fit"]["coefficients"]) - sensor.curve
-            worst = int(np.argmax(np.abs(apart)))
-            mm = abs(apart[worst] / sensor.slope[worst]) if sensor.slope[worst] else float("nan")
-            parts.append(
-                f"{sensor_words(sensor.name)} {number(float(-apart[worst]), 1, sign=True)} mV "
-                f"({number(float(mm), 2)} mm) at {number(float(sensor.grid[worst]), 1, sign=True)} mm"
+        lines = [f"Against the calibration of {self.before.utc[:16].replace('T', ' ')} UTC"]
+        for i, sensor in enumerate(self.result.sensors):
+            found, name = self.agreement(i), sensor_words(sensor.name)
+            if found is None:
+                lines.append(f"{name}: cannot be compared")
+                continue
+            at = found.worst
+            x, apart, mm = (float(v[at]) for v in (found.grid, found.difference_mv, found.difference_mm))
+            mark = {True: "\u25cf agrees", False: "\u25b2 differs", None: NOTHING}[found.agrees]
+            lines.append(
+                f"{name}: {mark}, E\u2099 = {number(float(found.e_n[at]), 2, sign=True)}: "
+                f"{number(apart, 1, sign=True)} mV ({number(abs(mm), 2)} mm) at {number(x, 1, sign=True)} mm"
             )
-        return f"Against the calibration of {before.utc[:10]}, at most: " + ",   ".join(parts)
+        return "\n".join(lines)
 
-    def previous_curve(self, index: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]] | None:
-        """Return the unit's last curve of a sensor over the present range; None where there is none."""
-        before = self.previous()
-        if self.result is None or before is None or index >= len(before.content.get("sensors", [])):
-            return None
-        grid = self.result.sensors[index].grid
-        old = before.content["sensors"][index]["fit"]["coefficients"]
-        return grid, np.asarray(np.polynomial.polynomial.polyval(grid, old))
+    def coefficient_rows(self) -> tuple[CoefficientRow, ...]:
+        """Return the coefficients of every sensor, this calibration's and the last one's."""
+        rows = []
+        for i, sensor in enumerate(self.result.sensors if self.result is not None else ()):
+            found = self.agreement(i)
+            for c in found.coefficients if found is not None else ():
+                apart, spread = c.value - c.value_before, 2 * float(np.hypot(c.std_error, c.std_error_before))
+                name = f"b{c.power}, {sensor_words(sensor.name).removeprefix('Sensor ')}"
+                cells = (
+                    name, measured(c.value, c.std_error), measured(c.value_before, c.std_error_before),
+                    number(apart / spread, 2, sign=True) if spread > 0 else NOTHING,
+                )  # fmt: skip
+                unit = f"mV/mm{_superscript(c.power)}" if c.power else "mV"
+                rows.append(
+                    CoefficientRow(
+                        cells,
+                        f"{sensor_words(sensor.name)}: coefficient of x{_superscript(c.power)}, {unit}, with its "
+                        "standard error; E\u2099 = difference / (2 \u00b7 root of the sum of their squares)",
+                    )
+                )
+        return tuple(rows)
 
     def accept(self, operator: str = "") -> dict[str, Any]:
-        """Store the calibration with its unit; returns what was stored.
+        """Store the calibration with its unit, undoably; returns what was stored.
+
+        Undo adds a newer entry: the calibration before it comes back into force, or none is.
 
         Raises
         ------
@@ -189,11 +265,59 @@ class CalibrationModel:
             "cycles": self.result.cycles,
             "posterior": [dict(p.content) for p in self.posterior],
         }
-        recording = Path(self.result.path).name
-        unit = self.units.add_calibration(self.result.unit, finite(content), recording=recording, operator=operator)
-        self.accepted = unit.calibration
-        self.revision += 1
+        self._changes.push(Change("acceptance", *self._acceptance(self.result, finite(content), operator)))
         return content
+
+    def _acceptance(
+        self, result: RunResult, content: dict[str, Any], operator: str
+    ) -> tuple[Callable[[], None], Callable[[], None]]:
+        """Return the deed and its way back; both only add to the unit's history."""
+        name, before = result.unit, self.units.load(result.unit).calibration
+
+        def redo() -> None:
+            recording = Path(result.path).name
+            unit = self.units.add_calibration(name, content, recording=recording, operator=operator)
+            self._in_force(result, unit.calibration)
+
+        def undo() -> None:
+            if before is None:
+                self.units.add_calibration(name, {}, accepted=False, operator=operator, note="acceptance undone")
+            else:
+                self.units.add_calibration(
+                    name, before.content, recording=before.recording, operator=operator, note="in force again"
+                )
+            self._in_force(result, None)
+
+        return redo, undo
+
+    def _in_force(self, result: RunResult, accepted: StoredCalibration | None) -> None:
+        if self.result is result:
+            self.accepted = accepted
+        self.units_revision += 1
+        self.revision += 1
+
+
+def measured(value: float, std_error: float) -> str:
+    """Return a value with its standard error in parentheses, in units of the last digit: `39.34(12)`."""
+    if not (np.isfinite(value) and np.isfinite(std_error) and std_error > 0):
+        return number(value, 3)
+    places = max(0, 1 - int(np.floor(np.log10(float(f"{std_error:.1e}")))))
+    return f"{number(value, places)}({round(std_error * 10**places)})"
+
+
+def _superscript(power: int) -> str:
+    digits = "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
+    return "" if power == 1 else "".join(digits[int(d)] for d in f"{power}")
+
+
+def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | None:
+    """Return how two fits of a sensor compare; None where there is no fit, or no shared range."""
+    if sensor.content is None:
+        return None
+    try:
+        return compare_fits(sensor.content["fit"], before["fit"])
+    except (AnalysisError, KeyError):
+        return None
 
 
 def sensor_words(name: str) -> str:

@@ -17,8 +17,9 @@ from analysis.loops import Loops
 from analysis.pipeline import Analysis, Options, SensorAnalysis, analyse
 from analysis.posterior import sample_posterior
 from analysis.recording import load_recording
+from analysis.repeatability import per_cycle, sensitivity_per_cycle
 from boat_daq.viewmodels.figures import FIGURES, figure_rows, figure_text
-from boat_daq.viewmodels.results import LoopSet, PosteriorResult, RunResult, SensorResult
+from boat_daq.viewmodels.results import CycleFigures, LoopSet, PosteriorResult, RunResult, SensorResult
 
 Progress = Callable[[float, float], None]
 GRID = 161
@@ -76,24 +77,29 @@ def _reading_sd(found: Analysis) -> float:
 
 def _sensor(found: Analysis, index: int) -> SensorResult:
     sensor = found.sensors[index]
-    per_cycle = sensor.system_hysteresis_per_cycle
+    cycles = _cycles(found, index)
     values = {key: float(figure.value) for key, figure in sensor.figures.items() if key in FIGURES}
     calibration = sensor.calibration
     if calibration is None:
         empty, no_flags, no_numbers = np.zeros(0), np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
         return SensorResult(
-            sensor.name, sensor.calibration_void, values, per_cycle, empty, empty, empty, no_flags, no_numbers,
-            empty, empty, empty, empty, empty, None, (),
+            sensor.name, sensor.calibration_void, values, cycles, empty, empty, empty, no_flags, no_numbers,
+            empty, empty, (empty, empty), (empty, empty), None, (),
         )  # fmt: skip
     points = [found.plateaus[int(i)] for i in sensor.point_plateau]
     loading = np.array([p.branch != "unloading" for p in points])
     grid = np.linspace(*calibration.x_range, GRID)
-    low, high = calibration.band(grid)
     return SensorResult(
-        sensor.name, "", values, per_cycle, calibration.x, calibration.y, calibration.residuals, loading,
-        np.array([p.cycle for p in points]), grid, calibration.predict(grid), low, high, calibration.slope(grid),
-        _content(sensor), calibration.turning_points,
+        sensor.name, "", values, cycles, calibration.x, calibration.y, calibration.residuals, loading,
+        np.array([p.cycle for p in points]), grid, calibration.predict(grid), calibration.band(grid, 0.68),
+        calibration.band(grid, 0.95), _content(sensor), calibration.turning_points,
     )  # fmt: skip
+
+
+def _cycles(found: Analysis, index: int) -> CycleFigures:
+    each = per_cycle(found, index)
+    sensitivity, unit = sensitivity_per_cycle(found, index)
+    return CycleFigures(each.hysteresis_percent_fso, each.snr_db, sensitivity, unit, each.warm_up)
 
 
 def _content(sensor: SensorAnalysis) -> dict[str, Any]:
@@ -136,7 +142,8 @@ def sample_run(
         grid = np.linspace(min(x), max(x), GRID)
         results.append(
             PosteriorResult(
-                grid, posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95),
+                grid, posterior.curves(grid).mean(axis=0),
+                posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95),
                 posterior.new_reading_band(grid, 0.95), posterior.as_json(),
             )
         )  # fmt: skip

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.session import SessionSnapshot, SessionState
 from boat_daq.viewmodels.formatting import count, duration
-from boat_daq.viewmodels.results import RunResult
+from boat_daq.viewmodels.results import CycleFigures, RunResult
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 
 Array = NDArray[np.float64]
 ANALYSIS = "boat_daq.viewmodels.calibration_work:analyse_run"
 EVERY_S = 20.0  # at the soonest, so that the helper takes a small share of the machine
 GROUPS = 12
+WARM_UP_FROM = 6  # cycles, before "warm-up" means anything
 
 
 class RepeatabilityModel:
@@ -91,16 +92,21 @@ class RepeatabilityModel:
         bottom = np.nanmean(loops.signal_mv[sensor][:, :, 0], axis=0)
         return numbers, top - top[0], bottom - bottom[0]
 
-    def hysteresis(self, sensor: int) -> tuple[Array, Array]:
-        """Return cycle numbers and each cycle's hysteresis of the system, % FSO."""
+    def numbers(self) -> Array:
+        """Return the numbers of the complete cycles."""
         assert self.result is not None
-        values = np.asarray(self.result.sensors[sensor].hysteresis_per_cycle, dtype=float)
-        return np.asarray(self.result.loops.numbers, dtype=float)[: values.size], values
+        return np.asarray(self.result.loops.numbers, dtype=float)
 
-    def spans(self, sensor: int) -> tuple[Array, Array]:
-        """Return cycle numbers and each cycle's span of the signal, mV: the sensitivity where x is not read."""
-        numbers, top, bottom = self.extremes(sensor)
+    def cycles(self, sensor: int) -> CycleFigures:
+        """Return a sensor's figures cycle by cycle."""
         assert self.result is not None
-        signal = self.result.loops.signal_mv[sensor]
-        first = float(np.nanmean(signal[:, 0, -1]) - np.nanmean(signal[:, 0, 0]))
-        return numbers, np.abs(first + top - bottom)
+        return self.result.sensors[sensor].cycles
+
+    def warm_up(self) -> str:
+        """Return the warm-up cycles in words; empty where there are none, or too few cycles to tell."""
+        if self.result is None:
+            return ""
+        longest = max((s.cycles.warm_up for s in self.result.sensors), default=0)
+        if not longest or self.result.cycles < WARM_UP_FROM:
+            return ""
+        return f"warm-up: cycle{'s' if longest > 1 else ''} 1" + (f" to {longest}" if longest > 1 else "")

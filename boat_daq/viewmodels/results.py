@@ -42,13 +42,27 @@ class LoopSet:
 
 
 @dataclass(frozen=True, slots=True)
+class CycleFigures:
+    """A sensor's figures cycle by cycle, [cycles]: hysteresis over pressure % FSO, SNR dB, end-to-end sensitivity.
+
+    The sensitivity is in mV/mm where the elongation was read in every cycle, else in mV/kPa.
+    """
+
+    hysteresis_percent_fso: Array
+    snr_db: Array
+    sensitivity: Array
+    sensitivity_unit: str
+    warm_up: int
+
+
+@dataclass(frozen=True, slots=True)
 class SensorResult:
-    """One sensor: its points, its curve with the 95 % band of the fit, and what is stored when it is accepted."""
+    """One sensor: its points, its curve with the 68 % and 95 % bands of the fit, and what is stored when accepted."""
 
     name: str
     void: str
     values: Mapping[str, float]
-    hysteresis_per_cycle: tuple[float, ...]
+    cycles: CycleFigures
     x: Array
     y: Array
     residuals: Array
@@ -56,9 +70,8 @@ class SensorResult:
     cycle: NDArray[np.int64]
     grid: Array
     curve: Array
-    low: Array
-    high: Array
-    slope: Array
+    band_68: Band
+    band_95: Band
     content: Mapping[str, Any] | None
     turning_points: tuple[float, ...]
 
@@ -91,9 +104,10 @@ class RunResult:
 
 @dataclass(frozen=True, slots=True)
 class PosteriorResult:
-    """The posterior of one sensor on a grid of elongations."""
+    """The posterior of one sensor on a grid of elongations: its mean curve, and the bands that belong to it."""
 
     grid: Array
+    mean: Array
     curve_68: Band
     curve_95: Band
     new_reading_95: Band

@@ -13,11 +13,13 @@ from boat_daq.engine.session import Progress, SessionState
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels import calibration_work, figures, optics_work, run_work
-from boat_daq.viewmodels.calibration import CalibrationModel
+from boat_daq.viewmodels.calibration import CalibrationModel, measured
+from boat_daq.viewmodels.changes import History
 from boat_daq.viewmodels.conversion import Preparation, prepare
 from boat_daq.viewmodels.optics import PAPER, OpticsModel
 from boat_daq.viewmodels.optics_results import SweepSummary
 from boat_daq.viewmodels.repeatability import GROUPS, RepeatabilityModel
+from boat_daq.viewmodels.results import PosteriorResult
 from boat_daq.viewmodels.runs import RunsModel, read_run
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 from tests.gui.recorded_session import RecordedSession, connected
@@ -100,7 +102,7 @@ def test_cancelling_ends_the_process():
 
 def model_on(tmp_path, result=None):
     model = CalibrationModel(RecordedSession(connected()), UnitLibrary(tmp_path / "units"), Bench())
-    model.result = result
+    model.show(result)
     return model
 
 
@@ -110,7 +112,8 @@ def test_a_run_comes_back_as_the_page_draws_it(result):
     for sensor, expected in zip(result.sensors, (39.3, 29.2), strict=True):
         assert sensor.x.size == sensor.y.size == sensor.residuals.size == sensor.loading.size
         assert np.all(np.diff(sensor.grid) > 0)
-        assert np.all(sensor.low <= sensor.curve)
+        assert np.all(sensor.band_95[0] <= sensor.band_68[0])
+        assert np.all(sensor.band_68[0] <= sensor.curve)
         assert sensor.values["sensitivity_mv_per_mm"] == pytest.approx(expected, rel=0.05)
     assert {row.name for row in result.figures} >= {"Sensitivity", "SNR", "Hysteresis, system"}
 
@@ -136,10 +139,64 @@ def test_the_next_calibration_is_compared_with_the_last(tmp_path, result):
     assert "no earlier calibration" in model.comparison()
     model.accept()
     again = model_on(tmp_path, result)
+    assert "Sensor 1: \u25cf agrees" in again.comparison()
     assert "0.0 mV" in again.comparison()
-    grid, curve = again.previous_curve(0)
-    assert curve == pytest.approx(result.sensors[0].curve, abs=1e-6)
-    assert grid is result.sensors[0].grid
+    grid, curve, apart = again.shown(0).last
+    assert curve == pytest.approx(np.interp(grid, result.sensors[0].grid, result.sensors[0].curve), abs=1e-3)
+    assert np.abs(apart).max() < 1e-9
+    rows = again.coefficient_rows()
+    assert len(rows) == 8
+    assert rows[0].cells[1] == rows[0].cells[2]
+    assert model_on(tmp_path).coefficient_rows() == ()
+
+
+def test_an_acceptance_can_be_undone(tmp_path, result):
+    """Undo brings the calibration before back into force, or none; nothing stored is ever taken away."""
+    history, units = History(), UnitLibrary(tmp_path / "units")
+    model = CalibrationModel(RecordedSession(connected()), units, Bench(), history)
+    model.show(result)
+    model.accept()
+    history.undo()
+    assert (units.load("SA1").calibration, model.accepted) == (None, None)
+    history.redo()
+    first = units.load("SA1").calibration
+    assert model.accepted == first
+    model.show(dataclasses.replace(result, path="another.boat"))
+    model.accept()
+    assert units.load("SA1").calibration.recording == "another.boat"
+    history.undo()
+    again = units.load("SA1").calibration
+    assert (again.recording, again.content) == (first.recording, first.content)
+    assert len(units.load("SA1").history) == 5
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (39.337, 0.118, "39.34(12)"),
+        (-2.7, 0.0996, "\u22122.70(10)"),
+        (1650.4, 12.0, "1\u2009650(12)"),
+        (1.0, 0.0, "1.000"),
+    ],
+)
+def test_a_value_with_its_standard_error(value, error, text):
+    """Two digits of the standard error, in units of the value's last."""
+    assert measured(value, error) == text
+
+
+def test_curve_and_band_belong_together(tmp_path, result):
+    """Once the posterior is there, its mean is the curve, inside its own bands, and the residuals are about it."""
+    model = model_on(tmp_path, result)
+    shown = model.shown(0)
+    assert (shown.source, shown.new_reading_95) == ("least squares", None)
+    sensor = result.sensors[0]
+    mean = sensor.curve + 5.0
+    bands = [(mean - width, mean + width) for width in (1.0, 2.0, 4.0)]
+    model.posterior = (PosteriorResult(sensor.grid, mean, *bands, {}),)
+    shown = model.shown(0)
+    assert shown.curve is mean
+    assert np.all((shown.band_95[0] <= shown.band_68[0]) & (shown.band_68[0] <= shown.curve))
+    assert shown.residuals == pytest.approx(sensor.residuals - 5.0, abs=1e-2)
 
 
 def test_a_curve_that_turns_is_not_accepted(tmp_path, result):
@@ -210,13 +267,30 @@ def test_cycles_in_groups_cover_all_once(result):
 
 
 def test_drift_begins_at_the_first_cycle(result):
-    """The change of both ends is counted from the first cycle, and the span is the first's plus the changes."""
+    """The change of both ends is counted from the first cycle."""
     model = RepeatabilityModel(Bench())
     model.show(result)
     numbers, top, bottom = model.extremes(0)
     assert numbers.tolist() == [1.0, 2.0]
     assert (top[0], bottom[0]) == (0.0, 0.0)
-    assert model.spans(0)[1][0] == pytest.approx(255.6, rel=0.05)
+
+
+def test_every_cycle_has_its_figures(result):
+    """Sensitivity by the readings of each cycle near the run's own; SNR and hysteresis near the run's."""
+    model = RepeatabilityModel(Bench())
+    assert model.warm_up() == ""
+    model.show(result)
+    each = model.cycles(0)
+    assert each.sensitivity_unit == "mV/mm"
+    assert each.sensitivity == pytest.approx([39.3, 39.3], rel=0.02)
+    assert each.snr_db == pytest.approx([result.sensors[0].values["snr_db"]] * 2, abs=1.0)
+    assert each.hysteresis_percent_fso == pytest.approx(
+        [result.sensors[0].values["system_hysteresis_percent_fso"]] * 2, abs=0.5
+    )
+    long = dataclasses.replace(each, warm_up=3)
+    sensors = tuple(dataclasses.replace(s, cycles=long) for s in result.sensors)
+    model.show(dataclasses.replace(result, sensors=sensors, cycles=100))
+    assert model.warm_up() == "warm-up: cycles 1 to 3"
 
 
 def test_a_running_plan_is_read_again_now_and_then(recording):

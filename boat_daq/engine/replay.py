@@ -1,10 +1,15 @@
-"""A recording as a port: its raw bytes come again, at the times they came, faster or slower."""
+"""A recording as a port: its raw bytes come again, in the board's time, faster or slower.
+
+A real board's bytes come at the times they came. What a fast virtual board gave is slowed down to its board time: a run
+recorded at 20 times real time plays as it would have been, and `speed` always means board time.
+"""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
+from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +19,8 @@ from protocol.recording import open_recording
 
 _AT_ONCE_BYTES = 65_536
 _ROWS = 1_000  # read in one go: short transactions
+_REAL = 0.05  # a pace so near to 1 is a real board's, whose own times are kept
+_PACE_FROM_NS = 100_000_000  # of a segment, before its pace says anything
 
 
 class ReplayEnded(DeviceError):
@@ -26,7 +33,7 @@ class ReplayTransport:
     Parameters
     ----------
     path : a recording.
-    speed : host time of the recording for one second here; infinite for as fast as it is read.
+    speed : board time of the recording for one second here; infinite for as fast as it is read.
 
     Raises
     ------
@@ -45,7 +52,6 @@ class ReplayTransport:
         self._next = next(self._chunks, None)
         if self._next is None:
             raise DeviceError(f"{path} holds no bytes of a board", "There is nothing to replay.")
-        self._first_ns = self._next[0]
         self._start_s: float | None = None
         self._closed = threading.Event()
 
@@ -91,9 +97,9 @@ class ReplayTransport:
         """Stop playing."""
         self._closed.set()
 
-    def _due_s(self, host_ns: int) -> float:
+    def _due_s(self, played_s: float) -> float:
         assert self._start_s is not None
-        return self._start_s + (host_ns - self._first_ns) * 1e-9 / self._speed
+        return self._start_s + played_s / self._speed
 
     def _take(self) -> bytes:
         now, data = time.monotonic(), bytearray()
@@ -103,10 +109,11 @@ class ReplayTransport:
         return bytes(data)
 
 
-def _chunks(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Give (host_ns, bytes) of all that came, without keeping the file open in between."""
-    last = 0
+def _chunks(path: Path) -> Iterator[tuple[float, bytes]]:
+    """Give (seconds since the first byte, bytes) of all that came, without keeping the file open in between."""
+    last, played_s, before_ns = 0, 0.0, -1
     sql = "SELECT id, host_ns, raw FROM chunk WHERE id > ? AND direction = 0 ORDER BY id LIMIT ?"
+    first_chunks, paces = _paces(path)
     while True:
         connection = open_recording(path)
         try:
@@ -115,5 +122,28 @@ def _chunks(path: Path) -> Iterator[tuple[int, bytes]]:
             connection.close()
         if not rows:
             return
-        yield from ((host_ns, bytes(raw)) for _, host_ns, raw in rows)
+        for at, host_ns, raw in rows:
+            pace = paces[bisect_right(first_chunks, at)]
+            played_s += pace * (host_ns - before_ns) * 1e-9 if before_ns >= 0 else 0.0
+            before_ns = host_ns
+            yield played_s, bytes(raw)
         last = rows[-1][0]
+
+
+def _paces(path: Path) -> tuple[list[int], list[float]]:
+    """Return the segments' first chunks, and the board time in a second of host time before each and after the last."""
+    connection = open_recording(path)
+    try:
+        rows = connection.execute(
+            "SELECT s.first_chunk, min(b.last_time_us), max(b.last_time_us), min(c.host_ns), max(c.host_ns) "
+            "FROM segment s JOIN block b ON b.segment = s.id JOIN chunk c ON c.id = b.last_chunk "
+            "GROUP BY s.id ORDER BY s.first_chunk"
+        ).fetchall()
+    finally:
+        connection.close()
+    paces = [1.0]
+    for _, first_us, last_us, first_ns, last_ns in rows:
+        long_enough = last_ns - first_ns > _PACE_FROM_NS and last_us > first_us
+        pace = 1000.0 * (last_us - first_us) / (last_ns - first_ns) if long_enough else paces[-1]
+        paces.append(1.0 if abs(pace - 1.0) < _REAL else pace)
+    return [int(row[0]) for row in rows], paces

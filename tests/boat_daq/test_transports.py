@@ -6,12 +6,15 @@ import errno
 import io
 import os
 import pty
+import shutil
 import socket
+import sqlite3
 import termios
 import threading
 import time
 import tty
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -229,6 +232,19 @@ def test_a_replay_keeps_time(recording):
     began = time.monotonic()
     read_all(port, len(raw_of(recording)))
     assert time.monotonic() - began >= (last - first) / 2e9
+
+
+def test_a_fast_board_is_replayed_in_board_time(recording, tmp_path):
+    """What came 20 times faster than real time plays in the time that passed on the board, not on the host."""
+    path = tmp_path / "fast.boat"
+    shutil.copy(recording, path)
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("UPDATE chunk SET host_ns = host_ns / 20")
+        first, last = db.execute("SELECT min(first_time_us), max(last_time_us) FROM block").fetchone()
+    port = open_transport(f"replay:{path}@10")
+    began = time.monotonic()
+    read_all(port, len(raw_of(path)))
+    assert time.monotonic() - began >= 0.9 * (last - first) / 10e6
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from protocol.recording import open_recording
 _AT_ONCE_BYTES = 65_536
 _ROWS = 1_000  # read in one go: short transactions
 _REAL = 0.05  # a pace so near to 1 is a real board's, whose own times are kept
-_PACE_FROM_NS = 100_000_000  # of a segment, before its pace says anything
+_PACE_FROM_NS = 200_000_000  # of a segment, before its pace says anything
 
 
 class ReplayEnded(DeviceError):
@@ -135,7 +135,7 @@ def _paces(path: Path) -> tuple[list[int], list[float]]:
     connection = open_recording(path)
     try:
         rows = connection.execute(
-            "SELECT s.first_chunk, min(b.last_time_us), max(b.last_time_us), min(c.host_ns), max(c.host_ns) "
+            "SELECT s.first_chunk, min(b.first_time_us), max(b.last_time_us), s.host_ns, max(c.host_ns) "
             "FROM segment s JOIN block b ON b.segment = s.id JOIN chunk c ON c.id = b.last_chunk "
             "GROUP BY s.id ORDER BY s.first_chunk"
         ).fetchall()

@@ -15,7 +15,7 @@ import itertools
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,9 +27,17 @@ import pandas as pd
 
 from analysis.errors import FileError, RequestError
 from analysis.recording import READING_COLUMNS, STEP_COLUMNS, FloatArray, IntArray, Recording
-from protocol.recording import dtype_from_description, open_recording, read_session
+from protocol.recording import (
+    check_long_tables,
+    open_recording,
+    read_session,
+    refuse_newer,
+    session_dtype,
+)
+from protocol.recording_checks import harden
 
 SQLITE_MAGIC = b"SQLite format 3\x00"
+LONGEST_US = 1 << 53  # 285 years: beyond, board times are damage, and their sums would not fit
 
 
 def is_boat_file(path: Path) -> bool:
@@ -60,6 +68,7 @@ def read_boat_file(path: str | Path) -> Recording:
     path = Path(path)
     with opened(path) as db:
         meta = read_session(db)
+        check_long_tables(path, db)
         samples, segment, damaged = _samples(db, meta, path.name)
         clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))
         steps = _steps(db, clock)
@@ -124,18 +133,19 @@ class _Clock:
 
 
 def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tuple[npt.NDArray[np.void], IntArray, int]:
-    try:
-        dtype = dtype_from_description(meta["sample_dtype"])
-    except (KeyError, ValueError, TypeError) as error:
-        raise FileError(f"{name} does not say what its samples are ({error})", "The file is damaged.") from error
+    dtype = session_dtype(meta)
     blobs: list[npt.NDArray[np.void]] = []
     segments: list[IntArray] = []
     damaged = 0
     for segment, n, blob, crc in db.execute("SELECT segment, n, samples, crc32 FROM block ORDER BY id"):
-        if len(blob) != n * dtype.itemsize or crc32(blob) != crc:
+        if not n or len(blob) != n * dtype.itemsize or (crc is not None and crc32(blob) != crc):
             damaged += 1
             continue
-        blobs.append(np.frombuffer(blob, dtype))
+        block = np.frombuffer(blob, dtype)
+        if np.abs(block["time_us"] // 2).max() > LONGEST_US // 2:  # halved: the least of all has no absolute value
+            damaged += 1
+            continue
+        blobs.append(block)
         segments.append(np.full(n, segment, dtype=np.int64))
     if not blobs:
         raise FileError(f"{name} holds no samples", "The session ended before the board sent any.")
@@ -198,6 +208,7 @@ def store_result(
     FileError : the file cannot be written.
     """
     path = Path(path)
+    refuse_newer(path)
     with opened(path) as db:
         if read_session(db).get("status") == "recording":
             raise RequestError(f"{path.name} is being recorded", "Wait for its end, or `boat-daq recover` it.")
@@ -207,12 +218,12 @@ def store_result(
         if db.execute(query, (kind, asked, text, program_version())).fetchone():
             return False
     try:
-        with sqlite3.connect(path) as writer:
+        with closing(sqlite3.connect(path)) as writer, writer:
+            harden(writer)
             writer.execute(
                 "INSERT INTO result (utc, kind, program_version, seed, parameters, content) VALUES (?, ?, ?, ?, ?, ?)",
                 (datetime.datetime.now(datetime.UTC).isoformat(), kind, program_version(), seed, asked, text),
             )
-        writer.close()
     except sqlite3.Error as error:
         raise FileError(f"the result cannot be written into {path.name}: {error}", "Is it read-only?") from error
     return True

@@ -303,6 +303,8 @@ def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | No
     else:
         values["time_s"] = np.arange(table.rows) / float(rate_hz or 1.0)
         keep = np.ones(table.rows, dtype=bool)
+    if not keep.any():
+        raise DataError(f"{path.name} holds no row with a time", "Check the column map; nothing could be imported.")
     repeated = int((~keep).sum())
     if repeated:
         meta["repeated_times"] = repeated

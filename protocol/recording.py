@@ -2,7 +2,8 @@
 
 One SQLite file a session. The raw bytes as they came and, in the same transaction, the samples decoded from them, so
 that every number can be derived again from the bytes. Changes are additive only: a column or a table may be added
-(and `SCHEMA_VERSION` raised), none renamed or given another meaning.
+(and `SCHEMA_VERSION` raised), none renamed or given another meaning. So a newer file can be read, though not added to,
+and an older one is read as it is: NULLs stand in for the columns that it lacks (`ADDED`).
 
 Samples are kept in blocks: one row of table `block` holds many samples as little-endian records of `sample_dtype`.
 Fifteen lines read them in any language:
@@ -24,16 +25,19 @@ import enum
 import json
 import sqlite3
 import struct
-from contextlib import closing
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
 
 from protocol.errors import RecordingError
+from protocol.recording_checks import Columns, check_layout, check_session, check_values, declared, harden
 
 APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, so that `file` and we know the file for ours
-SCHEMA_VERSION = 1  # SQLite's `user_version`
+SCHEMA_VERSION = 2  # SQLite's `user_version`
+SCHEMA_BREAK = 100  # from here on a version would no longer be additive: this program cannot read it
 SUFFIX = ".boat"
 
 SampleKind = Literal["counts", "signal"]
@@ -111,6 +115,24 @@ def dtype_from_description(rows: list[Any]) -> np.dtype[np.void]:
             raise ValueError(f"field {name!r} has the unusable type {code!r}")
         fields.append((str(name), code, tuple(int(n) for n in shape)) if shape else (str(name), code))
     return np.dtype(fields)
+
+
+def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
+    """Return the record of a session's samples: all fields of `sample_dtype`, and what a newer version may have added.
+
+    Raises
+    ------
+    RecordingError : the session does not say it, or a field of ours is missing or of another type.
+    """
+    try:
+        dtype = dtype_from_description(meta["sample_dtype"])
+        ours = sample_dtype(meta["n_sensors"], meta["sample_kind"])
+    except (KeyError, ValueError, TypeError) as error:
+        raise RecordingError(f"the session does not say what its samples are: {error}") from error
+    for name in ours.names or ():
+        if name not in (dtype.names or ()) or dtype[name] != ours[name]:
+            raise RecordingError(f"the session's samples have no usable {name!r}", "The file is damaged.")
+    return dtype
 
 
 # `session` is key -> JSON value. Keys that every recording has:
@@ -203,7 +225,12 @@ TABLE_NAMES = (
 # `step.branch`: "unloading" from elongation to compression, "loading" back, "start" and "end" outside the cycles.
 BRANCHES = ("start", "unloading", "loading", "end")
 
-MAX_VALUE_BYTES = 64 * 2**20  # no honest text or blob of ours comes near; a larger one is refused by SQLite itself
+# What a version brought: (table, column, declared type). Files of version 1 may have them or not.
+ADDED: dict[int, tuple[tuple[str, str, str], ...]] = {
+    2: (("segment", "decoder", "TEXT"), ("block", "crc32", "INTEGER")),
+}
+LONG_TABLES = ("chunk", "block", "health")  # their values are checked by those who read them whole
+
 _HEADER: Final = struct.Struct(">16s44xI4xI28x")  # magic, user_version, application_id of SQLite's 100-byte header
 
 
@@ -211,7 +238,8 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
     """Open a recording for reading, trusting nothing in it.
 
     The file may come from anywhere: it is opened read-only, its schema is not run (no views, triggers or virtual
-    tables), and no value larger than `MAX_VALUE_BYTES` is read. A recording that is being written, or was left by a
+    tables), no value larger than `recording_checks.MAX_VALUE_BYTES` is read, and every value of the short tables has
+    its column's type; `check_long_tables` looks at the others. A recording that is being written, or was left by a
     killed program, is read up to its last commit. Close the connection soon: while it is open the writer's log grows.
 
     Raises
@@ -219,18 +247,20 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
     RecordingError : the file is missing, is not a recording, or its schema is not ours.
     """
     path = Path(path)
-    _check_header(path)
+    version = layout_version(path)
+    if version >= SCHEMA_BREAK:
+        raise RecordingError(f"{path} has layout {version}, this program knows {SCHEMA_VERSION}", "Update boat-daq.")
     uri = f"{path.absolute().as_uri()}?mode=ro"
     try:
         connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False, timeout=5.0)
     except sqlite3.Error as error:
         raise RecordingError(f"{path} cannot be opened: {error}", "Copy it to a folder that can be written.") from error
     try:
-        for pragma in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON", "mmap_size=0"):
-            connection.execute(f"PRAGMA {pragma}")
-        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
-        connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
-        _check_schema(path, connection)
+        harden(connection)
+        may_lack = {(table, name) for since in ADDED if since > version for table, name, _ in ADDED[since]}
+        check_layout(path, connection, layout(), may_lack)
+        connection.execute("PRAGMA query_only=ON")
+        check_values(path, connection, {name: layout()[name] for name in TABLE_NAMES if name not in LONG_TABLES})
     except sqlite3.Error as error:
         connection.close()
         raise RecordingError(f"{path} cannot be read: {error}", f"Try: boat-daq recover {path}") from error
@@ -240,8 +270,29 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
     return connection
 
 
-def _check_header(path: Path) -> None:
-    """Refuse what is not a recording by the first 100 bytes, before SQLite looks at it."""
+@cache
+def layout() -> Columns:
+    """Return what `TABLES` declares."""
+    return declared(TABLES, TABLE_NAMES)
+
+
+def check_long_tables(path: Path | str, connection: sqlite3.Connection) -> None:
+    """Check the values of the tables that grow with time, for one who reads them whole.
+
+    Raises
+    ------
+    RecordingError : a value does not fit its column. sqlite3.Error : the rows cannot be read.
+    """
+    check_values(Path(path), connection, {name: layout()[name] for name in LONG_TABLES})
+
+
+def layout_version(path: Path) -> int:
+    """Return the version of a recording's layout, from the file's first 100 bytes, before SQLite looks at it.
+
+    Raises
+    ------
+    RecordingError : the file is missing, empty, or no recording.
+    """
     try:
         with path.open("rb") as file:
             head = file.read(_HEADER.size)
@@ -258,28 +309,22 @@ def _check_header(path: Path) -> None:
     _, version, application = _HEADER.unpack(head)
     if application != APPLICATION_ID or version < 1:
         raise RecordingError(f"{path} is a database of another program, not a recording")
+    return int(version)
 
 
-def _check_schema(path: Path, connection: sqlite3.Connection) -> None:
-    """Refuse a file whose tables are missing, are something else, or would run something when read."""
-    rows = connection.execute("SELECT type, name, sql FROM sqlite_schema LIMIT 1000").fetchall()
-    active = [name for kind, name, sql in rows if kind in {"view", "trigger"} or "VIRTUAL" in str(sql).upper()[:20]]
-    if active:
+def refuse_newer(path: Path) -> None:
+    """Refuse to add to a recording whose layout a newer program made: it could not be kept whole.
+
+    Raises
+    ------
+    RecordingError : names both versions.
+    """
+    version = layout_version(path)
+    if version > SCHEMA_VERSION:
         raise RecordingError(
-            f"{path} holds something that runs when read ({active[0]!r})", "It was not made by boat-daq."
+            f"{path} has layout {version}, this program writes {SCHEMA_VERSION}: it is only read here",
+            "Update boat-daq to add to it.",
         )
-    missing = set(TABLE_NAMES) - {name for kind, name, _ in rows if kind == "table"}
-    if missing:
-        raise RecordingError(
-            f"{path} is not a whole recording: no table {min(missing)!r}", f"Try: boat-daq recover {path}"
-        )
-    with closing(sqlite3.connect(":memory:")) as reference:
-        reference.executescript(TABLES)
-        for table in TABLE_NAMES:
-            query = f"SELECT name FROM pragma_table_info('{table}')"  # noqa: S608 - names are ours
-            ours, theirs = ({row[0] for row in db.execute(query)} for db in (reference, connection))
-            if not ours <= theirs:
-                raise RecordingError(f"{path}: table {table!r} has no column {min(ours - theirs)!r}")
 
 
 def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
@@ -296,4 +341,5 @@ def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
     missing = [key for key in SESSION_KEYS if key not in meta]
     if missing:
         raise RecordingError(f"the session's description has no {missing[0]!r}")
+    check_session(meta)
     return meta

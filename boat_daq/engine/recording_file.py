@@ -25,7 +25,8 @@ from boat_daq import __version__
 from boat_daq.engine.file_lock import WriterLock
 from boat_daq.errors import OperatorError, StorageError
 from protocol import recording as schema
-from protocol.recording import open_recording
+from protocol.recording import open_recording, refuse_newer
+from protocol.recording_checks import harden
 
 Statement: TypeAlias = tuple[str, tuple[Any, ...]]
 
@@ -115,6 +116,7 @@ class RecordingFile:
         RecordingError : not a recording. StorageError : another program writes it, or it cannot be written.
         """
         open_recording(path).close()
+        refuse_newer(path)
         lock = WriterLock(path)
         try:
             connection = _connect(path)
@@ -234,7 +236,7 @@ def _lay_out(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> None:
 
 def _connect(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=2.0)
-    connection.execute("PRAGMA trusted_schema=OFF")
+    harden(connection)
     return connection
 
 

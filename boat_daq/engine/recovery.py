@@ -24,7 +24,17 @@ from boat_daq.engine.recording_file import RecordingFile, Statement, set_meta
 from boat_daq.engine.recording_rows import INSERT_EVENT, Overview, mv_per_count
 from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import RecordingError
-from protocol.recording import SUFFIX, TABLE_NAMES, dtype_from_description, open_recording, read_session
+from protocol.recording import (
+    SUFFIX,
+    TABLE_NAMES,
+    check_long_tables,
+    layout,
+    open_recording,
+    read_session,
+    refuse_newer,
+    session_dtype,
+)
+from protocol.recording_checks import harden, refuse_active, value_fits
 
 Progress = Callable[[float, float], None]
 _ROWS = 1_000  # of one transaction
@@ -65,10 +75,11 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     Raises
     ------
     StorageError : a living program writes it, or the folder cannot be written.
-    RecordingError : not a recording, or so damaged that nothing says what its bytes are.
+    RecordingError : not a recording, one of a newer program, or so damaged that nothing says what its bytes are.
     """
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "Let that program close it.")
+    refuse_newer(path)
     faults = _check(path, progress)
     if any(fault.structural for fault in faults):
         return _salvage(path, faults, progress)
@@ -105,6 +116,7 @@ def _check(path: Path, progress: Progress | None) -> list[_Fault]:
             found = [text for (text,) in db.execute("PRAGMA quick_check(10)")]
             if found != ["ok"]:
                 return [_Fault(str(text), structural=True) for text in found]
+            check_long_tables(path, db)
             return [_Fault(text) for text in _wrong_checksums(db, progress)]
     except (sqlite3.DatabaseError, RecordingError) as error:
         if not _looks_like_ours(path):
@@ -130,6 +142,10 @@ def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Itera
                 yield f"the {what} {number} do not match their checksum"
             if progress is not None and number % _ROWS == 0:
                 progress(number, total)
+    size = session_dtype(read_session(db)).itemsize
+    for number, n, length in db.execute("SELECT id, n, length(samples) FROM block ORDER BY id"):
+        if length != n * size:
+            yield f"block {number} says {n} samples and holds {length} bytes"
 
 
 def _counts(db: sqlite3.Connection) -> tuple[int, int]:
@@ -157,10 +173,11 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
     last_row, last_block = db.execute(
         "SELECT coalesce(max(id), 0), coalesce(max(last_block), 0) FROM overview"
     ).fetchone()
-    dtype = dtype_from_description(meta["sample_dtype"])
+    dtype = session_dtype(meta)
     overview = Overview(mv_per_count(meta), next_id=last_row + 1)
     for number, segment, blob in db.execute(
-        "SELECT id, segment, samples FROM block WHERE id > ? ORDER BY id", (last_block,)
+        "SELECT id, segment, samples FROM block WHERE id > ? AND n > 0 AND length(samples) = n * ? ORDER BY id",
+        (last_block, dtype.itemsize),
     ):
         yield from overview.add(number, segment, np.frombuffer(blob, dtype))
     yield from overview.finish()
@@ -169,27 +186,34 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
 def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     """Give what the killed program could not write: when it ended, and that it was killed."""
     first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
-    begun = meta.get("resumptions", [first])[-1]  # the monotonic clock may have begun anew since the first start
+    begun = (meta.get("resumptions") or [first])[-1]  # the monotonic clock may have begun anew since the first start
     last_ns = db.execute(
         "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1", (begun["first_chunk"],)
     ).fetchone()
-    ended_ns = last_ns[0] if last_ns else begun["host_ns"]
-    passed = timedelta(microseconds=(ended_ns - begun["host_ns"]) / 1000)
-    ended_utc = (datetime.fromisoformat(begun["utc"]) + passed).isoformat(timespec="milliseconds")
+    ended_ns, ended_utc = last_ns[0] if last_ns else begun["host_ns"], None
+    if None not in (ended_ns, *begun.values()):
+        passed = timedelta(microseconds=(ended_ns - begun["host_ns"]) / 1000)
+        ended_utc = (datetime.fromisoformat(begun["utc"]) + passed).isoformat(timespec="milliseconds")
     ended = {"ended_host_ns": ended_ns, "ended_utc": ended_utc, "stop_reason": "interrupted", "status": "recovered"}
     yield from set_meta(ended)
     number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
     yield (
         INSERT_EVENT,
-        (number, ended_ns, None, None, "host", "recovered", None, "the session ended here without closing"),
+        (number, ended_ns or 0, None, None, "host", "recovered", None, "the session ended here without closing"),
     )
 
 
 def _open_damaged(path: Path) -> sqlite3.Connection:
     """Open read-only what SQLite would refuse: with this pragma it reads a file that is shorter than it should be."""
     connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
-    for pragma in ("trusted_schema=OFF", "query_only=ON", "cell_size_check=ON", "mmap_size=0", "writable_schema=ON"):
+    harden(connection)
+    for pragma in ("query_only=ON", "writable_schema=ON"):
         connection.execute(f"PRAGMA {pragma}")
+    try:
+        refuse_active(path, connection)
+    except (RecordingError, sqlite3.Error):
+        connection.close()
+        raise
     return connection
 
 
@@ -228,7 +252,11 @@ def _free_name(path: Path) -> Path:
 
 def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:
     batch: list[Statement] = []
-    names = [name for name in file.columns(table) if name in reader.columns(table)]
+    theirs = reader.columns(table)
+    names = [name for name in file.columns(table) if name in theirs]
+    if names[:1] != ["id"]:
+        reader.lost.append(f"{table}: cannot be read at all")
+        return
     marks = ", ".join("?" * len(names))
     sql = f"INSERT OR IGNORE INTO {table} ({', '.join(names)}) VALUES ({marks})"  # noqa: S608 - names are the schema's
     for row in reader.rows(table, names):
@@ -251,9 +279,18 @@ class _RowReader:
         return {row[1] for row in self.db.execute(f"PRAGMA table_info({table})")}
 
     def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
-        """Give the readable rows in order."""
+        """Give the readable rows in order, those left out that no column of ours could hold."""
+        kinds = [layout()[table][name] for name in names]
+        for row in self._readable(table, names):
+            if all(map(value_fits, kinds, row)):
+                yield row
+            else:
+                self.lost.append(f"{table}: row {row[0]} is no row of ours")
+
+    def _readable(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
         last = 0
-        sql = f"SELECT {', '.join(names)} FROM {table} WHERE id > ? ORDER BY id"  # noqa: S608 - names are the schema's
+        where = "typeof(id) = 'integer' AND id > ? ORDER BY id"
+        sql = f"SELECT {', '.join(names)} FROM {table} WHERE {where}"  # noqa: S608 - names are the schema's
         while True:
             try:
                 for row in self.db.execute(sql, (last,)):

@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 from boat_daq.engine.recording_rows import Overview, mv_per_count
 from protocol.bulk import decode_chunks
 from protocol.connection import Connection
+from protocol.errors import ProfileError
 from protocol.link import Gap, Link, LinkEvent, Samples
-from protocol.recording import dtype_from_description, open_recording, read_session
+from protocol.recording import check_long_tables, open_recording, read_session, session_dtype
 
 Progress = Callable[[float, float], None]
 _PIECE = 20_000  # samples compared at once
@@ -83,6 +84,7 @@ def verify_recording(
     difference = ""
     with closing(open_recording(path)) as db:
         try:
+            check_long_tables(path, db)
             _verify_stream(db, tally, progress)
             _verify_results(db, path, tally, reanalyse)
         except _Difference as found:
@@ -103,9 +105,17 @@ def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Lin
     return Connection(n_sensors=meta["n_sensors"], adc_bits=meta["adc_bits"] or 16)
 
 
+def _resumed_link(meta: dict[str, Any], state: str | None, first: int) -> Link:
+    """Return the link as it was before chunk `first`."""
+    try:
+        return open_link(meta, None if state is None else json.loads(state))
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError, ProfileError) as error:
+        raise _Difference(f"what the decoder remembered before chunk {first} cannot be used: {error}") from error
+
+
 def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Progress | None) -> None:
     meta = read_session(db)
-    dtype = dtype_from_description(meta["sample_dtype"])
+    dtype = session_dtype(meta)
     total = db.execute("SELECT coalesce(sum(n), 0) FROM block").fetchone()[0]
     if total and db.execute("SELECT id FROM chunk LIMIT 1").fetchone() is None:
         raise _Difference("there are no raw bytes to derive the samples from (the recording was imported)")
@@ -144,7 +154,7 @@ def _derived(
     begins = db.execute("SELECT first_chunk, decoder FROM segment WHERE decoder IS NOT NULL ORDER BY id").fetchall()
     begins = begins or [(1, None)]
     for (first, state), (after, _) in zip(begins, [*begins[1:], (1 << 62, None)], strict=True):
-        link = open_link(meta, None if state is None else json.loads(state))
+        link = _resumed_link(meta, state, first)
         for event in chain.from_iterable(decode_chunks(_chunks(db, first, after, tally), link)):
             yield from _take(event, gaps)
 

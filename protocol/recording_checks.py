@@ -1,0 +1,198 @@
+"""Is what a file says of itself what a recording can say? Checks of layout and values, for files from anywhere.
+
+SQLite keeps any type in any column, and runs what a file's schema holds: views, triggers, virtual tables, generated
+columns. So the schema is compared with ours before a row is read, and values are checked by type and size where they
+are used. Nothing is mended here: what does not fit is refused by name.
+"""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from protocol.errors import RecordingError
+
+Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (declared type, whether it must be there)
+
+MAX_VALUE_BYTES = 64 * 2**20  # no honest text or blob of ours comes near; a larger one is refused by SQLite itself
+_WHOLE_MAX = 2**62  # differences of two such still fit 64 bits
+_TYPES = {
+    "INTEGER": f"typeof({{0}}) = 'integer' AND {{0}} BETWEEN -{_WHOLE_MAX} AND {_WHOLE_MAX}",
+    "REAL": "typeof({0}) = 'real' AND abs({0}) <= 1.7e308",
+    "TEXT": "typeof({0}) = 'text'",
+    "BLOB": "typeof({0}) = 'blob'",
+}
+
+
+def harden(connection: sqlite3.Connection) -> None:
+    """Have a connection trust nothing of the file it has open.
+
+    Raises
+    ------
+    sqlite3.Error : the file is no database.
+    """
+    for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "mmap_size=0", "temp_store=MEMORY"):
+        connection.execute(f"PRAGMA {pragma}")
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+    if sys.version_info >= (3, 12):
+        connection.setconfig(sqlite3.SQLITE_DBCONFIG_DEFENSIVE, True)
+
+
+def columns_of(connection: sqlite3.Connection, tables: Sequence[str]) -> Columns:
+    """Return what the tables of a database declare; generated columns are not among them."""
+    return {
+        table: {
+            name: (kind.upper(), bool(not_null or key))
+            for _, name, kind, not_null, _, key in connection.execute(f"PRAGMA main.table_info({table})")
+        }
+        for table in tables
+    }
+
+
+def declared(sql: str, tables: Sequence[str]) -> Columns:
+    """Return what the statements `sql` declare."""
+    with closing(sqlite3.connect(":memory:")) as reference:
+        reference.executescript(sql)
+        return columns_of(reference, tables)
+
+
+def refuse_active(path: Path, connection: sqlite3.Connection) -> set[str]:
+    """Return the names of the tables, once nothing in the schema runs when it is read.
+
+    Raises
+    ------
+    RecordingError : there is a view, a trigger, a virtual table.
+    """
+    rows = connection.execute("SELECT type, name, sql FROM main.sqlite_schema LIMIT 1000").fetchall()
+    for kind, name, sql in rows:
+        if kind in {"view", "trigger"} or "VIRTUAL" in str(sql).upper()[:20]:
+            raise RecordingError(
+                f"{path} holds something that runs when read ({name!s:.60})", "It was not made by boat-daq."
+            )
+    return {str(name) for kind, name, _ in rows if kind == "table"}
+
+
+def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_lack: set[tuple[str, str]]) -> None:
+    """Refuse a file that lacks a table or a column of ours; where `may_lack` allows it, NULLs stand in for the column.
+
+    Raises
+    ------
+    RecordingError : it lacks one, or something in it would run when read.
+    """
+    missing = set(ours) - refuse_active(path, connection)
+    if missing:
+        raise RecordingError(
+            f"{path} is not a whole recording: no table {min(missing)!r}", f"Try: boat-daq recover {path}"
+        )
+    theirs = columns_of(connection, tuple(ours))
+    for table, columns in ours.items():
+        absent = [name for name in columns if name not in theirs[table]]
+        for name in absent:
+            if (table, name) not in may_lack:
+                raise RecordingError(f"{path}: table {table!r} has no column {name!r}")
+        if absent:
+            kept = ", ".join(name for name in columns if name not in absent)
+            nulls = ", ".join(f"NULL AS {name}" for name in absent)
+            connection.execute(f"CREATE TEMP VIEW {table} AS SELECT {kept}, {nulls} FROM main.{table}")  # noqa: S608
+
+
+def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -> None:
+    """Refuse rows with a value of another type than its column is declared with, or beyond any measure.
+
+    Raises
+    ------
+    RecordingError : there is one; names table and column. sqlite3.Error : the rows cannot be read.
+    """
+    for table, kinds in columns.items():
+        tests = {
+            name: f"({_TYPES[kind].format(name)}{'' if needed else f' OR {name} IS NULL'})"
+            for name, (kind, needed) in kinds.items()
+        }
+        sql = f"SELECT {', '.join(tests.values())} FROM {table} WHERE NOT ({' AND '.join(tests.values())}) LIMIT 1"  # noqa: S608
+        row = connection.execute(sql).fetchone()
+        if row is not None:
+            column = next(name for name, fits in zip(tests, row, strict=True) if not fits)
+            raise RecordingError(
+                f"{path}: table {table!r} has a value that cannot stand in column {column!r}",
+                "The file is damaged, or was not made by boat-daq.",
+            )
+
+
+def value_fits(declared_as: tuple[str, bool], value: object) -> bool:
+    """Return what `check_values` asks, for one value that was read."""
+    kind, needed = declared_as
+    if value is None:
+        return not needed
+    if kind == "INTEGER":
+        return isinstance(value, int) and abs(value) <= _WHOLE_MAX
+    if kind == "REAL":
+        return isinstance(value, float) and math.isfinite(value)
+    return isinstance(value, str if kind == "TEXT" else bytes)
+
+
+def _number(low: float, high: float) -> Callable[[Any], bool]:
+    return lambda v: isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) and low <= v <= high
+
+
+def _whole(low: int, high: int) -> Callable[[Any], bool]:
+    return lambda v: isinstance(v, int) and not isinstance(v, bool) and low <= v <= high
+
+
+def _text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _time(value: Any) -> bool:
+    """Whether it is a time of day within the millennium, ISO 8601."""
+    try:
+        return isinstance(value, str) and 1900 <= datetime.fromisoformat(value).year < 3000
+    except ValueError:
+        return False
+
+
+def _limits(value: Any) -> bool:
+    pressure = _number(-1e9, 1e9)
+    return isinstance(value, list) and len(value) == 2 and all(map(pressure, value))
+
+
+def _resumptions(value: Any) -> bool:
+    keys = {"utc": _time, "host_ns": _whole(0, _WHOLE_MAX), "first_chunk": _whole(0, _WHOLE_MAX)}
+    return isinstance(value, list) and all(
+        isinstance(entry, dict) and all(fits(entry.get(key)) for key, fits in keys.items()) for entry in value
+    )
+
+
+_TOLD: dict[str, Callable[[Any], bool]] = {
+    "uuid": _text, "status": _text, "program_version": _text, "started_utc": _time, "ended_utc": _time,
+    "stop_reason": _text, "operator": _text, "unit": _text, "note": _text, "port": _text, "board_id": _text,
+    "profile": _text, "simulated": lambda v: isinstance(v, bool),
+    "started_host_ns": _whole(0, _WHOLE_MAX), "ended_host_ns": _whole(0, _WHOLE_MAX), "n_sensors": _whole(1, 4),
+    "sample_kind": lambda v: v in ("counts", "signal"), "sample_dtype": lambda v: isinstance(v, list),
+    "vref_mv": _number(0, 1e9), "adc_bits": _whole(1, 32), "polarity": lambda v: v in (-1, 1),
+    "rate_hz": _number(0, 1e9), "limits_pa": _limits, "settings": lambda v: isinstance(v, dict),
+    "resumptions": _resumptions,
+}  # fmt: skip
+
+
+def check_session(meta: Mapping[str, Any]) -> None:
+    """Refuse a session's description with a value that its key cannot have; null means that it is not known.
+
+    Raises
+    ------
+    RecordingError : names the key.
+    """
+    for key, fits in _TOLD.items():
+        if meta.get(key) is not None and not fits(meta[key]):
+            raise RecordingError(
+                f"the session's description has an unusable {key!r}: {meta[key]!r:.60}",
+                "The file is damaged, or was not made by boat-daq.",
+            )
+    if meta.get("sample_kind") == "counts" and None in (meta.get("vref_mv"), meta.get("adc_bits")):
+        raise RecordingError("the session's description does not say what its counts mean (vref_mv, adc_bits)")

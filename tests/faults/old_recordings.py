@@ -1,0 +1,49 @@
+"""Small recordings of the virtual board, laid out as any version of the program has laid them out."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+from boat_daq.engine.recorder import Recorder
+from protocol.recording import APPLICATION_ID, TABLE_NAMES
+from tests.boat_daq.board_link import meta_of
+from tests.boat_daq.test_recorder import Source
+
+SCHEMAS = {path.stem: path for path in sorted((Path(__file__).parent / "schemas").glob("*.sql"))}
+
+
+def write_recording(path: Path, *, blocks: int = 12) -> Path:
+    """Record 50 ms of board time a block with today's program, a marker and a reading in it, and close it."""
+    source = Source()
+    recorder = Recorder(path, meta_of(source.link))
+    recorder.attached(source.link.decoder_state())
+    for number in range(blocks):
+        recorder(source.next())
+        if number == 3:
+            recorder.event("user", "mark", text="here")
+        assert recorder.flush()
+    recorder.close("finished")
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("INSERT INTO step VALUES (1, 1, 1, 1, 'unloading', 20.0, 5.0, 0, 1, 2, 3, 'reached', '{}')")
+        db.execute("INSERT INTO reading VALUES (1, '2026-01-01T00:00:00+00:00', 1, 1.5, 0.5, 'typed', '', '')")
+        db.execute("INSERT INTO result VALUES (1, '2026-01-01T00:00:00+00:00', 'note', '0', 1, '{}', '{}')")
+    return path
+
+
+def write_old_recording(path: Path, schema: str, *, status: str = "closed") -> Path:
+    """The same session as the program of that schema would have written it: what it had no column for is left out."""
+    new = write_recording(path.with_name("new.boat"))
+    with closing(sqlite3.connect(path)) as db:
+        db.executescript(SCHEMAS[schema].read_text(encoding="utf-8"))
+        db.execute(f"PRAGMA application_id={APPLICATION_ID}")
+        db.execute(f"PRAGMA user_version={schema.split('_')[0]}")
+        db.execute("ATTACH ? AS new", (str(new),))
+        with db:
+            for table in TABLE_NAMES:
+                columns = ", ".join(row[1] for row in db.execute(f"PRAGMA main.table_info({table})"))
+                db.execute(f"INSERT INTO {table} ({columns}) SELECT {columns} FROM new.{table}")
+            db.execute("UPDATE session SET value = ? WHERE key = 'status'", (f'"{status}"',))
+    new.unlink()
+    return path

@@ -1,8 +1,8 @@
-"""Time against error of any method, measured; the front; and the rule by which a default is chosen.
+"""Time against error of any method, measured; the front; and the rule by which a setting is chosen.
 
 Strategy: a method gives its settings as calls; each is called several times, timed by the clock and by the processor,
-and its result is judged against a reference that the setting does not share. The first call of a setting is not timed:
-it compiles and warms.
+and its result is judged against a reference that the setting does not share. The first call of a setting prepares,
+compiles and warms; it is reported apart and is in no median.
 
 Rules: the choice is written once, in `choose`. Costs are compared in processor time, which other work on the machine
 disturbs less than the clock. A result that is not a number is an infinite error, never left out.
@@ -12,19 +12,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
+from analysis.fidelity import LEVELS, MARGINS, Fidelity, Level, fidelity
+
 Progress = Callable[[float, float], None]
 
-MARGIN = 2.0
+MARGIN = MARGINS["normal"]
 """An error counts as below a tolerance when it is below it by this factor."""
 TIE = 1.3
 """Costs within this factor are the same: repeats on a busy machine differ by as much."""
 SHORTEST_S = 2e-3
 """A call shorter than this is repeated until it is as long, and the time divided."""
+REPEATS, QUICK_REPEATS, FEWEST = 7, 3, 3
+LONGEST_S = 4.0
+"""Repeats end here once there are `FEWEST`: a slow setting does not make the others wait."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +39,8 @@ class Setting:
     Parameters
     ----------
     name : what is set, as the chart writes it.
-    call : does the work once; takes the number of the repeat, so that a sample can be another one each time.
+    call : does the work once; takes the number of the repeat, so that a sample can be another one each time. What it
+        prepares and keeps at its first call is not timed.
     error : judges a result against the reference, in the method's unit.
     work : results that one call gives; the time is divided by it.
     """
@@ -52,23 +58,33 @@ class Method:
     Parameters
     ----------
     name : as the command takes it. title : as the chart shows it.
-    reference : what the error is measured against. consumer : who cannot notice less than `tolerance`, in `unit`.
+    reference : what the error is measured against. independent : whether it owes nothing to the method measured.
+    consumer : who cannot notice less than `tolerance`, in `unit`.
     per : what one time is for.
-    default : name of the setting that the program uses.
-    settings : prepares the settings; True for the quick run.
-    kept_because : why the program keeps its default although the rule chooses another; empty where it does not.
+    setting_at : name of the setting that the program uses at a fidelity.
+    settings : lists the settings; True for the quick run.
     """
 
     name: str
     title: str
     reference: str
+    independent: bool
     consumer: str
     tolerance: float
     unit: str
     per: str
-    default: str
+    setting_at: Callable[[Fidelity], str]
     settings: Callable[[bool], Sequence[Setting]]
-    kept_because: str = ""
+
+    @property
+    def in_code(self) -> dict[Level, str]:
+        """Name of the setting that the program uses at each fidelity."""
+        return {level: self.setting_at(fidelity(level)) for level in LEVELS}
+
+    @property
+    def default(self) -> str:
+        """Name of the setting that the program uses unasked."""
+        return self.in_code["normal"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +94,9 @@ class Point:
     Parameters
     ----------
     seconds : median time by the clock; spread : greatest less smallest of the repeats.
-    cpu_seconds : median processor time of all threads.
+    cpu_seconds : median processor time of all threads; cpu_spread likewise.
     error : root mean square over the repeats; error_spread : greatest less smallest.
+    first_seconds : the first call by the clock: what is prepared once, compilation among it.
     """
 
     setting: str
@@ -89,16 +106,28 @@ class Point:
     cpu_seconds: float
     error_spread: float
     repeats: int
+    cpu_spread: float = 0.0
+    first_seconds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A method's points, the names of those on the front, and what the rule chooses (None: no point is good enough)."""
+    """A method's points, the names of those on the front, and what the rule chooses (None: no point is good enough).
+
+    `levels` has the rule's choice for each fidelity.
+    """
 
     method: Method
     points: tuple[Point, ...]
     front: tuple[str, ...]
     chosen: str | None
+    levels: Mapping[Level, str]
+
+    @classmethod
+    def of(cls, method: Method, points: Sequence[Point]) -> Measured:
+        """Find the front and apply the rule."""
+        chosen = choose(points, method.tolerance, method.default)
+        return cls(method, tuple(points), front_of(points), chosen, choose_levels(points, method))
 
     @property
     def default_is_chosen(self) -> bool:
@@ -108,14 +137,11 @@ class Measured:
     @property
     def verdict(self) -> str:
         """One sentence about the default."""
-        kept = f" It is kept: {self.method.kept_because}." if self.method.kept_because else ""
         if self.default_is_chosen:
             return f"the default, {self.method.default}, is the cheapest below the tolerance"
         if self.chosen is None:
-            return (
-                f"no setting measured is below the tolerance by {MARGIN:g}; the default is {self.method.default}.{kept}"
-            )
-        return f"the rule chooses {self.chosen}, the default is {self.method.default}.{kept}"
+            return f"no setting measured is below the tolerance by {MARGIN:g}; the default is {self.method.default}"
+        return f"the rule chooses {self.chosen}, the default is {self.method.default}"
 
 
 def front_of(points: Sequence[Point]) -> tuple[str, ...]:
@@ -128,7 +154,7 @@ def front_of(points: Sequence[Point]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def choose(points: Sequence[Point], tolerance: float, default: str | None = None) -> str | None:
+def choose(points: Sequence[Point], tolerance: float, default: str | None = None, margin: float = MARGIN) -> str | None:
     """Choose a setting: the cheapest whose error is below the consumer's tolerance with a margin.
 
     Parameters
@@ -136,12 +162,13 @@ def choose(points: Sequence[Point], tolerance: float, default: str | None = None
     points : measured.
     tolerance : what the consumer can notice, in the unit of the errors.
     default : kept where it is good enough and costs the same as the cheapest within `TIE`.
+    margin : how far below the tolerance is below.
 
     Returns
     -------
     Its name, or None where no point is good enough.
     """
-    enough = [p for p in points if p.error * MARGIN <= tolerance]
+    enough = [p for p in points if p.error * margin <= tolerance]
     if not enough:
         return None
     cheapest = min(enough, key=lambda p: p.cpu_seconds)
@@ -149,41 +176,65 @@ def choose(points: Sequence[Point], tolerance: float, default: str | None = None
     return same[0] if same else cheapest.setting
 
 
+def choose_levels(points: Sequence[Point], method: Method) -> dict[Level, str]:
+    """Return the rule's choice for each fidelity; where nothing is good enough, the most exact on the front."""
+    front = front_of(points)
+    best = front[-1] if front else method.default
+    in_code = method.in_code
+    return {k: choose(points, method.tolerance, in_code[k], MARGINS[k]) or best for k in LEVELS}
+
+
 def measure(method: Method, *, quick: bool, progress: Progress | None = None) -> Measured:
     """Measure every setting of a method.
 
     Parameters
     ----------
-    quick : fewer settings, 3 repeats; else 7.
-    progress : called with (settings done, settings) after each; raising from it cancels.
+    quick : fewer settings, 3 repeats; else 7, fewer where they take long.
+    progress : called with (settings done, settings) after each call; raising from it cancels.
     """
     settings = method.settings(quick)
     points = []
-    for done, setting in enumerate(settings, 1):
-        points.append(measure_setting(setting, 3 if quick else 7))
-        if progress is not None:
-            progress(done, len(settings))
-    return Measured(method, tuple(points), front_of(points), choose(points, method.tolerance, method.default))
+    for done, setting in enumerate(settings):
+
+        def within(part: float, before: int = done) -> None:
+            if progress is not None:
+                progress(before + part, len(settings))
+
+        points.append(measure_setting(setting, QUICK_REPEATS if quick else REPEATS, within))
+    return Measured.of(method, points)
 
 
-def measure_setting(setting: Setting, repeats: int) -> Point:
-    """Time one setting and judge its results."""
-    began = time.perf_counter()
-    setting.call(0)
-    calls = max(1, math.ceil(SHORTEST_S / max(time.perf_counter() - began, 1e-7)))
+def measure_setting(setting: Setting, repeats: int, tell: Callable[[float], None] = lambda part: None) -> Point:
+    """Time one setting and judge its results; `tell` hears the part done after each call and may raise."""
+    tell(0.0)
+    first, _, _ = _timed(setting, 0, 1)
+    once, _, _ = _timed(setting, 0, 1)
+    calls = max(1, math.ceil(SHORTEST_S / max(once, 1e-7)))
     clock, busy, errors = [], [], []
     for repeat in range(repeats):
-        began, began_cpu = time.perf_counter(), time.process_time()
-        for _ in range(calls):
-            result = setting.call(repeat)
-        each = calls * setting.work
-        busy.append((time.process_time() - began_cpu) / each)
-        clock.append((time.perf_counter() - began) / each)
+        tell((repeat + 1) / (repeats + 1))
+        seconds, cpu, result = _timed(setting, repeat, calls)
+        clock.append(seconds / calls / setting.work)
+        busy.append(cpu / calls / setting.work)
         error = abs(float(setting.error(result)))
         errors.append(error if math.isfinite(error) else math.inf)
-    rms = math.sqrt(sum(e * e for e in errors) / repeats)
-    return Point(setting.name, median(clock), rms, max(clock) - min(clock), median(busy), _range(errors), repeats)
+        if len(clock) >= FEWEST and sum(clock) * calls * setting.work > LONGEST_S:
+            break
+    tell(1.0)
+    rms = math.sqrt(sum(e * e for e in errors) / len(errors))
+    return Point(
+        setting.name, median(clock), rms, _range(clock), median(busy), _range(errors), len(clock), _range(busy), first
+    )
 
 
-def _range(errors: Sequence[float]) -> float:
-    return max(errors) - min(errors) if math.isfinite(max(errors)) else math.inf
+def _timed(setting: Setting, repeat: int, calls: int) -> tuple[float, float, Any]:
+    """Call a setting; return seconds by the clock, by the processor, and the last result."""
+    result = None
+    began, began_cpu = time.perf_counter(), time.process_time()
+    for _ in range(calls):
+        result = setting.call(repeat)
+    return time.perf_counter() - began, time.process_time() - began_cpu, result
+
+
+def _range(values: Sequence[float]) -> float:
+    return max(values) - min(values) if math.isfinite(max(values)) else math.inf

@@ -79,15 +79,13 @@ def _basis_name(side: int, modes: int) -> str:
     return f"{side} x {side} solutions, {modes} shapes"
 
 
-_TABLE = TableSettings()
 MESH = Method(
-    "full-fem", "Full model: mesh", "a finer mesh (24 x (5 + 10); quick: 16 x (4 + 8)) of the same elements",
+    "full-fem", "Full model: mesh", "a finer mesh (24 x (5 + 10); quick: 16 x (4 + 8)) of the same elements", False,
     "the deviation from the readings: a tenth of the reading error", READING_MM / 10, "mm", "a warm solution",
-    _mesh_name(_default_mesh()), mesh_settings,
+    lambda f: _mesh_name(f.mesh), mesh_settings,
 )  # fmt: skip
 BASIS = Method(
-    "reduced-fem", "Reduced model: basis", "full solutions that the table was not made from",
+    "reduced-fem", "Reduced model: basis", "full solutions that the table was not made from", True,
     "the deviation from the readings: a tenth of the reading error", READING_MM / 10, "mm", "a state",
-    _basis_name(_TABLE.pressures, _TABLE.modes), basis_settings,
-    "the replay promises 0.1 % of the full model's tracked points, 3.8e-3 mm",
+    lambda f: _basis_name(f.table[0], f.table[2]), basis_settings,
 )  # fmt: skip

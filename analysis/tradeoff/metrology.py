@@ -118,17 +118,16 @@ def _staircase() -> tuple[FloatArray, FloatArray]:
 
 
 POSTERIOR = Method(
-    "posterior", "Posterior: steps of the sampler", "Student's t, the closed form without reading error",
-    "the width of the band: 3 %", 3.0, "% of the sd", "a posterior", f"64 walkers x {MAX_STEPS} steps at most",
-    posterior_settings, "it is a limit; the sampler stops of itself at 50 autocorrelation times, which 1000 steps miss",
+    "posterior", "Posterior: steps of the sampler", "Student's t, the closed form without reading error", True,
+    "the width of the band: 3 %", 3.0, "% of the sd", "a posterior", 
+    lambda f: f"64 walkers x {f.posterior_steps} steps at most", posterior_settings,
 )  # fmt: skip
 INVERSE = Method(
-    "inverse", "Inverse: mV to mm", "the x that each signal was made from, in extended precision",
-    "the reader of mm: a tenth of the reading error", READING_MM / 10, "mm", "a value", "Newton", inverse_settings,
-    "a round trip to 1e-10 mm is promised, so that replay and export give back what was measured",
+    "inverse", "Inverse: mV to mm", "the x that each signal was made from, in extended precision", True,
+    "the reader of mm: a tenth of the reading error", READING_MM / 10, "mm", "a value", lambda f: "Newton", inverse_settings,
 )  # fmt: skip
 SEGMENTATION = Method(
-    "segmentation", "Segmentation: samples used", "the noise-free signal at each level of the staircase",
-    "the calibration's points: a tenth of the noise", NOISE_MV / 10, "mV", "a run of 5 cycles", _every(1),
-    segmentation_settings, "what is recorded is used; a run with short holds has no samples to spare",
+    "segmentation", "Segmentation: samples used", "the noise-free signal at each level of the staircase", True,
+    "the calibration's points: a tenth of the noise", NOISE_MV / 10, "mV", "a run of 5 cycles", lambda f: _every(1),
+    segmentation_settings,
 )  # fmt: skip

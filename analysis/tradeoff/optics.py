@@ -80,14 +80,12 @@ def ranking_settings(quick: bool) -> list[Setting]:
 
 
 TRACER = Method(
-    "tracer", "Ray tracer", "a finer fan, turned (40,000 rays; quick: 10,000), secondaries in proportion",
+    "tracer", "Ray tracer", "a finer fan, turned (40,000 rays; quick: 10,000), secondaries in proportion", False,
     "the reader of NDR, who reads whole rays of 250: half a ray", 0.5, "rays of 250", "a simulation",
-    f"{DEFAULT.rays} rays", tracer_settings,
-    "the paper's count, so that its table can be repeated; every figure from it carries its interval",
+    lambda f: f"{f.rays} rays", tracer_settings,
 )  # fmt: skip
 RANKING = Method(
-    "ranking", "Ranking of designs by P", "the ranking with 10,000 rays (quick: 5,000), fan turned",
+    "ranking", "Ranking of designs by P", "the ranking with 10,000 rays (quick: 5,000), fan turned", False,
     "the choice of a design: a rank correlation of 0.95", 0.05, "1 - Spearman's correlation", "a design",
-    f"{DEFAULT.rays} rays", ranking_settings,
-    "the paper's count, so that its table can be repeated; designs that tie are listed with the best",
+    lambda f: f"{f.ranking_rays} rays", ranking_settings,
 )  # fmt: skip

@@ -19,11 +19,13 @@ import matplotlib as mpl
 
 from analysis import style
 from analysis.tradeoff.chart import method_chart, overview_chart
+from analysis.fidelity import LEVELS, MARGINS
 from analysis.tradeoff.measure import MARGIN, Measured, Point
 
 TIMING = (
     "seconds: median by the clock of a call, spread: greatest less smallest; cpu_seconds: median processor time, which "
-    "front and choice compare; error: root mean square over the repeats"
+    "front and choice compare, cpu_spread likewise; error: root mean square over the repeats; first_seconds: the first "
+    "call, which prepares and compiles and is in no median"
 )
 
 
@@ -55,6 +57,7 @@ def report_json(results: Sequence[Measured], *, quick: bool) -> dict[str, Any]:
         "quick": quick,
         "timing": TIMING,
         "margin": MARGIN,
+        "margins": MARGINS,
         "methods": [_method_json(m) for m in results],
     }
 
@@ -64,7 +67,8 @@ def _method_json(measured: Measured) -> dict[str, Any]:
     return {
         "name": method.name,
         "title": method.title,
-        "reference": method.reference,
+        "reference": f"{method.reference}; {'independent' if method.independent else 'not independent'}",
+        "independent": method.independent,
         "consumer": method.consumer,
         "tolerance": method.tolerance,
         "unit": method.unit,
@@ -74,6 +78,7 @@ def _method_json(measured: Measured) -> dict[str, Any]:
         "default": method.default,
         "chosen": measured.chosen,
         "default_is_chosen": measured.default_is_chosen,
+        "fidelity": {k: {"chosen": measured.levels[k], "in_code": method.in_code[k]} for k in LEVELS},
         "verdict": measured.verdict,
     }
 
@@ -87,6 +92,8 @@ def _point_json(point: Point) -> dict[str, Any]:
         "cpu_seconds": point.cpu_seconds,
         "error_spread": point.error_spread if math.isfinite(point.error_spread) else None,
         "repeats": point.repeats,
+        "cpu_spread": point.cpu_spread,
+        "first_seconds": point.first_seconds,
     }
 
 
@@ -111,7 +118,17 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
 def _write_csv(content: dict[str, Any], path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        columns = ("setting", "seconds", "error", "spread", "cpu_seconds", "error_spread", "repeats")
+        columns = (
+            "setting",
+            "seconds",
+            "error",
+            "spread",
+            "cpu_seconds",
+            "error_spread",
+            "repeats",
+            "cpu_spread",
+            "first_seconds",
+        )
         table.writerow(["method", *columns, "unit", "tolerance", "on_front", "default", "chosen"])
         for method in content["methods"]:
             for point in method["points"]:

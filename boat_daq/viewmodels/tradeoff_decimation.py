@@ -69,8 +69,7 @@ def _envelope(at: NDArray[np.float64], values: NDArray[np.float64], edges: NDArr
 
 
 DECIMATION = Method(
-    "decimation", "Live plot: points drawn", "every sample of the span, column by column of pixels",
+    "decimation", "Live plot: points drawn", "every sample of the span, column by column of pixels", True,
     "the eye at the live plot: half a pixel", 0.5, "pixels", "a curve drawn",
-    f"{2 * WIDTH_PX} points", decimation_settings,
-    "two points a column of pixels, a lowest and a highest, are what the plot asks for",
+    lambda f: f"{f.points_a_column * WIDTH_PX} points", decimation_settings,
 )  # fmt: skip

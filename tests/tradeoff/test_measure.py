@@ -58,10 +58,11 @@ def test_cancel_from_progress() -> None:
     """Raising from progress ends the measurement at once."""
     ran: list[int] = []
     settings = [Setting(str(i), partial(lambda i, _: ran.append(i), i), lambda _: 0.0) for i in range(3)]
-    method = Method("m", "M", "r", "c", 1.0, "mm", "a call", "0", lambda _: settings)
+    method = Method("m", "M", "r", True, "c", 1.0, "mm", "a call", lambda _: "0", lambda _: settings)
 
-    def stop(_done: float, _total: float) -> None:
-        raise KeyboardInterrupt
+    def stop(done: float, _total: float) -> None:
+        if done > 0:
+            raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         measure(method, quick=True, progress=stop)

@@ -1,0 +1,71 @@
+"""How fine everything is computed: draft, normal or reference, asked for in one place.
+
+A level moves every method along its own front of time against error at once. Its numbers are not taste: each is what
+the rule of the trade-off (`analysis.tradeoff.measure.choose`) finds in the measured table `docs/tradeoff/tradeoff.json`
+with the level's margin, and a test holds this file to that table.
+
+Rules: a level says how fine, never what: geometry, data and seeds are the caller's. What a caller sets by hand (rays,
+a mesh of a file) goes before the level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from analysis.errors import RequestError
+
+Level = Literal["draft", "normal", "reference"]
+LEVELS: tuple[Level, ...] = get_args(Level)
+
+MARGINS: dict[Level, float] = {"draft": 0.5, "normal": 2.0, "reference": 10.0}
+"""The error, times this, stays below what the consumer notices: a draft may err by twice that, a reference by a
+tenth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fidelity:
+    """One level.
+
+    Parameters
+    ----------
+    level : its name.
+    rays : released in one traced scene.
+    ranking_rays : released in each scene of a sweep that ranks designs.
+    mesh : elements of the shadow's full model: along a cell, across the wall, across the lattice.
+    wall_modulus_kpa, neck_radius_mm : the two fitted numbers of the actuator, fitted on that mesh.
+    table : of the reduced model: pressures, elongations, shapes.
+    posterior_steps : of the sampler at most; 0 takes the closed form, which leaves the reading error out.
+    resamples : of every bootstrap.
+    points_a_column : drawn for each column of pixels of a live curve.
+    """
+
+    level: Level
+    rays: int
+    ranking_rays: int
+    mesh: tuple[int, int, int]
+    wall_modulus_kpa: float
+    neck_radius_mm: float
+    table: tuple[int, int, int]
+    posterior_steps: int
+    resamples: int
+    points_a_column: int
+
+
+_LEVELS = {
+    "draft": Fidelity("draft", 100, 1_000, (6, 2, 3), 1371.6899, 4.14997, (5, 5, 4), 500, 500, 1),
+    "normal": Fidelity("normal", 250, 2_500, (8, 2, 4), 1320.9, 4.277, (7, 7, 8), 4_000, 2_000, 2),
+    "reference": Fidelity("reference", 2_500, 10_000, (16, 4, 8), 1295.8551, 4.3202, (7, 7, 8), 16_000, 20_000, 8),
+}
+
+
+def fidelity(level: str = "normal") -> Fidelity:
+    """Return a level by its name.
+
+    Raises
+    ------
+    RequestError : there is no such level.
+    """
+    if level not in _LEVELS:
+        raise RequestError(f"there is no fidelity '{level}'", f"choose among {', '.join(LEVELS)}")
+    return _LEVELS[level]

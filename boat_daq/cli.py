@@ -32,7 +32,7 @@ from boat_daq.commands import (
     tradeoff,
     verify,
 )
-from boat_daq.commands.console import say
+from boat_daq.commands.console import emit_error
 
 app = typer.Typer(
     name="boat-daq",
@@ -113,7 +113,5 @@ def main() -> None:
         cause, remedy = getattr(error, "cause", None), getattr(error, "remedy", None)
         if cause is None or remedy is None:
             raise
-        say(f"error: {cause}")
-        if remedy:
-            say(f"  try: {remedy}")
+        emit_error(type(error).__name__, cause, remedy)
         raise SystemExit(1) from None

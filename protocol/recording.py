@@ -163,6 +163,10 @@ SESSION_KEYS = (
     "settings",  # snapshot
     "plan",  # snapshot of the plan, or null
 )
+# Where a broken run went on, and only there: "resumptions", a list in order, one object for each break:
+# utc and host_ns of that instant, cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk,
+# step and cycle behind it, complete_cycles before it, last_result (id of the newest result of less than the whole run)
+_OF_A_BREAK = ("host_ns", "first_segment", "first_chunk", "first_step", "first_cycle", "complete_cycles", "last_result")
 
 TABLES = """
 CREATE TABLE session (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -325,6 +329,25 @@ def refuse_newer(path: Path) -> None:
             f"{path} has layout {version}, this program writes {SCHEMA_VERSION}: it is only read here",
             "Update boat-daq to add to it.",
         )
+
+
+def breaks_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the session's `resumptions`, oldest first; none for a run that was never broken.
+
+    Raises
+    ------
+    RecordingError : they are not what a recording holds.
+    """
+    entries = meta.get("resumptions", [])
+    if not isinstance(entries, list) or not all(_is_break(entry) for entry in entries):
+        raise RecordingError("the session's 'resumptions' are not a list of breaks")
+    return entries
+
+
+def _is_break(entry: object) -> bool:
+    if not isinstance(entry, dict) or not all(isinstance(entry.get(key), str) for key in ("utc", "cause")):
+        return False
+    return all(type(entry.get(key)) is int and entry[key] >= 0 for key in _OF_A_BREAK)
 
 
 def read_session(connection: sqlite3.Connection) -> dict[str, Any]:

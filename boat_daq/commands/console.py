@@ -19,10 +19,22 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
-
 out = Console()
 err = Console(stderr=True)
+
+
+class _JsonOwed:
+    """Whether the call asked for a JSON object that it has not had yet."""
+
+    owed = False
+
+
+def _asked(value: bool) -> bool:
+    _JsonOwed.owed = value
+    return value
+
+
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.", callback=_asked)]
 
 
 class Advance(Protocol):
@@ -52,7 +64,17 @@ def plain(value: Any) -> Any:
 
 def emit_json(value: Any) -> None:
     """Print one JSON object on standard output."""
+    _JsonOwed.owed = False
     typer.echo(json.dumps(plain(value), ensure_ascii=False, allow_nan=False))
+
+
+def emit_error(kind: str, cause: str, remedy: str) -> None:
+    """Say why a call failed: to its reader on standard error, and as the one JSON object where that is still owed."""
+    if _JsonOwed.owed:
+        emit_json({"error": kind, "cause": cause, "remedy": remedy})
+    say(f"error: {cause}")
+    if remedy:
+        say(f"  try: {remedy}")
 
 
 def say(text: str) -> None:

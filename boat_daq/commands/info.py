@@ -58,6 +58,13 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
             f"segment {segment.number}",
             f"{segment.reason}: {segment.samples} samples, {segment.duration_s:.2f} s{paused}",
         )
+    for broken in summary.breaks:
+        away = "" if broken.break_s is None else f" for {broken.break_s:.0f} s"
+        yield (
+            "break",
+            f"{broken.cause} after {broken.complete_cycles} complete cycles{away}; "
+            f"went on at cycle {broken.first_cycle}, segment {broken.first_segment}, {broken.utc}",
+        )
     yield "cycles", f"{summary.cycles.complete} complete, {summary.cycles.partial} partial, {summary.steps} steps"
     yield "readings", f"{summary.readings}; results: {summary.results}"
     yield "written by", f"boat-daq {summary.program_version}, {summary.size_bytes / 1e6:.1f} MB"

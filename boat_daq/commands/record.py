@@ -5,14 +5,23 @@ from __future__ import annotations
 import dataclasses
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, say
+from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 
 if TYPE_CHECKING:
     from boat_daq.engine.plan import Plan
+    from boat_daq.engine.resumption import BrokenRun
+
+
+class Changes(TypedDict):
+    """What a call puts in place of a plan's own values."""
+
+    cycles: int | None
+    dwell_s: float | None
+    ramp_kpa_per_s: float | None
 
 
 def record(
@@ -29,23 +38,45 @@ def record(
     note: Annotated[str, typer.Option(help="A line to remember.")] = "",
     rate: Annotated[int | None, typer.Option(help="Samples per second; the setting's when left out.", min=1)] = None,
     duration: Annotated[float | None, typer.Option(help="Without a plan: seconds to record.", min=0)] = None,
+    resume: Annotated[
+        Path | None, typer.Option(metavar="FILE.boat", help="Go on with the broken run of this recording.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Record a session: with a plan the pressure sequence is run, without one it only listens.
 
-    Ctrl-C vents, closes the recording properly and exits 130.
+    Ctrl-C vents, closes the recording properly and exits 130. A run that was broken, by a crash or an unplugged board,
+    goes on in its own recording at its next whole cycle with --resume; board, unit and plan must be the same.
 
     Example: boat-daq record --port /dev/ttyACM0 --plan calibration --unit SA1 --out SA1.boat
     """
     from boat_daq.commands.run_session import SessionRequest, run_session
     from boat_daq.engine.readings import check_against_plan, enter_readings, read_elongation_csv
 
-    chosen = choose_plan(plan, cycles=cycles, dwell_s=dwell, ramp_kpa_per_s=ramp)
+    if resume is not None and (out is not None or duration is not None):
+        raise typer.BadParameter("--resume goes on in its own recording: leave --out and --duration out")
+    changes: Changes = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
+    metadata = {"operator": operator, "unit": unit, "note": note}
     readings = read_elongation_csv(elongation) if elongation is not None else None
-    if readings is not None and chosen is not None:
-        check_against_plan(readings, chosen)
-    summary, failure = run_session(
-        SessionRequest(
+    if resume is not None:
+        broken = take_up(resume, plan, changes, unit=unit)
+        chosen: Plan | None = broken.plan
+        profile_text = str(profile) if profile else broken.meta["profile"]
+        request = SessionRequest(
+            port=port,
+            path=resume,
+            plan=broken.plan,
+            profile=profile_text,
+            rate_hz=rate if rate is not None else broken.meta["rate_hz"],
+            unit=broken.unit,
+            metadata={**metadata, "unit": broken.unit},
+            broken=broken,
+        )
+    else:
+        chosen = choose_plan(plan, **changes)
+        if readings is not None and chosen is not None:
+            check_against_plan(readings, chosen)
+        request = SessionRequest(
             port=port,
             path=out if out is not None else dated_name(unit),
             plan=chosen,
@@ -53,9 +84,10 @@ def record(
             rate_hz=rate,
             unit=unit,
             duration_s=duration,
-            metadata={"operator": operator, "unit": unit, "note": note},
-        ),
-        (lambda session: enter_readings(session, readings)) if readings is not None else None,
+            metadata=metadata,
+        )
+    summary, failure = run_session(
+        request, (lambda session: enter_readings(session, readings)) if readings is not None else None
     )
     if as_json:
         emit_json({**dataclasses.asdict(summary), "failed": bool(failure), "failure": failure})
@@ -65,7 +97,37 @@ def record(
     )
     if failure:
         say("the run did not end as planned (see above); the recording holds everything until then")
+        if chosen is not None:
+            say(f"  to go on at its next whole cycle: boat-daq record --resume {summary.path} --port {port}")
         raise typer.Exit(1)
+
+
+def take_up(path: Path, plan: str | None, changes: Changes, *, unit: str) -> BrokenRun:
+    """Return the broken run of a recording, closed properly; what is named beside it must be the recording's own.
+
+    Raises
+    ------
+    OperatorError : another unit or plan, or there is nothing to go on with. StorageError, RecordingError : the file.
+    """
+    from boat_daq.engine.plan import load_plan
+    from boat_daq.engine.resumption import prepare_resumption, read_broken_run
+    from boat_daq.errors import OperatorError
+
+    broken = read_broken_run(path)
+    if unit and unit != broken.unit:
+        raise OperatorError(
+            f"{path.name} was recorded with unit {broken.unit or 'not named'}, not {unit}",
+            "a broken run goes on with its own unit: put that on the bench, or begin a new recording",
+        )
+    if plan is not None or any(value is not None for value in changes.values()):
+        broken.check_plan(change_plan(broken.plan if plan is None else load_plan(plan), **changes))
+    with progress_bar("checking") as advance:
+        broken = prepare_resumption(path, progress=advance)
+    say(
+        f"{path.name}: {broken.cause} after {broken.complete_cycles} complete cycles; "
+        f"goes on at cycle {broken.first_cycle}"
+    )
+    return broken
 
 
 def choose_plan(
@@ -75,11 +137,15 @@ def choose_plan(
     from boat_daq.engine.plan import load_plan
     from boat_daq.errors import OperatorError
 
-    if name is None:
-        if (cycles, dwell_s, ramp_kpa_per_s) != (None, None, None):
-            raise OperatorError("--cycles, --dwell and --ramp change a plan, and there is none", "add --plan NAME")
-        return None
-    plan = load_plan(name)
+    if name is not None:
+        return change_plan(load_plan(name), cycles=cycles, dwell_s=dwell_s, ramp_kpa_per_s=ramp_kpa_per_s)
+    if (cycles, dwell_s, ramp_kpa_per_s) != (None, None, None):
+        raise OperatorError("--cycles, --dwell and --ramp change a plan, and there is none", "add --plan NAME")
+    return None
+
+
+def change_plan(plan: Plan, *, cycles: int | None, dwell_s: float | None, ramp_kpa_per_s: float | None) -> Plan:
+    """Return the plan with the values that are given put in place of its own."""
     if cycles is not None:
         plan = dataclasses.replace(plan, cycles=cycles)
     if ramp_kpa_per_s is not None:

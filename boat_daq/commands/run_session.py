@@ -13,9 +13,11 @@ from typing import Any
 
 from boat_daq.commands.console import progress_bar, say
 from boat_daq.engine.plan import Plan
+from boat_daq.engine.resumption import BrokenRun
 from boat_daq.engine.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.engine.summary import Summary, summarise
+from boat_daq.errors import BoatDaqError
 
 LOOK_S = 0.1
 CLEARING_S = 3.0
@@ -33,6 +35,7 @@ class SessionRequest:
     plan : the pressure sequence; None only listens.
     duration_s : without a plan, seconds of board time to listen; None until Ctrl-C.
     metadata : operator, unit, note.
+    broken : the run that goes on, in its own recording `path`; None begins one.
     """
 
     port: str
@@ -43,6 +46,7 @@ class SessionRequest:
     unit: str = ""
     duration_s: float | None = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    broken: BrokenRun | None = None
 
 
 def run_session(request: SessionRequest, after_run: Callable[[Session], object] | None = None) -> tuple[Summary, str]:
@@ -66,17 +70,24 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
             unit=request.unit,
             record_to=request.path,
             metadata=request.metadata,
+            go_on_in=request.broken,
+            for_plan=request.plan,
         )
         seen = session.wait_connected()
         if seen.simulated:
             say("SIMULATED: this is the virtual board")
         if request.plan is not None:
-            run_plan(session, request.plan, told=clear_what_an_earlier_host_left(session, seen))
+            told = clear_what_an_earlier_host_left(session, seen)
+            run_plan(session, request.plan, told=told, go_on=request.broken is not None)
         else:
             listen(session, request.duration_s)
         if after_run is not None:
             after_run(session)
         failure = why_failed(session.snapshot(), request.plan)
+    except BoatDaqError:
+        if session.snapshot().recording is not None:
+            say(f"{request.path} keeps what came until then")
+        raise
     finally:
         session.close()
     return summarise(request.path), failure
@@ -101,9 +112,15 @@ def clear_what_an_earlier_host_left(session: Session, seen: SessionSnapshot) -> 
     return seen.messages[-1].number if seen.messages else 0
 
 
-def run_plan(session: Session, plan: Plan, *, told: int = 0) -> None:
-    """Arm and start `plan`, and wait until it has ended one way or another; messages up to number `told` are known."""
-    session.arm(plan)
+def run_plan(session: Session, plan: Plan, *, told: int = 0, go_on: bool = False) -> None:
+    """Arm and start `plan`, and wait until it has ended one way or another.
+
+    Parameters
+    ----------
+    told : messages up to that number are known.
+    go_on : at the next whole cycle of the broken run in this recording.
+    """
+    session.arm(plan, go_on=go_on)
     session.start()
     shown = told
     with progress_bar(plan.name) as advance:

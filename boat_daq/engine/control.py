@@ -73,6 +73,7 @@ class Controller:
         self.first_us = 0  # board time of the first sample on this link
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
         self.silent = False
+        self.why_read_only = ""  # where the link cannot command
         self._zero_tolerance_kpa = zero_tolerance_kpa
         self._mv_per_count = 1.0
         self._recent = np.empty(0)
@@ -155,14 +156,23 @@ class Controller:
         ------
         OperatorError : see `Session.arm`.
         """
-        self._require_command()
+        self.check_plan(plan)
         self._require_unlatched("arm")
-        for target_kpa in (plan.high_kpa, plan.low_kpa):
-            self.interlock.check(target_kpa, new_plan=True)
         self.sequencer.arm(
             plan, wait_for_reading=wait_for_reading, first_cycle=first_cycle, complete_cycles=complete_cycles
         )
         self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
+
+    def check_plan(self, plan: Plan) -> None:
+        """Check a plan against the limits.
+
+        Raises
+        ------
+        OperatorError : outside them, or the link cannot command.
+        """
+        self._require_command()
+        for target_kpa in (plan.high_kpa, plan.low_kpa):
+            self.interlock.check(target_kpa, new_plan=True)
 
     def preflight(self) -> list[Check]:
         """Return the lines of the check before the first pressure."""
@@ -433,7 +443,8 @@ class Controller:
 
     def _require_command(self) -> None:
         if not self.dialogue.can_command:
-            raise OperatorError("this link only listens", "use firmware or a profile that commands pressure")
+            why = f": {self.why_read_only}" if self.why_read_only else ""
+            raise OperatorError(f"this link only listens{why}", "use firmware or a profile that commands pressure")
 
     def _require_unlatched(self, what: str) -> None:
         latched = self.interlock.latched

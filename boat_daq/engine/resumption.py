@@ -27,8 +27,21 @@ from boat_daq.engine.recovery import recover
 from boat_daq.engine.sequencer import resume_point
 from boat_daq.engine.snapshot import Reading, StepMark
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import open_recording, read_session
+from protocol.recording import breaks_of, open_recording, read_session
 
+_STEP_COLUMNS = (
+    "id",
+    "cycle",
+    "branch",
+    "target_kpa",
+    "ramp_kpa_per_s",
+    "started_us",
+    "arrived_us",
+    "settled_us",
+    "ended_us",
+    "status",
+    "detail",
+)
 # what must be as it was, in the words in which a difference is told; only what a wrong unit, board or firmware changes
 _SAME = {
     "unit": "unit",
@@ -56,7 +69,7 @@ class BrokenRun:
     """
 
     path: Path
-    meta: Mapping[str, Any]
+    meta: dict[str, Any]
     plan: Plan
     marks: tuple[StepMark, ...]
     readings: tuple[Reading, ...]
@@ -123,11 +136,8 @@ def read_broken_run(path: Path) -> BrokenRun:
         if not isinstance(meta["plan"], dict):
             raise OperatorError(f"{path.name} has no run to go on with", "it was recorded without a plan: begin anew")
         plan = build(Plan, meta["plan"], f"the plan of {path.name}")
-        steps = db.execute(
-            "SELECT id, cycle, branch, target_kpa, ramp_kpa_per_s, started_us, arrived_us, settled_us, ended_us, "
-            "status, detail FROM step ORDER BY id"
-        )
-        marks = tuple(StepMark(*row, json.loads(detail)) for *row, detail in steps)
+        steps = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
+        marks = tuple(_mark(row) for row in steps)
         rows = db.execute(
             "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
         )
@@ -137,6 +147,12 @@ def read_broken_run(path: Path) -> BrokenRun:
         raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "there is nothing to go on with")
     cause = "interrupted" if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
     return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, cause)
+
+
+def _mark(row: tuple[Any, ...]) -> StepMark:
+    """Return a step from its row of `_STEP_COLUMNS`."""
+    values = dict(zip(_STEP_COLUMNS, row, strict=True))
+    return StepMark(values.pop("id"), detail=json.loads(values.pop("detail")), **values)
 
 
 def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] | None = None) -> BrokenRun:
@@ -229,7 +245,7 @@ def _break(broken: BrokenRun, counters: Counters, metadata: Mapping[str, Any]) -
         "program_version": __version__,
         **{key: metadata.get(key) for key in ("operator", "note", "port")},
     }
-    resumptions = [*broken.meta.get("resumptions", []), entry]
+    resumptions = [*breaks_of(broken.meta), entry]
     text = (
         f"broken ({broken.cause}) after {broken.complete_cycles} complete cycles; goes on at cycle {broken.first_cycle}"
     )

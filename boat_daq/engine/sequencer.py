@@ -255,7 +255,8 @@ class Sequencer:
         text = f"{mark.target_kpa:g} kPa was not reached in time: {self._pressure_kpa:.1f} kPa"
         self._leave_cycle_out()
         self._watch = None
-        self._say("step_timeout", text, "error", "look for a leak, or a pump that does not run")
+        remedy = "look for a leak, or a pump that does not run; for a slow pump give a slower ramp (record --ramp)"
+        self._say("step_timeout", text, "error", remedy)
         self.abort(text, SessionState.ABORTED)
 
     def _follow_vent(self, block: Columns) -> None:

@@ -98,6 +98,7 @@ class Session:
         record_to: Path | None = None,
         metadata: Mapping[str, Any] | None = None,
         go_on_in: BrokenRun | None = None,
+        for_plan: Plan | None = None,
     ) -> None:
         """Open `port` (a path, a name, socket://HOST:PORT, replay:FILE[@SPEED]) and look for a board there.
 
@@ -112,6 +113,7 @@ class Session:
         record_to, metadata : begin this recording before the board's first sample; as `start_recording`. Where that
             fails, the link FAILED.
         go_on_in : in place of `record_to`, go on in the recording of a broken run; as `resume_recording`.
+        for_plan : with either, a plan outside the limits is refused before the recording is touched.
 
         Raises
         ------
@@ -125,8 +127,15 @@ class Session:
             control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))
         self._unit = unit
         path = go_on_in.path if go_on_in is not None else record_to
-        greeted = None if path is None else lambda: self._record(path, metadata, go_on_in)
-        self._keeper.open(port, profile, control, greeted=greeted)
+
+        def greeted() -> None:
+            assert path is not None
+            if for_plan is not None:
+                with self._core.acting() as board:
+                    board.check_plan(for_plan)
+            self._record(path, metadata, go_on_in)
+
+        self._keeper.open(port, profile, control, greeted=greeted if path is not None else None)
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], timeout_s: float | None = None) -> SessionSnapshot:
         """Block the caller (a command, never a window) until `condition(snapshot)` holds or the time is over."""

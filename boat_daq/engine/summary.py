@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.file_lock import is_being_written
-from protocol.recording import open_recording, read_session
+from protocol.recording import breaks_of, open_recording, read_session
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +34,20 @@ class Cycles:
 
     complete: int
     partial: int
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """Where a broken run went on (`resumption`): why it had ended, for how long, and with which cycle it went on."""
+
+    utc: str
+    cause: str
+    break_s: float | None
+    complete_cycles: int
+    first_cycle: int
+    first_segment: int
+    operator: str | None = None
+    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +81,7 @@ class Summary:
     readings: int
     results: int
     size_bytes: int
+    breaks: tuple[Break, ...] = ()
 
 
 def summarise(path: Path) -> Summary:
@@ -118,7 +133,12 @@ def summarise(path: Path) -> Summary:
             readings=counts[1],
             results=counts[2],
             size_bytes=path.stat().st_size,
+            breaks=tuple(_break(entry) for entry in breaks_of(meta)),
         )
+
+
+def _break(entry: dict[str, Any]) -> Break:
+    return Break(**{key: entry.get(key) for key in Break.__dataclass_fields__})  # type: ignore[arg-type]
 
 
 def _one(db: sqlite3.Connection, sql: str, values: tuple[Any, ...] = ()) -> Any:

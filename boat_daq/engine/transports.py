@@ -194,7 +194,7 @@ def _or_gone(port: str, action: Callable[[], _T]) -> _T:
     except TimeoutError as error:
         raise DeviceError(f"{port} takes no bytes", "Is the board's program running?") from error
     except _PORT_ERRORS as error:
-        raise DeviceError(f"{port} is gone ({_reason(error)})", "Check the cable and plug it in again.") from error
+        raise DeviceError(f"{port} is gone{_gone_because(error)}", "Check the cable and plug it in again.") from error
 
 
 def open_error(port: str, error: Exception) -> DeviceError:
@@ -222,6 +222,15 @@ def _number_in(text: str) -> int | None:
     """Return the error number that pyserial wrote into its message."""
     found = re.search(r"(?:Errno |\()(\d+)", text)
     return int(found.group(1)) if found else None
+
+
+def _gone_because(error: Exception) -> str:
+    """Return what the system says of a port that is gone, where that is an error of its own.
+
+    pyserial's words for one ("device reports readiness to read but returned no data (device disconnected or multiple
+    access on port?)") say no more than that; Python's own errors inside it say less.
+    """
+    return f" ({error.strerror})" if isinstance(error, OSError) and error.strerror else ""
 
 
 def _reason(error: Exception) -> str:

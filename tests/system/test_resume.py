@@ -1,0 +1,153 @@
+"""A run broken by kill -9 or by an unplugged board goes on in its own recording, through a real pseudo-terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis import load_recording
+from analysis.cycles import find_cycles
+from boat_daq.commands.info import info
+from boat_daq.commands.record import record
+from boat_daq.engine.board_server import BoardSettings, ServedBoard, serve
+from boat_daq.engine.resumption import read_broken_run
+from boat_daq.engine.verify import verify_recording
+from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
+from protocol.recording import open_recording
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+
+ROOT = Path(__file__).resolve().parents[2]
+CYCLES = 6
+RUN = ["--plan", "repeatability", "--cycles", str(CYCLES), "--ramp", "40"]
+SPEED = 20.0
+CHUNKS = "SELECT id, host_ns, direction, raw FROM chunk ORDER BY id"
+
+
+def reached_cycles(path: Path) -> int:
+    """Number of cycles that have both their ends in the file, as any reader sees it while it is written."""
+    if not path.exists() or not path.stat().st_size:
+        return 0
+    try:
+        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as db:
+            sql = "SELECT count(*) FROM step WHERE status = 'reached' AND branch = 'loading' AND target_kpa = 50"
+            return int(db.execute(sql).fetchone()[0])
+    except sqlite3.Error:
+        return 0
+
+
+def started_run(board: ServedBoard, run: Path) -> subprocess.Popen[str]:
+    """Record until two cycles are whole and the third is under way."""
+    command = [
+        sys.executable,
+        "-m",
+        "boat_daq",
+        "record",
+        "--port",
+        board.url,
+        "--unit",
+        "SA1",
+        *RUN,
+        "--out",
+        str(run),
+    ]
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while reached_cycles(run) < 2 and time.monotonic() < deadline and process.poll() is None:
+        time.sleep(0.02)
+    assert reached_cycles(run) >= 2
+    return process
+
+
+def rows(path: Path, sql: str) -> list[tuple[Any, ...]]:
+    with closing(open_recording(path)) as db:
+        return db.execute(sql).fetchall()
+
+
+def resume(run: Path, port: str, capsys: pytest.CaptureFixture[str], **options: Any) -> dict[str, Any]:
+    """Go on with `record --resume --json` and return its object."""
+    capsys.readouterr()
+    record(port=port, resume=run, as_json=True, **options)
+    told: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return told
+
+
+def test_a_killed_run_goes_on_and_has_all_its_cycles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All cycles are there, what was recorded before is untouched byte for byte, the whole is identical to its bytes;
+    the break is told by record, by info and in the file. Another unit or plan, and a finished run, are refused.
+    """
+    run = tmp_path / "run.boat"
+    with serve(BoardSettings(speed=SPEED)) as board:
+        process = started_run(board, run)
+        process.kill()
+        process.communicate(timeout=30)
+        before, steps_before = rows(run, CHUNKS), rows(run, "SELECT * FROM step ORDER BY id")
+        wrong: tuple[tuple[dict[str, Any], str], ...] = (
+            ({"unit": "SA2"}, "was recorded with unit SA1, not SA2"),
+            ({"cycles": 9}, "cycles 6, not 9"),
+            ({"plan": "calibration"}, "runs a plan with"),
+            ({"rate": 50}, "rate in Hz 100; now it is 50"),
+        )
+        for options, words in wrong:
+            with pytest.raises(BoatDaqError, match=words):
+                record(port=board.url, resume=run, **options)
+        assert rows(run, CHUNKS) == before
+        told = resume(run, board.url, capsys)
+    (broken,) = told["breaks"]
+    assert (told["status"], told["stop_reason"]) == ("closed", "finished")
+    assert told["cycles"]["complete"] == CYCLES
+    assert broken["cause"] == "interrupted"
+    assert broken["complete_cycles"] + told["cycles"]["partial"] + 1 == broken["first_cycle"]
+    assert rows(run, CHUNKS)[: len(before)] == before
+    assert rows(run, "SELECT * FROM step ORDER BY id")[: len(steps_before)] == steps_before
+    numbers = [n for (n,) in rows(run, "SELECT id FROM step ORDER BY id")]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert verify_recording(run).difference == ""
+    info(run)
+    assert f"interrupted after {broken['complete_cycles']} complete cycles" in capsys.readouterr().out
+    with pytest.raises(OperatorError, match=f"has all its {CYCLES} cycles"):
+        record(port="/dev/none", resume=run)
+    recording = load_recording(run)
+    assert np.all(np.diff(recording.time_s) > 0)
+    assert len(find_cycles(recording).used) == CYCLES
+
+
+def test_an_unplugged_run_goes_on_at_the_same_board_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A board that is gone ends the run with a failure that says how to go on; another board is refused by its
+    identity, and the file is not touched by that; the board that is there again may have lost its clock.
+    """
+    run = tmp_path / "run.boat"
+    with serve(BoardSettings(speed=SPEED)) as board:
+        process = started_run(board, run)
+    _, told_then = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert f"record --resume {run}" in told_then
+    content = run.read_bytes()
+    with (
+        serve(BoardSettings(speed=SPEED, unit="SA2")) as other,
+        pytest.raises(DeviceError, match="board SIMULATED-SA1"),
+    ):
+        record(port=other.url, resume=run)
+    assert run.read_bytes() == content
+    with serve(BoardSettings(speed=SPEED)) as board:
+        told = resume(run, board.url, capsys, note="plugged in again")
+    assert told["cycles"]["complete"] == CYCLES
+    assert told["breaks"][0]["cause"].startswith("aborted")
+    assert told["breaks"][0]["note"] == "plugged in again"
+    assert verify_recording(run).difference == ""
+
+
+def test_a_finished_run_has_nothing_to_go_on_with() -> None:
+    """Refused with the reason, before any port is opened."""
+    with pytest.raises(OperatorError, match="all its 2 cycles"):
+        read_broken_run(ROOT / "recordings" / "simulated_SA1_two_cycles.boat")

@@ -10,8 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import struct
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
@@ -217,10 +219,15 @@ def write_table(table: ReducedModel, path: Path) -> None:
     Path(name).replace(path)
 
 
+# what zipfile, zlib and numpy raise of a damaged cache: other versions, other methods, passwords, sizes beyond memory
+_UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, MemoryError, zlib.error, struct.error,
+               zipfile.BadZipFile)  # fmt: skip
+
+
 def read_table(path: Path) -> ReducedModel | None:
     """Return a kept table; None if there is none or it cannot be read."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             return ReducedModel(**{f.name: kept[f.name] for f in fields(ReducedModel)})
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except _UNREADABLE:
         return None

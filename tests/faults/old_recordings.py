@@ -14,14 +14,14 @@ from tests.boat_daq.test_recorder import Source
 SCHEMAS = {path.stem: path for path in sorted((Path(__file__).parent / "schemas").glob("*.sql"))}
 
 
-def write_recording(path: Path, *, blocks: int = 12) -> Path:
-    """Record 50 ms of board time a block with today's program, a marker and a reading in it, and close it."""
+def write_recording(path: Path, *, blocks: int = 4) -> Path:
+    """Record 200 ms of board time a block with today's program, a marker and a reading in it, and close it."""
     source = Source()
     recorder = Recorder(path, meta_of(source.link))
     recorder.attached(source.link.decoder_state())
     for number in range(blocks):
-        recorder(source.next())
-        if number == 3:
+        recorder(source.next(200_000))
+        if number == 1:
             recorder.event("user", "mark", text="here")
         assert recorder.flush()
     recorder.close("finished")

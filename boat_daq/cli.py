@@ -30,6 +30,7 @@ from boat_daq.commands import (
     report,
     shadow,
     tradeoff,
+    upgrade,
     verify,
 )
 from boat_daq.commands.console import emit_error
@@ -72,6 +73,7 @@ COMMANDS = (
     record.record,
     importing.import_csv,
     recover.recover,
+    upgrade.upgrade,
     verify.verify,
     info.info,
     analyze.analyze,

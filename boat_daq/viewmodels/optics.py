@@ -1,13 +1,17 @@
-"""The optics page: a design's rays over the 15 states, and the sweep over all designs.
+"""The optics page: a design's rays over the 15 states, the sweep over all designs, the search beyond them.
 
-Rules: tracing and sweeping happen in a helper process; a design's states come all at once, so that the slider only
-shows what is there. A design that was traced is kept and not traced again.
+Rules: tracing, sweeping and searching happen in helper processes; a design's states come all at once, so that the
+slider only shows what is there. A design that was traced is kept and not traced again, a sweep and a search are kept
+with the curves they were made for.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TypeVar
+
 from boat_daq.viewmodels.formatting import number
-from boat_daq.viewmodels.optics_results import DesignResult, StateScene, SweepSummary
+from boat_daq.viewmodels.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 
 Values = tuple[int, float, float, float]
@@ -16,7 +20,12 @@ CAVITIES = (3, 5, 7)
 PAPER: Values = (5, 1.0, 0.5, 0.9)
 STATES = 15
 RAYS = (250, 1000, 2500)
+FACES = ("outer", "inner")
+CURVES = {"default": "Shadow's curves", "parametric": "Parametric curves"}
+SEARCH_S = 50.0
 KEPT = 12
+WORK = "boat_daq.viewmodels.optics_work"
+T = TypeVar("T")
 
 
 class OpticsModel:
@@ -30,13 +39,16 @@ class OpticsModel:
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
         self.values: Values = PAPER
+        self.face = FACES[0]
+        self.curves = next(iter(CURVES))
         self.state = STATES // 2
         self.rays = RAYS[0]
         self.result: DesignResult | None = None
-        self.sweep: SweepSummary | None = None
         self.problem = ""
         self.revision = 0
-        self._kept: dict[tuple[Values, int], DesignResult] = {}
+        self._kept: dict[tuple[Values, str, int, str], DesignResult] = {}
+        self._sweeps: dict[str, SweepSummary] = {}
+        self._optima: dict[str, OptimumSummary] = {}
 
     @property
     def tracing(self) -> bool:
@@ -48,29 +60,66 @@ class OpticsModel:
         """Whether a sweep is under way."""
         return self.bench.get("sweep") is not None
 
-    def choose(self, values: Values) -> None:
+    @property
+    def searching(self) -> bool:
+        """Whether a search is under way."""
+        return self.bench.get("optimise") is not None
+
+    @property
+    def sweep(self) -> SweepSummary | None:
+        """The sweep over the curves that are chosen."""
+        return self._sweeps.get(self.curves)
+
+    @property
+    def optimum(self) -> OptimumSummary | None:
+        """What the search over the curves that are chosen found."""
+        return self._optima.get(self.curves)
+
+    # ---- one design ----------------------------------------------------------------------------------------------
+
+    def choose(self, values: Values, face: str = "") -> None:
         """Look at a design, traced in the background where it is new."""
-        self.values, self.problem = values, ""
-        self.result = self._kept.get((values, self.rays))
+        self.values, self.face, self.problem = values, face or self.face, ""
+        key = (values, self.face, self.rays, self.curves)
+        self.result = self._kept.get(key)
         self.revision += 1
         if self.result is None:
-            name = "boat_daq.viewmodels.optics_work:trace_design"
-            self.bench.start("optics", Work("Tracing rays", name, values, self.rays, report=True), self._traced)
+            work = Work("Tracing rays", f"{WORK}:trace_design", values, self.rays, self.curves, self.face, report=True)
+
+            def traced(done: Work) -> None:
+                self._traced(done, key)
+
+            self.bench.start("optics", work, traced)
 
     def set_rays(self, rays: int) -> None:
         """Trace with another number of rays."""
         self.rays = rays
         self.choose(self.values)
 
-    def _traced(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
-            self.result = work.result
-            self._kept[(work.result.values, self.rays)] = work.result
+    def set_curves(self, name: str) -> None:
+        """Take other deformation curves: a key of `CURVES`, or the path of a file."""
+        self.curves = name
+        self.choose(self.values)
+
+    def curves_text(self, name: str) -> str:
+        """Return the words for a set of curves."""
+        return CURVES.get(name) or Path(name).name
+
+    def _traced(self, work: Work, key: tuple[Values, str, int, str]) -> None:
+        found = self._outcome(work, DesignResult)
+        if found is not None:
+            self._kept[key] = found
             while len(self._kept) > KEPT:
                 del self._kept[next(iter(self._kept))]
-        elif work.failure is not None:
-            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
+            if key == (self.values, self.face, self.rays, self.curves):
+                self.result = found
+
+    def _outcome(self, work: Work, kind: type[T]) -> T | None:
+        """Return what the work has brought; say why where it failed."""
         self.revision += 1
+        if work.failure is not None:
+            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
+        return work.result if work.state is WorkState.DONE and isinstance(work.result, kind) else None
 
     def scene(self) -> StateScene | None:
         """Return the state that the slider is on."""
@@ -96,21 +145,22 @@ class OpticsModel:
             + ("   monotone" if r.n_sign == 0 else "")
         )
 
+    # ---- the sweep -----------------------------------------------------------------------------------------------
+
     def toggle_sweep(self) -> None:
         """Start a sweep over all designs, or stop the one under way."""
         if self.sweeping:
             self.bench.cancel("sweep")
             return
-        name = "boat_daq.viewmodels.optics_work:sweep"
-        work = Work("Sweeping 9 720 simulations", name, CAVITIES, self.rays, report=True)
-        self.bench.start("sweep", work, self._swept)
-        self.revision += 1
+        curves = self.curves
+        work = Work("Sweeping 9 720 simulations", f"{WORK}:sweep", CAVITIES, self.rays, curves, report=True)
 
-    def _swept(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
-            self.sweep = work.result
-        elif work.failure is not None:
-            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
+        def swept(done: Work) -> None:
+            found = self._outcome(done, SweepSummary)
+            if found is not None:
+                self._sweeps[curves] = found
+
+        self.bench.start("sweep", work, swept)
         self.revision += 1
 
     def sweep_text(self) -> str:
@@ -130,13 +180,47 @@ class OpticsModel:
         )
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:
-        """Look at the design of a cell of a map."""
+        """Look at the design of a cell of a map; the maps are of cavities in the outer face."""
         i, k = int(column), int(row)
         if 0 <= i < len(STEPS_MM) and 0 <= k < len(STEPS_MM):
-            self.choose((cavities, width_mm, STEPS_MM[k], STEPS_MM[i]))
+            self.choose((cavities, width_mm, STEPS_MM[k], STEPS_MM[i]), FACES[0])
+
+    # ---- the search ----------------------------------------------------------------------------------------------
+
+    def toggle_search(self) -> None:
+        """Start the search beyond the grid, or stop the one under way."""
+        if self.searching:
+            self.bench.cancel("optimise")
+            return
+        curves = self.curves
+        work = Work("Searching beyond the grid", f"{WORK}:search", curves, SEARCH_S, report=True)
+
+        def searched(done: Work) -> None:
+            found = self._outcome(done, OptimumSummary)
+            if found is not None:
+                self._optima[curves] = found
+
+        self.bench.start("optimise", work, searched)
+        self.revision += 1
+
+    def optimum_text(self) -> str:
+        """Return what the search gained, in a line."""
+        o = self.optimum
+        if o is None:
+            return ""
+        end = "" if o.finished else "   (time ran out before it settled)"
+        return (
+            f"optimised: {words(o.values, 2)}, {o.face} face   P on power {number(o.p, 2)}, grid's best "
+            f"{number(o.start_p, 2)}: {number(o.p / o.start_p, 2)} times{end}"
+        )
+
+    def look_at_optimum(self) -> None:
+        """Look at the design that the search found."""
+        if self.optimum is not None:
+            self.choose(self.optimum.values, self.optimum.face)
 
 
-def words(values: tuple[float, ...]) -> str:
+def words(values: tuple[float, ...], decimals: int = 1) -> str:
     """Return a design as `5 x 1.0 x 0.5, spacing 0.9 mm`."""
-    cavities, width, depth, spacing = values[:4]
-    return f"{int(cavities)} \u00d7 {width:.1f} \u00d7 {depth:.1f}, spacing {spacing:.1f} mm"
+    n, (width, depth, spacing) = int(values[0]), (number(v, decimals) for v in values[1:4])
+    return f"{n} \u00d7 {width} \u00d7 {depth}, spacing {spacing} mm"

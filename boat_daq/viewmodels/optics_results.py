@@ -26,6 +26,7 @@ class DesignResult:
     """One design in all states."""
 
     values: tuple[int, float, float, float]
+    face: str
     scenes: tuple[StateScene, ...]
     elongation_mm: Array
     ndr: Array
@@ -64,3 +65,19 @@ class SweepSummary:
         for (_, _, depth, spacing), p in zip(self.values[chosen], self.p[chosen], strict=True):
             out[int(np.argmin(np.abs(np.array(steps) - spacing))), int(np.argmin(np.abs(np.array(steps) - depth)))] = p
         return out
+
+
+@dataclass(frozen=True, slots=True)
+class OptimumSummary:
+    """What the search beyond the grid found: P on detected power, judged with ten times the rays of the search."""
+
+    values: tuple[int, float, float, float]
+    face: str
+    p: float
+    start: tuple[int, float, float, float]
+    start_p: float
+    paper_p: float
+    designs: int
+    seconds: float
+    checked_rays: int
+    finished: bool

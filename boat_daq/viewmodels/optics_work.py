@@ -1,42 +1,82 @@
-"""What the optics page has computed for it, in a process of its own: one design in all states, and the sweep."""
+"""What the optics page has computed for it, in a process of its own: one design in all states, the sweep, the search.
+
+Curves go by a word: `default` is the set that ships, `parametric` the one in closed form, anything else a file.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.errors import DataError
+from analysis.optics import curves as sets
+from analysis.optics.curve_file import read_curves
 from analysis.optics.curves import default_curves, elongations, frames_of
 from analysis.optics.figure_of_merit import merit, pareto, resolution
 from analysis.optics.figures import laid
 from analysis.optics.frame import Frame
+from analysis.optics.optimise import optimise
 from analysis.optics.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.scene import outline
 from analysis.optics.simulation import ray_paths, trace
 from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
-from boat_daq.viewmodels.optics_results import DesignResult, StateScene, SweepSummary
+from boat_daq.viewmodels.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
 GAP = np.full((1, 2), np.nan)
 
 
+def curves_of(name: str) -> Array:
+    """Return the fifteen states of `default`, `parametric` or a file, [15][2][points][2] mm.
+
+    Raises
+    ------
+    AnalysisError : the file cannot be read, or holds one state only.
+    """
+    if name == "default":
+        return np.asarray(default_curves())
+    if name == "parametric":
+        return np.asarray(getattr(sets, "parametric_curves", default_curves)())
+    curves = np.asarray(read_curves(Path(name)))
+    if len(curves) == 1:
+        raise DataError(f"{Path(name).name} holds one state only", "the page needs all 15, most compressed first")
+    return curves
+
+
+def elongations_of(name: str, curves: Array) -> Array:
+    """Return the states' elongation, mm: as the set gives it, else the change of the guides' length end to end."""
+    if name == "default":
+        return np.asarray(elongations())
+    apart = np.linalg.norm(curves[:, :, -1] - curves[:, :, 0], axis=-1).mean(axis=1)
+    return np.asarray(apart - apart[sets.REST])
+
+
 def trace_design(
-    values: tuple[int, float, float, float], rays: int, *, progress: Progress | None = None
+    values: tuple[int, float, float, float],
+    rays: int,
+    curves: str = "default",
+    face: str = "outer",
+    *,
+    progress: Progress | None = None,
 ) -> DesignResult:
     """Return a design's rays, NDR and power in every state.
 
     Parameters
     ----------
     values : cavities, width, depth, spacing (mm).
+    curves : name of the states, see `curves_of`. face : outer or inner.
 
     Raises
     ------
-    AnalysisError : the design does not fit.
+    AnalysisError : the design does not fit, or the curves cannot be read.
     """
-    design, guide, light = Design(*values), Waveguide(), Light(rays=rays)
-    frames = frames_of(default_curves(), guide)
+    design, guide, light = Design(*values, face), Waveguide(), Light(rays=rays)  # type: ignore[arg-type]  # checks it
+    states = curves_of(curves)
+    frames = frames_of(states, guide)
     scenes, outcomes = [], []
     for done, frame in enumerate(frames):
         scenes.append(_scene(frame, design, guide, light))
@@ -46,7 +86,7 @@ def trace_design(
     ndr = np.array([outcome.ndr for outcome in outcomes])
     found = merit(ndr, float(resolution(rays)))
     return DesignResult(
-        values, tuple(scenes), np.asarray(elongations()), ndr, np.array([o.ndr_sd for o in outcomes]),
+        values, face, tuple(scenes), elongations_of(curves, states), ndr, np.array([o.ndr_sd for o in outcomes]),
         np.asarray(found.andr), np.array([o.power for o in outcomes]), float(found.p), float(found.delta),
         int(found.n_sign), float(found.rmse),
     )  # fmt: skip
@@ -69,9 +109,11 @@ def _joined(lines: Sequence[Array]) -> Array:
     return np.concatenate([part for line in lines for part in (line, GAP)]) if lines else GAP
 
 
-def sweep(cavities: tuple[int, ...], rays: int, *, progress: Progress | None = None) -> SweepSummary:
-    """Sweep the paper's grid; return what the page draws."""
-    request = SweepRequest(designs=tuple(paper_grid(cavities)), light=Light(rays=rays))
+def sweep(
+    cavities: tuple[int, ...], rays: int, curves: str = "default", *, progress: Progress | None = None
+) -> SweepSummary:
+    """Sweep the paper's grid over the states of `curves`; return what the page draws."""
+    request = SweepRequest(designs=tuple(paper_grid(cavities)), light=Light(rays=rays), curves=curves_of(curves))
     result = run_sweep(request, progress=progress)
     found = result.merit()
     paper = result.find(PAPER_OPTIMUM)
@@ -84,3 +126,21 @@ def sweep(cavities: tuple[int, ...], rays: int, *, progress: Progress | None = N
         int(np.argmax(found.p)), -1 if paper is None else paper, np.asarray(result.ranks()), result.seconds,
         result.simulated, result.hits, rays,
     )  # fmt: skip
+
+
+def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress | None = None) -> OptimumSummary:
+    """Search beyond the grid, on detected power, for about `seconds`.
+
+    Raises
+    ------
+    AnalysisError : no design of the grid fits these states, or the curves cannot be read.
+    """
+    found = optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
+    return OptimumSummary(
+        _values(found.best), found.best.face, found.best_p, _values(found.start), found.start_p, found.paper_p,
+        found.evaluations, found.seconds, found.checked_rays, found.finished,
+    )  # fmt: skip
+
+
+def _values(design: Design) -> tuple[int, float, float, float]:
+    return design.cavities, design.width_mm, design.depth_mm, design.spacing_mm

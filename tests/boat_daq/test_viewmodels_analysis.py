@@ -390,10 +390,10 @@ def test_a_cell_of_a_map_is_its_design():
     """A click takes spacing across and depth up; beside the map it takes nothing."""
     chosen = []
     model = OpticsModel(Bench())
-    model.choose = chosen.append
+    model.choose = lambda values, face: chosen.append((values, face))
     model.pick(5, 1.0, 4.3, 0.2)
     model.pick(5, 1.0, 6.5, 0.2)
-    assert chosen == [(5, 1.0, 0.5, 0.9)]
+    assert chosen == [((5, 1.0, 0.5, 0.9), "outer")]
 
 
 def test_a_map_holds_each_design_in_its_place():

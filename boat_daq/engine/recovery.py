@@ -27,6 +27,7 @@ from protocol.errors import RecordingError
 from protocol.recording import (
     SUFFIX,
     TABLE_NAMES,
+    breaks_of,
     check_long_tables,
     layout,
     open_recording,
@@ -186,7 +187,7 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
 def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     """Give what the killed program could not write: when it ended, and that it was killed."""
     first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
-    begun = (meta.get("resumptions") or [first])[-1]  # the monotonic clock may have begun anew since the first start
+    begun = [first, *breaks_of(meta)][-1]  # the monotonic clock may have begun anew since the first start
     last_ns = db.execute(
         "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1", (begun["first_chunk"],)
     ).fetchone()

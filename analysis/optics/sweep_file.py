@@ -84,6 +84,10 @@ class SweepFile:
     def _open(self) -> Iterator[sqlite3.Connection]:
         db = sqlite3.connect(self.path, timeout=10)
         try:
+            for pragma in ("trusted_schema=off", "cell_size_check=on", "mmap_size=0"):
+                db.execute(f"pragma {pragma}")
+            if db.execute("select 1 from sqlite_schema where type in ('view', 'trigger')").fetchone():
+                raise FileError(f"{self.path} holds something that runs when read", "it was not made by boat-daq")
             with db:
                 yield db
         finally:
@@ -110,13 +114,22 @@ class SweepFile:
             db.executemany(_INSERT, rows)
 
     def read(self, states: int) -> dict[Design, tuple[Ints, Floats, Floats]]:
-        """Every design that has all its states: counts (s, 10), energy (s, 4), changes (s,)."""
-        with self._open() as db:
-            rows = db.execute(f"select * from simulation order by {', '.join(_KEYS)}").fetchall()  # noqa: S608
-        done: dict[Design, list[tuple[float, ...]]] = {}
-        for row in rows:
-            done.setdefault(Design(int(row[0]), *row[1:5]), []).append(row[6:])
-        return {design: _arrays(values) for design, values in done.items() if len(values) == states}
+        """Every design that has all its states: counts (s, 10), energy (s, 4), changes (s,).
+
+        Raises
+        ------
+        FileError : the file is damaged. RequestError : it holds a design that cannot be.
+        """
+        sql = f"select {', '.join(_COLUMNS)} from simulation order by {', '.join(_KEYS)}"  # noqa: S608
+        try:
+            with self._open() as db:
+                rows = db.execute(sql).fetchall()
+            done: dict[Design, list[tuple[float, ...]]] = {}
+            for row in rows:
+                done.setdefault(Design(int(row[0]), *row[1:5]), []).append(row[6:])
+            return {design: _arrays(values) for design, values in done.items() if len(values) == states}
+        except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
+            raise FileError(f"{self.path} is damaged: {error}", "remove it to begin the sweep again") from error
 
 
 def _arrays(rows: list[tuple[float, ...]]) -> tuple[Ints, Floats, Floats]:

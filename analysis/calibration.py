@@ -23,6 +23,9 @@ from analysis.polynomial import FloatArray, LeastSquares, least_squares
 
 LARGEST = 1e150  # its square is still a number
 MONOMIAL_ROUNDING = 1e-6  # of the span of y: more is seen in a figure
+OUTLIER_CHANCE = 0.02  # of a sound calibration having a point called off
+NEAR_TURN = 0.07  # of the range: a turning point this near to an end puts what lies twice as far beyond back inside
+HIGHEST_LEVERAGE = 0.85  # beyond it a point's own error goes into the curve, not into its residual
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +146,50 @@ def reservations(calibration: Calibration) -> tuple[str, ...]:
             f"the coefficients b0, b1, ... give the curve only to {rounding:.2g}: x lies far from zero for its range; "
             f"fit x - {calibration.fit.basis.centre:g} instead"
         )
-    return tuple(said)
+    return (*said, *_near_turns(calibration), *_suspect_points(calibration))
+
+
+def _near_turns(calibration: Calibration) -> list[str]:
+    """Say where the curve turns so near to its range that an x beyond the turn would read as one inside."""
+    low, high = calibration.x_range
+    near = NEAR_TURN * (high - low)
+    return [
+        f"the curve turns at x = {turn:.4g}, {gap:.2g} beyond its range: an x as far on the other side of the turn "
+        "reads as one inside"
+        for turn in calibration.turning_points
+        if calibration.monotone and 0.0 <= (gap := max(low - turn, turn - high)) < near
+    ]
+
+
+def _suspect_points(calibration: Calibration) -> list[str]:
+    """Say which point is off the curve, and which could be off without being seen; none of an exact fit.
+
+    The largest externally studentised residual against Student's t, Bonferroni's bound over all points (R. D. Cook,
+    S. Weisberg, Residuals and Influence in Regression, 1982, 2.2.2).
+    """
+    fit, dof = calibration.fit, calibration.dof
+    said = []
+    alone = int(np.argmax(fit.leverage))
+    if dof > 0 and fit.leverage[alone] > HIGHEST_LEVERAGE and calibration.degree > 0:
+        said.append(
+            f"the point at x = {calibration.x[alone]:.4g} alone holds the curve there (leverage "
+            f"{fit.leverage[alone]:.2f}): an error in it would not be seen"
+        )
+    weighted = np.sqrt(fit.weights) * fit.residuals
+    left = 1.0 - fit.leverage
+    if dof < 2 or not calibration.residual_sd > 1e-12 * np.abs(calibration.y).max() or left.min() < 1e-9:
+        return said
+    own = weighted**2 / left
+    rest = np.maximum(dof * calibration.residual_sd**2 - own, 0.0) / (dof - 1)
+    with np.errstate(divide="ignore"):
+        studentised = np.sqrt(own / rest)
+    worst = int(np.argmax(studentised))
+    if calibration.n * 2.0 * float(stats.t.sf(studentised[worst], dof - 1)) < OUTLIER_CHANCE:
+        said.append(
+            f"the point at x = {calibration.x[worst]:.4g}, y = {calibration.y[worst]:.6g} is "
+            f"{abs(fit.residuals[worst]):.3g} off the curve, {studentised[worst]:.1f} of its standard deviations"
+        )
+    return said
 
 
 def fit_calibration(

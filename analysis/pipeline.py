@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from analysis import metrics
-from analysis.calibration import Calibration, fit_calibration
+from analysis.break_comparison import Break, compare_breaks, of_cycles, parts_of
+from analysis.calibration import Calibration, fit_calibration, reservations
 from analysis.cycles import Cycles, disagreements_with_marks, find_cycles
 from analysis.elongation import Elongations, elongations_of
 from analysis.errors import AnalysisError
@@ -29,6 +30,8 @@ from analysis.recording import BoolArray, FloatArray, Recording, load_recording
 from analysis.statistics import Figure, resampling_weights
 
 Progress = Callable[[float, float], None]
+
+BREAK_FLAGS = {"same": "break", "differs": "differs_over_break", "untested": "untested_break"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +74,14 @@ class SensorAnalysis:
 
 
 @dataclass(frozen=True, slots=True)
+class Part:
+    """The figures of the cycles between two breaks over which the run changed."""
+
+    cycles: tuple[int, ...]
+    sensors: tuple[SensorAnalysis, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Analysis:
     """All figures of one run."""
 
@@ -86,6 +97,8 @@ class Analysis:
     actuator_hysteresis_per_cycle: tuple[float, ...]
     flags: tuple[dict[str, str], ...]
     reading_sd_mm: float
+    breaks: tuple[Break, ...] = ()
+    parts: tuple[Part, ...] = ()  # of a run whose parts differ over a break: `sensors` are those of the largest
 
     @property
     def kind(self) -> str:
@@ -123,7 +136,18 @@ class Analysis:
             },
             "flags": list(self.flags),
             "seed": self.options.seed,
+            **self._breaks_json(),
         }
+
+    def _breaks_json(self) -> dict[str, Any]:
+        """Return the keys that a broken run has besides."""
+        if not self.breaks:
+            return {}
+        parts = [
+            {"cycles": list(part.cycles), "sensors": [_sensor_json(sensor) for sensor in part.sensors]}
+            for part in self.parts
+        ]
+        return {"breaks": [found.as_json() for found in self.breaks], "parts": parts}
 
 
 def analyse(
@@ -161,8 +185,11 @@ def analyse(
         loops = staircase_loops(plateaus, cycles, x, recording.n_sensors)
     else:
         loops = continuous_loops(recording, cycles)
-    weights = resampling_weights(max(loops.n_cycles, 1), np.random.default_rng(options.seed))[:, : loops.n_cycles]
-    run = _Run(recording, options, cycles, plateaus, elongations, loops, weights)
+    breaks = compare_breaks(recording, cycles, loops)
+    parts = [of_cycles(loops, numbers) for numbers in parts_of(breaks)]
+    if len(parts) > 1:  # never pooled: the figures are those of the largest part, the later one of two
+        loops = max(reversed(parts), key=lambda part: part.n_cycles)
+    run = _Run(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), breaks)
     sensors = []
     for number in range(recording.n_sensors):
         sensors.append(_analyse_sensor(run, number))
@@ -171,8 +198,20 @@ def analyse(
     actuator, actuator_cycles = _actuator_hysteresis(run)
     return Analysis(
         recording, options, cycles, plateaus, elongations, loops, tuple(sensors), _system_sensitivity(sensors),
-        actuator, actuator_cycles, _flags(run, sensors), run.reading_sd_mm,
+        actuator, actuator_cycles, _flags(run, sensors), run.reading_sd_mm, breaks,
+        tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
     )  # fmt: skip
+
+
+def _weights(loops: Loops, options: Options) -> FloatArray:
+    return resampling_weights(max(loops.n_cycles, 1), np.random.default_rng(options.seed))[:, : loops.n_cycles]
+
+
+def _part(run: _Run, loops: Loops) -> Part:
+    """Return every figure of some cycles, without the posterior."""
+    options = replace(run.options, mcmc=False)
+    part = replace(run, loops=loops, options=options, weights=_weights(loops, options))
+    return Part(loops.numbers, tuple(_analyse_sensor(part, sensor) for sensor in range(run.recording.n_sensors)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +223,7 @@ class _Run:
     elongations: Elongations | None
     loops: Loops
     weights: FloatArray
+    breaks: tuple[Break, ...] = ()
 
     @property
     def reading_sd_mm(self) -> float:
@@ -331,6 +371,7 @@ def _flags(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ..
         flags.append(("damaged", f"{recording.meta['damaged_blocks']} blocks of the file are damaged and left out"))
     if not run.cycles.used:
         flags.append(("no_cycle", f"no complete cycle, {run.cycles.as_json()['partial']} partial"))
+    flags += [(BREAK_FLAGS[found.verdict], found.sentence) for found in run.breaks]
     flags += [("partial_cycle", part.reason) for part in run.cycles.partial]
     flags += [("cycle_left_out", f"cycle {c.number}: {c.left_out}") for c in run.cycles.complete if c.left_out]
     flags += [
@@ -361,6 +402,7 @@ def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
         inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
         where = ", ".join(f"{t:.2f}" for t in inside)
         flags.append(("not_monotone", f"the curve turns at {where} mm: its inverse is refused"))
+    flags += [("calibration", text) for text in reservations(calibration)]
     bound = sensor.figures["sensor_hysteresis_percent_fso"].note
     if "reading error" in bound:
         flags.append(("hysteresis_is_a_bound", f"the hysteresis over elongation is {bound}"))

@@ -78,7 +78,7 @@ class LeastSquares:
     """A solved fit, in the basis and in monomials.
 
     `basis_factor` [p, p] is R^-1, so that the covariance of the basis coefficients is s^2 R^-1 R^-T;
-    `monomial_factor` is T R^-1. `residuals` are observed minus fitted, unweighted.
+    `monomial_factor` is T R^-1. `residuals` are observed minus fitted, unweighted; `weights` [n], the largest 1.
     """
 
     basis: ScaledBasis
@@ -89,6 +89,7 @@ class LeastSquares:
     residuals: FloatArray
     leverage: FloatArray
     condition: float
+    weights: FloatArray
 
 
 def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None = None) -> LeastSquares:
@@ -128,6 +129,7 @@ def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray
         residuals,
         np.einsum("ij,ij->i", q, q),
         condition,
+        root**2,
     )
 
 

@@ -14,6 +14,7 @@ import typer
 import boat_daq
 from boat_daq.commands import (
     analyze,
+    atlas,
     batch,
     board,
     demo,
@@ -81,6 +82,7 @@ COMMANDS = (
     batch.batch,
     history.history,
     tradeoff.tradeoff,
+    atlas.atlas,
     export.export,
     fit.fit,
 )

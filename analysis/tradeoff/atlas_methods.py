@@ -1,0 +1,29 @@
+"""The studies of the atlas, by name, and the methods that they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from analysis.errors import RequestError
+from analysis.tradeoff import atlas_fit
+from analysis.tradeoff.atlas import Study
+
+STUDIES: dict[str, Study] = {study.name: study for room in (atlas_fit,) for study in room.STUDIES}
+METHOD_TITLES = {
+    "fit": "Calibration: the polynomial fit",
+    "inverse": "Inverse: mV to mm",
+}
+
+
+def chosen_studies(names: Iterable[str]) -> list[Study]:
+    """Return the studies of methods or maps by name, each once, in the atlas' order; all for no names.
+
+    Raises
+    ------
+    RequestError : a name is neither a method nor a map.
+    """
+    wanted = set(names)
+    unknown = sorted(wanted - set(STUDIES) - set(METHOD_TITLES))
+    if unknown:
+        raise RequestError(f"there is no method or map '{unknown[0]}'", f"Choose among {', '.join(METHOD_TITLES)}.")
+    return [s for s in STUDIES.values() if not wanted or wanted & {s.name, s.method}]

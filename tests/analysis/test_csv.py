@@ -30,6 +30,7 @@ def text(separator: str = ",", decimal: str = ".", header: str | None = "time_s,
     return "\n".join(lines) + "\n"
 
 
+@pytest.mark.fault(47, how="each separator, decimal sign and encoding", times=20)
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 @pytest.mark.parametrize(
     ("separator", "decimal"), [(",", "."), (";", ","), ("\t", ","), (";", "."), ("\t", "."), ("|", ".")]
@@ -43,6 +44,7 @@ def test_every_dialect_gives_the_same_run(tmp_path: Path, encoding: str, separat
     np.testing.assert_array_equal(recording.signal_mv[:, 0], [row[2] for row in ROWS])
 
 
+@pytest.mark.fault(47, how="units in names and in a row of their own", times=4)
 @pytest.mark.parametrize(
     ("header", "factor"),
     [
@@ -87,6 +89,7 @@ def test_no_time_takes_a_rate(tmp_path: Path) -> None:
     np.testing.assert_allclose(import_csv(path, rate_hz=50).time_s, [0, 0.02, 0.04])
 
 
+@pytest.mark.fault(47, how="time that falls, and time that repeats", times=2)
 def test_falling_time_is_refused_with_its_line(tmp_path: Path) -> None:
     """The line is that of the file, comments and header counted; a repeated time is left out and counted."""
     path = tmp_path / "a.csv"
@@ -99,6 +102,7 @@ def test_falling_time_is_refused_with_its_line(tmp_path: Path) -> None:
     assert recording.meta["repeated_times"] == 1
 
 
+@pytest.mark.fault(47, how="ragged rows, and words between numbers", times=1)
 def test_broken_rows_are_named_by_line(tmp_path: Path) -> None:
     """Ragged rows are left out, words between numbers masked; both are named."""
     path = tmp_path / "a.csv"
@@ -112,6 +116,7 @@ def test_broken_rows_are_named_by_line(tmp_path: Path) -> None:
     assert import_csv(path).masked["pressure_not_finite"] == 1
 
 
+@pytest.mark.fault(52, how="endless lines, thousands of columns, binary files", times=6)
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -161,6 +166,7 @@ def test_numbers_survive_export_and_import(tmp_path_factory: pytest.TempPathFact
     np.testing.assert_array_equal(again.signal_mv, recording.signal_mv)
 
 
+@pytest.mark.fault(49, 54, how="a formula for a note, in a simulated run", times=1)
 def test_export_says_simulated_and_neutralises_text(tmp_path: Path) -> None:
     """Faults 49 and 54: the note is one cell that no spreadsheet runs; SIMULATED stands in CSV, sidecar and Parquet."""
     meta = {"note": '=cmd|"/c calc",@x', "operator": "+1"}

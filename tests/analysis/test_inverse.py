@@ -28,6 +28,7 @@ def test_there_and_back_is_exact_inside_the_range(share: float, sign: float, sen
     assert float(Inverse.of(calibration)(calibration.predict(x))) == pytest.approx(x, abs=1e-10)
 
 
+@pytest.mark.fault(41, how="signals outside the calibrated range, rising and falling", times=2)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_outside_the_range_there_is_no_value(sign: float) -> None:
     """Fault 41: NaN and a flag outside, the end of the range where asked for, NaN stays NaN."""
@@ -40,6 +41,7 @@ def test_outside_the_range_there_is_no_value(sign: float) -> None:
     assert inverse.evaluate([*beyond, np.nan]).outside.tolist() == [True, True, False]
 
 
+@pytest.mark.fault(41, how="a calibration that turns inside its range", times=1)
 def test_a_curve_that_turns_has_no_inverse() -> None:
     """The refusal names the turning point."""
     x = np.linspace(-1, 2, 30)

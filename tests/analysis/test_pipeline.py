@@ -112,6 +112,7 @@ def test_the_object_of_the_surface_is_complete_and_plain(tmp_path: Path) -> None
         assert len(sensor["hysteresis_percent_fso"]["per_cycle"]) == 2
 
 
+@pytest.mark.fault(44, how="one run analysed twice with one seed", times=2)
 def test_same_file_same_numbers(tmp_path: Path) -> None:
     """Fault 44: two analyses with one seed are equal to the last bit."""
     stairs = Staircase(cycles=2)
@@ -122,6 +123,7 @@ def test_same_file_same_numbers(tmp_path: Path) -> None:
     assert first == second
 
 
+@pytest.mark.fault(38, how="a run with one partial cycle", times=1)
 def test_a_partial_run_is_still_reported() -> None:
     """Fault 38: no complete cycle, one partial; figures void with reasons, no exception."""
     stairs = Staircase()
@@ -132,6 +134,7 @@ def test_a_partial_run_is_still_reported() -> None:
     assert "no_cycle" in {flag["code"] for flag in analysis.flags}
 
 
+@pytest.mark.fault(37, how="NaN and Inf in signal and pressure", times=1)
 def test_values_that_are_no_numbers_are_masked_with_a_count(tmp_path: Path) -> None:
     """Fault 37: NaN and Inf in signal and pressure are counted and change the figures by nothing but their absence."""
     stairs = Staircase(Plant(loop_mm=LOOP))
@@ -149,6 +152,7 @@ def test_values_that_are_no_numbers_are_masked_with_a_count(tmp_path: Path) -> N
     assert analysis.sensors[0].calibration.coefficients[0] == pytest.approx(PAPER[0][0], abs=1.0)
 
 
+@pytest.mark.fault(42, how="a signal without noise", times=2)
 @pytest.mark.parametrize(("noise", "expected"), [((0.0, 0.0), np.inf), ((1.0, 1.0), 20 * np.log10(255.5837 / 1.0))])
 def test_snr_of_no_noise_is_infinite_and_says_so(tmp_path: Path, noise: tuple[float, float], expected: float) -> None:
     """Fault 42: a noiseless signal gives inf with a reason."""
@@ -158,6 +162,7 @@ def test_snr_of_no_noise_is_infinite_and_says_so(tmp_path: Path, noise: tuple[fl
     assert bool(figure.void) == np.isinf(expected)
 
 
+@pytest.mark.fault(42, how="a signal without span", times=1)
 def test_a_flat_signal_is_undefined_not_an_exception(tmp_path: Path) -> None:
     """Fault 42: zero span; every figure in % FSO is void."""
     stairs = Staircase(Plant(cubics=((1000.0,), (1000.0,)), noise_mv=(0.0, 0.0)), cycles=3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from analysis import AnalysisError, fit_calibration, sample_posterior
 from tests.analysis.boat_builder import PAPER
@@ -38,6 +38,7 @@ def test_band_of_the_curve_is_the_closed_one() -> None:
         assert (np.abs(np.asarray(sampled) - np.asarray(closed)) < 0.05 * width).all()
 
 
+@pytest.mark.fault(44, how="one posterior sampled twice", times=2)
 def test_same_seed_same_draws() -> None:
     """Fault 44: bit for bit; another seed gives others."""
     a, b, c = (sample_posterior(X, noisy(2), seed=s, max_steps=100) for s in (7, 7, 8))
@@ -45,6 +46,7 @@ def test_same_seed_same_draws() -> None:
     assert not np.array_equal(a.basis_samples, c.basis_samples)
 
 
+@pytest.mark.fault(43, how="a chain of fewer than 50 autocorrelation times", times=1)
 def test_a_chain_too_short_says_so() -> None:
     """Fault 43: fewer than 50 autocorrelation times is not converged."""
     assert not sample_posterior(X, noisy(3), seed=0, max_steps=400).converged
@@ -66,6 +68,7 @@ def test_berkson_error_is_taken_out() -> None:
     assert abs(exact.coefficients[0] - PAPER[0][0]) < 3 * exact.std_errors[0]
 
 
+@pytest.mark.fault(43, how="a reading error larger than the step", times=1)
 def test_reading_error_widens_the_posterior_as_the_effective_variance_says() -> None:
     """Against weighted least squares with the known effective variance: sd within 10 %."""
     rng = np.random.default_rng(6)
@@ -143,66 +146,84 @@ def test_closed_bands_cover_what_they_say() -> None:
     assert stats.binomtest(int(rates[0] * 600), 600, 0.95).pvalue > 1e-6
 
 
-def test_reading_error_on_a_line_is_the_quadrature_of_its_likelihood() -> None:
-    """A line with reading error against the likelihood summed on a grid of (b0, b1, ln sigma): sds within 4 %."""
+@pytest.mark.parametrize("sd", [0.02, 0.2, 0.8])
+def test_reading_error_on_a_line_is_the_quadrature_of_its_likelihood(sd: float) -> None:
+    """A line against its likelihood summed on a grid of (b0, b1, ln sigma), reading error 0.1 to 5 times the noise."""
     rng = np.random.default_rng(12)
     read = np.repeat(np.linspace(-3.0, 4.0, 8), 4)
-    sd = 0.2
     y = 10.0 + 5.0 * (read + sd * rng.standard_normal(read.size)) + 0.8 * rng.standard_normal(read.size)
     posterior = sample_posterior(read, y, 1, reading_sd=sd, seed=0)
-    centre, reach = posterior.calibration.coefficients, 6.0 * posterior.calibration.std_errors
-    b0, b1 = (c + r * np.linspace(-1, 1, 61) for c, r in zip(centre, reach, strict=True))
-    log_s = np.linspace(np.log(1e-3 * posterior.calibration.residual_sd), np.log(4.0), 161)
-    residual = y - b0[:, None, None] - b1[None, :, None] * read
-    squares = (residual**2).sum(axis=-1)[..., None]
+    fit = posterior.calibration
+    reach = 8.0 * fit.std_errors
+    b0, b1 = (c + r * np.linspace(-1, 1, 81) for c, r in zip(fit.coefficients, reach, strict=True))
+    log_s = np.linspace(np.log(1e-4 * fit.residual_sd), np.log(4.0 * fit.residual_sd), 161)
+    one, x, xx = read.size, read.sum(), (read**2).sum()
+    squares = (
+        (y**2).sum() - 2 * b0[:, None] * y.sum() - 2 * b1 * (read * y).sum() + b0[:, None] ** 2 * one
+        + 2 * b0[:, None] * b1 * x + b1**2 * xx
+    )  # fmt: skip
     variance = np.exp(2 * log_s) + (b1[:, None] * sd) ** 2
-    weight = -0.5 * (squares / variance + read.size * np.log(variance))
-    weight = np.exp(weight - weight.max())
+    weight = -0.5 * (squares[..., None] / variance + read.size * np.log(variance))
+    weight = np.exp(weight - weight.max()) / (1.0 + sd * abs(fit.coefficients[1]) / np.exp(log_s))
+    assert posterior.converged
     for k, grid in enumerate((b0, b1)):
         marginal = weight.sum(axis=tuple({0, 1, 2} - {k}))
         mean = (marginal @ grid) / marginal.sum()
         spread = np.sqrt(marginal @ (grid - mean) ** 2 / marginal.sum())
-        assert posterior.sd[k] == pytest.approx(spread, rel=0.04)
-        assert posterior.mean[k] == pytest.approx(mean, abs=0.06 * spread)
+        assert posterior.sd[k] == pytest.approx(spread, rel=0.03)
+        assert posterior.mean[k] == pytest.approx(mean, abs=0.05 * spread)
+
+
+def errors_in_variables(read: np.ndarray, y: np.ndarray, sd: float, *, steps: int, uniform: bool = False) -> np.ndarray:
+    """Draws [draws, 4] of a cubic's coefficients from 120 Metropolis chains over the errors-in-variables model.
+
+    Nothing is shared with the sampler under test: the true x is summed out point by point, exactly for a curve that is
+    a line inside each of 48 cells of the reading error (normal, or uniform over the grid's cell), not turned into a
+    variance; the chains walk in monomials and know neither slope nor curvature.
+    """
+    rng = np.random.default_rng(14)
+    edges = np.linspace(-(3.0**0.5), 3.0**0.5, 25) if uniform else np.linspace(-4.5, 4.5, 49)
+    share = np.full(24, 1 / 24) if uniform else np.diff(special.ndtr(edges))
+    powers = np.vander((read[:, None] + sd * edges).ravel(), 4, increasing=True).T
+    fit = fit_calibration(read, y)
+    by_reading = sd * float(np.sqrt(np.mean(fit.slope(read) ** 2)))
+
+    def log_density(state: np.ndarray) -> np.ndarray:
+        sigma = np.exp(state[:, 4])
+        curve = (state[:, :4] @ powers).reshape(-1, read.size, edges.size)
+        below = special.ndtr((curve - y[:, None]) / sigma[:, None, None])
+        likelihood = (share * np.diff(below) / np.diff(curve)).sum(axis=-1)
+        return np.asarray(np.log(np.maximum(likelihood, 1e-300)).sum(axis=1) - np.log1p(by_reading / sigma))
+
+    root = np.zeros((5, 5))
+    root[:4, :4] = np.linalg.cholesky(fit.covariance)
+    root[4, 4] = 0.4
+    state = np.append(fit.coefficients, np.log(0.6 * fit.residual_sd)) + 0.3 * rng.standard_normal((120, 5)) @ root.T
+    now, kept = log_density(state), []
+    for step in range(steps):
+        move = 0.85 * rng.standard_normal(state.shape) @ root.T
+        far = rng.random(state.shape[0]) < 0.15  # now and then the noise alone takes a long step
+        move[far] = 0.0
+        move[far, 4] = 2.0 * rng.standard_normal(int(far.sum()))
+        density = log_density(state + move)
+        taken = np.log(rng.random(state.shape[0])) < density - now
+        state, now = np.where(taken[:, None], state + move, state), np.where(taken, density, now)
+        if step >= steps // 4 and step % 10 == 0:
+            kept.append(state[:, :4])
+    return np.concatenate(kept)
 
 
 @pytest.mark.nightly
-@pytest.mark.timeout(900)
-def test_reading_error_on_a_cubic_is_that_of_a_long_run() -> None:
-    """A cubic against 200 Metropolis chains whose likelihood integrates the reading error itself: sds within 5 %.
-
-    Nothing is shared: the reading error is summed by Gauss-Hermite quadrature, not turned into a variance, and the
-    chains walk in monomials.
-    """
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(("resolution", "noise"), [(0.1, 4.0), (0.5, 1.49), (1.0, 1.49)])
+def test_reading_error_on_a_cubic_is_that_of_a_long_run(resolution: float, noise: float) -> None:
+    """The paper's cubic on readings known to 0.1, 0.5 and 1 mm: sds and means against the long run, within 3 %."""
     rng = np.random.default_rng(13)
-    read, sd = np.repeat(np.linspace(-2.5, 3.5, 13), 3), 0.06
-    y = TRUTH(read + sd * rng.standard_normal(read.size)) + 4.0 * rng.standard_normal(read.size)
-    nodes, weights = np.polynomial.hermite_e.hermegauss(7)
-    powers = np.vander((read[:, None] + sd * nodes).ravel(), 4, increasing=True).T
-    log_weights = np.log(weights / weights.sum())
-
-    def log_density(state: np.ndarray) -> np.ndarray:
-        away = y[:, None] - (state[:, :4] @ powers).reshape(-1, read.size, nodes.size)
-        terms = log_weights - 0.5 * (away / np.exp(state[:, 4])[:, None, None]) ** 2
-        top = terms.max(axis=-1)
-        one = top + np.log(np.exp(terms - top[..., None]).sum(axis=-1)) - state[:, 4:]
-        return np.asarray(one.sum(axis=1))
-
-    fit = fit_calibration(read, y)
-    root = np.zeros((5, 5))
-    root[:4, :4] = np.linalg.cholesky(fit.covariance)
-    root[4, 4] = 0.5
-    state = np.append(fit.coefficients, np.log(4.0)) + 0.3 * rng.standard_normal((200, 5)) @ root.T
-    now, kept = log_density(state), []
-    for step in range(2500):
-        tried = state + 2.38 / 5**0.5 * 0.7 * rng.standard_normal(state.shape) @ root.T
-        density = log_density(tried)
-        taken = np.log(rng.random(200)) < density - now
-        state, now = np.where(taken[:, None], tried, state), np.where(taken, density, now)
-        if step >= 500 and step % 10 == 0:
-            kept.append(state[:, :4])
-    long = np.concatenate(kept)
+    read, sd = np.repeat(np.linspace(-2.5, 3.5, 13), 4), resolution / 12**0.5
+    y = TRUTH(read + sd * rng.standard_normal(read.size)) + noise * rng.standard_normal(read.size)
     posterior = sample_posterior(read, y, reading_sd=sd, seed=0)
+    long = errors_in_variables(read, y, sd, steps=8000)
+    print(f"{resolution} mm: sd over the long run's {posterior.sd / long.std(axis=0)}, tau {posterior.tau:.0f}")
     assert posterior.converged
-    np.testing.assert_allclose(posterior.sd, long.std(axis=0), rtol=0.05)
-    assert (np.abs(posterior.mean - long.mean(axis=0)) < 0.15 * posterior.sd).all()
+    np.testing.assert_allclose(posterior.sd, long.std(axis=0), rtol=0.03)
+    assert (np.abs(posterior.mean - long.mean(axis=0)) < 0.1 * posterior.sd).all()

@@ -57,6 +57,7 @@ def written(calibration: Analysis, tmp_path_factory: pytest.TempPathFactory) -> 
     return folder
 
 
+@pytest.mark.fault(48, 54, how="markup in each name and note of a simulated run", times=1)
 def test_html_is_one_file_that_loads_nothing(written: Path) -> None:
     """Fault 48: markup is escaped, no outside reference, no script, SIMULATED in head and title."""
     html = (written / "r.html").read_text(encoding="utf-8")
@@ -69,6 +70,7 @@ def test_html_is_one_file_that_loads_nothing(written: Path) -> None:
     assert html.count("<svg") >= 5  # curve, loops, cycles, budget, trace
 
 
+@pytest.mark.fault(48, 54, how="markup in each name and note of a simulated run", times=1)
 @pytest.mark.skipif(shutil.which("pdffonts") is None, reason="poppler's tools are not installed")
 def test_pdf_has_embedded_fonts_and_numbered_pages(written: Path) -> None:
     """A4, every font embedded, "page x of y" and SIMULATED on each page, the markup as plain text."""
@@ -83,6 +85,7 @@ def test_pdf_has_embedded_fonts_and_numbered_pages(written: Path) -> None:
     assert MARKUP in " ".join(text.split())
 
 
+@pytest.mark.fault(44, how="one report written twice", times=2)
 def test_same_report_same_bytes(calibration: Analysis, written: Path, tmp_path: Path) -> None:
     """Fault 44 for reports: written twice, equal."""
     for ending in ("html", "pdf"):

@@ -134,6 +134,7 @@ def check_scene(scene: tuple[np.ndarray, Waveguide, Design, Light]) -> None:
     assert out.granted <= light.secondary
 
 
+@pytest.mark.fault(45, how="random scenes, those that cannot be built among them", times=120)
 @given(scenes())
 @settings(max_examples=120, deadline=None, suppress_health_check=list(HealthCheck))
 def test_ledgers_close_on_random_scenes(scene: tuple[np.ndarray, Waveguide, Design, Light]) -> None:
@@ -141,6 +142,7 @@ def test_ledgers_close_on_random_scenes(scene: tuple[np.ndarray, Waveguide, Desi
     check_scene(scene)
 
 
+@pytest.mark.fault(45, how="random scenes, those that cannot be built among them", times=10000)
 @pytest.mark.nightly
 @pytest.mark.timeout(3600)
 @given(scenes())

@@ -69,6 +69,7 @@ def test_more_shapes_less_error(table: ReducedModel) -> None:
     assert len(table.truncated(3).errors_mm) == 3
 
 
+@pytest.mark.fault(46, how="states outside the table, and NaN", times=4)
 @pytest.mark.parametrize(("p", "q"), [(60.0, 1.0), (0.0, 9.0), (np.nan, 0.0), (0.0, np.nan)])
 def test_outside_the_rectangle(table: ReducedModel, p: float, q: float) -> None:
     """A state outside, or NaN, is refused with the range; nominal values there are NaN."""

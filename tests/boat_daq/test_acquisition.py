@@ -86,6 +86,7 @@ def test_an_unplugged_port_ends_the_reading_with_one_event():
     assert not acquisition.alive
 
 
+@pytest.mark.fault(12, how="a port that stays open and sends nothing", times=1)
 def test_silence_is_told_once_and_again_after_data():
     """An open port without data for a second is a state to be said, not an endless alarm."""
     board = VirtualBoard()

@@ -55,6 +55,7 @@ def test_a_second_press_of_start_is_one_start() -> None:
     assert len([n for n in bench.notes if n.kind == "run_started"]) == 1
 
 
+@pytest.mark.fault(21, how="virtual board's faults in a run, stalled and dead pumps among them", times=6)
 @pytest.mark.parametrize(
     ("fault", "word"),
     [
@@ -97,6 +98,7 @@ def test_after_the_e_stop_the_operator_clears_and_goes_on() -> None:
     assert bench.run(RUN_S, lambda: "finished" in bench.ends)
 
 
+@pytest.mark.fault(20, how="e-stop pressed, or 70 kPa, before the program came", times=2)
 @pytest.mark.parametrize("fault", ["estop@0:60", "beyond_limit@0.02:70"])
 def test_what_stands_at_the_start_is_found(fault: str) -> None:
     """Levels, not edges: what was so before the program came forbids the start."""
@@ -106,6 +108,7 @@ def test_what_stands_at_the_start_is_found(fault: str) -> None:
     assert not bench.sent_of(SetPressure)
 
 
+@pytest.mark.fault(17, how="SET_PRESSURE refused with status 3", times=1)
 def test_a_refused_pressure_is_not_done() -> None:
     """The board answers 3: vent and latch, not a run at another pressure than it thinks."""
     bench = Bench().connected()
@@ -115,6 +118,7 @@ def test_a_refused_pressure_is_not_done() -> None:
     assert "out of its limits" in bench.ends[0]
 
 
+@pytest.mark.fault(17, how="every answer lost", times=1)
 def test_an_unanswered_pressure_is_sent_three_times_then_vented() -> None:
     """ACKs lost for good: same seq three times, then vent and latch."""
     bench = Bench().running()
@@ -127,6 +131,7 @@ def test_an_unanswered_pressure_is_sent_three_times_then_vented() -> None:
     assert len(bench.sent_of(Vent)) > 1, "a vent is repeated until it is acknowledged"
 
 
+@pytest.mark.fault(11, how="the port gone for good, under pressure", times=1)
 def test_unplugged_under_pressure_the_board_vents_by_itself() -> None:
     """Nothing reaches the board any more: its watchdog vents within its time; the run is in fault, not resumed."""
     bench = Bench().running()
@@ -143,6 +148,7 @@ def test_unplugged_under_pressure_the_board_vents_by_itself() -> None:
     assert bench.state is SessionState.FAULT and vented(bench)
 
 
+@pytest.mark.fault(18, how="the host stops at instants of a run", times=8)
 def test_a_dead_host_leaves_no_pressure() -> None:
     """The host stops at 8 instants of a run: 2.5 s later the unit is at rest, every time."""
     for n in range(8):
@@ -153,6 +159,7 @@ def test_a_dead_host_leaves_no_pressure() -> None:
         assert vented(bench), n
 
 
+@pytest.mark.fault(18, how="a board found vented by its watchdog", times=1)
 def test_the_next_start_says_what_happened() -> None:
     """A board that vented when its host died is found in FAULT, with the reason in plain words."""
     bench = Bench().running()
@@ -224,6 +231,7 @@ def test_the_watchdog_is_fed_through_a_run_at_any_speed(speed: float, timeout_ms
     assert bench.ends == ["finished"]
 
 
+@pytest.mark.fault(26, how="the host stands still for 0.5 s and 5 s", times=2)
 def test_a_stall_of_the_host_is_survived_or_vented() -> None:
     """Half a second costs nothing; five seconds, and the board has vented by itself."""
     for stall_s, survives in ((0.5, True), (5.0, False)):
@@ -237,6 +245,7 @@ def test_a_stall_of_the_host_is_survived_or_vented() -> None:
         assert (bench.state is SessionState.RUNNING) is survives
 
 
+@pytest.mark.fault(16, how="virtual board's `frozen_channel` in a run", times=1)
 def test_a_frozen_channel_is_told_and_the_run_goes_on() -> None:
     """An alarm, not a vent: the pressure is safe, the operator decides."""
     bench = Bench("frozen_channel@2:1").running()

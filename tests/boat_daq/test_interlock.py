@@ -75,6 +75,7 @@ def test_no_limits_no_pressure() -> None:
         Interlock().authorise(0.0, 10.0)
 
 
+@pytest.mark.fault(19, 20, how="samples just beyond each level", times=6)
 @pytest.mark.parametrize(
     ("kind", "samples"),
     [
@@ -145,6 +146,7 @@ def test_only_the_interlock_makes_a_pressure() -> None:
     assert makers == ["interlock.py"]
 
 
+@pytest.mark.fault(16, how="one sensor repeats its value over 25 kPa", times=1)
 def test_a_frozen_channel_is_found_while_the_pressure_moves() -> None:
     """One sensor repeats its value over 25 kPa: alarm once, for that sensor; it moves again: alarm over."""
     watch = FlatLine()

@@ -38,6 +38,7 @@ def health_of(statistics: LinkStatistics | None = None, **more) -> LinkHealth:
     return LinkHealth(lambda: statistics or LinkStatistics(), **more)
 
 
+@pytest.mark.fault(8, how="clock off by 0, +-200 ppm and 1 %, reads up to 4 ms late", times=4)
 @pytest.mark.parametrize("drift_ppm", [0.0, 200.0, -200.0, 10_000.0])
 def test_drift_is_found_under_jitter(drift_ppm):
     """200 ppm and 1 % are told from nothing within a minute, with reads up to 4 ms late."""
@@ -65,6 +66,7 @@ def test_the_fit_is_that_of_a_least_squares_solver():
     assert fit.jitter_ms == pytest.approx(1e3 * np.sqrt((residuals**2).sum() / (len(x) - 2)), rel=1e-6)
 
 
+@pytest.mark.fault(9, how="62 Hz where 100 were asked for", times=1)
 def test_the_effective_rate_is_shown_and_warned_of():
     """62 Hz where 100 were asked for: the board's own clock tells it."""
     health = health_of(asked_hz=100)

@@ -64,6 +64,7 @@ def test_toml_round_trip(cycles: int, steps: int, ramp: float, dwell: float, kin
     assert plan_from_toml(plan.to_toml()) == plan
 
 
+@pytest.mark.fault(53, how="plans with each kind of mistake", times=18)
 @pytest.mark.parametrize(
     ("key", "value", "word"),
     [

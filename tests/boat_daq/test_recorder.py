@@ -246,6 +246,7 @@ def limit_pages(recorder: Recorder, pages: int) -> None:
     recorder._file._connection.execute(f"PRAGMA max_page_count = {pages}")
 
 
+@pytest.mark.fault(28, how="SQLite's page limit reached at several pages, then lifted", times=3)
 @pytest.mark.parametrize("pages", [14, 15, 17, 20, 30])
 def test_a_full_disk_is_told_once_and_loses_nothing_when_room_is_made(path, source, pages):
     """Full at any write: said once, what is written stays sound, and what waits is written when there is room."""
@@ -271,6 +272,7 @@ def test_a_full_disk_is_told_once_and_loses_nothing_when_room_is_made(path, sour
     assert stored_samples(path) == np.concatenate(source.samples).tobytes()
 
 
+@pytest.mark.fault(28, how="SQLite's page limit reached for good", times=1)
 def test_a_disk_that_stays_full_ends_in_an_error_and_a_readable_beginning(path, source):
     """Closing says that the rest was not taken; what is there opens, verifies, and can be recovered."""
     errors = []
@@ -291,6 +293,7 @@ def test_a_disk_that_stays_full_ends_in_an_error_and_a_readable_beginning(path, 
     assert verify_recording(path).identical
 
 
+@pytest.mark.fault(35, how="a disk that takes nothing while samples come", times=1)
 def test_memory_is_bounded_and_the_file_an_unbroken_beginning(path, source, monkeypatch):
     """Once what waits would outgrow its bound no later byte is taken, also when the disk has room again."""
     monkeypatch.setattr(recorder_module, "MEMORY_BYTES_MAX", 50_000)
@@ -333,6 +336,7 @@ def test_a_fault_of_the_program_is_told_and_ends_the_taking(path, source, monkey
     assert verify_recording(path).identical
 
 
+@pytest.mark.fault(29, how="the file removed while it is recorded", times=1)
 def test_a_folder_that_vanishes_is_noticed(path, source):
     """No write would tell: the file's name is looked up every second."""
     folder = path.parent / "stick"
@@ -366,6 +370,7 @@ def test_a_nearly_full_disk_is_told_while_there_is_room_to_close(path, source, m
 # ---- names ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.fault(36, how="names with signs of many scripts and uses", times=7)
 @pytest.mark.parametrize(
     "name", ["läuft 中文 \U0001f6a4.boat", "with space.boat", "a'b#c%d;e.boat", "x" * 235 + ".boat"]
 )
@@ -376,6 +381,7 @@ def test_names_of_any_script_work(tmp_path, source, name):
     assert verify_recording(path).samples > 50
 
 
+@pytest.mark.fault(36, how="reserved, too long, or with characters that Windows refuses", times=9)
 @pytest.mark.parametrize(
     "name",
     ["CON.boat", "nul.boat", "lpt1.x.boat", "a:b.boat", "a?.boat", "a\n.boat", "x" * 236 + ".boat", "run.db", ".boat"],
@@ -403,6 +409,7 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path, source):
         Recorder(tmp_path / "none" / "run.boat", meta_of(source.link))
 
 
+@pytest.mark.fault(33, how="a second recorder on the file", times=1)
 def test_a_second_writer_is_refused_and_may_read(recorder, source, path):
     """Two programs on one recording: the second reads only."""
     recorder(source.next())

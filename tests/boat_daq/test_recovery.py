@@ -93,6 +93,7 @@ def test_a_closed_recording_is_left_alone(closed):
     assert closed.read_bytes() == content
 
 
+@pytest.mark.fault(31, how="the log cut, or zeroed, from bytes of its last pages on (each byte at night)", times=100)
 @pytest.mark.parametrize("step", [499, pytest.param(1, marks=[pytest.mark.nightly, pytest.mark.timeout(1800)])])
 @pytest.mark.parametrize("damage", ["cut", "zero"])
 def test_a_torn_log_opens_on_its_last_good_state(killed, tmp_path, damage, step):
@@ -114,6 +115,7 @@ def test_a_torn_log_opens_on_its_last_good_state(killed, tmp_path, damage, step)
     assert 0 < counts[0] < counts[-1]
 
 
+@pytest.mark.fault(33, how="`recover` on a recording under way", times=1)
 def test_a_writer_that_lives_is_left_alone(tmp_path):
     """Nothing is recovered under the hands of the program that records."""
     source = Source()
@@ -124,6 +126,7 @@ def test_a_writer_that_lives_is_left_alone(tmp_path):
     recorder.close("stopped")
 
 
+@pytest.mark.fault(32, how="one bit flipped in a chunk", times=1)
 def test_bit_rot_in_the_bytes_is_named_and_the_rest_is_readable(closed, tmp_path):
     """One flipped bit in a chunk: found by its checksum, named by its number; the file is not touched."""
     path = tmp_path / "run.boat"
@@ -153,6 +156,7 @@ def damaged_copy(closed: Path, tmp_path: Path, first_page: int, pages: int, how:
     return path
 
 
+@pytest.mark.fault(31, 32, how="pages zeroed, or the file cut off", times=5)
 @pytest.mark.parametrize(
     ("where", "pages", "how"), [(0.5, 1, "zero"), (0.5, 8, "zero"), (0.9, 1, "zero"), (0.95, 0, "cut"), (0.6, 0, "cut")]
 )
@@ -189,6 +193,7 @@ def test_a_second_rescue_gets_a_name_of_its_own(closed, tmp_path):
     assert recover(path).path.name == "run.salvaged2.boat"
 
 
+@pytest.mark.fault(36, how="0 bytes, a text, a header alone, NULs", times=4)
 @pytest.mark.parametrize("content", [b"", b"hello", b"SQLite format 3\0" + bytes(200), bytes(5000)])
 def test_what_is_no_recording_is_said_to_be_none(tmp_path, content):
     """An empty file, a text, a header without a database: refused by what they are, and left as they are."""

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 PLAN = dataclasses.replace(built_in_plans()["repeatability"], cycles=1, ramp_kpa_per_s=40.0)
 
 
+@pytest.mark.fault(20, how="e-stop pressed before the run", times=1)
 def test_a_pressed_e_stop_is_never_called_cleared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Pressed before the run: refused for it, and nothing says that the fault is gone."""
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))

@@ -57,6 +57,7 @@ def meta(path: Path) -> dict[str, Any]:
     return {key: json.loads(value) for key, value in read(path, "SELECT key, value FROM session")}
 
 
+@pytest.mark.fault(54, how="a session on the virtual board", times=1)
 def test_a_whole_session_ends_in_one_closed_file(session: Session, tmp_path: Path) -> None:
     """Connect, record, run, read, stop at 50x: every step and reading in the file, one end, simulated and said so."""
     path, truth = tmp_path / "run.boat", tmp_path / "truth.csv"
@@ -82,6 +83,7 @@ def test_a_whole_session_ends_in_one_closed_file(session: Session, tmp_path: Pat
     assert read(path, "SELECT elongation_mm FROM reading WHERE step = 1")[0][0] == pytest.approx(3.8, abs=0.3)
 
 
+@pytest.mark.fault(24, how="eight threads press buttons over a pseudo-terminal", times=320)
 def test_buttons_from_many_threads(session: Session, tmp_path: Path) -> None:
     """Eight threads press what they like for a while: no error but refusals, one end a run, vented at the end."""
     path = tmp_path / "run.boat"
@@ -133,6 +135,7 @@ def test_vent_waits_for_nobody(session: Session) -> None:
     assert seen.last is not None and abs(seen.last.pressure_kpa) < 1.0
 
 
+@pytest.mark.fault(11, how="virtual board's `unplug` on a pseudo-terminal, under pressure", times=1)
 def test_unplugged_and_plugged_again(session: Session, tmp_path: Path) -> None:
     """The port goes under pressure: fault, data kept; the board comes back by its identity, and nothing moves."""
     path, link = tmp_path / "run.boat", tmp_path / "port"
@@ -151,6 +154,7 @@ def test_unplugged_and_plugged_again(session: Session, tmp_path: Path) -> None:
     assert read(path, "SELECT count(*) FROM event WHERE kind = 'run_ended'") == [(1,)]
 
 
+@pytest.mark.fault(25, how="pause and resume over a pseudo-terminal", times=1)
 def test_pause_makes_segments(session: Session, tmp_path: Path) -> None:
     """Paused and resumed: two more segments, the first of them marked as paused, and a second opening plateau."""
     path = tmp_path / "run.boat"
@@ -201,6 +205,7 @@ def test_the_unit_s_limits_hold(session: Session) -> None:
                 action()
 
 
+@pytest.mark.fault(14, how="another version, silence and a wrong baud rate on a pseudo-terminal", times=3)
 @pytest.mark.parametrize(
     ("fault", "word"),
     [("wrong_protocol@0:2", "version 2"), ("silent@0:0", "nothing comes"), ("wrong_baud@0:0", "not a BOAT board")],
@@ -337,6 +342,7 @@ def test_no_such_port_is_one_line(session: Session) -> None:
         session.wait_connected()
 
 
+@pytest.mark.fault(15, how="virtual board's `reset_on_open` on a pseudo-terminal", times=1)
 def test_a_board_that_boots_when_its_port_opens_is_waited_for(session: Session) -> None:
     """Opening resets it and it boots for a second: connected all the same."""
     with serve(BoardSettings(faults=("reset_on_open@0:1",))) as board:
@@ -396,6 +402,7 @@ def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, 
     assert meta(again)["stop_reason"] == "finished"
 
 
+@pytest.mark.fault(28, how="a recorder that cannot write, in a run over a pseudo-terminal", times=1)
 def test_the_disk_that_fails_stops_the_run(session: Session, tmp_path: Path) -> None:
     """The recorder cannot write: the run is aborted and vented, and the reason said."""
     with serve(BoardSettings(speed=5.0)) as board:

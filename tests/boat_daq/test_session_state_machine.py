@@ -212,12 +212,14 @@ ORDERS = settings(
 )
 
 
+@pytest.mark.fault(24, how="random orders of buttons, faults and timings", times=100)
 class TestRandomOrders(Operators.TestCase):  # type: ignore[misc, name-defined]
     """What every change must pass."""
 
     settings = ORDERS
 
 
+@pytest.mark.fault(24, how="random orders of buttons, faults and timings", times=10000)
 @pytest.mark.nightly
 @pytest.mark.timeout(3 * 3600)
 class TestTenThousandRandomOrders(Operators.TestCase):  # type: ignore[misc, name-defined]

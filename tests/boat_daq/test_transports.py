@@ -93,6 +93,7 @@ def test_a_file_is_not_a_port(tmp_path):
         open_transport(str(file))
 
 
+@pytest.mark.fault(13, how="busy, forbidden and absent, as the system says them", times=6)
 @pytest.mark.parametrize(
     ("error", "says"),
     [
@@ -123,6 +124,7 @@ def test_an_unplugged_port_is_noticed(terminal):
     port.close()
 
 
+@pytest.mark.fault(11, how="each type of error that an unplug raises in pyserial", times=5)
 @pytest.mark.parametrize(
     "error",
     [OSError(5, "I/O"), termios.error(5, "I/O"), TypeError("NoneType"), serial.SerialException("readiness to read")],

@@ -76,6 +76,7 @@ def test_a_recording_begun_in_mid_stream_verifies(tmp_path):
         assert rows(path, "SELECT reason FROM segment") == [("opened",)]
 
 
+@pytest.mark.fault(10, how="virtual board's `reset` into a recording", times=1)
 def test_a_board_that_restarts_makes_a_segment_that_verifies(tmp_path):
     """The restart is a segment of its own, with its reason, and the whole is identical."""
     path = tmp_path / "run.boat"
@@ -144,6 +145,7 @@ def tampered_sample(path: Path) -> None:
     db.close()
 
 
+@pytest.mark.fault(32, how="bytes, samples, times, gaps and overview changed", times=9)
 @pytest.mark.parametrize(
     ("sql", "says"),
     [

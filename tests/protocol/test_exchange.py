@@ -50,6 +50,7 @@ def desk() -> Desk:
     return Desk()
 
 
+@pytest.mark.fault(17, how="no answer to a command", times=1)
 def test_a_silent_board_hears_a_command_three_times_with_one_seq(desk: Desk) -> None:
     """At 0, 250 and 500 ms; lost at 750 ms, and nothing after that."""
     seq = desk.send(Vent(), 0)
@@ -169,6 +170,7 @@ def test_a_board_that_resets_as_its_port_is_opened_is_no_restart(desk: Desk) -> 
     assert not any(isinstance(event, BoardRestarted) for event in events)
 
 
+@pytest.mark.fault(10, how="HELLO, event or both in a session, with commands unanswered", times=4)
 @pytest.mark.parametrize("boot", [(HELLO,), (BOOTED,), (HELLO, BOOTED), (BOOTED, HELLO)])
 def test_a_restart_is_said_once_and_gives_up_what_the_board_forgot(desk: Desk, boot: tuple) -> None:
     """An unasked HELLO or a "booted" in a session: pressure is never asked for again, VENT is."""

@@ -45,6 +45,7 @@ def signals(host: BoardHost) -> np.ndarray:
 # ---- the wire --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.fault(1, how="virtual board's `bit_flips` at 1e-4, 1e-3 and 1e-2 a byte", times=3)
 @pytest.mark.parametrize("chance", [1e-4, 1e-3, 1e-2])
 def test_bit_flips_cost_their_frames_and_no_more(chance):
     """Damaged frames are lost, in the number expected; no sample is wrong."""
@@ -66,6 +67,7 @@ def test_drop_byte_costs_its_frame():
     assert 0.9 * len(good) < len(hit.samples) < len(good)
 
 
+@pytest.mark.fault(3, how="virtual board's `garbage` and `boot_text`", times=2)
 @pytest.mark.parametrize("fault", ["garbage@1:5000", "boot_text@1:20"])
 def test_garbage_makes_no_false_frame(fault):
     """What is between the frames is skipped and counted; one sample at most goes with it."""
@@ -162,6 +164,7 @@ def test_duplicates_and_reordering():
     assert sorted(s.index for s in swapped.samples) == list(range(len(swapped.samples)))
 
 
+@pytest.mark.fault(17, how="virtual board's `ack_lost`, `ack_late`, `ack_refused`", times=3)
 def test_lost_late_and_refused_answers():
     """Lost: obeyed but not told. Late: told 400 ms later. Refused: SET_PRESSURE told 4 and not obeyed, once."""
     lost = BoardHost("ack_lost@0.1:2")
@@ -284,6 +287,7 @@ def test_pressure_invalid():
 # ---- pneumatics and body ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.fault(19, how="1.5 and 4 kPa beyond a target at the limit", times=2)
 def test_overshoot_beyond_the_limits_trips():
     """1.5 kPa beyond a target is recorded and lived with; 4 kPa beyond a target at the limit vents with EVENT 2."""
     mild, wild = streaming("overshoot@0:1.5"), streaming("overshoot@0:4")
@@ -366,6 +370,7 @@ def test_frozen_channel():
     assert moved[0] > 100.0
 
 
+@pytest.mark.fault(22, how="virtual board's `saturate`", times=1)
 def test_saturation_is_flagged_and_told_once():
     """Counts at full scale, flag bit 0, one EVENT 7 with the sensor's number from 0."""
     host = streaming("saturate@1:2", seconds=3.0)

@@ -30,6 +30,7 @@ def test_noise_is_the_units_figure():
     assert signal.mean(axis=0) == pytest.approx([1600.0, 1600.0], abs=0.05)
 
 
+@pytest.mark.fault(23, how="hundreds of mV of light, stepped and ramped", times=2)
 @pytest.mark.parametrize("fault", ["ambient_step", "ambient_ramp"])
 def test_slow_ambient_light_is_rejected(fault):
     """Hundreds of mV of light from outside show in the dark counts, not in the signal."""
@@ -39,6 +40,7 @@ def test_slow_ambient_light_is_rejected(fault):
     assert signal.std(axis=0) == pytest.approx([s.noise_mv for s in SENSORS], rel=0.03)
 
 
+@pytest.mark.fault(23, how="200 mV of mains flicker", times=1)
 def test_strong_flicker_is_not_wholly_rejected():
     """The two readings are 50 us apart: of 200 mV at 100 Hz some 6 mV stay, and can be seen."""
     _, signal = readings(flicker=200.0)

@@ -35,6 +35,7 @@ def test_a_sample_type_survives_its_description(n_sensors, kind):
     assert again.itemsize == 31 + (4 if kind == "counts" else 8) * n_sensors
 
 
+@pytest.mark.fault(50, how="samples declared as objects and texts", times=6)
 @pytest.mark.parametrize(
     "row", [["x", "|O", []], ["x", "<U4", []], ["x", "<f8", [0]], ["x", "<f8", [65]], ["x", "|V8", []]]
 )
@@ -102,6 +103,7 @@ def test_what_is_not_ours_is_refused_before_it_is_read(path, statements, says):
         open_recording(path)
 
 
+@pytest.mark.fault(52, how="a value of 80 MB in a recording", times=1)
 def test_a_giant_value_is_not_read(path):
     """A text or blob beyond the bound is refused by SQLite itself, in bounded memory."""
     change(path, "INSERT INTO result VALUES (1, '', '', '', 0, '', CAST(zeroblob(80000000) AS TEXT))")

@@ -23,6 +23,7 @@ def gaps_of(events: list[LinkEvent]) -> list[Gap]:
     return [event for event in events if isinstance(event, Gap)]
 
 
+@pytest.mark.fault(5, how="1, 7, 255, 256 and 70,000 samples missing, across the index's wrap too", times=10)
 @pytest.mark.parametrize("lost", [1, 7, 255, 256, 70_000])
 @pytest.mark.parametrize("before", [3, 2**32 - 3])
 def test_a_gap_is_counted_exactly(lost: int, before: int) -> None:
@@ -80,6 +81,7 @@ def test_a_repeated_answer_to_start_changes_nothing() -> None:
     assert rows_of(events)["index"].tolist() == [0, 1, 2]
 
 
+@pytest.mark.fault(6, how="frames sent twice, swapped and late", times=1)
 def test_repeated_and_reordered_samples_are_dropped_and_counted() -> None:
     """Each index is delivered once, in order."""
     link = Connection()
@@ -90,6 +92,7 @@ def test_repeated_and_reordered_samples_are_dropped_and_counted() -> None:
     assert link.statistics.lost == 1
 
 
+@pytest.mark.fault(6, how="a hundred samples sent twice in one piece", times=1)
 def test_a_replayed_stretch_is_no_restart() -> None:
     """A hundred samples sent twice in one piece: their clock is old, so they are repeats."""
     link = Connection()
@@ -109,6 +112,7 @@ def test_an_index_that_was_never_true_costs_no_sample_behind_it() -> None:
     assert [type(event) for event in events].count(BoardRestarted) == 1
 
 
+@pytest.mark.fault(7, how="the 32-bit clock wraps once, and three times", times=2)
 @pytest.mark.parametrize("wraps", [1, 3])
 def test_the_clock_is_unwrapped(wraps: int) -> None:
     """71.6 minutes and more: time goes on evenly over each wrap of the board's 32 bits."""
@@ -118,6 +122,7 @@ def test_the_clock_is_unwrapped(wraps: int) -> None:
     assert rows_of(events)["time_us"].tolist() == [k * period for k in range(n)]
 
 
+@pytest.mark.fault(7, how="nine hours lost, with two wraps in them", times=1)
 def test_a_gap_in_which_the_clock_wrapped_twice_keeps_its_length() -> None:
     """Nine hours lost at 10 Hz: the index says how many wraps of the clock were in them."""
     lost = 9 * 3600 * 10
@@ -158,6 +163,7 @@ ABSURD = [
 ]
 
 
+@pytest.mark.fault(4, how="good frames with absurd values, both sides of each border", times=17)
 @pytest.mark.parametrize(("change", "flagged"), ABSURD)
 def test_absurd_values_are_kept_and_flagged(change: dict, flagged: bool) -> None:
     """A good checksum does not make 5 MPa, 65535 counts of 12 bits or light that darkens true; nothing is altered."""

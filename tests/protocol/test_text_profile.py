@@ -210,6 +210,7 @@ def test_the_cutting_into_chunks_changes_nothing(places: list[int], profile: Pat
     assert len(expected) > 60
 
 
+@pytest.mark.fault(2, how="a byte of an RX8 packet stream lost or added", times=2)
 @pytest.mark.parametrize("added", [None, b"\x43", b"\x00"])
 def test_a_packet_stream_resynchronises_at_once(added: bytes | None) -> None:
     """A byte lost or added anywhere, header bytes among the data: at most two packets are gone, no value is wrong."""
@@ -334,6 +335,7 @@ REFUSED = [
 ]
 
 
+@pytest.mark.fault(53, how="profiles with each kind of mistake", times=30)
 @pytest.mark.parametrize(("old", "new", "message"), REFUSED)
 def test_a_profile_is_refused_by_key(old: str, new: str, message: str) -> None:
     """Unknown keys, wrong types, missing parts, swapped limits, templates that reach for more: named, with a remedy."""

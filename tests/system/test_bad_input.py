@@ -57,6 +57,7 @@ def chatter() -> Iterator[str]:
     os.close(slave)
 
 
+@pytest.mark.fault(13, how="`record` on a port that is not there", times=1)
 def test_no_such_port(tmp_path: Path) -> None:
     """The port is named, and no recording is left behind."""
     said = refused("record", "--port", "/dev/ttyNOWHERE", "--out", str(tmp_path / "a.boat"))
@@ -65,6 +66,7 @@ def test_no_such_port(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.fault(13, how="`record` on a port that another program holds", times=1)
 def test_busy_port(board: str, tmp_path: Path) -> None:
     """A port that another program holds is named as busy."""
     import serial
@@ -75,6 +77,7 @@ def test_busy_port(board: str, tmp_path: Path) -> None:
     assert "try:" in said
 
 
+@pytest.mark.fault(14, how="`record` on a pseudo-terminal that prints text", times=1)
 def test_a_device_that_is_no_board(chatter: str, tmp_path: Path) -> None:
     """Text on the line is refused in seconds, with a word about baud rate and profiles."""
     said = refused("record", "--port", chatter, "--plan", "calibration", "--out", str(tmp_path / "a.boat"))
@@ -82,6 +85,7 @@ def test_a_device_that_is_no_board(chatter: str, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.fault(14, how="`record` on a board of protocol version 2", times=1)
 def test_another_protocol_version(tmp_path: Path) -> None:
     """Both versions are named, and the board is not started."""
     with serve(BoardSettings(faults=("wrong_protocol@0",))) as served:

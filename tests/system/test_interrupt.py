@@ -71,6 +71,7 @@ def test_leaving_vents_and_closes(number: int, board: ServedBoard, tmp_path: Pat
     assert subprocess.run(verify, cwd=ROOT, capture_output=True, check=False).returncode == 0
 
 
+@pytest.mark.fault(18, 30, how="`record` killed with -9 under pressure on a pseudo-terminal", times=1)
 def test_a_killed_host_leaves_a_vented_board_and_a_file_that_recovers(board: ServedBoard, tmp_path: Path) -> None:
     """kill -9 under pressure: the board vents by its own watchdog; the file says interrupted, recovers, verifies."""
     process = start_under_pressure(board, tmp_path)

@@ -1,0 +1,123 @@
+"""docs/FAULTS.md from the tests' own marks: `python -m tests.faults.table` writes it, `test_table.py` holds it.
+
+A test says what it injects by `@pytest.mark.fault(NUMBER, how="...", times=N)`, on a function, a class or a parameter.
+The marks are read from the source, not by running it: what the page says stands above the test that does it.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "FAULTS.md"
+HEAD = """# Faults: what is injected, how often, and what must come of it
+
+Made from the marks of the tests by `make faults`; do not edit. Each row of a fault is a test: how it injects the fault,
+how many times, where it is, and when it runs (CI: with every change, `make test`; nightly: `make nightly`). The outcome
+is what the test looks for; nothing recorded may ever be lost or altered on the way, nobody gets a traceback, and
+pressure never goes where it should not.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A row of faults.toml."""
+
+    number: int
+    group: str
+    happens: str
+    demanded: str
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """A mark of a test."""
+
+    number: int
+    how: str
+    times: int
+    test: str
+    nightly: bool
+
+
+def faults() -> tuple[Fault, ...]:
+    """The 54, in order."""
+    rows = tomllib.loads((Path(__file__).parent / "faults.toml").read_text(encoding="utf-8"))["fault"]
+    return tuple(Fault(**row) for row in rows)
+
+
+@cache
+def injections() -> list[Injection]:
+    """Every mark in tests/, in the order of faults and files."""
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    found = [mark for path in files for mark in _marks(path)]
+    return sorted(found, key=lambda mark: (mark.number, mark.nightly))
+
+
+def _marks(path: Path) -> Iterator[Injection]:
+    source = path.read_text(encoding="utf-8")
+    if "mark.fault(" not in source:
+        return
+    tree = ast.parse(source)
+    whole = any(_is_nightly(node) for node in tree.body if isinstance(node, ast.Assign))
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            nightly = whole or any(_is_nightly(d) for d in node.decorator_list if not _is_parametrize(d))
+            for decorator in node.decorator_list:
+                for call, inside in _fault_calls(decorator):
+                    values = {key.arg: ast.literal_eval(key.value) for key in call.keywords}
+                    where = f"{path.relative_to(ROOT).as_posix()}::{node.name}"
+                    for number in map(ast.literal_eval, call.args):
+                        yield Injection(number, values["how"], values["times"], where, nightly or inside)
+
+
+def _fault_calls(node: ast.AST, nightly: bool = False) -> Iterator[tuple[ast.Call, bool]]:
+    """Give the calls of `pytest.mark.fault` below a decorator, and whether theirs is a nightly parameter."""
+    if isinstance(node, ast.Call) and ast.unparse(node.func) == "pytest.mark.fault":
+        yield node, nightly
+        return
+    if isinstance(node, ast.Call) and ast.unparse(node.func) == "pytest.param":
+        nightly = nightly or _is_nightly(node)
+    for child in ast.iter_child_nodes(node):
+        yield from _fault_calls(child, nightly)
+
+
+def _is_parametrize(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == "pytest.mark.parametrize"
+
+
+def _is_nightly(node: ast.AST) -> bool:
+    return "pytest.mark.nightly" in ast.unparse(node)
+
+
+def page() -> str:
+    """The page's text."""
+    marks = injections()
+    lines = [HEAD]
+    group = ""
+    for fault in faults():
+        if fault.group != group:
+            group = fault.group
+            lines += [f"## {group}", ""]
+        lines += [f"**{fault.number}. {fault.happens}** — {fault.demanded}", "", "| injected | times | test | when |"]
+        lines += ["|---|---:|---|---|"]
+        lines += [
+            f"| {mark.how} | {mark.times:,} | `{mark.test}` | {'nightly' if mark.nightly else 'CI'} |"
+            for mark in marks
+            if mark.number == fault.number
+        ]
+        lines.append("")
+    total = sum(mark.times for mark in marks)
+    lines.append(f"{len(faults())} faults, {len(marks)} injections by marked tests, {total:,} times in all.")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    sys.stdout.write(f"{PAGE.relative_to(ROOT)} written\n")

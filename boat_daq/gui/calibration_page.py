@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -68,7 +68,7 @@ class CurveCard(PlotCard):
             self.before.set(shown.last[0], shown.last[1])
             self.apart.set(shown.last[0], shown.last[2])
         last = "   \u2504 last calibration" if shown.last is not None else ""
-        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   bands 68, 95 %: {shown.source}")
+        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   68, 95 % of the {shown.source}")
         self.top.fit()
         self.bottom.fit()
 
@@ -159,9 +159,8 @@ class CalibrationPage(QWidget):
 
     def _head(self) -> QWidget:
         frame, inside = widgets.card()
-        self.verdict = QLabel()
-        self.verdict.setProperty("role", "subtitle")
-        self.headline = widgets.label("", "muted")
+        self.verdict = widgets.label("", "subtitle", elide=True)
+        self.headline = widgets.label("", "muted", elide=True)
         self.sample = widgets.button("Sample the posterior", lambda: self.desk.notices.attempt(self.model.sample))
         self.accept = widgets.button(
             "Accept", self.desk.accept_calibration, "primary", tip="Store it with the unit and use it live"
@@ -174,8 +173,8 @@ class CalibrationPage(QWidget):
             self.report,
             self.accept,
         )
-        line = widgets.row(None)
-        line.insertLayout(0, widgets.column(self.verdict, self.headline, spacing=0))
+        line = widgets.row()
+        line.addLayout(widgets.column(self.verdict, self.headline, spacing=0), 1)
         line.addLayout(buttons)
         inside.addLayout(line)
         return frame

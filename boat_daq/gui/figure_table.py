@@ -43,7 +43,7 @@ class FigureTable(QTableWidget):
                 heading.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         header = self.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        header.setStretchLastSection(True)
 
     @staticmethod
     def _item(cell: FigureText, side: Qt.AlignmentFlag) -> QTableWidgetItem:

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QStackedWidget, QTabW
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
+from boat_daq.gui.divided import Divided
 from boat_daq.gui.first_steps import FirstSteps
 from boat_daq.gui.live_plots import LivePlots
 from boat_daq.gui.overlay_plots import OverlayPlots
@@ -36,7 +37,7 @@ class Figure(QWidget):
         self.value = QLabel(formatting.NOTHING)
         self.value.setTextFormat(Qt.TextFormat.PlainText)
         self.unit = widgets.label(unit, "set")
-        self.note = widgets.label("", "small")
+        self.note = widgets.label("", "small", elide=True)
         head = widgets.row(self.swatch, self.name, self.note, None, spacing=6)
         line = widgets.row(self.value, self.unit, None, spacing=6)
         for widget in (self.value, self.unit):
@@ -84,19 +85,16 @@ class LivePage(QWidget):
         self.first_steps, self.overlay = FirstSteps(desk), OverlayPlots(desk.overlay)
         for widget in (self.first_steps, self.plots, self.overlay):
             self.middle.addWidget(widget)
-        self.overlaid = False
+        self.overlaid = self.narrow = False
         self.photograph = PhotographPanel(self, desk)
         self.marker = self._marker()
         left = widgets.column(
             self._head(), self.marker, self.middle, self.spans, self.sequence, self.reading, spacing=style.GAP
         )
         left.setStretchFactor(self.middle, 1)
-        layout = widgets.page_layout(self)
-        across = QHBoxLayout()
-        across.setSpacing(style.GAP)
-        across.addLayout(left, 1)
-        across.addWidget(self.pane)
-        layout.addLayout(across)
+        self.sides = Divided("live", desk.preferences, widgets.holder(left), self.pane, style.PANE_WIDTH)
+        self.room, self.left = widgets.page_layout(self), left
+        self.room.addWidget(self.sides)
 
     def _figures(self) -> dict[str, Figure]:
         return {
@@ -107,12 +105,11 @@ class LivePage(QWidget):
 
     def _head(self) -> QFrame:
         frame, layout = widgets.card()
-        line = QHBoxLayout()
-        line.setSpacing(5 * style.STEP)
+        self.figure_line = QHBoxLayout()
         for figure in self.figures.values():
-            line.addWidget(figure)
-        line.addStretch(1)
-        layout.addLayout(line)
+            self.figure_line.addWidget(figure)
+        self.figure_line.addStretch(1)
+        layout.addLayout(self.figure_line)
         self.window_choice = widgets.choice(
             "Time shown", [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
         )
@@ -171,7 +168,7 @@ class LivePage(QWidget):
 
     def _pane(self) -> QTabWidget:
         tabs = QTabWidget()
-        tabs.setFixedWidth(style.PANE_WIDTH)
+        tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
         tabs.setDocumentMode(True)
         tabs.tabBar().setDrawBase(False)
         self.shadow = ShadowPane(self.desk)
@@ -186,7 +183,6 @@ class LivePage(QWidget):
     def set_window(self, seconds: float) -> None:
         """Show so many seconds."""
         self.desk.live.set_window(seconds)
-        self.desk.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
         self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
 
     def toggle_hold(self) -> None:
@@ -199,6 +195,20 @@ class LivePage(QWidget):
     def zoom(self, factor: float) -> None:
         """Show `factor` times the present length."""
         self.desk.live.zoom(factor)
+        seconds = self.desk.live.window_s
+        self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
+
+    def remember(self) -> None:
+        """Keep the zoom and the arrangement of the plots for the next start."""
+        seconds = self.desk.live.window_s
+        self.desk.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
+        self.desk.preferences.set("together", self.desk.live.together)
+
+    def restore(self) -> None:
+        """Take the zoom and the arrangement of the last time."""
+        seconds = float(self.desk.preferences.get("window_s", 60.0))
+        self.set_window(seconds if seconds > 0 else math.inf)
+        self.desk.live.together = bool(self.desk.preferences.get("together", False))
 
     def show_all(self) -> None:
         """Show the whole session."""
@@ -237,8 +247,8 @@ class LivePage(QWidget):
         head = self.desk.live.headline(snapshot)
         self.figures["s1"].set(head.signals[0])
         self.figures["s2"].set(head.signals[1] if len(head.signals) > 1 else formatting.NOTHING)
-        self.figures["mm"].set(head.elongation, head.band)
-        self.figures["kpa"].set(head.pressure)
+        self.figures["mm"].set(head.elongation, head.band.replace(" (k = 2)", "") if self.narrow else head.band)
+        self.figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
         self.figures["target"].set(head.target)
         self._choose_middle()
         if self.overlay.isVisible():
@@ -287,11 +297,16 @@ class LivePage(QWidget):
             pane, figure = style.PANE_WIDTH_WIDE, style.FONT_MEASURED_WIDE
         elif width < style.NARROW_BELOW:
             pane, figure = style.PANE_WIDTH_NARROW, style.FONT_MEASURED_NARROW
-        self.pane.setFixedWidth(pane)
-        self.figures["target"].setVisible(width >= style.NARROW_BELOW)  # the run's line says it too
+        self.narrow = width < style.NARROW_BELOW
+        self.sides.prefer(pane)
+        self.figures["target"].setVisible(not self.narrow)  # it stands beside the pressure then
+        self.figure_line.setSpacing(style.GAP if self.narrow else 5 * style.STEP)
         low = self.window().height() < style.LOW_BELOW
         self.sequence.picture.setVisible(not low)
-        self.plots.shorten(low)
+        margin = style.STEP if low else style.PAGE_MARGIN
+        self.room.setContentsMargins(margin, margin, margin, margin)
+        self.left.setSpacing(style.STEP if low else style.GAP)
+        self.reading.fold(self.narrow)
         for value in self.figures.values():
             value.resize_text(figure)
         super().resizeEvent(event)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 
 from boat_daq.gui import style
 from boat_daq.gui.plot import Plot, sensor_ink
@@ -31,6 +32,7 @@ class LivePlots(PlotCard):
         self.length = self.add("Elongation", "mm", time=True)
         self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="min:s", time=True)
         self.link_x()
+        self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
         self._curves()
         self.rows: list[Plot] = []
         self._arrange()
@@ -68,13 +70,20 @@ class LivePlots(PlotCard):
         self.first.title = "Signals" if both else "Signal 1"
         self.show_only(rows)
         self.paint_theme(self.theme)
+        self.shorten()
 
-    def shorten(self, short: bool) -> None:
-        """Put only the units beside the vertical axes, or their titles again."""
-        if short != self.first.short:
-            for plot in self.plots:
-                plot.short = short
+    def shorten(self) -> None:
+        """Write short words beside the vertical axes where the rows are low, or their titles again."""
+        low = self.view.height() < len(self.rows) * style.ROW_FOR_TITLE
+        if low != bool(self.first.short):
+            for plot, words in zip(self.plots, ("1, mV", "2, mV", "mm", "kPa"), strict=True):
+                plot.short = words if low else ""
             self.paint_theme(self.theme)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Look again whether there is room for the titles."""
+        super().resizeEvent(event)
+        self.shorten()
 
     def arrange(self) -> None:
         """Look again at which rows are shown."""

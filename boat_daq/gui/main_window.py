@@ -7,13 +7,21 @@ seen, and a calm timer shows figures and states a few times a second. Nothing mo
 from __future__ import annotations
 
 import base64
-import math
 from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QWindow
-from PySide6.QtWidgets import QApplication, QHBoxLayout, QMainWindow, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QResizeEvent, QWindow
+from PySide6.QtWidgets import (
+    QApplication,
+    QFrame,
+    QHBoxLayout,
+    QMainWindow,
+    QScrollArea,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from boat_daq.gui import style
 from boat_daq.gui.command_list import register
@@ -74,8 +82,9 @@ class MainWindow(QMainWindow):
         self.pages = self._make_pages()
         self.navigation = Navigation(PAGES, self.go, self.show_keys)
         self.stack = QStackedWidget()
-        for page in self.pages.values():
-            self.stack.addWidget(page)
+        self.rooms = {name: room(page) for name, page in self.pages.items()}
+        for scroll in self.rooms.values():
+            self.stack.addWidget(scroll)
         self._lay_out()
         self.connect_panel = ConnectPanel(self, desk)
         self.commands = Registry(self)
@@ -127,11 +136,11 @@ class MainWindow(QMainWindow):
 
     def draw(self) -> None:
         """Draw the moving parts of the visible page, and say when to come again."""
-        page = self.stack.currentWidget()
-        if page is self.live and not self.isMinimized():
+        live = self.page == "Live"
+        if live and not self.isMinimized():
             self.live.draw()
         width = self.live.plots.view.width()
-        wanted = self.desk.live.frame_interval_ms(width, connected=self.desk.connected() and page is self.live)
+        wanted = self.desk.live.frame_interval_ms(width, connected=self.desk.connected() and live)
         if self.frame_timer.interval() != wanted:
             self.frame_timer.setInterval(wanted)
 
@@ -155,7 +164,7 @@ class MainWindow(QMainWindow):
 
     def go(self, name: str) -> None:
         """Show a page."""
-        self.stack.setCurrentWidget(self.pages[name])
+        self.stack.setCurrentWidget(self.rooms[name])
         self.navigation.show_page(name)
         self.desk.preferences.set("page", name)
         self.pages[name].refresh(self.desk.snapshot)
@@ -240,18 +249,36 @@ class MainWindow(QMainWindow):
         geometry = self.desk.preferences.get("geometry", "")
         if not (geometry and self.restoreGeometry(QByteArray(base64.b64decode(geometry)))):
             self.resize(self.sizeHint())
-        window_s = float(self.desk.preferences.get("window_s", 60.0))
-        self.live.set_window(window_s if window_s > 0 else math.inf)
+        self.live.restore()
         page = self.desk.preferences.get("page", "Live")
         self.go(page if page in self.pages else "Live")
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave the pages more room where there is little."""
+        self.navigation.setFixedWidth(
+            style.NAVIGATION_WIDTH_NARROW if self.width() < style.NARROW_BELOW else style.NAVIGATION_WIDTH
+        )
+        super().resizeEvent(event)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Remember the window; vent and close properly."""
         self.desk.preferences.set("geometry", base64.b64encode(bytes(self.saveGeometry().data())).decode())
+        self.live.remember()
         self.frame_timer.stop()
         self.calm_timer.stop()
         self.desk.close()
         super().closeEvent(event)
+
+
+def room(page: QWidget) -> QScrollArea:
+    """Return a place for `page` that scrolls where the window is too small for it."""
+    scroll = QScrollArea()
+    scroll.setObjectName("room")
+    scroll.setFrameShape(QFrame.Shape.NoFrame)
+    scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    scroll.setWidgetResizable(True)
+    scroll.setWidget(page)
+    return scroll
 
 
 def application() -> QApplication:

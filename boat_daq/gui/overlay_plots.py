@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from boat_daq.gui import style
 from boat_daq.gui.plot import Curve, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.viewmodels.overlay import KEPT, OverlayModel
@@ -22,6 +23,7 @@ class OverlayPlots(PlotCard):
             faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(KEPT - 1, 0, -1)]
             self.curves.append([*faint, plot.curve("This cycle", sensor_ink(number))])
         self.link_x()
+        self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
 
     def draw(self) -> None:
         """Draw the cycles there are."""

@@ -136,7 +136,7 @@ class Plot:
         self.layers: list[Layer] = []
         self._y_shown = (math.nan, math.nan)
         self._theme: Theme | None = None
-        self.short = False  # only the unit beside the vertical axis, where there is no room for more
+        self.short = ""  # what stands beside the vertical axis where there is no room for title and unit
         self._lines: list[tuple[Any, Ink, Qt.PenStyle]] = []
         item.hideButtons()
         item.setMenuEnabled(False)
@@ -263,7 +263,7 @@ class Plot:
 
     def _titles(self, theme: Theme) -> None:
         look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
-        words = self.unit if self.short else f"{self.title} ({self.unit})" if self.unit else self.title
+        words = self.short or (f"{self.title} ({self.unit})" if self.unit else self.title)
         self.item.getAxis("left").setLabel(words, **look)
         if self.x_title:
             self.item.getAxis("bottom").setLabel(

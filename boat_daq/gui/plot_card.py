@@ -46,8 +46,8 @@ class PlotCard(QFrame):
         self.view.ci.layout.setContentsMargins(0, style.STEP, style.STEP, 0)
         self.view.ci.layout.setSpacing(style.STEP)
         self.view.setAccessibleName(title)
-        self.heading = widgets.label(title if show_title else "", "subtitle")
-        self.readout = widgets.label("", "small")
+        self.heading = widgets.label(title if show_title else "", "subtitle", elide=True, least=style.HEADING_LEAST)
+        self.readout = widgets.label("", "small", elide=True)
         self.menu_button = self._menu_button()
         layout = widgets.column(spacing=0)
         layout.setContentsMargins(style.GAP, style.STEP, style.STEP, style.STEP)
@@ -70,6 +70,7 @@ class PlotCard(QFrame):
         else:
             ruler.setStyle(showValues=False)
             ruler.setHeight(style.STEP)
+        self.view.setMinimumSize(style.PLOT_MINIMUM[0], style.PLOT_MINIMUM[1] + at * style.PLOT_MORE)
         plot = Plot(item, title, unit, x_title=x_title, x_unit=x_unit)
         self.plots.append(plot)
         return plot

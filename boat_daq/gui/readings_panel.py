@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt
 from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QAbstractItemView, QFrame, QHeaderView, QTableView, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QBoxLayout, QFrame, QHeaderView, QTableView, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -37,17 +37,13 @@ class ReadingBar(QFrame):
             "Read the grid", self._simulated, tip="What an eye would read on the simulated unit"
         )
         self.skip = widgets.button("Skip", self._skip, tip="Go on without a reading")
-        line = widgets.row(
-            self.question,
-            self.field,
-            widgets.label("mm \u23ce", "muted"),
-            None,
-            self.simulated,
-            self.photo,
-            self.skip,
+        answer = widgets.row(
+            self.field, widgets.label("mm \u23ce", "muted"), None, self.simulated, self.photo, self.skip
         )
-        line.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
-        self.setLayout(line)
+        self.lines = widgets.row(self.question)
+        self.lines.addLayout(answer, 1)
+        self.lines.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
+        self.setLayout(self.lines)
         self.hide()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -65,6 +61,11 @@ class ReadingBar(QFrame):
             widgets.set_state(self, "true", "attention")
             if not isinstance(QGuiApplication.focusObject(), QWidget) or self.window().isActiveWindow():
                 self.field.setFocus()
+
+    def fold(self, narrow: bool) -> None:
+        """Put question and answer over each other where the window is narrow."""
+        way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
+        self.lines.setDirection(way)
 
     def enter(self) -> None:
         """Keep what was typed."""

@@ -59,7 +59,7 @@ class RepeatPage(QWidget):
         super().__init__()
         self.desk = desk
         self._revision = -1
-        self.words = widgets.label("", "subtitle")
+        self.words = widgets.label("", "subtitle", elide=True)
         self.warm_up = widgets.label("", "muted")
         self.loops = [LoopsByCycle(n) for n in range(1, SENSORS + 1)]
         self.drift = PerCycle("Drift", "Change", "mV")

@@ -83,7 +83,7 @@ class SequencePanel(QFrame):
         self.setObjectName("card")
         self.picture = StaircasePicture("The plan and how far it is")
         self.state = widgets.label("", "subtitle")
-        self.progress = widgets.label("", "muted", name="Progress of the run")
+        self.progress = widgets.label("", "muted", name="Progress of the run", elide=True)
         self.buttons: dict[str, QPushButton] = {
             key: widgets.button(
                 text,

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QBoxLayout,
@@ -29,9 +30,38 @@ from PySide6.QtWidgets import (
 from boat_daq.gui import style
 
 
-def label(text: str = "", role: str = "", *, name: str = "", wrap: bool = False) -> QLabel:
-    """Return a label in one of the roles title, subtitle, muted, small, set."""
-    widget = QLabel(text)
+class ElidedLabel(QLabel):
+    """A label that is cut with an ellipsis where there is no room, and never asks a page for more.
+
+    `least` is the width that it asks for, where its text is not shorter.
+    """
+
+    least = 0
+
+    def minimumSizeHint(self) -> QSize:
+        """Ask for the least width."""
+        hint = super().minimumSizeHint()
+        return QSize(min(self.least, hint.width()), hint.height())
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw the text, cut where it must be; the whole of it is then said on hover."""
+        room = self.contentsRect()
+        shown = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, room.width())
+        painter = QPainter(self)
+        self.style().drawItemText(
+            painter, room, int(self.alignment()), self.palette(), self.isEnabled(), shown, self.foregroundRole()
+        )
+        painter.end()
+        self.setToolTip(self.text() if shown != self.text() else "")
+
+
+def label(
+    text: str = "", role: str = "", *, name: str = "", wrap: bool = False, elide: bool = False, least: int = 0
+) -> QLabel:
+    """Return a label in one of the roles title, subtitle, muted, small, set; `elide` as `ElidedLabel`."""
+    widget = ElidedLabel(text) if elide else QLabel(text)
+    if isinstance(widget, ElidedLabel):
+        widget.least = least
     widget.setTextFormat(Qt.TextFormat.PlainText)
     widget.setWordWrap(wrap)
     if role:

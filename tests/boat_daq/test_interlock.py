@@ -75,7 +75,7 @@ def test_no_limits_no_pressure() -> None:
         Interlock().authorise(0.0, 10.0)
 
 
-@pytest.mark.fault(19, 20, how="samples just beyond each level", times=6)
+@pytest.mark.fault(19, 20, how="samples just beyond each level", times=7)
 @pytest.mark.parametrize(
     ("kind", "samples"),
     [

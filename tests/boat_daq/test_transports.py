@@ -124,7 +124,7 @@ def test_an_unplugged_port_is_noticed(terminal):
     port.close()
 
 
-@pytest.mark.fault(11, how="each type of error that an unplug raises in pyserial", times=5)
+@pytest.mark.fault(11, how="each type of error that an unplug raises in pyserial", times=4)
 @pytest.mark.parametrize(
     "error",
     [OSError(5, "I/O"), termios.error(5, "I/O"), TypeError("NoneType"), serial.SerialException("readiness to read")],

@@ -25,7 +25,7 @@ TIME = np.arange(0.0, 300.0, 0.01)
 WAVE = np.cos(2 * np.pi * TIME / 30)
 
 
-@pytest.mark.fault(38, 39, how="traces whose count of cycles is known", times=15)
+@pytest.mark.fault(38, 39, how="traces whose count of cycles is known", times=10)
 @pytest.mark.parametrize(
     ("name", "pressure", "noise_kpa", "complete", "partial"),
     [

@@ -77,7 +77,7 @@ def test_lowest_eigenvalue_falls_from_one_to_zero(actuator: FullModel) -> None:
     assert values[-1] == pytest.approx(0.0, abs=2e-3)
 
 
-@pytest.mark.fault(46, how="less pressure, or elongation, than the limit point's", times=2)
+@pytest.mark.fault(46, how="less pressure, or elongation, than the limit point's", times=4)
 def test_beyond_the_limit_is_refused_with_the_critical_pressure(actuator: FullModel) -> None:
     """By pressure or by elongation, the refusal names the critical pressure."""
     named = f"{actuator.vacuum_limit.pressure_kpa:.1f} kPa"

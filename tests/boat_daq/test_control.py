@@ -55,7 +55,7 @@ def test_a_second_press_of_start_is_one_start() -> None:
     assert len([n for n in bench.notes if n.kind == "run_started"]) == 1
 
 
-@pytest.mark.fault(21, how="virtual board's faults in a run, stalled and dead pumps among them", times=6)
+@pytest.mark.fault(21, how="virtual board's faults in a run, stalled and dead pumps among them", times=9)
 @pytest.mark.parametrize(
     ("fault", "word"),
     [

@@ -145,7 +145,7 @@ def tampered_sample(path: Path) -> None:
     db.close()
 
 
-@pytest.mark.fault(32, how="bytes, samples, times, gaps and overview changed", times=9)
+@pytest.mark.fault(32, how="bytes, samples, times, gaps and overview changed", times=8)
 @pytest.mark.parametrize(
     ("sql", "says"),
     [

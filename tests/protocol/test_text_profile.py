@@ -335,7 +335,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.fault(53, how="profiles with each kind of mistake", times=30)
+@pytest.mark.fault(53, how="profiles with each kind of mistake", times=35)
 @pytest.mark.parametrize(("old", "new", "message"), REFUSED)
 def test_a_profile_is_refused_by_key(old: str, new: str, message: str) -> None:
     """Unknown keys, wrong types, missing parts, swapped limits, templates that reach for more: named, with a remedy."""

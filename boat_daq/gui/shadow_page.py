@@ -1,18 +1,33 @@
-"""The shadow's page: the actuator large, elongation over pressure on its nominal band, deviation over cycles."""
+"""The shadow's page: the actuator large, elongation over pressure on its nominal band, cycle by cycle,
+the alarms."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+from collections.abc import Sequence
+
+import numpy as np
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QHBoxLayout,
+    QHeaderView,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.shadow_pane import ShadowPane
+from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.shadow_live import PRESSURES_KPA
+from boat_daq.viewmodels.shadow_monitor import SERIES, AlarmRow
 
-FRAME_MS = 33
+FRAME_MS = 16
+ALARM_SIZE, ALARM_LINES = 16, 4
 
 
 class NominalCard(PlotCard):
@@ -44,23 +59,72 @@ class NominalCard(PlotCard):
         self.readout.setText("- - nominal with its band (k = 2)   — measured, last minute")
 
 
-class DeviationCard(PlotCard):
-    """Mean deviation of each cycle from nominal."""
+class CyclesCard(PlotCard):
+    """One figure of every cycle, and where the alarms stand in it."""
 
-    def __init__(self) -> None:
-        super().__init__("Deviation of each cycle")
+    def __init__(self, desk: Desk) -> None:
+        super().__init__("Cycle by cycle")
+        self.monitor = desk.monitor
+        self.figure = widgets.choice("Figure of each cycle", [(s.title, name) for name, s in SERIES.items()])
+        self.figure.activated.connect(lambda _: self.show_cycles())
+        self.bar.insertWidget(1, self.figure)
         self.plot = self.add("Deviation", "mm", x_title="Cycle")
-        self.points = self.plot.points("Deviation", lambda t: t.elongation)
-        self.plot.line(lambda t: t.muted)
+        self.points = self.plot.points("Each cycle", lambda t: t.elongation)
+        self.alarms = self.plot.points("Alarm", lambda t: t.warn, filled=False, symbol="t1", size=ALARM_SIZE)
         self.plot.x_range(0.0, 10.0)
         self.plot.y_range(-1.0, 1.0)
+        self.theme: Theme = style.LIGHT
 
-    def show_desk(self, desk: Desk) -> None:
+    def show_cycles(self) -> None:
         """Draw the cycles that were watched."""
-        x, y = desk.monitor.deviations()
+        name = str(self.figure.currentData())
+        x, y = self.monitor.series(name)
+        known = np.isfinite(y)
+        x, y = x[known], y[known]
+        alarmed = np.isin(x, self.monitor.alarm_cycles())
         self.points.set(x, y)
-        self.readout.setText("" if x.size else "fills while a calibrated unit runs cycles")
+        self.alarms.set(x[alarmed], y[alarmed])
+        self.plot.title, self.plot.unit = SERIES[name].title, SERIES[name].unit
+        self.plot.paint(self.theme)
+        words = "\u25b3 alarm found here" if alarmed.any() else ""
+        self.readout.setText(words if x.size else "fills while a calibrated unit runs cycles")
         self.plot.fit()
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.theme = theme
+        super().paint_theme(theme)
+
+
+class AlarmTable(QTableWidget):
+    """The alarms of the run: what, since when, found when, how sure, by which figure; the newest on top."""
+
+    COLUMNS = ("What", "Since", "Found", "A healthy actuator does this", "By")
+
+    def __init__(self) -> None:
+        super().__init__(0, len(self.COLUMNS))
+        self.setAccessibleName("Alarms of the monitor: what, since when, how sure")
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setShowGrid(False)
+        self.setWordWrap(False)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
+        self.setHorizontalHeaderLabels(list(self.COLUMNS))
+        header = self.horizontalHeader()
+        header.setHighlightSections(False)
+        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setSectionResizeMode(len(self.COLUMNS) - 1, QHeaderView.ResizeMode.Stretch)
+
+    def show_rows(self, rows: Sequence[AlarmRow]) -> None:
+        """Show the alarms."""
+        self.setRowCount(len(rows))
+        for i, row in enumerate(rows):
+            for k, text in enumerate((f"\u25b2 {row.what}", row.since, row.found, row.sure, row.why)):
+                cell = QTableWidgetItem(text)
+                cell.setToolTip(text)
+                self.setItem(i, k, cell)
 
 
 class ShadowPage(QWidget):
@@ -72,16 +136,12 @@ class ShadowPage(QWidget):
         self._revision = -1
         self.pane = ShadowPane(desk)
         self.pane.setContentsMargins(0, -style.GAP, 0, 0)
-        self.nominal, self.deviation = NominalCard(), DeviationCard()
-        self.alarms = widgets.label("", wrap=True, name="Alarms of the monitor")
-        frame, inside = widgets.card()
-        inside.addWidget(widgets.label("Alarms", "subtitle"))
-        inside.addWidget(self.alarms)
+        self.nominal, self.cycles = NominalCard(), CyclesCard(desk)
         right = QVBoxLayout()
         right.setSpacing(style.GAP)
         right.addWidget(self.nominal, 4)
-        right.addWidget(self.deviation, 3)
-        right.addWidget(frame)
+        right.addWidget(self.cycles, 3)
+        right.addWidget(self._alarms())
         across = QHBoxLayout()
         across.setSpacing(style.GAP)
         across.addWidget(self.pane, 2)
@@ -90,6 +150,15 @@ class ShadowPage(QWidget):
         self.timer = QTimer(self)
         self.timer.timeout.connect(self.draw)
         self.timer.start(FRAME_MS)
+
+    def _alarms(self) -> QWidget:
+        frame, inside = widgets.card()
+        self.verdict = widgets.label("", "muted", name="What the monitor says")
+        self.alarms = AlarmTable()
+        self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
+        inside.addLayout(widgets.row(widgets.label("Alarms", "subtitle"), self.verdict, None))
+        inside.addWidget(self.alarms)
+        return frame
 
     def draw(self) -> None:
         """Draw one frame, where the page is seen."""
@@ -103,6 +172,8 @@ class ShadowPage(QWidget):
         self.nominal.show_desk(self.desk)
         if self.desk.monitor.revision != self._revision:
             self._revision = self.desk.monitor.revision
-            self.deviation.show_desk(self.desk)
-            alarms = "\n".join(f"\u25b2 {sentence}" for sentence in self.desk.monitor.alarms)
-            self.alarms.setText(alarms or "None. One false alarm in 1 000 healthy cycles is allowed.")
+            self.cycles.show_cycles()
+            rows = self.desk.monitor.rows()
+            self.alarms.show_rows(rows)
+            self.alarms.setVisible(bool(rows))
+            self.verdict.setText(self.desk.monitor.verdict())

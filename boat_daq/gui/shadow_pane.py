@@ -16,8 +16,9 @@ from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.shadow_live import LEVELS, SCALES, ShadowPicture
 
 ROOM_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # what the view shows of (x, z)
-LINES = 5
-DOT = 5
+LINES = 6
+DOT = 7
+GUIDE, HALO = 1.5, 4.5  # a guide is seen on dark and on bright elements
 REST_LENGTH_MM = 75.0
 RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, then lifts the pen
 
@@ -57,9 +58,10 @@ class ShadowView(QWidget):
         painter.setTransform(self._transform())
         self._elements(painter, self.picture)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        self._pen(painter, self.theme.text, 1.5)
-        for guide in self.picture.guides:
-            painter.drawPolyline(_polygon(guide))
+        for colour, width in ((self.theme.surface, HALO), (self.theme.text, GUIDE)):
+            self._pen(painter, colour, width)
+            for guide in self.picture.guides:
+                painter.drawPolyline(_polygon(guide))
         painter.setBrush(QColor(self.theme.surface))
         dot = DOT / painter.transform().m11() / 2
         for x, z in self.picture.tracked:
@@ -127,9 +129,9 @@ class ShadowPane(QWidget):
         super().__init__()
         self.desk = desk
         self.view = ShadowView()
-        self.quantity = widgets.choice("Colour shows", [(name, name) for name in SCALES])
+        self.quantity = widgets.choice("Colour shows", [(f"Colour: {name}", name) for name in SCALES])
         self.quantity.activated.connect(lambda _: self._choose(str(self.quantity.currentData())))
-        self.cost = QCheckBox("cost")
+        self.cost = QCheckBox("Frame cost")
         self.cost.setToolTip("Show what a frame of the shadow costs")
         self.cost.toggled.connect(self._show_cost)
         frame, inside = widgets.card()
@@ -151,7 +153,7 @@ class ShadowPane(QWidget):
     def _choose(self, quantity: str) -> None:
         self.desk.shadow.quantity = quantity
         full, unit, _ = SCALES[quantity]
-        self.view.scale_words = ("0", f"{quantity} {full:g} {unit}")
+        self.view.scale_words = ("0", f"{quantity} {full:g} {unit} or more")
         self.view.update()
 
     def _show_cost(self, on: bool) -> None:

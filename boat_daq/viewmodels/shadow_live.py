@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.viewmodels.formatting import number
+from boat_daq.viewmodels.formatting import NOTHING, number
 from boat_daq.viewmodels.live import Inverse, Ring, signals
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 
@@ -30,7 +30,7 @@ LEVELS = 24  # of colour
 SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
-TRACE_S = 60.0
+TRACE_S, TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # steps of pressure and elongation that change what is drawn or said
 
 
@@ -55,6 +55,26 @@ class ShadowPicture:
     nominal_mm: float
     measured_mm: float
     lines: tuple[tuple[str, str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What is measured now: pressure (kPa), elongation and its expanded uncertainty, k = 2 (mm); NaN where unknown.
+
+    `calibrated` says whether there is a calibration, `disagree` whether the two sensors contradict each other.
+    """
+
+    pressure: float = math.nan
+    measured: float = math.nan
+    expanded: float = math.nan
+    calibrated: bool = False
+    disagree: bool = False
+
+    @property
+    def seen(self) -> tuple[object, ...]:
+        """What of it could be seen: two moments of one `seen` draw the same picture."""
+        steps = ((self.pressure, SEEN_KPA), (self.measured, SEEN_MM), (self.expanded, SEEN_MM))
+        return (*(_step(value, step) for value, step in steps), self.calibrated, self.disagree)
 
 
 REST = np.array([[-RADIUS_MM, 0.0], [RADIUS_MM, 0.0], [RADIUS_MM, LENGTH_MM], [-RADIUS_MM, LENGTH_MM]])
@@ -122,56 +142,64 @@ class ShadowLive:
         recent = ring.view(last=1) if ring is not None else {"time_s": np.zeros(0)}
         if ring is None or inverse is None or not recent["time_s"].size:
             return np.zeros(0), np.zeros(0)
-        columns = ring.draw(float(recent["time_s"][0]) - TRACE_S, None, max_points=1200)
-        return columns["pressure_kpa"], inverse(signals(columns)).mm
+        columns = ring.view(float(recent["time_s"][0]) - TRACE_S)
+        pressure, mm = columns["pressure_kpa"], inverse(signals(columns)).mm
+        # means of as many samples each: extremes of both, as time plots draw them, do not belong together
+        size = max(1, mm.size // TRACE_POINTS)
+        whole = mm.size // size * size
+        return tuple(values[:whole].reshape(-1, size).mean(axis=1) for values in (pressure, mm))  # type: ignore[return-value]
 
     # ---- the picture ---------------------------------------------------------------------------------------------
 
-    def now(self) -> tuple[float, float, float]:
-        """Return pressure (kPa), measured elongation and its expanded uncertainty (mm) now; NaN where unknown."""
+    def now(self) -> Moment:
+        """Return what is measured now."""
         ring, inverse = self._ring(), self._inverse()
         recent = ring.view(last=RECENT) if ring is not None else {"time_s": np.zeros(0)}
         if not recent["time_s"].size:
-            return math.nan, math.nan, math.nan
+            return Moment(calibrated=inverse is not None)
         pressure = float(recent["pressure_kpa"].mean())
         if inverse is None:
-            return pressure, math.nan, math.nan
+            return Moment(pressure)
         found = inverse(signals(recent).mean(axis=0, keepdims=True))
-        return pressure, float(found.mm[0]), float(found.expanded_mm[0])
+        return Moment(pressure, float(found.mm[0]), float(found.expanded_mm[0]), True, bool(found.disagree[0]))
 
     def picture(self) -> ShadowPicture:
         """Return the picture of this instant; the same object while nothing has moved that could be seen."""
-        pressure, measured, expanded = self.now()
-        seen = (
-            _step(pressure, SEEN_KPA), _step(measured, SEEN_MM), _step(expanded, SEEN_MM),
-            self.model is not None, self.quantity, self.show_cost, self.problem,
-        )  # fmt: skip
+        now = self.now()
+        seen = (*now.seen, self.model is not None, self.quantity, self.show_cost, self.problem)
         if self._last is None or self._last[0] != seen:
-            self._last = (seen, self._draw(pressure, measured, expanded))
+            self._last = (seen, self._draw(now))
         return self._last[1]
 
-    def _draw(self, pressure: float, measured: float, expanded: float) -> ShadowPicture:
-        state = self._state(pressure, measured)
+    def _draw(self, now: Moment) -> ShadowPicture:
+        state = self._state(now)
         if state is None or self.model is None:
-            why = self.problem or ("preparing \u2026" if self.model is None else "outside the model's table")
-            lines = (*_measured_lines(pressure, measured), ("Shadow", why if math.isfinite(pressure) else "\u2013", ""))
-            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, measured, lines)
+            said = ("Shadow", self._why_not(now), "warning" if self.model is not None else "")
+            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, now.measured, (*_measured_lines(now), said))
         corners, levels = self._elements(state)
         tracked = state.tracked_points_mm.reshape(-1, 2)
-        lines = self._lines(state, pressure, measured, expanded)
+        lines = self._lines(state, now)
         return ShadowPicture(
-            REST, corners, levels, state.centrelines_mm, tracked, state.nominal_elongation_mm, measured, lines
+            REST, corners, levels, state.centrelines_mm, tracked, state.nominal_elongation_mm, now.measured, lines
         )
 
-    def _state(self, pressure: float, measured: float) -> ShadowState | None:
+    def _why_not(self, now: Moment) -> str:
+        """Return why there is no shadow to draw."""
+        if self.model is None:
+            return self.problem or ("preparing \u2026" if math.isfinite(now.pressure) else NOTHING)
+        return "\u25b2 this state is outside the model's table"
+
+    def _state(self, now: Moment) -> ShadowState | None:
         if self.model is None:
             return None
-        if not math.isfinite(pressure):
+        if not math.isfinite(now.pressure):
             return self.model.state(pressure_kpa=0.0, elongation_mm=0.0)  # at rest, until something is measured
-        q = measured if math.isfinite(measured) else float(self.model.table.nominal_elongation(np.array(pressure))[0])
-        if not math.isfinite(q) or not bool(self.model.table.holds(np.array(pressure), np.array(q))):
+        pressure = np.array(now.pressure)
+        known = math.isfinite(now.measured)
+        q = now.measured if known else float(self.model.table.nominal_elongation(pressure)[0])
+        if not math.isfinite(q) or not bool(self.model.table.holds(pressure, np.array(q))):
             return None
-        return self.model.state(pressure_kpa=pressure, elongation_mm=q)
+        return self.model.state(pressure_kpa=now.pressure, elongation_mm=q)
 
     def _elements(self, state: ShadowState) -> tuple[Array, NDArray[np.int64]]:
         """Return the elements of both halves with their colour steps."""
@@ -185,17 +213,17 @@ class ShadowLive:
         levels = np.clip((values / full * LEVELS).astype(np.int64), 0, LEVELS - 1)
         return np.concatenate([half, half * [-1.0, 1.0]]), np.concatenate([levels, levels])
 
-    def _lines(
-        self, state: ShadowState, pressure: float, measured: float, expanded: float
-    ) -> tuple[tuple[str, str, str], ...]:
-        nominal = ("Nominal", f"{number(state.nominal_elongation_mm, 2, sign=True)} mm", "")
-        lines = [*_measured_lines(pressure, measured), nominal]
-        if math.isfinite(measured):
-            band = 2.0 * math.hypot(state.nominal_sd_mm, expanded / 2.0)
+    def _lines(self, state: ShadowState, now: Moment) -> tuple[tuple[str, str, str], ...]:
+        nominal = f"{number(state.nominal_elongation_mm, 2, sign=True)} \u00b1{number(2 * state.nominal_sd_mm, 2)} mm"
+        lines = [*_measured_lines(now), ("Nominal", nominal, "")]
+        if math.isfinite(now.measured):
+            band = 2.0 * math.hypot(state.nominal_sd_mm, now.expanded / 2.0)
             beyond = abs(state.deviation_mm) > band
             mark = "\u25b2 beyond" if beyond else "\u25cf within"
             words = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm  {mark}"
             lines.append(("Deviation", words, "warning" if beyond else "ok"))
+        if now.disagree:
+            lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
         if self.show_cost:
             lines.append(("Cost of a frame", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
         return tuple(lines)
@@ -206,12 +234,15 @@ def _step(value: float, step: float) -> int | None:
     return round(value / step) if math.isfinite(value) else None
 
 
-def _measured_lines(pressure: float, measured: float) -> tuple[tuple[str, str, str], ...]:
-    if not math.isfinite(pressure):
+def _measured_lines(now: Moment) -> tuple[tuple[str, str, str], ...]:
+    if not math.isfinite(now.pressure):
         return (("Measured", "nothing yet: drawn at rest", ""),)
-    known = math.isfinite(measured)
-    words = f"{number(measured, 2, sign=True)} mm" if known else "no, nominal drawn"
-    return (("Measured", words, ""), ("Pressure", f"{number(pressure, 1, sign=True)} kPa", ""))
+    words, state = "not calibrated, nominal drawn", ""
+    if math.isfinite(now.measured):
+        words = f"{number(now.measured, 2, sign=True)} \u00b1{number(now.expanded, 2)} mm"
+    elif now.calibrated:
+        words, state = "\u25b2 outside the calibration", "warning"
+    return (("Measured", words, state), ("Pressure", f"{number(now.pressure, 1, sign=True)} kPa", ""))
 
 
 def load_model() -> Any:

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.session import SessionSnapshot
+from boat_daq.viewmodels.formatting import MINUS, THIN, count, duration, number
 from boat_daq.viewmodels.live import Ring, signals
 from boat_daq.viewmodels.overlay import OverlayModel
 
 if TYPE_CHECKING:
+    from analysis.shadow.monitor import Alarm, CycleFigures
     from analysis.shadow.shadow import Shadow
     from boat_daq.viewmodels.conversion import Conversion
 
@@ -29,11 +31,40 @@ MISSING = object()
 
 @dataclass(frozen=True, slots=True)
 class CycleMark:
-    """What one cycle was found to be: its mean deviation, and the monitor's own figures."""
+    """What one cycle was found to be: where it began (s of the ring), its mean deviation, the monitor's figures."""
 
     cycle: int
+    begin_s: float
     deviation_mm: float
-    gain: float
+    figures: CycleFigures
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A figure of every cycle, as the page draws it; `value` takes it from a mark."""
+
+    title: str
+    unit: str
+    value: Callable[[CycleMark], float]
+
+
+SERIES = {
+    "deviation": Series("Deviation from nominal", "mm", lambda m: m.deviation_mm),
+    "gain": Series("Elongation over nominal", "%", lambda m: 100.0 * m.figures.gain),
+    "loss": Series("Loss behind the gauge", "% a minute", lambda m: m.figures.loss_percent_per_min),
+    "difference": Series("Sensor 1 \u2212 sensor 2", "mm", lambda m: m.figures.difference_mm),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmRow:
+    """An alarm in the words of the page: what, since when, found when, how sure, by which figure."""
+
+    what: str
+    since: str
+    found: str
+    sure: str
+    why: str
 
 
 class ShadowMonitor:
@@ -51,28 +82,29 @@ class ShadowMonitor:
     ) -> None:
         self._model, self._overlay, self._ring = model, overlay, ring
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="monitor")
-        self._futures: list[Future[tuple[CycleMark, list[str]]]] = []
+        self._futures: list[Future[tuple[CycleMark, list[Alarm]]]] = []
         self._monitor: Any = None
         self._taken: set[int] = set()
         self._run: object = MISSING
         self.marks: list[CycleMark] = []
-        self.alarms: list[str] = []
+        self.alarms: list[Alarm] = []
+        self._told = 0
         self.revision = 0
 
     def follow(self, snapshot: SessionSnapshot, conversion: Conversion | None) -> None:
         """Hand over the cycles that have ended since the last call; a new recording begins a new history."""
         if snapshot.recording is not None and snapshot.recording != self._run:
             self._run = snapshot.recording
-            self._monitor, self._taken, self.marks, self.alarms = None, set(), [], []
+            self._monitor, self._taken, self.marks, self.alarms, self._told = None, set(), [], [], 0
             self.revision += 1
         shadow, progress = self._model(), snapshot.progress
         if shadow is None or conversion is None or progress is None:
             return
         ended = [span for span in self._overlay.spans() if span[0] < progress.cycle and span[2] is not None]
-        for number, begin, end in ended:
-            if number not in self._taken:
-                self._taken.add(number)
-                self._hand_over(shadow, conversion, number, begin, float(end or begin))
+        for cycle, begin, end in ended:
+            if cycle not in self._taken:
+                self._taken.add(cycle)
+                self._hand_over(shadow, conversion, cycle, begin, float(end or begin))
 
     def _hand_over(self, shadow: Shadow, conversion: Conversion, number: int, begin: float, end: float) -> None:
         ring = self._ring()
@@ -86,7 +118,7 @@ class ShadowMonitor:
 
     def _boil_down(
         self, shadow: Shadow, conversion: Conversion, number: int, cycle: dict[str, Array]
-    ) -> tuple[CycleMark, list[str]]:
+    ) -> tuple[CycleMark, list[Alarm]]:
         # loaded here, on the helper thread, and not with the window
         from analysis.shadow.monitor import Monitor, cycle_figures, deviation_mm
 
@@ -95,28 +127,62 @@ class ShadowMonitor:
         each = conversion.each(signals(cycle))
         figures = cycle_figures(shadow.table, cycle["time_s"], cycle["pressure_kpa"], each)
         apart = deviation_mm(shadow.table, cycle["pressure_kpa"], conversion(signals(cycle)).mm)
-        alarms = [alarm.sentence for alarm in self._monitor.take(figures)]
-        return CycleMark(number, float(np.nanmean(apart)), figures.gain), alarms
+        known = apart[np.isfinite(apart)]
+        deviation = float(known.mean()) if known.size else np.nan
+        return CycleMark(number, float(cycle["time_s"][0]), deviation, figures), self._monitor.take(figures)
 
     def poll(self) -> list[str]:
-        """Return the alarms that are new.
+        """Return the alarms that are new, as sentences.
 
         Raises
         ------
-        AnalysisError : a cycle could not be judged.
+        AnalysisError : a cycle could not be judged; it is left out, and the next call goes on with the one after it.
         """
-        fresh: list[str] = []
+        told = self._told
         while self._futures and self._futures[0].done():
             mark, alarms = self._futures.pop(0).result()
             self.marks.append(mark)
-            fresh += alarms
+            self.alarms += alarms
             self.revision += 1
-        self.alarms += fresh
-        return fresh
+        self._told = len(self.alarms)
+        return [alarm.sentence for alarm in self.alarms[told:]]
 
-    def deviations(self) -> tuple[Array, Array]:
-        """Return cycle numbers and their mean deviation from nominal, mm."""
-        return np.array([float(m.cycle) for m in self.marks]), np.array([m.deviation_mm for m in self.marks])
+    def series(self, name: str) -> tuple[Array, Array]:
+        """Return cycle numbers and a figure of each, by its key in `SERIES`; NaN where the cycle does not hold it."""
+        value = SERIES[name].value
+        return np.array([float(m.cycle) for m in self.marks]), np.array([value(m) for m in self.marks])
+
+    def alarm_cycles(self) -> list[int]:
+        """Return the cycles in which an alarm was found."""
+        return [self._mark(alarm.cycle).cycle for alarm in self.alarms]
+
+    def verdict(self) -> str:
+        """Return what the monitor says in a line."""
+        if self.alarms:
+            return f"{count(len(self.alarms), 'alarm')} in {count(len(self.marks), 'cycle')}"
+        rate = "one false alarm in 1" + THIN + "000 healthy cycles is allowed"
+        return f"\u25cf none in {count(len(self.marks), 'cycle')}; {rate}" if self.marks else f"none; {rate}"
+
+    def rows(self) -> list[AlarmRow]:
+        """Return the alarms in words, the newest first."""
+        return [self._row(alarm) for alarm in reversed(self.alarms)]
+
+    def _row(self, alarm: Alarm) -> AlarmRow:
+        since, found = self._mark(alarm.since_cycle), self._mark(alarm.cycle)
+        may = f", may follow from {' and '.join(alarm.may_follow_from)}" if alarm.may_follow_from else ""
+        size = f"{100 * alarm.shift:+.1f} %" if alarm.unit == "" else f"{alarm.shift:+.3g} {alarm.unit}"
+        later = found.cycle - since.cycle
+        return AlarmRow(
+            alarm.illness.capitalize(),
+            f"cycle {since.cycle}, {duration(since.begin_s)}",
+            f"cycle {found.cycle}, {later} later" if later else f"cycle {found.cycle}, at once",
+            f"once in {number(min(alarm.healthy_cycles, 1e9), 0)} healthy cycles",
+            f"{alarm.figure} {size}{may}".replace("-", MINUS),
+        )
+
+    def _mark(self, place: int) -> CycleMark:
+        """Return the mark of the monitor's own count of cycles, from 1: one that was left out is not counted there."""
+        return self.marks[min(max(place, 1), len(self.marks)) - 1]
 
     def close(self) -> None:
         """Let the thread end."""

@@ -50,7 +50,8 @@ def pane_on(ring, model, inverse):
 def test_the_picture_stands_at_the_measured_elongation(ring, model):
     """The drawn tip is at the rest length plus the measured elongation; both halves are there; colours are in range."""
     pane = pane_on(ring, model, Straight())
-    pressure, measured, expanded = pane.now()
+    now = pane.now()
+    pressure, measured, expanded = now.pressure, now.measured, now.expanded
     picture = pane.picture()
     assert picture.corners[..., 1].max() == pytest.approx(75.0 + measured, abs=1e-4)  # the reduced model's own error
     assert picture.corners[..., 0].min() == pytest.approx(-picture.corners[..., 0].max())
@@ -60,14 +61,15 @@ def test_the_picture_stands_at_the_measured_elongation(ring, model):
     assert expanded == pytest.approx(0.3)
     nominal = float(model.table.nominal_elongation(np.array(pressure))[0])
     said = {name: value for name, value, _ in picture.lines}
-    assert said["Nominal"] == f"{number(nominal, 2, sign=True)} mm"
+    assert said["Nominal"].startswith(f"{number(nominal, 2, sign=True)} \u00b1")
+    assert said["Measured"] == f"{number(measured, 2, sign=True)} \u00b10.30 mm"
 
 
 def test_without_a_calibration_the_nominal_actuator_is_drawn(ring, model):
     """Nothing is claimed to be measured."""
     picture = pane_on(ring, model, None).picture()
     assert np.isnan(picture.measured_mm)
-    assert picture.lines[0][1] == "no, nominal drawn"
+    assert picture.lines[0][1] == "not calibrated, nominal drawn"
     assert picture.corners[..., 1].max() == pytest.approx(75.0 + picture.nominal_mm, abs=0.02)
 
 
@@ -80,7 +82,7 @@ def test_a_state_outside_the_table_is_said(ring, model):
 
     picture = pane_on(ring, model, absurd).picture()
     assert picture.corners.size == 0
-    assert picture.lines[-1] == ("Shadow", "outside the model's table", "")
+    assert picture.lines[-1] == ("Shadow", "\u25b2 this state is outside the model's table", "warning")
 
 
 def test_before_the_model_has_come_the_outline_is_drawn(ring):
@@ -114,9 +116,9 @@ def test_each_whole_cycle_is_watched_once(ring, model):
     while len(monitor.marks) < 3 and time.monotonic() < end:
         assert monitor.poll() == []
         time.sleep(0.02)
-    cycles, deviation = monitor.deviations()
+    cycles, deviation = monitor.series("deviation")
     assert cycles.tolist() == [1.0, 2.0, 3.0]
     assert np.ptp(deviation) < 0.05
     monitor.follow(dataclasses.replace(snapshot, recording="b.boat", progress=None), Straight())
-    assert monitor.deviations()[0].size == 0
+    assert monitor.series("deviation")[0].size == 0
     monitor.close()

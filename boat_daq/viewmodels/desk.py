@@ -183,6 +183,9 @@ class Desk:
     def _watch(self) -> None:
         """Hand whole cycles to the monitor; say what it finds."""
         self.monitor.follow(self.snapshot, self.conversion)
+        self.notices.attempt(self._tell_alarms)
+
+    def _tell_alarms(self) -> None:
         for sentence in self.monitor.poll():
             self.notices.say(Level.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
 

@@ -316,7 +316,8 @@ def disagreements_with_marks(cycles: Cycles, recording: Recording) -> tuple[str,
     marked = _marked_cycles(recording.steps)
     if marked is None or recording.n < 2:
         return ()
-    found = [(recording.time_s[c.first], recording.time_s[c.turn], recording.time_s[c.last]) for c in cycles.complete]
+    # a cycle that a pause or a restart interrupted is none by the marks either
+    found = [(recording.time_s[c.first], recording.time_s[c.turn], recording.time_s[c.last]) for c in cycles.used]
     if len(found) != len(marked):
         return (f"the pressure shows {len(found)} complete cycles, the sequencer marked {len(marked)}",)
     said = []

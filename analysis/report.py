@@ -18,6 +18,7 @@ from analysis.boat_file import program_version
 from analysis.errors import RequestError
 from analysis.pipeline import Analysis
 from analysis.repeatability import judge
+from analysis.report_breaks import breaks
 from analysis.report_cells import date_of
 from analysis.report_content import Report, Section
 from analysis.report_runs import history_of_unit, runs_table, spread_of_runs
@@ -37,6 +38,7 @@ def build_report(analyses: Sequence[Analysis], limits: Mapping[str, float] | Non
         return _several(analyses, limits)
     analysis = analyses[0]
     filled = [sections.key_figures(analysis, limits)]
+    filled += [breaks(analysis)] if analysis.breaks else []
     if any(s.calibration for s in analysis.sensors):
         filled += [sections.curves(analysis), sections.coefficients(analysis)]
     filled += [sections.loops(analysis)] if analysis.loops.n_cycles else []

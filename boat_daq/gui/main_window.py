@@ -31,6 +31,7 @@ from boat_daq.gui.files import ask_save
 from boat_daq.gui.header import Header
 from boat_daq.gui.live_page import LivePage
 from boat_daq.gui.navigation import Navigation
+from boat_daq.gui.pages import PAGE_MAKERS
 from boat_daq.gui.palette import Palette, ShortcutSheet
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.strip import Strip
@@ -79,12 +80,13 @@ class MainWindow(QMainWindow):
         self.setMinimumSize(*style.WINDOW_MINIMUM)
         self.header = Header(desk)
         self.strip = Strip(desk)
-        self.pages = self._make_pages()
         self.navigation = Navigation(PAGES, self.go, self.show_keys)
         self.stack = QStackedWidget()
-        self.rooms = {name: room(page) for name, page in self.pages.items()}
+        self.rooms = {name: room() for name in PAGES}
         for scroll in self.rooms.values():
             self.stack.addWidget(scroll)
+        self.pages: dict[str, Any] = {}  # those that have been gone to
+        self.live: LivePage = self.open_page("Live")
         self._lay_out()
         self.connect_panel = ConnectPanel(self, desk)
         self.commands = Registry(self)
@@ -94,18 +96,21 @@ class MainWindow(QMainWindow):
         self.vent_key = VentKey(desk)
         application().focusWindowChanged.connect(self.vent_key.watch)
         QGuiApplication.styleHints().colorSchemeChanged.connect(self.follow_theme)
-        for plots in self.findChildren(PlotCard):
-            plots.save_wanted.connect(self.save_plot)
         self.follow_theme()
         self._restore()
         desk.offer_recovery()
         self._start_timers()
 
-    def _make_pages(self) -> dict[str, Any]:
-        from boat_daq.gui.pages import make_pages
-
-        self.live = LivePage(self.desk)
-        return {"Live": self.live, **make_pages(self.desk)}
+    def open_page(self, name: str) -> Any:
+        """Return a page, made and put into its room where nobody has gone to it yet."""
+        if name not in self.pages:
+            page = LivePage(self.desk) if name == "Live" else PAGE_MAKERS[name](self.desk)
+            self.pages[name] = page
+            self.rooms[name].setWidget(page)
+            for plots in page.findChildren(PlotCard):
+                plots.save_wanted.connect(self.save_plot)
+            self._paint(page)
+        return self.pages[name]
 
     def _lay_out(self) -> None:
         body = QWidget()
@@ -164,14 +169,15 @@ class MainWindow(QMainWindow):
 
     def go(self, name: str) -> None:
         """Show a page."""
+        page = self.open_page(name)
         self.stack.setCurrentWidget(self.rooms[name])
         self.navigation.show_page(name)
         self.desk.preferences.set("page", name)
-        self.pages[name].refresh(self.desk.snapshot)
+        page.refresh(self.desk.snapshot)
 
     def show_request(self, what: str) -> None:
         """Show what a view model asks for: a page by its name, or one of the panels."""
-        if what in self.pages:
+        if what in PAGES:
             self.go(what)
         elif what == "connect":
             self.connect_panel.open_fresh()
@@ -231,13 +237,17 @@ class MainWindow(QMainWindow):
         self.theme = theme
         app = application()
         sheet = style.style_sheet(theme)
-        if app.styleSheet() != sheet:  # a sheet that is set again is worked out again for every widget
+        if self.styleSheet() != sheet:  # a sheet that is set again is worked out again for every widget
             app.setPalette(style.palette(theme))
-            app.setStyleSheet(sheet)
-        for widget in self.findChildren(QWidget):
+            self.setStyleSheet(sheet)  # not the application's: pyqtgraph's own hidden forms are a thousand widgets
+        self._paint(self)
+
+    def _paint(self, root: QWidget) -> None:
+        """Paint what the style sheet does not reach in `root`: plots, pictures, figures."""
+        for widget in (root, *root.findChildren(QWidget)):
             paint = getattr(widget, "paint_theme", None)
             if paint is not None:
-                paint(theme)
+                paint(self.theme)
 
     # ---- coming and going ----------------------------------------------------------------------------------------
 
@@ -251,7 +261,7 @@ class MainWindow(QMainWindow):
             self.resize(self.sizeHint())
         self.live.restore()
         page = self.desk.preferences.get("page", "Live")
-        self.go(page if page in self.pages else "Live")
+        self.go(page if page in PAGES else "Live")
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave the pages more room where there is little."""
@@ -270,14 +280,13 @@ class MainWindow(QMainWindow):
         super().closeEvent(event)
 
 
-def room(page: QWidget) -> QScrollArea:
-    """Return a place for `page` that scrolls where the window is too small for it."""
+def room() -> QScrollArea:
+    """Return a place for a page, which scrolls where the window is too small for it."""
     scroll = QScrollArea()
     scroll.setObjectName("room")
     scroll.setFrameShape(QFrame.Shape.NoFrame)
     scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
     scroll.setWidgetResizable(True)
-    scroll.setWidget(page)
     return scroll
 
 

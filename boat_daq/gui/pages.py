@@ -1,7 +1,8 @@
-"""The pages behind the live one, by their name in the navigation."""
+"""The pages behind the live one, by their name in the navigation; each is made when it is first gone to."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from boat_daq.gui.calibration_page import CalibrationPage
@@ -12,14 +13,11 @@ from boat_daq.gui.shadow_page import ShadowPage
 from boat_daq.gui.tradeoff_page import TradeoffPage
 from boat_daq.viewmodels.desk import Desk
 
-
-def make_pages(desk: Desk) -> dict[str, Any]:
-    """Return the pages in the order of the navigation."""
-    return {
-        "Calibrate": CalibrationPage(desk),
-        "Repeat": RepeatPage(desk),
-        "Runs": RunsPage(desk),
-        "Optics": OpticsPage(desk),
-        "Shadow": ShadowPage(desk),
-        "Trade-off": TradeoffPage(desk),
-    }
+PAGE_MAKERS: dict[str, Callable[[Desk], Any]] = {
+    "Calibrate": CalibrationPage,
+    "Repeat": RepeatPage,
+    "Runs": RunsPage,
+    "Optics": OpticsPage,
+    "Shadow": ShadowPage,
+    "Trade-off": TradeoffPage,
+}

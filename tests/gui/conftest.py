@@ -43,6 +43,16 @@ def live(make):
 
 
 @pytest.fixture
+def whole(live):
+    """A window on a connected board with every page made."""
+    from boat_daq.viewmodels.desk import PAGES
+
+    for name in PAGES:
+        live.open_page(name)
+    return live
+
+
+@pytest.fixture
 def empty(make):
     """A window with nothing connected."""
     return make(RecordedSession(idle()))

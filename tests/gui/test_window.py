@@ -12,7 +12,6 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSpinBox,
-    QApplication,
     QComboBox,
     QDialog,
     QFileDialog,
@@ -43,13 +42,13 @@ def test_data_replace_the_first_steps(live):
     assert live.live.plots.s1.x[-1] == pytest.approx(299.99)
 
 
-def test_every_page_opens(live):
+def test_every_page_opens(whole):
     """Each page of the navigation can be gone to and refreshed."""
     for name in PAGES:
-        live.go(name)
-        live.refresh()
-        assert live.page == name
-        assert live.navigation.buttons[name].isChecked()
+        whole.go(name)
+        whole.refresh()
+        assert whole.page == name
+        assert whole.navigation.buttons[name].isChecked()
 
 
 def test_every_command_has_its_own_keys(live):
@@ -59,11 +58,11 @@ def test_every_command_has_its_own_keys(live):
     assert [key for key, n in Counter(keys).items() if n > 1] == []
 
 
-def test_every_control_has_an_accessible_name(live):
+def test_every_control_has_an_accessible_name(whole):
     """A screen reader can name every button, field and choice."""
     nameless = [
         f"{type(widget).__name__} {widget.toolTip()} in {widget.parent()}"
-        for widget in live.findChildren(QWidget)
+        for widget in whole.findChildren(QWidget)
         if isinstance(widget, QAbstractButton | QLineEdit | QComboBox)
         and not isinstance(widget.parent(), QAbstractSpinBox)
         and not (widget.accessibleName() or (isinstance(widget, QAbstractButton) and widget.text()))
@@ -206,9 +205,9 @@ def test_every_plot_saves(live, tmp_path):
     assert len((tmp_path / "plot.csv").read_text().splitlines()) == 6001
 
 
-def test_all_plots_have_the_menu(live):
+def test_all_plots_have_the_menu(whole):
     """Every plot of every page copies and saves."""
-    cards = live.findChildren(PlotCard)
+    cards = whole.findChildren(PlotCard)
     assert len(cards) >= 8
     for card in cards:
         assert [action.text() for action in card.menu_button.menu().actions()][:2] == ["Copy picture", "Save PNG …"]
@@ -227,15 +226,15 @@ def test_the_window_remembers(make, tmp_path):
     assert second.theme is style.DARK
 
 
-def test_themes_repaint_without_an_error(live):
+def test_themes_repaint_without_an_error(whole):
     """Light and dark can be changed at any time, with every page open."""
     for name in PAGES:
-        live.go(name)
-    live.set_theme(style.DARK)
-    assert QApplication.instance().styleSheet() == style.style_sheet(style.DARK)
-    assert live.live.plots.theme is style.DARK
-    live.set_theme(style.LIGHT)
-    assert live.live.plots.theme is style.LIGHT
+        whole.go(name)
+    whole.set_theme(style.DARK)
+    assert whole.styleSheet() == style.style_sheet(style.DARK)
+    assert whole.live.plots.theme is style.DARK
+    whole.set_theme(style.LIGHT)
+    assert whole.live.plots.theme is style.LIGHT
 
 
 @pytest.mark.fault(54, how="the window on the virtual board", times=1)

@@ -34,7 +34,7 @@ from protocol.recording import (
     refuse_newer,
     session_dtype,
 )
-from protocol.recording_checks import harden
+from protocol.recording_checks import DAMAGE, harden
 
 SQLITE_MAGIC = b"SQLite format 3\x00"
 LONGEST_US = 1 << 53  # 285 years: beyond, board times are damage, and their sums would not fit
@@ -52,7 +52,7 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     db = open_recording(path)
     try:
         yield db
-    except sqlite3.Error as error:
+    except DAMAGE as error:
         raise FileError(f"{path.name} cannot be read to its end: {error}", f"Try: boat-daq recover {path}") from error
     finally:
         db.close()
@@ -224,7 +224,7 @@ def store_result(
                 "INSERT INTO result (utc, kind, program_version, seed, parameters, content) VALUES (?, ?, ?, ?, ?, ?)",
                 (datetime.datetime.now(datetime.UTC).isoformat(), kind, program_version(), seed, asked, text),
             )
-    except sqlite3.Error as error:
+    except DAMAGE as error:
         raise FileError(f"the result cannot be written into {path.name}: {error}", "Is it read-only?") from error
     return True
 

@@ -33,7 +33,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from protocol.errors import RecordingError
-from protocol.recording_checks import Columns, check_layout, check_session, check_values, declared, harden
+from protocol.recording_checks import DAMAGE, Columns, check_layout, check_session, check_values, declared, harden
 
 APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, so that `file` and we know the file for ours
 SCHEMA_VERSION = 2  # SQLite's `user_version`
@@ -265,7 +265,7 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
         check_layout(path, connection, layout(), may_lack)
         connection.execute("PRAGMA query_only=ON")
         check_values(path, connection, {name: layout()[name] for name in TABLE_NAMES if name not in LONG_TABLES})
-    except sqlite3.Error as error:
+    except DAMAGE as error:
         connection.close()
         raise RecordingError(f"{path} cannot be read: {error}", f"Try: boat-daq recover {path}") from error
     except RecordingError:
@@ -359,7 +359,7 @@ def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
     """
     try:
         meta = {str(key): json.loads(value) for key, value in connection.execute("SELECT key, value FROM session")}
-    except (sqlite3.Error, ValueError, TypeError, RecursionError) as error:
+    except (*DAMAGE, ValueError, TypeError, RecursionError) as error:
         raise RecordingError(f"the session's description cannot be read: {error}") from error
     missing = [key for key in SESSION_KEYS if key not in meta]
     if missing:

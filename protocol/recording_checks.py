@@ -20,7 +20,12 @@ from protocol.errors import RecordingError
 
 Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (declared type, whether it must be there)
 
+# what sqlite3 raises of a damaged file; a broken name in SQLite's own message cannot be decoded
+DAMAGE = (sqlite3.Error, UnicodeDecodeError, MemoryError)
 MAX_VALUE_BYTES = 64 * 2**20  # no honest text or blob of ours comes near; a larger one is refused by SQLite itself
+_STEPS_A_CALL = 10_000  # of SQLite's machine
+_BYTES_A_CALL = 300  # a row of 15 columns takes some 150 steps, and no less than 5 bytes of the file
+_FEWEST_CALLS = 100
 _WHOLE_MAX = 2**62  # differences of two such still fit 64 bits
 _TYPES = {
     "INTEGER": f"typeof({{0}}) = 'integer' AND {{0}} BETWEEN -{_WHOLE_MAX} AND {_WHOLE_MAX}",
@@ -106,23 +111,42 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
 def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -> None:
     """Refuse rows with a value of another type than its column is declared with, or beyond any measure.
 
+    The reading is given up after more steps than a file of that size can need: the pages of a forged file may lead
+    back to themselves, and a scan of it would never end.
+
     Raises
     ------
     RecordingError : there is one; names table and column. sqlite3.Error : the rows cannot be read.
     """
-    for table, kinds in columns.items():
-        tests = {
-            name: f"({_TYPES[kind].format(name)}{'' if needed else f' OR {name} IS NULL'})"
-            for name, (kind, needed) in kinds.items()
-        }
-        sql = f"SELECT {', '.join(tests.values())} FROM {table} WHERE NOT ({' AND '.join(tests.values())}) LIMIT 1"  # noqa: S608
-        row = connection.execute(sql).fetchone()
-        if row is not None:
-            column = next(name for name, fits in zip(tests, row, strict=True) if not fits)
-            raise RecordingError(
-                f"{path}: table {table!r} has a value that cannot stand in column {column!r}",
-                "The file is damaged, or was not made by boat-daq.",
-            )
+    files = (path, path.with_name(path.name + "-wal"))
+    left = _FEWEST_CALLS + sum(file.stat().st_size for file in files if file.exists()) // _BYTES_A_CALL
+
+    def give_up() -> bool:
+        nonlocal left
+        left -= 1
+        return left < 0
+
+    connection.set_progress_handler(give_up, _STEPS_A_CALL)
+    try:
+        for table, kinds in columns.items():
+            _check_table(path, connection, table, kinds)
+    finally:
+        connection.set_progress_handler(None, 0)
+
+
+def _check_table(path: Path, connection: sqlite3.Connection, table: str, kinds: Mapping[str, tuple[str, bool]]) -> None:
+    tests = {
+        name: f"({_TYPES[kind].format(name)}{'' if needed else f' OR {name} IS NULL'})"
+        for name, (kind, needed) in kinds.items()
+    }
+    sql = f"SELECT {', '.join(tests.values())} FROM {table} WHERE NOT ({' AND '.join(tests.values())}) LIMIT 1"  # noqa: S608
+    row = connection.execute(sql).fetchone()
+    if row is not None:
+        column = next(name for name, fits in zip(tests, row, strict=True) if not fits)
+        raise RecordingError(
+            f"{path}: table {table!r} has a value that cannot stand in column {column!r}",
+            "The file is damaged, or was not made by boat-daq.",
+        )
 
 
 def value_fits(declared_as: tuple[str, bool], value: object) -> bool:

@@ -70,7 +70,7 @@ class SweepFile:
                     ]
                     db.executemany("insert into meta values (?, ?)", about)
                 kept = dict(db.execute("select key, value from meta"))["parameters"]
-        except (sqlite3.Error, KeyError) as error:
+        except (sqlite3.Error, UnicodeDecodeError, MemoryError, KeyError) as error:
             raise FileError(
                 f"{path} cannot be used as a sweep's results: {error}", "choose another --out folder"
             ) from error
@@ -128,7 +128,7 @@ class SweepFile:
             for row in rows:
                 done.setdefault(Design(int(row[0]), *row[1:5]), []).append(row[6:])
             return {design: _arrays(values) for design, values in done.items() if len(values) == states}
-        except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
+        except (sqlite3.Error, MemoryError, ValueError, TypeError, OverflowError) as error:
             raise FileError(f"{self.path} is damaged: {error}", "remove it to begin the sweep again") from error
 
 

@@ -35,7 +35,7 @@ from protocol.recording import (
     refuse_newer,
     session_dtype,
 )
-from protocol.recording_checks import harden, refuse_active, value_fits
+from protocol.recording_checks import DAMAGE, harden, refuse_active, value_fits
 
 Progress = Callable[[float, float], None]
 _ROWS = 1_000  # of one transaction
@@ -119,7 +119,7 @@ def _check(path: Path, progress: Progress | None) -> list[_Fault]:
                 return [_Fault(str(text), structural=True) for text in found]
             check_long_tables(path, db)
             return [_Fault(text) for text in _wrong_checksums(db, progress)]
-    except (sqlite3.DatabaseError, RecordingError) as error:
+    except (*DAMAGE, RecordingError) as error:
         if not _looks_like_ours(path):
             raise
         return [_Fault(str(error), structural=True)]
@@ -130,7 +130,7 @@ def _looks_like_ours(path: Path) -> bool:
     try:
         with closing(_open_damaged(path)) as db:
             return bool(db.execute("SELECT count(*) FROM session").fetchone()[0])
-    except (OSError, sqlite3.DatabaseError):
+    except (OSError, *DAMAGE):
         return False
 
 
@@ -212,7 +212,7 @@ def _open_damaged(path: Path) -> sqlite3.Connection:
         connection.execute(f"PRAGMA {pragma}")
     try:
         refuse_active(path, connection)
-    except (RecordingError, sqlite3.Error):
+    except (RecordingError, *DAMAGE):
         connection.close()
         raise
     return connection
@@ -295,9 +295,11 @@ class _RowReader:
         while True:
             try:
                 for row in self.db.execute(sql, (last,)):
+                    if row[0] <= last:  # pages that lead back to pages before them would be read for ever
+                        raise sqlite3.DatabaseError("its keys are out of order")
                     last = row[0]
                     yield row
-            except sqlite3.DatabaseError as error:
+            except DAMAGE as error:
                 behind = self._readable_behind(sql, last)
                 if behind is None or behind[0] > last + 1:
                     upto = "to the end" if behind is None else f"to {behind[0] - 1}"
@@ -328,8 +330,9 @@ class _RowReader:
     def _row_from(self, sql: str, start: int) -> object:
         """Return the first row with a key of `start` or more, None when there is none, or that it cannot be read."""
         try:
-            return self.db.execute(f"{sql} LIMIT 1", (start - 1,)).fetchone()
-        except sqlite3.DatabaseError:
+            row = self.db.execute(f"{sql} LIMIT 1", (start - 1,)).fetchone()
+            return _UNREADABLE if row is not None and row[0] < start else row
+        except DAMAGE:
             return _UNREADABLE
 
 

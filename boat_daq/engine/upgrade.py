@@ -28,7 +28,7 @@ from protocol.recording import (
     read_session,
     refuse_newer,
 )
-from protocol.recording_checks import columns_of, harden
+from protocol.recording_checks import DAMAGE, columns_of, harden
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ def upgrade(path: Path) -> Upgrade:
         if status == "recording" or path.with_name(path.name + "-wal").exists():
             raise OperatorError(f"{path} was not closed", f"Try: boat-daq recover {path}")
         return Upgrade("upgraded", path, version, SCHEMA_VERSION, _exchange(path, version))
-    except (OSError, sqlite3.Error) as error:
+    except (OSError, *DAMAGE) as error:
         raise storage_error(path, error) from error
     finally:
         lock.release()

@@ -28,6 +28,7 @@ from protocol.connection import Connection
 from protocol.errors import ProfileError
 from protocol.link import Gap, Link, LinkEvent, Samples
 from protocol.recording import check_long_tables, open_recording, read_session, session_dtype
+from protocol.recording_checks import DAMAGE
 
 Progress = Callable[[float, float], None]
 _PIECE = 20_000  # samples compared at once
@@ -89,7 +90,7 @@ def verify_recording(
             _verify_results(db, path, tally, reanalyse)
         except _Difference as found:
             difference = str(found)
-        except sqlite3.DatabaseError as error:
+        except DAMAGE as error:
             difference = f"the file is damaged: {error}"
     return Verification(not difference, difference, **tally, seconds=time.monotonic() - started)
 

@@ -50,7 +50,7 @@ def compared(before: np.ndarray, after: np.ndarray) -> Break:
 def test_few_cycles_are_compared_as_scipy_does(sizes: tuple[int, int]) -> None:
     """Student's t and the ratio of variances, with fewer than four cycles on a side."""
     rng = np.random.default_rng(1)
-    before, after = 1600.0 + rng.standard_normal(sizes[0]), 1200.5 + 2.0 * rng.standard_normal(sizes[1])
+    before, after = 1600.0 + rng.standard_normal(sizes[0]), 1600.5 + 2.0 * rng.standard_normal(sizes[1])
     level = compared(before, after).comparisons[0]
     expected = stats.ttest_ind(after, before)
     assert (level.t, level.t_p, level.t_df) == pytest.approx((expected.statistic, expected.pvalue, expected.df))
@@ -98,7 +98,7 @@ def test_a_drift_alone_is_no_difference_and_a_step_beside_it_is() -> None:
 def test_a_scatter_that_grew_is_a_difference() -> None:
     """Ten times the scatter behind the break is found by F, whatever the means."""
     rng = np.random.default_rng(4)
-    found = compared(1200 + 0.1 * rng.standard_normal(30), 1200 + 1.0 * rng.standard_normal(30))
+    found = compared(1600 + 0.1 * rng.standard_normal(30), 1600 + 1.0 * rng.standard_normal(30))
     assert found.verdict == "differs"
     assert "F" in found.comparisons[0].significant
 
@@ -107,7 +107,7 @@ def test_false_alarms_come_at_the_stated_rate() -> None:
     """Of 200 breaks that change nothing, no more are flagged than ALPHA allows (binomial, 0.1 % tail)."""
     rng = np.random.default_rng(5)
     alarms = sum(
-        compared(1200 + rng.standard_normal(n), 1200 + rng.standard_normal(9)).verdict == "differs"
+        compared(1600 + rng.standard_normal(n), 1600 + rng.standard_normal(9)).verdict == "differs"
         for n in rng.integers(3, 15, 200)
     )
     assert alarms <= stats.binom.ppf(0.999, 200, ALPHA)

@@ -12,7 +12,9 @@ QT_PACKAGES   := libegl1 libgl1 libxkbcommon-x11-0 libdbus-1-3 libfontconfig1 li
 TEST_PACKAGES := xvfb xdotool poppler-utils gcc libc6-dev
 NIGHTLY_PACKAGES := calculix-ccx chromium gcc-arm-none-eabi
 
-.PHONY: demo test check nightly bench setup setup-test system system-test clean help
+SECONDS ?= 600
+
+.PHONY: demo test check nightly bench fuzz faults audit setup setup-test system system-test clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -35,6 +37,17 @@ nightly: setup-test  ## the tests that take minutes
 
 bench: setup-test  ## print every benchmark's figure and ratio
 	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest tests/benchmarks -m benchmark_run -s -q --timeout 1200
+
+fuzz: setup-test  ## coverage-guided fuzzing of every decoder (Linux); SECONDS=3600 for an hour
+	$(BIN)/python -m pip install -q --disable-pip-version-check --group fuzz
+	$(BIN)/python -m tests.faults.fuzz $(SECONDS)
+
+faults: setup-test  ## write docs/FAULTS.md from the tests' marks
+	$(BIN)/python -m tests.faults.table
+
+audit: setup     ## known weaknesses of the installed packages (asks an advisory service on the network)
+	$(BIN)/python -m pip install -q --disable-pip-version-check --group audit
+	$(BIN)/python -m tests.faults.audit
 
 setup: $(VENV)/.installed
 setup-test: $(VENV)/.installed-test

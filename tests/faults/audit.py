@@ -1,0 +1,46 @@
+"""`make audit`: known weaknesses of the packages that are installed, by pip-audit; no answer is never "nothing found".
+
+Exit codes: 0 every package was looked up and none has a known weakness; 1 some have; 3 packages could not be looked
+up, as where the advisory service is out of reach.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+
+def audited(report: str) -> tuple[list[str], list[str], int]:
+    """From pip-audit's JSON: weaknesses in words, packages that were not looked up, and how many were."""
+    packages = json.loads(report)["dependencies"]
+    weak = [
+        f"{package['name']} {package['version']}: {found['id']}, mended in {', '.join(found['fix_versions']) or 'none'}"
+        for package in packages
+        for found in package.get("vulns", [])
+    ]
+    skipped = [package["name"] for package in packages if "skip_reason" in package]
+    return weak, skipped, len(packages) - len(skipped)
+
+
+def main() -> int:
+    """Run pip-audit on this environment and say what it knows, and what it does not."""
+    command = [sys.executable, "-m", "pip_audit", "--format", "json", "--progress-spinner", "off", "--skip-editable"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    try:
+        weak, skipped, looked_up = audited(done.stdout)
+    except (ValueError, KeyError):
+        said = done.stderr.strip().splitlines()[-1:] or ["no word"]
+        print(f"NOT AUDITED: the advisory service gave no answer ({said[0][:200]}); nothing is known")
+        return 3
+    for line in weak:
+        print(f"WEAK {line}")
+    print(f"{looked_up} packages looked up, {len(weak)} known weaknesses")
+    if skipped:
+        print(f"NOT AUDITED: {len(skipped)} packages, because the advisory service did not know or answer for them: ")
+        print("  " + ", ".join(skipped))
+    return 1 if weak else 3 if skipped else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -19,6 +19,7 @@ from typing import Any
 
 import pandas as pd
 
+from analysis.cluster import check_scheduler
 from analysis.errors import AnalysisError, FileError, RequestError
 from analysis.export import neutral
 
@@ -68,6 +69,7 @@ def batch(
     mcmc: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
+    allow_remote: bool = False,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Analyse many runs.
@@ -77,12 +79,15 @@ def batch(
     runs : a folder, or files.
     workers : processes; one for each core by default, 1 for none.
     scheduler : address of a Dask scheduler; then the runs must be readable from its workers.
+    allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
     progress : called as progress(done, total); raising from it cancels.
 
     Raises
     ------
     FileError : the folder is not there. RequestError : no run in it, or Dask is not installed.
     """
+    if scheduler is not None:
+        check_scheduler(scheduler, allow_remote=allow_remote)
     files = runs_in(runs)
     task = partial(summarise_run, seed=seed, mcmc=mcmc)
     rows: list[dict[str, Any]] = []

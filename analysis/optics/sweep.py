@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.cluster import check_scheduler
 from analysis.errors import RequestError
 from analysis.optics.compiled import Floats, Ints
 from analysis.optics.curves import default_curves, frames_of
@@ -149,6 +150,7 @@ def run_sweep(
     *,
     file: Path | None = None,
     scheduler: str | None = None,
+    allow_remote: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> SweepResult:
@@ -159,6 +161,7 @@ def run_sweep(
     request : what to simulate.
     file : results file, written as results come; finished designs in it are not simulated again.
     scheduler : address of a Dask scheduler; None runs here.
+    allow_remote : whether the scheduler may be on another computer; see `analysis.cluster`.
     threads : how many cores to use here; all by default.
     progress : called with (simulations done, all); raising from it stops the sweep, what is finished stays in the file.
 
@@ -167,6 +170,8 @@ def run_sweep(
     RequestError : a design does not fit, the scheduler does not answer, or the file belongs to another sweep.
     DataError : a state cannot be built.
     """
+    if scheduler is not None:
+        check_scheduler(scheduler, allow_remote=allow_remote)
     frames = frames_of(request.curves, request.guide)
     check_designs(request.designs, frames)
     store = SweepFile(file, request.described()) if file is not None else None

@@ -19,6 +19,7 @@ def batch(
     mcmc: Annotated[bool, typer.Option("--mcmc", help="Sample the posteriors as well.")] = False,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; one for each core by default.")] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster.")] = None,
+    allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let --scheduler leave this machine.")] = False,
     json: JsonOption = False,
 ) -> None:
     """A folder of runs into one table, one row a sensor, over all cores or on a Dask cluster.
@@ -31,7 +32,15 @@ def batch(
     from analysis.batch import write_table
 
     with progress_bar("Analysing") as advance:
-        table = run_batch(folder, seed=seed, mcmc=mcmc, workers=workers, scheduler=scheduler, progress=advance)
+        table = run_batch(
+            folder,
+            seed=seed,
+            mcmc=mcmc,
+            workers=workers,
+            scheduler=scheduler,
+            allow_remote=allow_remote,
+            progress=advance,
+        )
     if to is not None:
         write_table(table, to)
         say(f"wrote {to}")

@@ -226,6 +226,7 @@ def sweep(
     emission: Emission = "uniform",
     receiver: Receiver = None,
     scheduler: Scheduler = None,
+    allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let --scheduler leave this machine.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="Folder for results, tables and figures; a stopped sweep goes on from there.")
     ] = None,
@@ -246,7 +247,7 @@ def sweep(
         _make(out)
         file = out / FILE_NAME
     with progress_bar("sweep") as advance:
-        result = run_sweep(request, file=file, scheduler=scheduler, progress=advance)
+        result = run_sweep(request, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance)
     if out is not None:
         for path in write_sweep(result, out):
             say(f"wrote {path}")

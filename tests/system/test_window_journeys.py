@@ -7,9 +7,12 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
+
+from protocol.recording import open_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 SHOTS = "BOAT_DAQ_SHOTS"  # a folder to keep the screenshots in, for looking at them
@@ -79,6 +82,24 @@ def test_killed_session_is_offered_and_recovered(travel, capsys):
     assert "was not closed" in seen["offer"]
     assert seen["status"] == ["recovered"]
     assert seen["samples"] >= 1200 - 400  # 12 s of board time, less 0.2 s of wall time at 20x
+
+
+@pytest.mark.parametrize("way", ["pty", "tcp"])
+def test_unplugged_and_plugged_in_again(travel, capsys, way):
+    """The board is gone in a run: said at once, nothing lost; back: shown, and no pressure until somebody asks."""
+    seen = travel(f"unplug:{way}")
+    with capsys.disabled():
+        print(f"\n{way}: shown {seen['shown_s']} s after the loss, back {seen['back_s']} s after the board was there")
+    assert seen["said"]
+    assert seen["state"] == "fault"
+    assert seen["targets"] == [False, False]
+    assert seen["at_rest_kpa"] < 2.0
+    with closing(open_recording(Path(seen["recording"]))) as db:
+        samples = [n for (n,) in db.execute("SELECT sum(n) FROM block GROUP BY segment ORDER BY segment")]
+        (status,) = db.execute("SELECT value FROM session WHERE key = 'status'").fetchone()
+    assert samples[0] >= 100 * seen["recorded_s"] - 1
+    assert sum(samples[1:]) >= 300
+    assert "closed" in status
 
 
 @pytest.mark.skipif(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -112,17 +113,34 @@ class Journey:
         QTest.keyClick(field, Qt.Key.Key_Return)
         self.window.live.pane.setCurrentWidget(self.window.live.table)
 
-    def state(self) -> SessionState:
-        return self.window.desk.session.snapshot().state
+    def connect_to(self, port: str) -> None:
+        """Type a port into the panel and connect, as a hand would."""
+        self.click(self.window.header.link)
+        panel = self.window.connect_panel
+        self.until(panel.isVisible, "the connect panel")
+        panel.port.lineEdit().selectAll()
+        self.keys(port, panel.port.lineEdit())
+        self.click(panel.connect_button)
+        self.until(self.window.desk.connected, "the board")
+        self.until(self.window.desk.live.has_data, "the first sample")
+        self.note("connected")
 
-    def run_plan(self, picture_at: int = 9) -> int:
-        """Arm, start, type every reading with Enter until the run has ended; returns the number of readings."""
-        sequence, desk, bar = self.window.live.sequence, self.window.desk, self.window.live.reading
+    def start_run(self) -> None:
+        """Arm and start the plan."""
+        sequence = self.window.live.sequence
         self.click(sequence.buttons["arm"])
         self.until(lambda: self.state() is SessionState.ARMED, "armed")
         self.click(sequence.buttons["start"])
         self.until(lambda: self.state() is SessionState.RUNNING, "running")
         self.note("started")
+
+    def state(self) -> SessionState:
+        return self.window.desk.session.snapshot().state
+
+    def run_plan(self, picture_at: int = 9) -> int:
+        """Arm, start, type every reading with Enter until the run has ended; returns the number of readings."""
+        desk, bar = self.window.desk, self.window.live.reading
+        self.start_run()
         read, asked = 0, None
         while self.state() is SessionState.RUNNING or self.state() is SessionState.FINISHING:
             waiting = desk.session.snapshot().waiting_for_reading
@@ -207,9 +225,7 @@ def killed(journey: Journey) -> None:
     """Begin a run and be killed in it."""
     journey.connect_virtual()
     journey.choose_cycles(1)
-    journey.click(journey.window.live.sequence.buttons["arm"])
-    journey.until(lambda: journey.state() is SessionState.ARMED, "armed")
-    journey.click(journey.window.live.sequence.buttons["start"])
+    journey.start_run()
     journey.until(lambda: journey.window.desk.session.snapshot().recorded_s > 12, "some seconds of recording")
     os.kill(os.getpid(), signal.SIGKILL)
 
@@ -285,7 +301,77 @@ def keep_busy() -> None:
         sum(i * i for i in range(10_000))
 
 
-JOURNEYS = {"whole_session": whole_session, "killed": killed, "recover": recover, "vent": vent}
+def unplug(journey: Journey, way: str = "pty") -> None:
+    """Lose the board in the middle of a run and find it again: shown, data kept, nothing under pressure by itself."""
+    board = RestartedBoard(journey.folder, way)
+    window, desk = journey.window, journey.window.desk
+    journey.connect_to(board.port)
+    journey.choose_cycles(1)
+    journey.start_run()
+    journey.until(lambda: desk.session.snapshot().last.pressure_kpa > 30, "pressure")
+    recorded_s, kept = desk.session.snapshot().recorded_s, len(desk.session.ring)
+
+    board.kill()
+    began = time.perf_counter()
+    journey.until(lambda: "unplugged" in window.header.link.text(), "the loss in the head", 10)
+    shown_s = time.perf_counter() - began
+    journey.until(lambda: journey.state() is SessionState.FAULT, "the fault", 5)
+    journey.keep("7-unplugged")
+    said = journey.strip()
+
+    board.start()
+    began = time.perf_counter()
+    journey.until(lambda: "connected" in window.header.link.text(), "the board again", 15)
+    back_s = time.perf_counter() - began
+    journey.until(lambda: len(desk.session.ring) > kept + 300, "samples again", 15)
+    journey.keep("8-replugged")
+    at_rest = max(abs(float(p)) for p in desk.session.ring.view(last=200)["pressure_kpa"])
+    state, target = journey.state(), desk.session.snapshot().last.target_kpa
+
+    journey.click(window.live.sequence.buttons["clear"])
+    journey.until(lambda: journey.state() is not SessionState.FAULT, "the fault cleared", 10)
+    QTest.qWait(500)
+    target_later = desk.session.snapshot().last.target_kpa
+    recording = desk.session.snapshot().recording
+    window.undo.stack.clear()
+    desk.toggle_recording()
+    journey.until(lambda: desk.session.snapshot().recording is None, "the recording closed")
+    board.kill()
+    journey.done(
+        shown_s=round(shown_s, 2), back_s=round(back_s, 2), said=said, state=state.value, at_rest_kpa=at_rest,
+        targets=[target == target, target_later == target_later], recorded_s=recorded_s, recording=str(recording),
+    )  # fmt: skip
+
+
+class RestartedBoard:
+    """A virtual board in a process that is killed and started again, with one identity, at one place."""
+
+    def __init__(self, folder: Path, way: str) -> None:
+        if way == "pty":
+            self.port = str(folder / "board")
+            self._place = ["--pty", "--link", self.port]
+        else:
+            with socket.create_server(("127.0.0.1", 0)) as probe:
+                number = probe.getsockname()[1]
+            self.port = f"socket://127.0.0.1:{number}"
+            self._place = ["--tcp", f"127.0.0.1:{number}"]
+        self.start()
+
+    def start(self) -> None:
+        """Plug it in; returns when it can be found."""
+        command = [sys.executable, "-m", "boat_daq", "board", *self._place, "--speed", f"{SPEED:g}", "--json"]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE)
+        assert self._process.stdout is not None
+        self._process.stdout.readline()
+
+    def kill(self) -> None:
+        """Pull the plug."""
+        self._process.kill()
+        self._process.wait()
+
+
+JOURNEYS = {"unplug": unplug, "whole_session": whole_session, "killed": killed, "recover": recover, "vent": vent}
 
 if __name__ == "__main__":
-    JOURNEYS[sys.argv[1]](Journey(Path(sys.argv[2]), *sys.argv[3:]))
+    name, _, of = sys.argv[1].partition(":")
+    JOURNEYS[name](Journey(Path(sys.argv[2]), *sys.argv[3:]), *filter(None, [of]))

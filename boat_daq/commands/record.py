@@ -41,6 +41,9 @@ def record(
     resume: Annotated[
         Path | None, typer.Option(metavar="FILE.boat", help="Go on with the broken run of this recording.")
     ] = None,
+    allow_remote: Annotated[
+        bool, typer.Option("--allow-remote", help="Let socket://HOST:PORT leave this machine.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Record a session: with a plan the pressure sequence is run, without one it only listens.
@@ -71,6 +74,7 @@ def record(
             unit=broken.unit,
             metadata={**metadata, "unit": broken.unit},
             broken=broken,
+            allow_remote=allow_remote,
         )
     else:
         chosen = choose_plan(plan, **changes)
@@ -85,6 +89,7 @@ def record(
             unit=unit,
             duration_s=duration,
             metadata=metadata,
+            allow_remote=allow_remote,
         )
     summary, failure = run_session(
         request, (lambda session: enter_readings(session, readings)) if readings is not None else None

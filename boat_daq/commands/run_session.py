@@ -5,6 +5,7 @@ Used by `record` and `demo`. The session decides and acts; this file waits, show
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ from boat_daq.commands.console import progress_bar, say
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.resumption import BrokenRun
 from boat_daq.engine.session import Session
+from boat_daq.engine.settings import load_settings
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.engine.summary import Summary, summarise
 from boat_daq.errors import BoatDaqError
@@ -36,6 +38,7 @@ class SessionRequest:
     duration_s : without a plan, seconds of board time to listen; None until Ctrl-C.
     metadata : operator, unit, note.
     broken : the run that goes on, in its own recording `path`; None begins one.
+    allow_remote : whether a TCP port may be on another computer, whatever the settings say.
     """
 
     port: str
@@ -47,6 +50,7 @@ class SessionRequest:
     duration_s: float | None = None
     metadata: Mapping[str, Any] = field(default_factory=dict)
     broken: BrokenRun | None = None
+    allow_remote: bool = False
 
 
 def run_session(request: SessionRequest, after_run: Callable[[Session], object] | None = None) -> tuple[Summary, str]:
@@ -61,7 +65,8 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
     DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails on the way is no error
         here: the recording holds what came.
     """
-    session = Session()
+    settings = load_settings()
+    session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
     try:
         session.connect(
             request.port,

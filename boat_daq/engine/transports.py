@@ -153,7 +153,7 @@ class SocketTransport:
         if not allow_remote and not _is_loopback(host):
             raise DeviceError(
                 f"{host} is not this machine, and the link is neither encrypted nor protected",
-                "Allow remote ports in the settings if the network is yours.",
+                "Add --allow-remote, or allow remote ports in the settings, if the network is yours.",
             )
         try:
             self._socket = socket.create_connection((host, port), timeout=2.0)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QApplication
 
 from boat_daq.gui.commands import Command, Registry
 from boat_daq.gui.plot_card import PlotCard
-from boat_daq.viewmodels.desk import PAGES
+from boat_daq.viewmodels.desk import FIDELITIES, PAGES
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -78,7 +78,13 @@ def view(window: MainWindow) -> list[Command]:
         Command("View", "Follow the system's theme", "Ctrl+Alt+S", lambda: window.choose_theme("system"), apart=True),
         Command("View", "Light", "Ctrl+Alt+L", lambda: window.choose_theme("light")),
         Command("View", "Dark", "Ctrl+Alt+D", lambda: window.choose_theme("dark")),
-        Command("View", "Full screen", "F11", window.toggle_full_screen),
+        *(
+            Command(
+                "View", f"Compute: {level}", f"Ctrl+Alt+{i}", partial(window.desk.set_fidelity, level), apart=i == 1
+            )
+            for i, level in enumerate(FIDELITIES, 1)
+        ),
+        Command("View", "Full screen", "F11", window.toggle_full_screen, apart=True),
     ]
 
 

@@ -62,7 +62,7 @@ class OpticsPage(QWidget):
         self.face = widgets.choice("Face with the cavities", [(f"{face} face", face) for face in FACES])
         self.curves = widgets.choice("Deformation curves", [(words, name) for name, words in CURVES.items()])
         self.curves.addItem("From a file \u2026", FROM_FILE)
-        self.rays = widgets.choice("Rays", [(f"{n} rays", n) for n in RAYS])
+        self.rays = widgets.choice("Rays", [(f"{n} rays" if n else "Rays by fidelity", n) for n in RAYS])
         for field in (*self.fields.values(), self.face):
             field.activated.connect(lambda _: self._choose())
         self.curves.activated.connect(lambda _: self._choose_curves())

@@ -22,10 +22,15 @@ from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.files import ask_open, ask_save
 from boat_daq.gui.tradeoff_chart import TradeoffCard
-from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.desk import FIDELITIES, Desk
 from boat_daq.viewmodels.tradeoff import METHODS
 from boat_daq.viewmodels.tradeoff_report import MethodChart, duration_text, error_text
 
+FIDELITY_WORDS = {
+    "draft": "Draft: fast, rough",
+    "normal": "Normal: nobody notices",
+    "reference": "Reference: slow, exact",
+}
 NOTHING_YET = (
     "What does the next digit cost? Measure, and every setting of this method stands here with its time on this "
     "machine and its error against an independent reference."
@@ -128,6 +133,9 @@ class TradeoffPage(QWidget):
         )
         self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
         self.kind.activated.connect(lambda _: self.model.set_quick(bool(self.kind.currentData())))
+        self.level = widgets.choice("How fine the program computes", [(FIDELITY_WORDS[n], n) for n in FIDELITIES])
+        self.level.setToolTip("Optics, shadow, posterior and live plots are computed as finely as this (View menu too)")
+        self.level.activated.connect(lambda _: self.desk.set_fidelity(str(self.level.currentData())))
         attempt = self.desk.notices.attempt
         self.start = widgets.button("Measure", partial(attempt, self.model.toggle), "primary")
         self.progress = QProgressBar()
@@ -142,6 +150,9 @@ class TradeoffPage(QWidget):
         inside.addWidget(self.progress)
         inside.addWidget(self.status)
         inside.addLayout(widgets.row(self.open, self.save))
+        inside.addSpacing(style.GAP)
+        inside.addWidget(widgets.label("Fidelity", "subtitle"))
+        inside.addWidget(self.level)
         return frame
 
     def _right(self) -> QVBoxLayout:
@@ -167,6 +178,7 @@ class TradeoffPage(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the measurement under way; the rest where it has changed."""
+        self.level.setCurrentIndex(self.level.findData(self.desk.fidelity))
         work = self.model.work
         widgets.set_text(self.start, "Stop" if work is not None else "Measure")
         self.progress.setVisible(work is not None)

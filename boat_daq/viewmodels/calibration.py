@@ -16,6 +16,7 @@ import numpy as np
 
 from analysis.agreement import Agreement, compare_fits
 from analysis.errors import AnalysisError
+from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.session import Session, SessionState
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError
@@ -69,6 +70,7 @@ class CalibrationModel:
     def __init__(self, session: Session, units: UnitLibrary, bench: Bench, changes: Changes | None = None) -> None:
         self.session, self.units, self.bench = session, units, bench
         self._changes = changes if changes is not None else History()
+        self.fidelity: Fidelity = fidelity()
         self.result: RunResult | None = None
         self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
@@ -124,6 +126,10 @@ class CalibrationModel:
         if result is not None and self.before is not None:
             self.agreements = tuple(map(_agreement, result.sensors, self.before.content.get("sensors", [])))
 
+    def set_fidelity(self, level: Fidelity) -> None:
+        """Analyse and sample as finely as this from now on."""
+        self.fidelity = level
+
     def sample(self) -> None:
         """Sample the posterior in the background.
 
@@ -134,7 +140,14 @@ class CalibrationModel:
         if self.result is None or not self.result.calibrated:
             raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
         points = [(s.x.tolist(), s.y.tolist(), int((s.content or {})["fit"]["degree"])) for s in self.result.sensors]
-        work = Work("Sampling the posterior", POSTERIOR, points, self.result.reading_sd_mm, report=True)
+        work = Work(
+            "Sampling the posterior",
+            POSTERIOR,
+            points,
+            self.result.reading_sd_mm,
+            max_steps=self.fidelity.posterior_steps,
+            report=True,
+        )
         self.bench.start("posterior", work, self._sampled)
 
     def _sampled(self, work: Work) -> None:

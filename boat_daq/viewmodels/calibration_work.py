@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.loops import Loops
 from analysis.pipeline import Analysis, Options, SensorAnalysis, analyse
-from analysis.posterior import sample_posterior
+from analysis.posterior import MAX_STEPS, sample_posterior
 from analysis.recording import load_recording
 from analysis.repeatability import per_cycle, sensitivity_per_cycle
 from boat_daq.viewmodels.figures import FIGURES, figure_rows, figure_text
@@ -124,6 +124,7 @@ def sample_run(
     reading_sd_mm: float,
     *,
     seed: int = 0,
+    max_steps: int = MAX_STEPS,
     progress: Progress | None = None,
 ) -> tuple[PosteriorResult, ...]:
     """Return the posterior of each sensor's calibration, as bands on a grid.
@@ -131,6 +132,7 @@ def sample_run(
     Parameters
     ----------
     points : for each sensor elongations (mm), signals (mV) and the degree.
+    max_steps : of the sampler.
     """
     results = []
     for number, (x, y, degree) in enumerate(points):
@@ -138,7 +140,9 @@ def sample_run(
         def tell(done: float, total: float, /, number: int = number) -> None:
             _tell(progress, number + done / total, len(points))
 
-        posterior = sample_posterior(x, y, degree, reading_sd=reading_sd_mm, seed=seed + number, progress=tell)
+        posterior = sample_posterior(
+            x, y, degree, reading_sd=reading_sd_mm, seed=seed + number, max_steps=max_steps, progress=tell
+        )
         grid = np.linspace(min(x), max(x), GRID)
         results.append(
             PosteriorResult(

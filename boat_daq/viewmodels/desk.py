@@ -13,6 +13,8 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
+from analysis.fidelity import LEVELS as FIDELITIES
+from analysis.fidelity import fidelity
 from boat_daq.engine.session import LinkState, Session, SessionSnapshot, SessionState
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError
@@ -35,6 +37,7 @@ from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
 from boat_daq.viewmodels.tradeoff import TradeoffModel
 from boat_daq.viewmodels.work import Bench
 
+DEFAULT_LEVEL = "normal"
 PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
 LEVELS = {"info": Level.INFORMATION, "warning": Level.WARNING, "error": Level.FAULT}
@@ -81,6 +84,7 @@ class Desk:
         self.runs = RunsModel(recordings, self.units, self.bench)
         self.optics = OpticsModel(self.bench)
         self.tradeoff = TradeoffModel(self.bench, folder, self.preferences)
+        self._take_fidelity()
         self.preparation = Preparation()
         self.conversion: Conversion | None = None
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay, lambda: session.ring)
@@ -92,6 +96,24 @@ class Desk:
         self._link_notices: list[Notice] = []  # they leave by themselves once the link is up again
         self.snapshot = session.snapshot()
         self._last_message = max((m.number for m in self.snapshot.messages), default=0)
+
+    @property
+    def fidelity(self) -> str:
+        """How fine the window computes: a name of `analysis.fidelity.LEVELS`, remembered."""
+        level = self.preferences.get("fidelity", DEFAULT_LEVEL)
+        return level if level in FIDELITIES else DEFAULT_LEVEL
+
+    def set_fidelity(self, level: str) -> None:
+        """Compute as finely as `level` from now on; what is shown stays until it is asked for again."""
+        self.preferences.set("fidelity", level)
+        self._take_fidelity()
+
+    def _take_fidelity(self) -> None:
+        chosen = fidelity(self.fidelity)
+        self.live.points_a_column = chosen.points_a_column
+        self.optics.set_fidelity(chosen)
+        self.shadow.set_fidelity(chosen.level)
+        self.calibration.set_fidelity(chosen)
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and what background work has brought; say what is new in the strip."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TypeVar
 
+from analysis.fidelity import Fidelity, fidelity
 from boat_daq.viewmodels.formatting import number
 from boat_daq.viewmodels.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
 from boat_daq.viewmodels.work import Bench, Work, WorkState
@@ -19,7 +20,8 @@ STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 CAVITIES = (3, 5, 7)
 PAPER: Values = (5, 1.0, 0.5, 0.9)
 STATES = 15
-RAYS = (250, 1000, 2500)
+BY_FIDELITY = 0
+RAYS = (BY_FIDELITY, 250, 1000, 2500, 10_000)
 FACES = ("outer", "inner")
 CURVES = {"default": "Shadow's curves", "parametric": "Parametric curves"}
 SEARCH_S = 50.0
@@ -42,7 +44,8 @@ class OpticsModel:
         self.face = FACES[0]
         self.curves = next(iter(CURVES))
         self.state = STATES // 2
-        self.rays = RAYS[0]
+        self.rays = BY_FIDELITY
+        self.fidelity: Fidelity = fidelity()
         self.result: DesignResult | None = None
         self.problem = ""
         self.revision = 0
@@ -80,21 +83,38 @@ class OpticsModel:
     def choose(self, values: Values, face: str = "") -> None:
         """Look at a design, traced in the background where it is new."""
         self.values, self.face, self.problem = values, face or self.face, ""
-        key = (values, self.face, self.rays, self.curves)
+        key = (values, self.face, self.traced_rays, self.curves)
         self.result = self._kept.get(key)
         self.revision += 1
         if self.result is None:
-            work = Work("Tracing rays", f"{WORK}:trace_design", values, self.rays, self.curves, self.face, report=True)
+            work = Work(
+                "Tracing rays", f"{WORK}:trace_design", values, self.traced_rays, self.curves, self.face, report=True
+            )
 
             def traced(done: Work) -> None:
                 self._traced(done, key)
 
             self.bench.start("optics", work, traced)
 
+    @property
+    def traced_rays(self) -> int:
+        """Rays of one design: what was set by hand, else what the fidelity says."""
+        return self.rays or self.fidelity.rays
+
+    @property
+    def swept_rays(self) -> int:
+        """Rays of each simulation of a sweep: what was set by hand, else what the fidelity says."""
+        return self.rays or self.fidelity.ranking_rays
+
     def set_rays(self, rays: int) -> None:
-        """Trace with another number of rays."""
+        """Trace with another number of rays; `BY_FIDELITY` leaves it to the fidelity."""
         self.rays = rays
         self.choose(self.values)
+
+    def set_fidelity(self, level: Fidelity) -> None:
+        """Trace and sweep as finely as this from now on; what is shown stays until it is asked for again."""
+        self.fidelity = level
+        self.revision += 1
 
     def set_curves(self, name: str) -> None:
         """Take other deformation curves: a key of `CURVES`, or the path of a file."""
@@ -111,7 +131,7 @@ class OpticsModel:
             self._kept[key] = found
             while len(self._kept) > KEPT:
                 del self._kept[next(iter(self._kept))]
-            if key == (self.values, self.face, self.rays, self.curves):
+            if key == (self.values, self.face, self.traced_rays, self.curves):
                 self.result = found
 
     def _outcome(self, work: Work, kind: type[T]) -> T | None:
@@ -153,7 +173,7 @@ class OpticsModel:
             self.bench.cancel("sweep")
             return
         curves = self.curves
-        work = Work("Sweeping 9 720 simulations", f"{WORK}:sweep", CAVITIES, self.rays, curves, report=True)
+        work = Work("Sweeping 9 720 simulations", f"{WORK}:sweep", CAVITIES, self.swept_rays, curves, report=True)
 
         def swept(done: Work) -> None:
             found = self._outcome(done, SweepSummary)
@@ -176,7 +196,8 @@ class OpticsModel:
         )
         tied = int(s.tied.sum())
         return (
-            f"{number(s.simulated, 0)} simulations in {number(s.seconds, 1)} s   best: {best}, tied with {tied}{paper}"
+            f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays in {number(s.seconds, 1)} s   "
+            f"best: {best}, tied with {tied}{paper}"
         )
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:

@@ -21,6 +21,7 @@ from analysis.optics.frame import Frame
 from analysis.optics.optimise import optimise
 from analysis.optics.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.scene import outline
+from analysis.optics.sensitivity import proportional
 from analysis.optics.simulation import ray_paths, trace
 from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
 from boat_daq.viewmodels.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
@@ -74,7 +75,8 @@ def trace_design(
     ------
     AnalysisError : the design does not fit, or the curves cannot be read.
     """
-    design, guide, light = Design(*values, face), Waveguide(), Light(rays=rays)  # type: ignore[arg-type]  # checks it
+    design = Design(*values, face)  # type: ignore[arg-type]  # the face checks itself
+    guide, light = Waveguide(), proportional(Light(), rays)
     states = curves_of(curves)
     frames = frames_of(states, guide)
     scenes, outcomes = [], []
@@ -113,7 +115,9 @@ def sweep(
     cavities: tuple[int, ...], rays: int, curves: str = "default", *, progress: Progress | None = None
 ) -> SweepSummary:
     """Sweep the paper's grid over the states of `curves`; return what the page draws."""
-    request = SweepRequest(designs=tuple(paper_grid(cavities)), light=Light(rays=rays), curves=curves_of(curves))
+    request = SweepRequest(
+        designs=tuple(paper_grid(cavities)), light=proportional(Light(), rays), curves=curves_of(curves)
+    )
     result = run_sweep(request, progress=progress)
     found = result.merit()
     paper = result.find(PAPER_OPTIMUM)

@@ -95,7 +95,7 @@ class ShadowLive:
         self._ring, self._inverse, self._bench = ring, inverse, bench
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="shadow")
         self._loading: Future[Shadow] | None = None
-        self._asked = False
+        self._asked, self._level = False, "normal"
         self.model: Shadow | None = None
         self.quantity = "displacement"
         self.show_cost = False
@@ -108,12 +108,17 @@ class ShadowLive:
         """Have the table built by a helper process, once."""
         if not self._asked:
             self._asked = True
-            work = Work("Preparing the shadow", "boat_daq.viewmodels.shadow_work:warm", report=True)
+            work = Work("Preparing the shadow", "boat_daq.viewmodels.shadow_work:warm", self._level, report=True)
             self._bench.start("shadow", work, self._built)
+
+    def set_fidelity(self, level: str) -> None:
+        """Use another fidelity: its shadow is prepared when it is next asked for; until then the one there is stays."""
+        if level != self._level:
+            self._level, self._asked = level, False
 
     def _built(self, work: Work) -> None:
         if work.state is WorkState.DONE:
-            self._loading = self._pool.submit(load_model)
+            self._loading = self._pool.submit(load_model, self._level)
         elif work.failure is not None:
             self.problem = work.failure.cause
 
@@ -245,10 +250,10 @@ def _measured_lines(now: Moment) -> tuple[tuple[str, str, str], ...]:
     return (("Measured", words, state), ("Pressure", f"{number(now.pressure, 1, sign=True)} kPa", ""))
 
 
-def load_model() -> Any:
+def load_model(level: str = "normal") -> Any:
     """Return the shadow, ready to answer; its table comes from the cache, or is built (some seconds)."""
-    from analysis.shadow.shadow import Shadow  # on the helper thread, not with the window
+    from boat_daq.viewmodels.shadow_work import shadow_of  # on the helper thread, not with the window
 
-    model = Shadow()
+    model = shadow_of(level)
     model.state(pressure_kpa=20.0, elongation_mm=1.0)
     return model

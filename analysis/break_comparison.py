@@ -21,6 +21,7 @@ Source: NIST/SEMATECH e-Handbook 1.3.5.3 and 1.3.5.9; Holm, Scand. J. Statist. 6
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
@@ -113,10 +114,11 @@ def compare_breaks(recording: Recording, cycles: Cycles, loops: Loops) -> tuple[
     of_cycle = {cycle.number: int(recording.segment[cycle.first]) for cycle in cycles.complete}
     part = np.searchsorted(firsts, [of_cycle[number] for number in loops.numbers], side="right")
     names = recording.sensor_names
-    found = tuple(
-        _compare(entry, loops, np.flatnonzero(part == k), np.flatnonzero(part == k + 1), names)
-        for k, entry in enumerate(entries)
-    )
+    # a break that another one followed before a cycle was whole parts nothing
+    kept = [k for k in range(len(entries)) if k == len(entries) - 1 or (part == k + 1).any()]
+    edges = [0, *(k + 1 for k in kept)]
+    sides = [np.flatnonzero((part >= a) & (part < b)) for a, b in itertools.pairwise([*edges, len(entries) + 1])]
+    found = tuple(_compare(entries[k], loops, sides[i], sides[i + 1], names) for i, k in enumerate(kept))
     if loops.binned or any(one.verdict != "untested" for one in found):
         return found
     # plateaus that the cycles do not share: the samples themselves still say whether the parts differ

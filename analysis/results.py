@@ -19,6 +19,7 @@ from analysis.boat_file import is_boat_file, opened, store_result
 from analysis.errors import AnalysisError
 from analysis.pipeline import Analysis, Options, analyse
 from analysis.plateaus import PlateauSettings
+from protocol.recording import breaks_of, read_session
 
 
 def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path | None = None) -> str:
@@ -48,9 +49,9 @@ def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) ->
     Returns
     -------
     Its content as `store_analysis` would keep it; None where it rests on more than the recording holds (a file of
-    elongations) or a reading was corrected since.
+    elongations), a reading was corrected since, or the run went on since.
     """
-    if "elongation" in parameters or _corrected_since(Path(run), result_id):
+    if "elongation" in parameters or _corrected_since(Path(run), result_id) or _went_on_since(Path(run), result_id):
         return None
     stored = dict(parameters["options"])
     options = Options(**{**stored, "plateau": PlateauSettings(**stored["plateau"])})
@@ -62,6 +63,11 @@ def _corrected_since(run: Path, result_id: int) -> bool:
     with opened(run) as db:
         query = "SELECT count(*) FROM reading WHERE utc > (SELECT utc FROM result WHERE id = ?)"
         return bool(db.execute(query, (result_id,)).fetchone()[0])
+
+
+def _went_on_since(run: Path, result_id: int) -> bool:
+    with opened(run) as db:
+        return any(entry["last_result"] >= result_id for entry in breaks_of(read_session(db)))
 
 
 def finite(value: Any) -> Any:

@@ -28,7 +28,7 @@ from boat_daq.engine.recording_rows import (
     reading_row,
     result_row,
 )
-from boat_daq.engine.resumption import BrokenRun, reopen
+from boat_daq.engine.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import BRANCHES, describe_dtype, sample_dtype
 
@@ -79,10 +79,11 @@ class Recorder:
     ) -> None:
         self.path = path
         self.remark = ""  # after `close`: what the reader should know of the file
+        self._breaks: list[dict[str, Any]]
         if goes_on is None:
-            self._file, before = RecordingFile.create(path, meta), Counters()
+            self._file, before, self._breaks = RecordingFile.create(path, meta), Counters(), []
         else:
-            self._file, before = reopen(goes_on, meta)
+            self._file, before, self._breaks = reopen(goes_on, meta)
         dtype = describe_dtype(sample_dtype(int(meta["n_sensors"]), meta["sample_kind"]))
         self._rows = RowMaker({**meta, "sample_dtype": dtype}, before)
         self._health = health
@@ -94,6 +95,7 @@ class Recorder:
         self._changed = threading.Condition()
         self._taken = self._committed = 0  # items
         self._steps = before.step
+        self._break_kept = goes_on is not None
         self._acknowledged = Acknowledged()
         self._error: StorageError | None = None  # of the last commit
         self._told: set[str] = set()
@@ -144,6 +146,36 @@ class Recorder:
         A link, START and a restarted board begin one by themselves.
         """
         self._later(lambda rows, host_ns: rows.begin_segment(reason, host_ns, paused=paused))
+
+    def run_goes_on(self, cause: str, *, first_cycle: int, complete_cycles: int) -> None:
+        """Keep the break of a run that goes on while its recording stayed open (the board was unplugged), as a segment.
+
+        A recording that was opened to go on in it has its break already: then nothing is kept.
+        """
+        if self._break_kept:
+            self._break_kept = False
+            return
+        self._later(lambda rows, host_ns: self._break_here(rows, host_ns, cause, first_cycle, complete_cycles))
+
+    def _break_here(
+        self, rows: RowMaker, host_ns: int, cause: str, first_cycle: int, complete_cycles: int
+    ) -> Iterator[Statement]:
+        """Give the rows of a break at the newest sample."""
+        yield from rows.begin_segment(RESUMED, host_ns)
+        entry = break_entry(
+            cause=cause,
+            break_s=None,
+            host_ns=host_ns,
+            first_segment=rows.segment,
+            first_chunk=rows.chunks + 1,
+            first_step=self._steps + 1,
+            first_cycle=first_cycle,
+            complete_cycles=complete_cycles,
+            last_result=0,
+        )
+        self._breaks = [*self._breaks, entry]
+        yield from set_meta({"resumptions": self._breaks})
+        yield from rows.event(host_ns, "host", "break_s", None, break_text(entry))
 
     def event(
         self, source: str, kind: str, *, value: float | None = None, text: str = "", time_us: int | None = None

@@ -21,7 +21,7 @@ from boat_daq import __version__
 from boat_daq.engine.checked import build
 from boat_daq.engine.file_lock import is_being_written
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.recording_file import RecordingFile, Statement, now_utc, set_meta
+from boat_daq.engine.recording_file import RecordingFile, now_utc, set_meta
 from boat_daq.engine.recording_rows import INSERT_EVENT, Counters
 from boat_daq.engine.recovery import recover
 from boat_daq.engine.sequencer import resume_point
@@ -29,6 +29,7 @@ from boat_daq.engine.snapshot import Reading, StepMark
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import breaks_of, open_recording, read_session
 
+RESUMED = "resumed after a break"  # reason of the segment behind it
 _STEP_COLUMNS = (
     "id",
     "cycle",
@@ -185,8 +186,8 @@ def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] |
     )
 
 
-def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFile, Counters]:
-    """Open the recording to go on in it, and write down the break.
+def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFile, Counters, list[dict[str, Any]]]:
+    """Open the recording to go on in it, and write down the break; returns the file, its counters and its breaks.
 
     Parameters
     ----------
@@ -199,11 +200,17 @@ def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFil
     file = RecordingFile.resume(broken.path)
     try:
         counters = _count(broken.path)
-        file.commit(_break(broken, counters, metadata))
+        entry = _break(broken, counters, metadata)
+        breaks = [*breaks_of(broken.meta), entry]
+        going_on = {"status": "recording", "ended_utc": None, "ended_host_ns": None, "stop_reason": None}
+        event = (
+            counters.event + 1, entry["host_ns"], None, None, "host", "break_s", entry["break_s"], break_text(entry)
+        )  # fmt: skip
+        file.commit([*set_meta({**going_on, "resumptions": breaks}), (INSERT_EVENT, event)])
     except BaseException:
         file.abandon()
         raise
-    return file, counters.after_an_event()
+    return file, counters.after_an_event(), breaks
 
 
 def _count(path: Path) -> Counters:
@@ -226,29 +233,32 @@ def _count(path: Path) -> Counters:
         )
 
 
-def _break(broken: BrokenRun, counters: Counters, metadata: Mapping[str, Any]) -> list[Statement]:
-    """Return the statements that say: broken here, goes on there."""
-    utc, host_ns = now_utc(), time.monotonic_ns()
+def _break(broken: BrokenRun, counters: Counters, metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entry that says: broken here, goes on there."""
     ended = broken.meta["ended_utc"]
-    away_s = (datetime.fromisoformat(utc) - datetime.fromisoformat(ended)).total_seconds() if ended else None
-    entry = {
-        "utc": utc,
-        "host_ns": host_ns,
-        "cause": broken.cause,
-        "break_s": away_s,
-        "first_segment": counters.segment + 1,
-        "first_chunk": counters.chunks + 1,
-        "first_step": counters.step + 1,
-        "first_cycle": broken.first_cycle,
-        "complete_cycles": broken.complete_cycles,
-        "last_result": counters.result,
-        "program_version": __version__,
+    away = (datetime.now().astimezone() - datetime.fromisoformat(ended)).total_seconds() if ended else None
+    return break_entry(
+        cause=broken.cause,
+        break_s=away,
+        host_ns=time.monotonic_ns(),
+        first_segment=counters.segment + 1,
+        first_chunk=counters.chunks + 1,
+        first_step=counters.step + 1,
+        first_cycle=broken.first_cycle,
+        complete_cycles=broken.complete_cycles,
+        last_result=counters.result,
         **{key: metadata.get(key) for key in ("operator", "note", "port")},
-    }
-    resumptions = [*breaks_of(broken.meta), entry]
-    text = (
-        f"broken ({broken.cause}) after {broken.complete_cycles} complete cycles; goes on at cycle {broken.first_cycle}"
     )
-    going_on = {"status": "recording", "ended_utc": None, "ended_host_ns": None, "stop_reason": None}
-    event = (counters.event + 1, host_ns, None, None, "host", "break_s", away_s, text)
-    return [*set_meta({**going_on, "resumptions": resumptions}), (INSERT_EVENT, event)]
+
+
+def break_entry(*, cause: str, break_s: float | None, **keys: Any) -> dict[str, Any]:
+    """Return an entry of `session.resumptions`, made now (`protocol.recording` names its keys)."""
+    return {"utc": now_utc(), "cause": cause, "break_s": break_s, "program_version": __version__, **keys}
+
+
+def break_text(entry: Mapping[str, Any]) -> str:
+    """Return the words of the event `break_s`."""
+    return (
+        f"broken ({entry['cause']}) after {entry['complete_cycles']} complete cycles; "
+        f"goes on at cycle {entry['first_cycle']}"
+    )

@@ -80,6 +80,7 @@ class Session:
         self._keeper = Keeper(self._core, self.settings, end_recording=self._end_recording)
         self._unit = ""
         self._recording_since_us = 0
+        self._goes_on: tuple[int, int] | None = None  # first cycle and complete cycles of an armed run that goes on
 
     @property
     def ring(self) -> RingBuffer | None:
@@ -275,10 +276,12 @@ class Session:
             if complete >= plan.cycles:
                 raise OperatorError("the run has all its cycles", "begin a new one")
             control.arm(plan, wait_for_reading=wait_for_reading, first_cycle=first, complete_cycles=complete)
-            if self._core.journal.recorder is not None and not go_on:
+            recorder = self._core.journal.recorder
+            self._goes_on = (first, complete) if go_on else None
+            if recorder is not None and not go_on:
                 limits = control.interlock.limits
                 assert limits is not None
-                self._core.journal.recorder.update_meta(
+                recorder.update_meta(
                     plan=dataclasses.asdict(plan), limits_pa=[1000 * limits.min_kpa, 1000 * limits.max_kpa]
                 )
 
@@ -297,6 +300,11 @@ class Session:
         space = self._space_check()
         with self._core.acting() as control:
             control.start([space])
+            journal, goes_on, self._goes_on = self._core.journal, self._goes_on, None
+            if goes_on is not None and journal.recorder is not None:
+                first, complete = goes_on
+                cause = journal.ended or "interrupted"
+                journal.recorder.run_goes_on(cause, first_cycle=first, complete_cycles=complete)
 
     def _space_check(self) -> Check:
         """Whether what the plan will record fits on the disk; nothing to ask where nothing is recorded."""

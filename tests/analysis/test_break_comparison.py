@@ -122,6 +122,18 @@ def test_too_few_cycles_are_said_to_be_untested(sizes: tuple[int, int]) -> None:
     assert len(parts_of([found])) == 1
 
 
+def test_a_break_with_nothing_behind_it_hides_no_other() -> None:
+    """Resumed, broken again before a cycle was whole, resumed once more: the parts on both sides are compared."""
+    run = broken_run(5.0)
+    twice = {"resumptions": [resumption(2), resumption(3)]}
+    segment = np.where(run.segment == 2, 3, 1)
+    recording = Recording.from_arrays(run.time_s, run.pressure_kpa, run.signal_mv, segment=segment, meta=twice)
+    (found,) = analyse(recording, options=Options(mcmc=False)).breaks
+    assert found.verdict == "differs"
+    assert len(found.before) > 1
+    assert len(found.after) > 1
+
+
 def test_values_without_any_scatter_are_compared_too() -> None:
     """A step between constants is a difference; none is none."""
     flat = np.full(5, 1600.0)

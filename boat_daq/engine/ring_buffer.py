@@ -18,6 +18,7 @@ from protocol.link import Samples
 from protocol.recording import SampleFlag
 
 DEFAULT_CAPACITY = 360_000  # an hour at 100 Hz
+LATER_US = 1_000_000
 
 
 class RingBuffer:
@@ -86,6 +87,15 @@ class RingBuffer:
         low = -math.inf if from_s is None else from_s
         high = math.inf if to_s is None else to_s
         return self._named(self._pyramid.draw(low, high, max(64, max_points)))
+
+    def time_of(self, board_us: int) -> float | None:
+        """Return the screen's time of an instant of board time; None before the first sample, or from an earlier clock.
+
+        An instant is of an earlier clock where it lies more than a second after the newest sample.
+        """
+        if self._offset_us is None or board_us > self._last_us + LATER_US:
+            return None
+        return (board_us + self._offset_us) * 1e-6
 
     def _named(self, entries: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         return dict(zip(self.names, entries, strict=True))

@@ -266,10 +266,8 @@ class Desk:
 
     def picture_time(self, time_us: int) -> float | None:
         """Return the ring's time of an instant of board time, or None where the ring no longer holds it."""
-        last, now = self.snapshot.last, self.live.now_s()
-        if last is None or math.isnan(now):
-            return None
-        return now - (last.time_s - time_us * 1e-6)
+        ring = self.session.ring
+        return ring.time_of(time_us) if ring is not None else None
 
     def reading_points(self) -> tuple[list[float], list[float]]:
         """Return the ring's time and the elongation (mm) of every plateau that was read and is still in the ring."""

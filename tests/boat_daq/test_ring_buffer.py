@@ -174,6 +174,18 @@ def test_time_goes_on_where_the_boards_clock_begins_again():
     assert ring.view()["time_s"] == pytest.approx([0, 0.01, 0.02, 2.02, 2.03])
 
 
+def test_an_instant_of_board_time_has_its_place_in_the_picture():
+    """A sample's own board time gives its own time in the ring, also after a reset; one of the old clock gives none."""
+    ring = RingBuffer(2, mv_per_count=1.0, capacity=1000)
+    assert ring.time_of(0) is None
+    ring.append(samples_of(300, first_us=7_000_000, host_ns=0))
+    assert ring.time_of(7_000_000) == 0.0
+    assert ring.time_of(8_500_000) == pytest.approx(ring.view()["time_s"][150])
+    ring.append(samples_of(10, first_us=20_000, host_ns=5_000_000_000))
+    assert ring.time_of(20_000) == pytest.approx(ring.view()["time_s"][300])
+    assert ring.time_of(8_500_000) is None
+
+
 def test_what_is_implausible_is_not_drawn():
     """One absurd sample with a good checksum does not throw the axes; the others stay."""
     samples = samples_of(3)

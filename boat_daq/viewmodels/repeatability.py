@@ -23,6 +23,7 @@ from boat_daq.viewmodels.work import Bench, Work, WorkState
 Array = NDArray[np.float64]
 ANALYSIS = "boat_daq.viewmodels.calibration_work:analyse_run"
 EVERY_S = 20.0  # at the soonest, so that the helper takes a small share of the machine
+WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
 GROUPS = 12
 WARM_UP_FROM = 6  # cycles, before "warm-up" means anything
 
@@ -43,18 +44,33 @@ class RepeatabilityModel:
         self.revision = 0
         self._asked_at = -np.inf
         self._asked_cycles = 0
+        self._followed: Path | None = None
+        self._ended_at = np.inf
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Read the running recording again where enough is new."""
+        """Read the running recording again where enough is new, and once more when the run has ended."""
         progress = snapshot.progress
         if snapshot.state is not SessionState.RUNNING or snapshot.recording is None or progress is None:
+            if snapshot.state is not SessionState.FINISHING:
+                self._read_the_whole()
             return
+        self._ended_at = np.inf
         enough = progress.complete_cycles >= self._asked_cycles + 1 or progress.complete_cycles < self._asked_cycles
         continuous = getattr(snapshot.plan, "kind", "") == "continuous" and progress.complete_cycles >= 2
         free = self._clock() - self._asked_at >= EVERY_S and self.bench.get("repeatability") is None
         if continuous and enough and free:
             self._asked_at, self._asked_cycles = self._clock(), progress.complete_cycles
+            self._followed = snapshot.recording
             self.analyse(snapshot.recording, label="Repeatability so far")
+
+    def _read_the_whole(self) -> None:
+        """Read the run that has ended, once the recorder has written its last samples."""
+        if self._followed is None:
+            return
+        self._ended_at = min(self._ended_at, self._clock())
+        if self._clock() - self._ended_at >= WRITTEN_S and self.bench.get("repeatability") is None:
+            path, self._followed = self._followed, None
+            self.analyse(path)
 
     def analyse(self, path: Path, *, label: str = "") -> None:
         """Analyse a recording in the background."""

@@ -313,6 +313,13 @@ def test_a_running_plan_is_read_again_now_and_then(recording):
     assert len(asked) == 2
     model.follow(dataclasses.replace(running, plan=built_in_plans()["calibration"]))
     assert len(asked) == 2
+    over = dataclasses.replace(running, state=SessionState.IDLE, progress=None)
+    model.follow(over)
+    assert len(asked) == 2
+    now[0] += 1.0
+    for _ in range(3):
+        model.follow(over)
+    assert len(asked) == 3
 
 
 # ---- runs -----------------------------------------------------------------------------------------------------------

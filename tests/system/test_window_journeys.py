@@ -42,7 +42,7 @@ def screen(request):
 def travel(screen, tmp_path):
     """Run a journey in its own process and home; returns what it printed, and its folder."""
 
-    def go(name: str, *, expect: int = 0) -> dict[str, object]:
+    def go(name: str, *, expect: int = 0, patience_s: float = 220) -> dict[str, object]:
         folder = Path(os.environ.get(SHOTS, str(tmp_path)))
         folder.mkdir(parents=True, exist_ok=True)
         home = tmp_path / "home"
@@ -52,7 +52,7 @@ def travel(screen, tmp_path):
         }  # fmt: skip
         done = subprocess.run(
             [sys.executable, "-m", "tests.system.window_journey", name, str(folder)],
-            cwd=home, env=env, capture_output=True, text=True, timeout=220,
+            cwd=home, env=env, capture_output=True, text=True, timeout=patience_s,
         )  # fmt: skip
         assert done.returncode == expect, done.stdout + done.stderr
         return json.loads(done.stdout.splitlines()[-1]) if expect == 0 else {}
@@ -100,6 +100,21 @@ def test_unplugged_and_plugged_in_again(travel, capsys, way):
     assert samples[0] >= 100 * seen["recorded_s"] - 1
     assert sum(samples[1:]) >= 300
     assert "closed" in status
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(900)
+def test_a_hundred_cycles_in_the_window(travel, capsys):
+    """The page fills while the run goes, and has every cycle at its end, each with its figures near the unit's."""
+    seen = travel("hundred_cycles", patience_s=800)
+    with capsys.disabled():
+        print(f"\na hundred cycles: {seen['times']}, {seen['figures']}")
+    assert seen["ended"] == "finished"
+    assert 2 <= seen["while_running"] < 100
+    assert [f["cycles"] for f in seen["figures"]] == [100, 100]
+    assert [f["snr_db"] for f in seen["figures"]] == pytest.approx([44.8, 45.3], abs=3.0)
+    assert {f["unit"] for f in seen["figures"]} == {"mV/kPa"}
+    assert seen["lost"] == 0
 
 
 @pytest.mark.skipif(

@@ -343,10 +343,47 @@ def unplug(journey: Journey, way: str = "pty") -> None:
     )  # fmt: skip
 
 
+def hundred_cycles(journey: Journey, speed: str = "100") -> None:
+    """The plan of a hundred cycles, watched on its page while it runs; then its figures."""
+    board = RestartedBoard(journey.folder, "pty", float(speed))
+    window, desk = journey.window, journey.window.desk
+    journey.connect_to(board.port)
+    journey.click(window.navigation.buttons["Repeat"])
+    journey.click("Choose the plan")
+    journey.until(lambda: desk.sequence.plan.name == "repeatability", "the plan")
+    journey.start_run()
+    journey.click(window.navigation.buttons["Repeat"])
+    while_running = 0
+    model = desk.repeatability
+    while journey.state() in (SessionState.RUNNING, SessionState.FINISHING):
+        QTest.qWait(50)
+        if model.result is not None and not while_running:
+            while_running = model.result.cycles
+            journey.keep("9-repeat-running")
+    journey.note("run ended")
+    ended = desk.session.snapshot().run_ended
+    journey.until(
+        lambda: model.result is not None and model.result.cycles == desk.sequence.plan.cycles, "all cycles", 120
+    )
+    journey.note("all cycles shown")
+    QTest.qWait(300)
+    journey.keep("10-repeat")
+    figures = [
+        {"cycles": s.cycles.snr_db.size, "snr_db": float(s.cycles.snr_db.mean()), "unit": s.cycles.sensitivity_unit,
+         "sensitivity": float(s.cycles.sensitivity.mean()), "hysteresis": float(s.cycles.hysteresis_percent_fso.mean())}
+        for s in model.result.sensors
+    ]  # fmt: skip
+    board.kill()
+    journey.done(
+        ended=ended, while_running=while_running, figures=figures, lost=desk.session.snapshot().health.statistics.lost
+    )
+
+
 class RestartedBoard:
     """A virtual board in a process that is killed and started again, with one identity, at one place."""
 
-    def __init__(self, folder: Path, way: str) -> None:
+    def __init__(self, folder: Path, way: str, speed: float = SPEED) -> None:
+        self._speed = speed
         if way == "pty":
             self.port = str(folder / "board")
             self._place = ["--pty", "--link", self.port]
@@ -359,7 +396,7 @@ class RestartedBoard:
 
     def start(self) -> None:
         """Plug it in; returns when it can be found."""
-        command = [sys.executable, "-m", "boat_daq", "board", *self._place, "--speed", f"{SPEED:g}", "--json"]
+        command = [sys.executable, "-m", "boat_daq", "board", *self._place, "--speed", f"{self._speed:g}", "--json"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE)
         assert self._process.stdout is not None
         self._process.stdout.readline()
@@ -370,7 +407,14 @@ class RestartedBoard:
         self._process.wait()
 
 
-JOURNEYS = {"unplug": unplug, "whole_session": whole_session, "killed": killed, "recover": recover, "vent": vent}
+JOURNEYS = {
+    "unplug": unplug,
+    "hundred_cycles": hundred_cycles,
+    "whole_session": whole_session,
+    "killed": killed,
+    "recover": recover,
+    "vent": vent,
+}
 
 if __name__ == "__main__":
     name, _, of = sys.argv[1].partition(":")

@@ -5,13 +5,16 @@ Model: y_i = f(x_i + e_i) + noise. What was read on a grid is the centre of a ce
     mean      f(x_i) + f''(x_i) s_x^2 / 2
     variance  sigma^2 v_i + f'(x_i)^2 s_x^2 + f''(x_i)^2 s_x^4 / 2
 with f a polynomial, v_i relative variances where the noise is unequal. Priors: flat in the coefficients (optionally
-zero where the curve is not monotone over its range), 1/sigma. Without reading error and constraint the coefficients
-then have Student's t distribution with n - degree - 1 degrees of freedom: the closed form the tests compare with.
+zero where the curve is not monotone over its range), 1 / (sigma + t) for the noise, t = s_x times the rms slope of the
+least-squares curve: without reading error that is the usual 1/sigma, and where the reading error explains the scatter
+by itself it is flat, so that the posterior stays proper (with 1/sigma all of its mass would fall to sigma = 0).
+Without reading error and constraint the coefficients then have Student's t distribution with n - degree - 1 degrees of
+freedom: the closed form the tests compare with.
 
 Rules: the sampler walks in coordinates whitened by the least-squares fit, started in a ball of one standard error; the
 log-probability takes all walkers at once; a chain shorter than 50 autocorrelation times is called not converged.
-Sources: Foreman-Mackey et al., PASP 125 (2013) 306; Carroll et al., Measurement Error in Nonlinear Models (2006), 4.6;
-ISO/TS 28038:2018.
+Sources: Foreman-Mackey et al., PASP 125 (2013) 306; Goodman and Weare, CAMCoS 5 (2010) 65; Carroll et al., Measurement
+Error in Nonlinear Models (2006), 4.6; ISO/TS 28038:2018.
 """
 
 from __future__ import annotations
@@ -30,11 +33,13 @@ from analysis.polynomial import FloatArray
 
 Progress = Callable[[float, float], None]
 
-WALKERS = 64
-CHUNK = 1000
-MAX_STEPS = 4000
+WALKERS = 128
+CHUNK = 250
+MAX_STEPS = 10_000
 REQUIRED_TAUS = 50.0
-SIGMA_FLOOR = 1e-3  # of the residual sd: below it, noise that reading error explains away would have no lower end
+ENOUGH_SAMPLES = 12_000  # effective: a standard deviation is then known to 0.7 %
+PROPOSAL_DOF = 5.0
+SIGMA_FLOOR = 1e-6  # of the residual sd: where the noise could be zero its logarithm has no lower end
 MONOTONE_POINTS = 41
 KEPT_SAMPLES = 8000
 
@@ -156,10 +161,8 @@ def sample_posterior(
     target = _Target.of(calibration, reading_sd, standard_uncertainty, monotone)
     rng = np.random.default_rng(seed)
     start = target.start(rng)
-    sampler = emcee.EnsembleSampler(
-        WALKERS, start.shape[1], target.log_probability, vectorize=True,
-        moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)],
-    )  # fmt: skip
+    moves = [(_StudentMove(), 0.8), (emcee.moves.DEMove(), 0.2)]
+    sampler = emcee.EnsembleSampler(WALKERS, start.shape[1], target.log_probability, vectorize=True, moves=moves)
     state = emcee.State(start, random_state=np.random.RandomState(seed % 2**32).get_state())
     steps, burn, tau = 0, 0, float("inf")
     while steps < max_steps:
@@ -170,9 +173,28 @@ def sample_posterior(
             progress(steps, max_steps)
         burn = steps // 5
         tau = float(np.max(sampler.get_autocorr_time(discard=burn, tol=0)))
-        if steps - burn >= 1.2 * REQUIRED_TAUS * tau and (steps - burn) * WALKERS / tau >= 5000:
+        if steps - burn >= 1.2 * REQUIRED_TAUS * tau and (steps - burn) * WALKERS / tau >= ENOUGH_SAMPLES:
             break
     return _summary(target, sampler, burn, tau)
+
+
+class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee comes without types
+    """Proposes from Student's t with the mean and covariance of the other half of the ensemble, whatever the place.
+
+    In whitened coordinates the posterior is nearly normal, so most such steps are taken and neighbours in the chain
+    are hardly related: a fifth of the autocorrelation time of the stretch move.
+    """
+
+    def get_proposal(self, sample: FloatArray, complement: list[FloatArray], rng: Any) -> tuple[FloatArray, FloatArray]:
+        """Return the new places [walkers, dim] and the log ratio of proposing back to proposing [walkers]."""
+        others = np.concatenate(complement)
+        size = others.shape[1]
+        root = np.linalg.cholesky(np.cov(others.T) + 1e-12 * np.eye(size))
+        stretch = np.sqrt(PROPOSAL_DOF / rng.chisquare(PROPOSAL_DOF, sample.shape[0]))
+        step = rng.standard_normal(sample.shape) * stretch[:, None]
+        back = np.linalg.solve(root, (sample - others.mean(axis=0)).T).T
+        new, old = (np.log1p((z**2).sum(axis=1) / PROPOSAL_DOF) for z in (step, back))
+        return others.mean(axis=0) + step @ root.T, 0.5 * (PROPOSAL_DOF + size) * (new - old)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +207,7 @@ class _Target:
     curvatures: FloatArray
     relative_variance: FloatArray
     reading_sd: float
+    reading_noise: float
     monotone_slopes: FloatArray | None
 
     @classmethod
@@ -208,9 +231,11 @@ class _Target:
         curvature = (basis.slope_design(calibration.x + step) - basis.slope_design(calibration.x - step)) / (2 * step)
         grid = np.linspace(*calibration.x_range, MONOTONE_POINTS)
         constraint = basis.slope_design(grid) * (1.0 if calibration.rises else -1.0) if monotone else None
+        slopes = basis.slope_design(calibration.x)
+        by_reading = reading_sd * np.sqrt(np.mean((slopes @ calibration.fit.basis_coefficients) ** 2 / relative))
         return cls(
-            calibration, basis.design(calibration.x), basis.slope_design(calibration.x), curvature, relative,
-            float(reading_sd), constraint,
+            calibration, basis.design(calibration.x), slopes, curvature, relative, float(reading_sd),
+            float(by_reading) / calibration.residual_sd, constraint,
         )  # fmt: skip
 
     def coefficients(self, z: FloatArray) -> FloatArray:
@@ -231,6 +256,8 @@ class _Target:
             mean = mean + 0.5 * square * bend
             variance = variance + (beta @ self.slopes.T) ** 2 * square + 0.5 * (bend * square) ** 2
         log_p = -0.5 * (((self.calibration.y - mean) ** 2) / variance + np.log(variance)).sum(axis=1)
+        if self.reading_noise > 0:  # the prior 1 / (sigma + t) in ln sigma; without reading error it is constant
+            log_p = log_p - np.log1p(self.reading_noise * np.exp(-z[:, -1]))
         allowed = (z[:, -1] > np.log(SIGMA_FLOOR)) & (z[:, -1] < 10.0)
         if self.monotone_slopes is not None:
             allowed &= (beta @ self.monotone_slopes.T > 0).all(axis=1)

@@ -105,6 +105,17 @@ class Interruption:
         raise KeyboardInterrupt
 
 
+def explain_fault(error: Exception) -> tuple[str, str]:
+    """Return what to say of an error that nobody foresaw; its traceback goes into the log."""
+    from boat_daq.engine.log import note_failure, start_log, stop_log
+
+    path = start_log()
+    note_failure("a fault of the program", error)
+    stop_log()
+    where = f"; the details are in {path}" if path else ""
+    return f"a fault of the program: {type(error).__name__}: {error}{where}", "boat-daq bugreport --out FILE.zip"
+
+
 def main() -> None:
     """Run the command line; failures become the exit codes of the surface (0, 1, 2, 130)."""
     interruption = Interruption()
@@ -113,9 +124,9 @@ def main() -> None:
     except SystemExit as leaving:
         # Releases of typer differ in the code they leave with after Ctrl-C.
         raise SystemExit(130 if interruption.came else leaving.code) from None
-    except Exception as error:  # the error families of the packages share these two attributes
+    except Exception as error:  # noqa: BLE001 - the last one to see it; the packages' errors share these attributes
         cause, remedy = getattr(error, "cause", None), getattr(error, "remedy", None)
         if cause is None or remedy is None:
-            raise
+            cause, remedy = explain_fault(error)
         emit_error(type(error).__name__, cause, remedy)
         raise SystemExit(1) from None

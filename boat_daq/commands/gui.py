@@ -18,6 +18,8 @@ def gui(
     """
     if port is not None and board:
         raise typer.BadParameter("use either --port or --board")
+    from boat_daq.engine.log import start_log
     from boat_daq.gui.app import run
 
+    start_log("gui")
     raise typer.Exit(run(port, board=board, speed=speed))

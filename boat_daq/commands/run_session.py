@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.commands.console import progress_bar, say
+from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.resumption import BrokenRun
 from boat_daq.engine.session import Session
@@ -65,6 +66,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
     DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails on the way is no error
         here: the recording holds what came.
     """
+    start_log("record")
     settings = load_settings()
     session = Session(dataclasses.replace(settings, allow_remote=settings.allow_remote or request.allow_remote))
     try:

@@ -22,6 +22,7 @@ from boat_daq.engine.control import Controller
 from boat_daq.engine.dialogue import Send
 from boat_daq.engine.journal import Journal
 from boat_daq.engine.link_health import HealthSnapshot, LinkHealth
+from boat_daq.engine.log import note_failure
 from boat_daq.engine.opening import OpenPort
 from boat_daq.engine.ring_buffer import RingBuffer
 from boat_daq.engine.watchdog import FAST
@@ -175,6 +176,7 @@ class Core:
                     case PortLost(error):
                         self.lost = error
                     case SinkFailed(name, failure):
+                        note_failure(f"{name} failed", failure)
                         self.journal.tell("error", f"{name} failed: {failure!r}", "report this as a fault")
             self.control.events(block.events, block.host_ns)
             if any(isinstance(event, HelloReceived) for event in block.events):

@@ -10,6 +10,7 @@ import math
 from collections import deque
 from datetime import UTC, datetime
 
+from boat_daq.engine.log import note
 from boat_daq.engine.recorder import Recorder
 from boat_daq.engine.resumption import BrokenRun
 from boat_daq.engine.sequencer import Ended, Marked, Noted, SegmentBreak
@@ -41,6 +42,7 @@ class Journal:
     def tell(self, level: str, cause: str, remedy: str = "", *, host_ns: int = 0) -> None:
         """Tell the operator."""
         self._told += 1
+        note(level, f"{cause} (try: {remedy})" if remedy else cause)
         self.messages.append(Message(self._told, level, cause, remedy, host_ns))
 
     def take(self, effect: Marked | SegmentBreak | Noted | Ended, *, host_ns: int, time_us: int | None) -> None:
@@ -55,6 +57,8 @@ class Journal:
             case Noted():
                 if effect.level:
                     self.tell(effect.level, effect.text, effect.remedy, host_ns=host_ns)
+                else:
+                    note("info", f"{effect.kind}: {effect.text}")
                 self.event("sequencer", effect.kind, effect.text, value=effect.value, time_us=time_us)
             case Ended(reason):
                 self.ended = reason

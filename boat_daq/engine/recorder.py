@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 
 from boat_daq.engine.blocks import Block
 from boat_daq.engine.link_health import HealthSnapshot
+from boat_daq.engine.log import note_failure
 from boat_daq.engine.recording_file import RecordingFile, Statement, now_utc, set_meta
 from boat_daq.engine.recording_rows import (
     INSERT_STEP,
@@ -128,6 +129,11 @@ class Recorder:
     def error(self) -> StorageError | None:
         """What the disk refuses at the moment; None when all is well."""
         return self._error
+
+    @property
+    def queued(self) -> int:
+        """Items and statements that wait for a commit."""
+        return len(self._queue) + len(self._waiting)
 
     @property
     def lag_ms(self) -> float:
@@ -303,6 +309,7 @@ class Recorder:
         except StorageError as error:
             self._report(error)
         except Exception as error:  # noqa: BLE001 - a writing thread must never end without a word
+            note_failure(f"{self.path} is not written properly", error)
             self._refusing = StorageError(f"{self.path} is not written properly: {error!r}", "Report this fault.")
             self._report(self._refusing)
 

@@ -20,8 +20,10 @@ from typing import Any
 from boat_daq.engine.control import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.core import Core, SampleSink
 from boat_daq.engine.disk_space import check_space
+from boat_daq.engine.health_log import HealthLog, Vitals
 from boat_daq.engine.journal import now_utc
 from boat_daq.engine.keeper import Keeper
+from boat_daq.engine.log import note
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.preflight import Check
 from boat_daq.engine.recorder import Recorder
@@ -78,6 +80,7 @@ class Session:
         self.units = UnitLibrary() if units is None else units
         self._core = Core()
         self._keeper = Keeper(self._core, self.settings, end_recording=self._end_recording)
+        self._health_log = HealthLog(self._vitals)
         self._unit = ""
         self._recording_since_us = 0
         self._goes_on: tuple[int, int] | None = None  # first cycle and complete cycles of an armed run that goes on
@@ -137,6 +140,8 @@ class Session:
             self._record(path, metadata, go_on_in)
 
         self._keeper.open(port, profile, control, greeted=greeted if path is not None else None)
+        note("info", f"connecting to {port}, profile {'none' if profile is None else 'given'}, {control.rate_hz} Hz")
+        self._health_log.start()
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], timeout_s: float | None = None) -> SessionSnapshot:
         """Block the caller (a command, never a window) until `condition(snapshot)` holds or the time is over."""
@@ -168,6 +173,15 @@ class Session:
         """Disconnect and end the threads; waits for them. The session is not used again."""
         self._keeper.end()
         self._end_recording("stopped")
+        self._health_log.stop()
+
+    def _vitals(self) -> Vitals:
+        core = self._core
+        health = core.health.snapshot() if core.health is not None else None
+        with core.lock:
+            recorder, state = core.journal.recorder, core.control.sequencer.state
+            path = recorder.path if recorder else None
+            return Vitals(self._keeper.state, state, health, recorder.queued if recorder else 0, path)
 
     # ---- the recording ---------------------------------------------------------------------------------------------
 
@@ -225,6 +239,7 @@ class Session:
                 core.journal.begin(recorder, broken)
                 core.control.sequencer.marks[:] = broken.marks if broken else ()
                 self._recording_since_us = core.control.dialogue.board_us
+        note("info", f"recording {'goes on in' if broken else 'begins in'} {path}")
         if raced:
             recorder.close("stopped")
             raise OperatorError("the session changed while the recording began", "try again")
@@ -253,6 +268,7 @@ class Session:
         if acquisition is not None:
             acquisition.remove_sink(recorder)
         path = recorder.close(reason)
+        note("info", f"recording ended, {reason}: {path}")
         if recorder.remark:
             core.tell("warning", recorder.remark)
         return path

@@ -14,10 +14,8 @@ from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QResizeEvent, QWindow
 from PySide6.QtWidgets import (
     QApplication,
-    QFrame,
     QHBoxLayout,
     QMainWindow,
-    QScrollArea,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
@@ -34,6 +32,7 @@ from boat_daq.gui.navigation import Navigation
 from boat_daq.gui.pages import PAGE_MAKERS
 from boat_daq.gui.palette import Palette, ShortcutSheet
 from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.room import Room
 from boat_daq.gui.strip import Strip
 from boat_daq.gui.style import Theme
 from boat_daq.gui.undo import UndoStack
@@ -82,7 +81,7 @@ class MainWindow(QMainWindow):
         self.strip = Strip(desk)
         self.navigation = Navigation(PAGES, self.go, self.show_keys)
         self.stack = QStackedWidget()
-        self.rooms = {name: room() for name in PAGES}
+        self.rooms = {name: Room() for name in PAGES}
         for scroll in self.rooms.values():
             self.stack.addWidget(scroll)
         self.pages: dict[str, Any] = {}  # those that have been gone to
@@ -278,16 +277,6 @@ class MainWindow(QMainWindow):
         self.calm_timer.stop()
         self.desk.close()
         super().closeEvent(event)
-
-
-def room() -> QScrollArea:
-    """Return a place for a page, which scrolls where the window is too small for it."""
-    scroll = QScrollArea()
-    scroll.setObjectName("room")
-    scroll.setFrameShape(QFrame.Shape.NoFrame)
-    scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    scroll.setWidgetResizable(True)
-    return scroll
 
 
 def application() -> QApplication:

@@ -8,6 +8,7 @@ times to standard output as JSON.
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import signal
@@ -392,6 +393,7 @@ class RestartedBoard:
                 number = probe.getsockname()[1]
             self.port = f"socket://127.0.0.1:{number}"
             self._place = ["--tcp", f"127.0.0.1:{number}"]
+        atexit.register(self.kill)
         self.start()
 
     def start(self) -> None:

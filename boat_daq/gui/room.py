@@ -1,0 +1,42 @@
+"""The place of a page: it scrolls where the window is too small for it, and only then."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QFrame, QScrollArea, QWidget
+
+
+class Room(QScrollArea):
+    """Gives its page the window's room, but not less than the page's least.
+
+    Qt's own way (`widgetResizable`) asks a page with wrapped words for the height it would like, and scrolls sooner.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("room")
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+
+    def setWidget(self, page: QWidget) -> None:
+        """Take a page."""
+        super().setWidget(page)
+        page.installEventFilter(self)
+        self._fit()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Look again where the page's least has changed."""
+        if watched is self.widget() and event.type() is QEvent.Type.LayoutRequest:
+            self._fit()
+        return super().eventFilter(watched, event)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the page what there is."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        page = self.widget()
+        if page is not None:
+            page.resize(self.maximumViewportSize().expandedTo(page.minimumSizeHint()))

@@ -107,6 +107,19 @@ FAMILIES = ("Inter", "Segoe UI", "SF Pro Text", "Helvetica Neue", "Noto Sans", "
 
 VIRIDIS = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725")
 
+# Ground and ink of what a method does in one place of its map; hatching and letter say it too.
+_OUTCOMES = {
+    "light": {
+        "works": ("#bfe0f2", "#1a2027"), "degraded": ("#f5ec8e", "#1a2027"), "refused": ("#c9ced6", "#1a2027"),
+        "quiet wrong": ("#1a2027", "#ffffff"),
+    },
+    "dark": {
+        "works": ("#1f5f85", "#e9edf1"), "degraded": ("#8a7d1f", "#ffffff"), "refused": ("#48515b", "#e9edf1"),
+        "quiet wrong": ("#ffffff", "#14181d"),
+    },
+}  # fmt: skip
+HATCH_ALPHA = 90
+
 BAND_ALPHA = 56  # of 255: a band lets the grid and the curve through
 BAND_ALPHA_WIDE = 30
 RAY_ALPHA = 90
@@ -149,6 +162,16 @@ def sequential(theme: Theme, place: int, of: int) -> str:
     share = at - low
     mixed = (x + (y - x) * share for x, y in ((a.red(), b.red()), (a.green(), b.green()), (a.blue(), b.blue())))
     return QColor(*(round(value) for value in mixed)).name()
+
+
+def outcome_colours(theme: Theme) -> dict[str, tuple[str, str]]:
+    """Return ground and ink of each outcome of the stability atlas."""
+    return _OUTCOMES[theme.name]
+
+
+def swatch(ground: str, ink: str) -> str:
+    """Return the style of a legend's entry that stands on its own colour."""
+    return f"background: {ground}; color: {ink}; border-radius: {STEP}px; padding: 1px {GAP}px;"
 
 
 def faint(value: str, alpha: int) -> str:

@@ -20,10 +20,11 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
+from boat_daq.gui.atlas_card import AtlasCard
 from boat_daq.gui.files import ask_open, ask_save
 from boat_daq.gui.tradeoff_chart import TradeoffCard
 from boat_daq.viewmodels.desk import FIDELITIES, Desk
-from boat_daq.viewmodels.tradeoff import METHODS
+from boat_daq.viewmodels.tradeoff import ENTRIES, METHODS
 from boat_daq.viewmodels.tradeoff_report import MethodChart, duration_text, error_text
 
 FIDELITY_WORDS = {
@@ -45,24 +46,24 @@ class MethodList(QListWidget):
         self.desk, self.model = desk, desk.tradeoff
         self.setAccessibleName("Methods; ticked ones are measured, the selected one is shown")
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        for name in METHODS:
+        for name in ENTRIES:
             item = QListWidgetItem()
             item.setData(Qt.ItemDataRole.UserRole, name)
-            item.setFlags(item.flags() | Qt.ItemFlag.ItemIsUserCheckable)
             self.addItem(item)
         self.show_entries()
         self.itemChanged.connect(self._ticked)
-        self.currentRowChanged.connect(lambda row: self.model.show(list(METHODS)[row]))
+        self.currentRowChanged.connect(lambda row: self.model.show(list(ENTRIES)[row]))
 
     def show_entries(self) -> None:
         """Show ticks, titles and verdicts as they are now."""
         self.blockSignals(True)
-        for row, (name, title) in enumerate(METHODS.items()):
+        for row, (name, title) in enumerate(ENTRIES.items()):
             item = self.item(row)
             item.setText(f"{title}\n{self.model.entry(name)}")
-            ticked = name in self.model.chosen
-            item.setCheckState(Qt.CheckState.Checked if ticked else Qt.CheckState.Unchecked)
-        self.setCurrentRow(list(METHODS).index(self.model.shown))
+            if name in METHODS:
+                ticked = name in self.model.chosen
+                item.setCheckState(Qt.CheckState.Checked if ticked else Qt.CheckState.Unchecked)
+        self.setCurrentRow(list(ENTRIES).index(self.model.shown))
         self.blockSignals(False)
 
     def _ticked(self, item: QListWidgetItem) -> None:
@@ -99,7 +100,7 @@ class SettingsTable(QTableWidget):
                 f"{p.setting}: {duration_text(p.seconds)}, {p.repeats} repeats within {duration_text(p.spread_s)}; "
                 f"error {error_text(p.error)} {chart.unit if chart else ''}, within {error_text(p.error_spread)}"
             )
-            cells = (str(p.number), p.setting, duration_text(p.seconds), error_text(p.error), p.marks)
+            cells = (str(p.number), p.setting, duration_text(p.seconds), error_text(p.error), p.signs)
             for column, text in enumerate(cells):
                 cell = QTableWidgetItem(text)
                 cell.setToolTip(hover)
@@ -114,9 +115,10 @@ class TradeoffPage(QWidget):
     def __init__(self, desk: Desk) -> None:
         super().__init__()
         self.desk, self.model = desk, desk.tradeoff
-        self._revision = -1
+        self._revision = (-1, -1)
         self.methods = MethodList(desk)
         self.chart, self.table = TradeoffCard(), SettingsTable()
+        self.atlas = AtlasCard(desk.atlas, desk.notices.attempt)
         self.words = widgets.label(NOTHING_YET, "muted", wrap=True, name="What the rule chose, and why")
         self.measured = widgets.label("", "small", wrap=True)
         across = QHBoxLayout()
@@ -165,9 +167,11 @@ class TradeoffPage(QWidget):
         upper.setSpacing(style.GAP)
         upper.addWidget(self.chart, 1)
         upper.addWidget(frame)
+        self.upper = widgets.holder(upper)
         right = QVBoxLayout()
         right.setSpacing(style.GAP)
-        right.addLayout(upper, 3)
+        right.addWidget(self.upper, 3)
+        right.addWidget(self.atlas, 2)
         return right
 
     def _ask_open(self) -> None:
@@ -187,15 +191,19 @@ class TradeoffPage(QWidget):
             self.progress.setValue(work.permille)
         widgets.set_text(self.status, self.model.status())
         self.status.setVisible(bool(self.status.text()))
-        if self.model.revision == self._revision:
+        self.atlas.refresh()
+        revision = (self.model.revision, self.desk.atlas.revision)
+        if revision == self._revision:
             return
-        self._revision = self.model.revision
+        self._revision = revision
         chart = self.model.chart
         self.methods.show_entries()
         self.save.setEnabled(self.model.content is not None)
-        self.chart.heading.setText(METHODS[self.model.shown])
-        self.chart.readout.setText("" if chart else "not measured yet")
+        self.chart.heading.setText(ENTRIES[self.model.shown])
+        self.chart.readout.setText("" if chart else self.model.entry(self.model.shown))
         self.chart.show_chart(chart)
         self.table.show_chart(chart)
+        self.atlas.show_method(self.model.shown)
+        self.upper.setVisible(self.model.shown in METHODS)
         self.words.setText(chart.explanation if chart else NOTHING_YET)
         self.measured.setText(f"Measured: {chart.measured}" if chart else "")

@@ -18,6 +18,7 @@ from analysis.fidelity import fidelity
 from boat_daq.engine.session import LinkState, Session, SessionSnapshot, SessionState
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.atlas import AtlasModel
 from boat_daq.viewmodels.calibration import CalibrationModel
 from boat_daq.viewmodels.changes import Change, Changes, History
 from boat_daq.viewmodels.connection import ConnectionModel
@@ -84,6 +85,7 @@ class Desk:
         self.runs = RunsModel(recordings, self.units, self.bench)
         self.optics = OpticsModel(self.bench)
         self.tradeoff = TradeoffModel(self.bench, folder, self.preferences)
+        self.atlas = AtlasModel(self.bench, folder)
         self._take_fidelity()
         self.preparation = Preparation()
         self.conversion: Conversion | None = None

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 THINNED_TO = 4000  # samples of a cycle are enough for its figures
+FIRST_CYCLES = 5
 MISSING = object()
 
 
@@ -41,17 +42,22 @@ class CycleMark:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """A figure of every cycle, as the page draws it; `value` takes it from a mark."""
+    """A figure of every cycle, as the page draws it; `value` takes it from a mark.
+
+    `change` is for a figure whose level a healthy actuator's hysteresis makes: what is drawn is its change from the
+    run's first cycles.
+    """
 
     title: str
     unit: str
     value: Callable[[CycleMark], float]
+    change: bool = False
 
 
 SERIES = {
     "deviation": Series("Deviation from nominal", "mm", lambda m: m.deviation_mm),
     "gain": Series("Elongation over nominal", "%", lambda m: 100.0 * m.figures.gain),
-    "loss": Series("Loss behind the gauge", "% a minute", lambda m: m.figures.loss_percent_per_min),
+    "loss": Series("Leak, change", "% a minute", lambda m: m.figures.loss_percent_per_min, change=True),
     "difference": Series("Sensor 1 \u2212 sensor 2", "mm", lambda m: m.figures.difference_mm),
 }
 
@@ -149,8 +155,12 @@ class ShadowMonitor:
 
     def series(self, name: str) -> tuple[Array, Array]:
         """Return cycle numbers and a figure of each, by its key in `SERIES`; NaN where the cycle does not hold it."""
-        value = SERIES[name].value
-        return np.array([float(m.cycle) for m in self.marks]), np.array([value(m) for m in self.marks])
+        figure = SERIES[name]
+        values = np.array([figure.value(m) for m in self.marks])
+        first = values[:FIRST_CYCLES][np.isfinite(values[:FIRST_CYCLES])]
+        if figure.change and first.size:
+            values = values - np.median(first)
+        return np.array([float(m.cycle) for m in self.marks]), values
 
     def alarm_cycles(self) -> list[int]:
         """Return the cycles in which an alarm was found."""

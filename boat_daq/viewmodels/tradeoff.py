@@ -28,6 +28,9 @@ METHODS = {
     "decimation": "Live plot",
 }
 """Every method that can be measured, by the name the command takes; a test holds it against the command's list."""
+MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
+"""Methods that have a map of where they fail, but no chart of time against error."""
+ENTRIES = METHODS | MAPPED
 FILE = "tradeoff.json"
 CHOSEN, QUICK, SHOWN = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown"
 
@@ -83,7 +86,7 @@ class TradeoffModel:
     def shown(self) -> str:
         """Name of the method that is looked at."""
         name = str(self.preferences.get(SHOWN, ""))
-        return name if name in METHODS else next(iter(METHODS))
+        return name if name in ENTRIES else next(iter(ENTRIES))
 
     def show(self, name: str) -> None:
         """Look at a method."""
@@ -187,9 +190,15 @@ class TradeoffModel:
     def entry(self, name: str) -> str:
         """Return a method's line in the list."""
         chart = self.charts.get(name)
+        if name in MAPPED:
+            return "only its map"
         if chart is None:
             return "not measured yet"
-        return f"{chart.mark} default is the choice" if chart.default_is_chosen else f"{chart.mark} the rule chose otherwise"
+        return (
+            f"{chart.mark} default is the choice"
+            if chart.default_is_chosen
+            else f"{chart.mark} the rule chose otherwise"
+        )
 
     def status(self) -> str:
         """Return what is going on, in a line."""

@@ -39,6 +39,12 @@ class TradeoffPoint:
         return math.isfinite(self.error) and self.seconds > 0
 
     @property
+    def signs(self) -> str:
+        """Its marks as the chart draws them."""
+        marks = (("\u25cb", self.default), ("\u25a1", self.chosen))
+        return " ".join(sign for sign, here in marks if here)
+
+    @property
     def marks(self) -> str:
         """Its marks in words."""
         marks = (("default", self.default), ("chosen", self.chosen), ("front", self.on_front))

@@ -1,0 +1,187 @@
+"""The stability atlas on the trade-off page: where a method works, where only with a reservation, where it refuses.
+
+Rules: maps are swept in a helper process and kept beside the window's preferences, each with the date it was made.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.formatting import count
+from boat_daq.viewmodels.tradeoff_report import error_text, quantity
+from boat_daq.viewmodels.work import Bench, Work, WorkState
+
+OUTCOMES = ("works", "degraded", "refused", "quiet wrong")
+LETTERS = {"works": "", "degraded": "d", "refused": "r", "quiet wrong": "!"}
+LEGEND = {
+    "works": "works",
+    "degraded": "d  a number, with a reservation said",
+    "refused": "r  refused, with the reason",
+    "quiet wrong": "!  wrong and silent",
+}
+FILE = "atlas.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """One place of a map: its outcome, its error in the map's unit, what the user was told."""
+
+    outcome: str
+    error: float
+    said: str
+
+
+@dataclass(frozen=True, slots=True)
+class MapShown:
+    """One map; `places` [y][x]."""
+
+    name: str
+    title: str
+    truth: str
+    unit: str
+    tolerance: float
+    x_title: str
+    y_title: str
+    x_ticks: tuple[str, ...]
+    y_ticks: tuple[str, ...]
+    places: tuple[tuple[Place, ...], ...]
+
+    def words(self, column: int, row: int) -> str:
+        """Return a place in words; empty beside the map."""
+        if not (0 <= column < len(self.x_ticks) and 0 <= row < len(self.y_ticks)):
+            return ""
+        place = self.places[row][column]
+        error = f", error {error_text(place.error)} {self.unit}" if place.error == place.error else ""
+        said = f": {place.said}" if place.said else ""
+        where = f"{self.x_title} {self.x_ticks[column]}, {self.y_title} {self.y_ticks[row]}"
+        return f"{where} \u2013 {place.outcome}{error}{said}"
+
+    @property
+    def summary(self) -> str:
+        """Return how many places ended how."""
+        found = [place.outcome for row in self.places for place in row]
+        parts = [f"{name} in {found.count(name)}" for name in OUTCOMES if name in found]
+        return f"{', '.join(parts)} of {count(len(found), 'place')}; tolerance {quantity(self.tolerance, self.unit)}"
+
+
+def read_maps(content: Any) -> dict[str, list[MapShown]]:
+    """Return the maps of an atlas, by method.
+
+    Raises
+    ------
+    OperatorError : it is not a result of `boat-daq atlas`.
+    """
+    maps: dict[str, list[MapShown]] = {}
+    try:
+        for m in content["maps"]:
+            maps.setdefault(str(m["method"]), []).append(_map(m))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise OperatorError(
+            "this file holds no stability atlas", "Choose an atlas.json that this page or the command wrote."
+        ) from error
+    return maps
+
+
+def _map(m: Mapping[str, Any]) -> MapShown:
+    x, y = m["x"], m["y"]
+    places = tuple(tuple(_place(cell) for cell in row) for row in m["cells"])
+    return MapShown(
+        str(m["name"]), str(m["title"]), str(m["truth"]), str(m["unit"]), float(m["tolerance"]), _title(x), _title(y),
+        _ticks(x), _ticks(y), places,
+    )  # fmt: skip
+
+
+def _place(cell: Mapping[str, Any]) -> Place:
+    outcome = str(cell["outcome"])
+    if outcome not in OUTCOMES:
+        raise ValueError(outcome)
+    error = cell["error"]
+    return Place(outcome, float("nan") if error is None else float(error), str(cell["said"]))
+
+
+def _title(axis: Mapping[str, Any]) -> str:
+    return f"{axis['name']} ({axis['unit']})" if axis["unit"] else str(axis["name"])
+
+
+def _ticks(axis: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(str(t) for t in axis.get("labels") or ()) or tuple(f"{float(v):g}" for v in axis["values"])
+
+
+class AtlasModel:
+    """State of the atlas.
+
+    Parameters
+    ----------
+    bench : where maps are swept.
+    folder : where they are kept.
+    """
+
+    def __init__(self, bench: Bench, folder: Path) -> None:
+        self.bench, self.path = bench, folder / FILE
+        self.content: dict[str, Any] = {"maps": []}
+        self.maps: dict[str, list[MapShown]] = {}
+        self.problem = ""
+        self.revision = 0
+        try:
+            self.take(json.loads(self.path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, OperatorError):
+            self.problem = "the last maps could not be read; sweep again"
+
+    @property
+    def work(self) -> Work | None:
+        """The sweep under way."""
+        return self.bench.get("atlas")
+
+    def toggle(self, method: str) -> None:
+        """Start sweeping a method's maps, or stop."""
+        if self.work is not None:
+            self.bench.cancel("atlas")
+            return
+        work = Work("Sweeping for the atlas", "boat_daq.viewmodels.atlas_work:sweep_method", method, report=True)
+        self.bench.start("atlas", work, self._swept)
+        self.problem = ""
+        self.revision += 1
+
+    def _swept(self, work: Work) -> None:
+        if work.state is WorkState.DONE:
+            fresh = {m["method"] for m in work.result["maps"]}
+            kept = [m for m in self.content["maps"] if m["method"] not in fresh]
+            self.take({**work.result, "maps": [*kept, *work.result["maps"]]})
+            self._keep()
+        elif work.failure is not None:
+            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
+        self.revision += 1
+
+    def take(self, content: dict[str, Any]) -> None:
+        """Show an atlas.
+
+        Raises
+        ------
+        OperatorError : it is none.
+        """
+        self.maps = read_maps(content)
+        self.content = content
+        self.revision += 1
+
+    def _keep(self) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_text(json.dumps(self.content, indent=1, ensure_ascii=False), encoding="utf-8")
+        except OSError as error:
+            self.problem = f"the maps could not be kept for the next start: {error.strerror}"
+
+    def status(self, method: str) -> str:
+        """Return what is going on, in a line."""
+        work = self.work
+        if work is not None:
+            return f"sweeping \u2026 {round(100 * (work.fraction or 0.0))} %"
+        if self.problem:
+            return f"\u25b2 {self.problem}"
+        return "" if self.maps.get(method) else "not swept yet"

@@ -17,6 +17,7 @@ from boat_daq.commands import (
     atlas,
     batch,
     board,
+    bugreport,
     demo,
     export,
     fit,
@@ -85,6 +86,7 @@ COMMANDS = (
     atlas.atlas,
     export.export,
     fit.fit,
+    bugreport.bugreport,
 )
 for command in COMMANDS:
     app.command("import" if command is importing.import_csv else None)(command)

@@ -1,0 +1,179 @@
+"""A bug report: log, settings, versions and the last recording in short, in one ZIP; nothing personal without asking.
+
+Rules: no sample and no byte of a board goes in. What is personal is taken out of every text before it is packed: names
+of operators, notes, the names of this computer and its user, and every path but a file's ending. What is left out
+is replaced by a word in brackets, so that a reader sees that something stood there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import getpass
+import json
+import platform
+import re
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from boat_daq import __version__
+from boat_daq.engine.log import log_folder
+from boat_daq.engine.recording_file import now_utc
+from boat_daq.engine.settings import home
+from boat_daq.engine.summary import summarise
+from boat_daq.errors import BoatDaqError, OperatorError, StorageError
+from protocol.errors import ProtocolError
+
+LOGS = 5
+LOG_BYTES = 2_000_000  # of each, the newest end
+_PACKAGES = ("numpy", "scipy", "pandas", "pyserial", "PySide6-Essentials", "pyqtgraph", "numba", "typer", "matplotlib")
+_PERSONAL_KEYS = ("operator", "note", "recordings", "profile", "reader")
+_OPERATOR, _NOTE = "[operator]", "[note]"
+_PATH = re.compile(r"(?:[A-Za-z]:)?(?:[\\/]{1,2}[^\\/\s'\"`,;:()<>|]+)+")
+_RECORDING = re.compile(r"(?:[A-Za-z]:)?[\\/][^\n'\"]*?\.(boat|csv|toml|pdf|html)\b")
+_DEVICE = re.compile(r"/dev/(tty|pts|cu)")
+_BEGUN = re.compile(r"recording (?:begins|goes on) in (.+\.boat)\s*$", re.MULTILINE)
+_MARKED = re.compile(r"(marked|mark): .*")
+
+
+def write_bug_report(out: Path, *, personal: bool = False, recording: Path | None = None) -> Path:
+    """Pack a report.
+
+    Parameters
+    ----------
+    out : the ZIP to write.
+    personal : leave names, notes and paths as they are.
+    recording : whose summary goes in; the one that the log saw last when None.
+
+    Raises
+    ------
+    OperatorError : a file of that name exists. StorageError : it cannot be written.
+    """
+    texts = collect(recording)
+    if not personal:
+        hide = Redaction(texts)
+        texts = {name: hide(text) for name, text in texts.items()}
+    try:
+        with zipfile.ZipFile(out, "x", zipfile.ZIP_DEFLATED) as archive:
+            for name, text in texts.items():
+                archive.writestr(name, text)
+    except FileExistsError:
+        raise OperatorError(f"{out} exists already", "choose another name") from None
+    except OSError as error:
+        raise StorageError(f"{out} cannot be written: {error.strerror}", "choose another folder") from error
+    return out
+
+
+def contents(out: Path) -> tuple[str, ...]:
+    """Return the names inside a report."""
+    with zipfile.ZipFile(out) as archive:
+        return tuple(archive.namelist())
+
+
+def collect(recording: Path | None = None) -> dict[str, str]:
+    """Return the texts of a report by their names, as they are."""
+    logs = _logs()
+    found = recording or _last_recording(logs)
+    texts = {"versions.json": _json(_versions()), "settings.toml": _tail(home() / "settings.toml")}
+    if found is not None:
+        texts["recording.json"] = _json(_summary(found))
+    return {**texts, **{f"log/{path.name}": text for path, text in logs.items()}}
+
+
+class Redaction:
+    """Takes what is personal out of texts.
+
+    Parameters
+    ----------
+    texts : all of the report: names that stand under a personal key in one are taken out of every one.
+    """
+
+    def __init__(self, texts: Mapping[str, str]) -> None:
+        words = {_user(): "[user]", platform.node(): "[computer]", platform.node().split(".")[0]: "[computer]"}
+        words |= dict.fromkeys(_values(texts.values(), "operator"), _OPERATOR)
+        words |= dict.fromkeys(_values(texts.values(), "reader"), _OPERATOR)
+        words |= dict.fromkeys(_values(texts.values(), "note"), _NOTE)
+        # the longest first: a name within another must not leave a part of it
+        self._words = [(w, words[w]) for w in sorted(words, key=len, reverse=True) if len(w) > 1]
+
+    def __call__(self, text: str) -> str:
+        """Return the text without what is personal."""
+        text = _MARKED.sub(rf"\1: {_NOTE}", text)
+        for key in _PERSONAL_KEYS:
+            text = re.sub(rf'^(\s*"?{key}"?\s*[=:]\s*)"(?:[^"\\]|\\.)+"', rf'\1"[{key}]"', text, flags=re.MULTILINE)
+        for word, stands in self._words:
+            text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", stands, text, flags=re.IGNORECASE)
+        text = _RECORDING.sub(r"[path].\1", text)
+        return _PATH.sub(lambda found: found[0] if _DEVICE.match(found[0]) else "[path]", text)
+
+
+def _values(texts: Iterable[str], key: str) -> set[str]:
+    """Return what stands under a key of TOML or JSON in any of the texts."""
+    found = set()
+    for text in texts:
+        for value in re.findall(rf'"?{key}"?\s*[=:]\s*("(?:[^"\\]|\\.)+")', text):
+            with contextlib.suppress(ValueError):
+                found.add(str(json.loads(value)))
+    return found
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):  # no such user in the system's list
+        return Path.home().name
+
+
+def _versions() -> dict[str, Any]:
+    packages: dict[str, str] = {}
+    for name in _PACKAGES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            packages[name] = metadata.version(name)
+    return {
+        "boat_daq": __version__,
+        "made_utc": now_utc(),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "packages": packages,
+    }
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    try:
+        return asdict(summarise(path))
+    except (BoatDaqError, ProtocolError, OSError) as error:
+        return {"path": str(path), "unreadable": str(error)}
+
+
+def _last_recording(logs: Mapping[Path, str]) -> Path | None:
+    """Return the recording that the newest log names last, where it is still there."""
+    for path in sorted(logs, key=lambda p: p.stat().st_mtime, reverse=True):
+        named = _BEGUN.findall(logs[path])
+        if named and Path(named[-1]).exists():
+            return Path(named[-1])
+    return None
+
+
+def _logs() -> dict[Path, str]:
+    paths = [path for path in log_folder().glob("*.log*") if path.is_file()]
+    newest = sorted(paths, key=lambda p: p.stat().st_mtime)[-LOGS:]
+    return {path: _tail(path) for path in newest}
+
+
+def _tail(path: Path) -> str:
+    """Return the newest end of a text file; why not, where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - LOG_BYTES))
+            return file.read().decode("utf-8", errors="replace")
+    except FileNotFoundError:
+        return "(there is none)\n"
+    except OSError as error:
+        return f"(cannot be read: {error.strerror})\n"
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, indent=1, ensure_ascii=False, default=str) + "\n"

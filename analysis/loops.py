@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.cycles import Cycles
+from analysis.losses import LossCounter
 from analysis.plateaus import Plateau, branch_members
 from analysis.recording import BoolArray, FloatArray, Recording
 from analysis.statistics import interpolate
@@ -82,7 +83,12 @@ def staircase_loops(
                 if elongation_mm is not None:
                     x[b, k, g] = elongation_mm[i]
     ends = (float(levels[0]), float(levels[-1])) if levels.size else (float("nan"), float("nan"))
-    void = tuple(f"plateau {p.number} ({p.pressure_kpa:+.0f} kPa): {p.void}" for p in inside if p.void)
+    void = tuple(
+        f"plateau {p.number} ({p.pressure_kpa:+.0f} kPa){which}: {reason}"
+        for p in inside
+        for which, reason in ([("", p.void)] if p.void else [(f" of s{i}", r) for i, r in enumerate(p.damaged, 1)])
+        if reason
+    )
     return Loops(levels, pressure, None if elongation_mm is None else x, signal, own, numbers, void, ends, False)
 
 
@@ -90,11 +96,16 @@ def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
     """Average the samples of every branch of the used cycles in equal bins of pressure, as many as they fill."""
     lengths = [min(c.turn - c.first, c.last - c.turn) for c in cycles.used]
     bins = int(np.clip(np.median(lengths) / (2 * MIN_PER_BIN), MIN_BINS, BINS)) if lengths else BINS
-    used, void = [], []
+    counters = [LossCounter.of(recording, sensor) for sensor in range(recording.n_sensors)]
+    used, void, whole = [], [], []
     for cycle in cycles.used:
-        reason = _damage(recording, cycle.rows, cycle.lost)
-        void += [f"cycle {cycle.number}: {reason}"] if reason else []
-        used += [] if reason else [cycle]
+        reasons = [counter.of_windows([cycle.rows]).void(MAX_DAMAGED_CYCLE) for counter in counters]
+        if all(reasons):
+            void.append(f"cycle {cycle.number}: {reasons[0]}")
+            continue
+        void += [f"cycle {cycle.number} of s{i}: {reason}" for i, reason in enumerate(reasons, 1) if reason]
+        used.append(cycle)
+        whole.append([not reason for reason in reasons])
     numbers = tuple(cycle.number for cycle in used)
     shape = (2, len(used), bins)
     if not used:
@@ -115,6 +126,7 @@ def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
     signal = np.stack(
         [_bin_means(cell, recording.signal_mv[:, s], recording.usable[:, s], shape) for s in range(recording.n_sensors)]
     )
+    signal[np.broadcast_to(~np.asarray(whole).T[:, None, :, None], signal.shape)] = np.nan
     centres = low + (np.arange(bins) + 0.5) * (high - low) / bins
     return Loops(centres, pressure, None, signal, np.isfinite(pressure), numbers, tuple(void), (low, high), True)
 
@@ -141,7 +153,8 @@ class LoopWidth:
     """How far the branches of loops lie apart, in the unit of the ordinate.
 
     `per_cycle` [cycles]; `mean_loop`, of the loop averaged over cycles; `replicates` of it over resampled cycles;
-    `grid`, `unloading`, `loading` : the mean loop. NaN and `void` where branches do not overlap.
+    `grid`, `unloading`, `loading` : the mean loop. `shared` : the part of the whole abscissa that all branches cover.
+    NaN and `void` where branches do not overlap.
     """
 
     per_cycle: FloatArray
@@ -151,6 +164,7 @@ class LoopWidth:
     unloading: FloatArray
     loading: FloatArray
     void: str = ""
+    shared: float = 1.0
 
 
 def loop_width(abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) -> LoopWidth:
@@ -192,7 +206,9 @@ def loop_width(abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) 
     with np.errstate(invalid="ignore", divide="ignore"):
         replicates = np.abs(chosen @ apart / chosen.sum(axis=1, keepdims=True)).max(axis=1)
     means = curves[:, whole].mean(axis=1)
-    return LoopWidth(per_cycle, float(np.abs(means[1] - means[0]).max()), replicates, grid, means[0], means[1])
+    shared = float((grid[-1] - grid[0]) / np.ptp(abscissa[known]))
+    most = float(np.abs(means[1] - means[0]).max())
+    return LoopWidth(per_cycle, most, replicates, grid, means[0], means[1], shared=shared)
 
 
 def _shared_grid(abscissa: FloatArray, known: BoolArray) -> FloatArray:
@@ -245,15 +261,6 @@ def _weighted_mean(values: FloatArray, weights: FloatArray) -> FloatArray:
     known = np.isfinite(values)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(weights @ np.where(known, values, 0.0) / (weights @ known), dtype=np.float64)
-
-
-def _damage(recording: Recording, rows: slice, lost: int) -> str:
-    left_out = int((~recording.usable[rows].all(axis=1)).sum())
-    held = rows.stop - rows.start
-    share = (lost + left_out) / (held + lost)
-    if share > MAX_DAMAGED_CYCLE:
-        return f"{share:.0%} of its samples lost or left out, above the limit of {MAX_DAMAGED_CYCLE:.0%}"
-    return ""
 
 
 def _bin_means(

@@ -9,7 +9,7 @@ one cycle) says so and is NaN or infinite, never an exception and never zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal as sp_signal
@@ -24,7 +24,8 @@ from analysis.statistics import Figure, bootstrap_interval, theil_sen
 CURVE_POINTS = 201
 ONE_CYCLE = "one cycle gives no interval"
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
-FLAT_SHARE = 0.1  # of the span of the pressure: a signal that does not change at all over it stands still
+IN_PART, LEAST_SHARED = "the branches share only", 0.85  # of the abscissa
+BOUND, BOUND_SHARE = "an upper bound", 0.25  # said of a hysteresis of which so much may be noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +129,37 @@ def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: st
     if not full_scale_value > 0:
         return Figure.nothing("% FSO", "the full-scale output is zero", definition)
     scale = 100.0 / full_scale_value
-    return _figure(scale * width.mean_loop, scale * width.replicates, "% FSO", n, definition)
+    figure = _figure(scale * width.mean_loop, scale * width.replicates, "% FSO", n, definition)
+    if width.shared < LEAST_SHARED:
+        figure = replace(figure, note=f"{IN_PART} {width.shared:.0%} of the range: a wider loop elsewhere is not seen")
+    return figure
+
+
+def loop_made_by_noise(
+    plateaus: tuple[Plateau, ...], loops: Loops, cycles: Cycles, sensor: int, noise_mv: float
+) -> float:
+    """Width, mV, that noise alone gives the mean loop: the greatest of many differences that are zero in truth.
+
+    sd sqrt(2 ln 2m) for m levels, sd that of the difference of two branch means; 0 where it is not known.
+    """
+    if not loops.n_cycles or not np.isfinite(noise_mv):
+        return 0.0
+    if plateaus:
+        errors = np.asarray([p.signal_se_mv[sensor] for p in plateaus if p.branch and not p.void])
+        error = float(np.median(errors)) if errors.size and np.isfinite(errors).all() else 0.0
+    else:
+        samples = sum(c.last - c.first for c in cycles.used) / len(cycles.used)
+        error = noise_mv / np.sqrt(max(samples / (2 * loops.level_kpa.size), 1.0))
+    levels = max(loops.level_kpa.size, 2)
+    return float(error * np.sqrt(2.0 / loops.n_cycles) * np.sqrt(2.0 * np.log(2.0 * levels)))
+
+
+def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -> Figure:
+    """Say where something else than a loop, `floor` in the unit of the figure, makes a share of a hysteresis."""
+    if not floor > share * figure.value:
+        return figure
+    said = f"{BOUND}: {by} alone makes up to about {floor:.1f} {figure.unit} of it"
+    return replace(figure, note=f"{said}; {figure.note}" if figure.note else said)
 
 
 def nonlinearity(calibration: Calibration, resampled: ResampledFit) -> Figure:
@@ -261,8 +292,12 @@ def noise_and_snr(
     numbers: tuple[int, ...],
     full_scale_value: float,
     weights: FloatArray,
+    rounding_mv: float = 0.0,
 ) -> tuple[Figure, Figure]:
-    """Return the noise rms (mV) and the SNR (dB) = 20 log10(FSO / noise), with intervals over cycles."""
+    """Return the noise rms (mV) and the SNR (dB) = 20 log10(FSO / noise), with intervals over cycles.
+
+    `rounding_mv` is what the rounding of doubles at the signal's level may make: less is no noise.
+    """
     squares, dof, cycle_of = parts
     if dof.sum() <= 0:
         reason = "no usable samples at rest or in a cycle"
@@ -277,7 +312,7 @@ def noise_and_snr(
     definition = "20 log10(FSO / noise rms)"
     if not np.isfinite(full_scale_value):
         return noise_figure, Figure.nothing("dB", "the full-scale output is not known", definition)
-    if noise <= 1e-10 * full_scale_value:  # rounding of the arithmetic, not noise
+    if noise <= max(1e-10 * full_scale_value, rounding_mv):  # rounding of the arithmetic, not noise
         reason = "the signal is flat" if full_scale_value == 0 else "no noise was found: infinite"
         value = float("nan") if full_scale_value == 0 else float("inf")
         return noise_figure, Figure(value, "dB", len(numbers), void=reason, definition=definition)
@@ -287,21 +322,6 @@ def noise_and_snr(
         )
     value = float(20.0 * np.log10(full_scale_value / noise))
     return noise_figure, _figure(value, snr_replicates, "dB", len(numbers), definition)
-
-
-def flat_samples(recording: Recording, cycles: Cycles, sensor: int) -> int:
-    """Count the samples of stretches in which the signal stays exactly the same while the pressure moves.
-
-    A saturated or frozen channel that nothing flagged, as in a CSV, shows like this (fault 16 and 22).
-    """
-    y, p = recording.signal_mv[:, sensor], cycles.smooth_kpa
-    span = float(np.nanmax(p) - np.nanmin(p)) if np.isfinite(p).any() else 0.0
-    if not span > 0:
-        return 0
-    edges = np.concatenate([[0], np.flatnonzero(y[1:] != y[:-1]) + 1])  # NaN differs from everything
-    moved = np.fmax.reduceat(p, edges) - np.fmin.reduceat(p, edges)
-    lengths = np.diff(np.append(edges, y.size))
-    return int(lengths[moved > FLAT_SHARE * span].sum())
 
 
 def combined_error(parts: list[Figure]) -> Figure:

@@ -23,14 +23,21 @@ from analysis.calibration import Calibration, fit_calibration, reservations
 from analysis.cycles import Cycles, disagreements_with_marks, find_cycles
 from analysis.elongation import Elongations, elongations_of
 from analysis.errors import AnalysisError
-from analysis.loops import Loops, continuous_loops, loop_width, staircase_loops
+from analysis.loops import MAX_DAMAGED_CYCLE, Loops, continuous_loops, loop_width, staircase_loops
+from analysis.losses import LossCounter, Losses
 from analysis.plateaus import Plateau, PlateauSettings, find_plateaus
 from analysis.posterior import Posterior, sample_posterior
 from analysis.recording import BoolArray, FloatArray, Recording, load_recording
+from analysis.signal_faults import mask_faulty_signals
 from analysis.statistics import Figure, resampling_weights
 
 Progress = Callable[[float, float], None]
 
+NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
+
+OF_POINTS = (  # figures of the calibration's points; the others are those of the loops
+    "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm", "sensor_hysteresis_percent_fso",
+)  # fmt: skip
 BREAK_FLAGS = {"same": "break", "differs": "differs_over_break", "untested": "untested_break"}
 
 
@@ -120,6 +127,10 @@ class Analysis:
             "lost_samples": recording.lost,
             "crc_errors": int(recording.meta.get("crc_errors", 0)),
             "masked": dict(recording.masked),
+            "losses": [
+                LossCounter.of(recording, i).of_windows([slice(0, recording.n)]).as_json()
+                for i in range(recording.n_sensors)
+            ],
             "cycles": self.cycles.as_json(),
             "excursions_left_out": len(self.cycles.excursions),
             "plateaus": len(self.plateaus),
@@ -178,6 +189,7 @@ def analyse(
     if not isinstance(recording, Recording):
         recording = load_recording(recording)
     cycles = find_cycles(recording)
+    recording = mask_faulty_signals(recording, cycles.smooth_kpa)
     plateaus = find_plateaus(recording, cycles, options.plateau)
     elongations = elongations_of(recording, plateaus, elongation)
     if plateaus:
@@ -267,11 +279,35 @@ def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
     figures["combined_error_percent_fso"] = metrics.combined_error(
         [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
     )
+    figures = _with_losses(run, sensor, figures)
     return SensorAnalysis(
         run.recording.sensor_names[sensor], calibration, reason, posterior, figures, abscissa,
         per_cycle if calibration is not None else system_per_cycle, system_per_cycle, levels,
         points.astype(np.float64), cycle_of,
     )  # fmt: skip
+
+
+def _with_losses(run: _Run, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    """Say of every figure what its window lost; void it above the limit, or where the losses left it nothing."""
+    counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
+    if run.plateaus:
+        holds = [p for p in run.plateaus if p.cycle in chosen and p.branch]
+        of_loops = counter.of_windows([slice(p.settled_first, p.last + 1) for p in holds])
+        read = set() if run.elongations is None else set(np.flatnonzero(run.elongations.known).tolist())
+        points = [p for i, p in enumerate(run.plateaus) if i in read and p.cycle in chosen and p.branch]
+        of_points = counter.of_windows([slice(p.settled_first, p.last + 1) for p in points])
+    else:
+        of_loops = of_points = counter.of_windows([c.rows for c in run.cycles.used])
+    return {name: _over(figure, of_points if name in OF_POINTS else of_loops) for name, figure in figures.items()}
+
+
+def _over(figure: Figure, window: Losses) -> Figure:
+    void = window.void()
+    if void and not figure.void:
+        return replace(figure, value=float("nan"), low=float("nan"), high=float("nan"), void=void, window=window)
+    if figure.void and window.void(MAX_DAMAGED_CYCLE):
+        return replace(figure, void=f"{figure.void}: {window.void(MAX_DAMAGED_CYCLE)}", window=window)
+    return replace(figure, window=window)
 
 
 def _calibrate(run: _Run, sensor: int, points: np.ndarray[Any, Any]) -> Calibration:
@@ -309,7 +345,15 @@ def _loop_figures(
         parts = metrics.staircase_noise(run.plateaus, sensor)
     else:
         parts = metrics.continuous_noise(run.recording, run.cycles, sensor)
-    figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(parts, loops.numbers, fso, run.weights)
+    usable = run.recording.signal_mv[run.recording.usable[:, sensor], sensor]
+    rounding = 4.0 * float(np.spacing(np.abs(usable).max(initial=0.0)))
+    figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(parts, loops.numbers, fso, run.weights, rounding)
+    by_noise = metrics.loop_made_by_noise(run.plateaus, loops, run.cycles, sensor, figures["noise_mv"].value)
+    if 0 < fso < by_noise and not figures["snr_db"].void:
+        note = f"the full-scale output of {fso:.2g} mV is no more than noise alone makes ({by_noise:.2g} mV)"
+        figures["snr_db"] = replace(figures["snr_db"], note=note)
+    for name in [name for name in figures if "hysteresis" in name]:
+        figures[name] = metrics.limited(figures[name], 100.0 / fso * by_noise if fso > 0 else 0.0, "noise")
     figures["nonlinearity_percent_fso"] = metrics.pressure_nonlinearity(loops, sensor, fso, run.weights)
     figures |= metrics.repeatability(loops, sensor, fso, run.weights)
     figures["drift_percent_fso_per_100_cycles"], levels = metrics.drift(loops, sensor, fso)
@@ -320,12 +364,7 @@ def _limited_by_reading(figure: Figure, reading_sd_mm: float, elongation_mm: Flo
     """Say where the reading error of x alone would make most of the sensor's loop: two readings, two sigma."""
     span = float(np.nanmax(elongation_mm) - np.nanmin(elongation_mm)) if np.isfinite(elongation_mm).any() else 0.0
     floor = 100.0 * 2.0 * np.sqrt(2.0) * reading_sd_mm / span if span > 0 else 0.0
-    if floor > 0.5 * figure.value:
-        note = (
-            f"an upper bound: a reading error of {reading_sd_mm:.2f} mm alone makes up to about {floor:.1f} % FSO of it"
-        )
-        return replace(figure, note=note)
-    return figure
+    return metrics.limited(figure, floor, f"a reading error of {reading_sd_mm:.2f} mm", 0.5)
 
 
 def _actuator_hysteresis(run: _Run) -> tuple[Figure, tuple[float, ...]]:
@@ -369,6 +408,10 @@ def _flags(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ..
     ]
     if recording.meta.get("damaged_blocks"):
         flags.append(("damaged", f"{recording.meta['damaged_blocks']} blocks of the file are damaged and left out"))
+    if run.cycles.noise_kpa > NOISY_SHARE * run.cycles.span_kpa > 0:
+        share = run.cycles.noise_kpa / run.cycles.span_kpa
+        text = f"the pressure's noise of {run.cycles.noise_kpa:.2g} kPa is {share:.1%} of its span: holds are uncertain"
+        flags.append(("noisy_pressure", text))
     if not run.cycles.used:
         flags.append(("no_cycle", f"no complete cycle, {run.cycles.as_json()['partial']} partial"))
     flags += [(BREAK_FLAGS[found.verdict], found.sentence) for found in run.breaks]
@@ -391,10 +434,19 @@ def _flags(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ..
 def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
     flags: list[tuple[str, str]] = []
     number = run.recording.sensor_names.index(sensor.name)
-    flat = metrics.flat_samples(run.recording, run.cycles, number)
-    if flat:
-        share = f"{flat / run.recording.n:.1%}"
-        flags.append(("flat", f"{flat} samples ({share}) stand still while the pressure moves: saturated or frozen"))
+    standing = LossCounter.of(run.recording, number).of_windows([slice(0, run.recording.n)]).standing
+    if standing:
+        share = f"{standing / run.recording.n:.1%}"
+        text = f"{standing} samples ({share}) are clipped, frozen or dropped out though nothing flagged them: left out"
+        flags.append(("flat", text))
+    if sensor.figures["snr_db"].note.startswith("the full-scale output"):
+        flags.append(("no_span", sensor.figures["snr_db"].note))
+    for name, abscissa in (("sensor", "elongation"), ("system", "pressure")):
+        figure = sensor.figures.get(f"{name}_hysteresis_percent_fso")
+        if figure is not None and figure.note.startswith(metrics.BOUND):
+            flags.append(("hysteresis_is_a_bound", f"the hysteresis over {abscissa} is {figure.note}"))
+        elif figure is not None and metrics.IN_PART in figure.note:
+            flags.append(("hysteresis_in_part", f"the hysteresis over {abscissa}: {figure.note}"))
     calibration, posterior = sensor.calibration, sensor.posterior
     if calibration is None:
         return [*flags, ("no_calibration", sensor.calibration_void)] if run.plateaus else flags
@@ -403,9 +455,6 @@ def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
         where = ", ".join(f"{t:.2f}" for t in inside)
         flags.append(("not_monotone", f"the curve turns at {where} mm: its inverse is refused"))
     flags += [("calibration", text) for text in reservations(calibration)]
-    bound = sensor.figures["sensor_hysteresis_percent_fso"].note
-    if "reading error" in bound:
-        flags.append(("hysteresis_is_a_bound", f"the hysteresis over elongation is {bound}"))
     if posterior is None and run.options.mcmc:
         flags.append(("no_posterior", sensor.calibration_void))
     if posterior is not None and not posterior.converged:

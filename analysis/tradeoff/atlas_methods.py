@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from analysis.errors import RequestError
-from analysis.tradeoff import atlas_fit
+from analysis.tradeoff import atlas_figures, atlas_fit, atlas_segmentation
 from analysis.tradeoff.atlas import Study
 
-STUDIES: dict[str, Study] = {study.name: study for room in (atlas_fit,) for study in room.STUDIES}
+_ROOMS = (atlas_fit, atlas_segmentation, atlas_figures)
+STUDIES: dict[str, Study] = {study.name: study for room in _ROOMS for study in room.STUDIES}
 METHOD_TITLES = {
     "fit": "Calibration: the polynomial fit",
     "inverse": "Inverse: mV to mm",
+    "segmentation": "Segmentation: holds and cycles of a run",
+    "figures": "Figures: signal-to-noise ratio and hysteresis",
 }
 
 

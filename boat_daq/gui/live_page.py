@@ -172,7 +172,7 @@ class LivePage(QWidget):
         tabs.setDocumentMode(True)
         tabs.tabBar().setDrawBase(False)
         self.shadow = ShadowPane(self.desk)
-        self.table = ReadingsTable(self.desk)
+        self.table = ReadingsTable(self.desk, self.desk.readings)
         self.plan = PlanForm(self.desk)
         tabs.addTab(self.shadow, "Shadow")
         tabs.addTab(self.plan, "Plan")

@@ -261,6 +261,11 @@ class Plot:
             if hasattr(item, "label"):
                 item.label.setColor(ink(theme))
 
+    def repaint(self) -> None:
+        """Take the theme's colours again, for what was added since."""
+        if self._theme is not None:
+            self.paint(self._theme)
+
     def _titles(self, theme: Theme) -> None:
         look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
         words = self.short or (f"{self.title} ({self.unit})" if self.unit else self.title)

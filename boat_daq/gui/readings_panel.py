@@ -12,7 +12,7 @@ from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.files import ask_open
 from boat_daq.viewmodels.desk import Desk
-from boat_daq.viewmodels.readings import HEADINGS, Row
+from boat_daq.viewmodels.readings import HEADINGS, ReadingsModel, Row
 
 EDITABLE = 3
 Index = QModelIndex | QPersistentModelIndex
@@ -86,9 +86,9 @@ class ReadingBar(QFrame):
 class ReadingsTableModel(QAbstractTableModel):
     """Qt's view of the rows of `ReadingsModel`."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
         super().__init__()
-        self.desk = desk
+        self.desk, self.readings = desk, readings
         self.rows: list[Row] = []
 
     def show_rows(self, rows: list[Row]) -> None:
@@ -141,7 +141,7 @@ class ReadingsTableModel(QAbstractTableModel):
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
         """Keep an edited reading."""
         step = self.rows[index.row()].step_id
-        return self.desk.notices.attempt(lambda: self.desk.readings.enter(step, str(value)))
+        return self.desk.notices.attempt(lambda: self.readings.enter(step, str(value)))
 
     def flags(self, index: Index) -> Qt.ItemFlag:
         """Only the reading can be edited."""
@@ -152,9 +152,9 @@ class ReadingsTableModel(QAbstractTableModel):
 class ReadingsView(QTableView):
     """The table; Ctrl+V pastes a column from the selected plateau on, Delete withdraws."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
         super().__init__()
-        self.desk = desk
+        self.desk, self.readings = desk, readings
         self.setAccessibleName("Readings of elongation")
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setAlternatingRowColors(True)
@@ -177,7 +177,7 @@ class ReadingsView(QTableView):
         steps = [row.step_id for row in self.model_rows()]
         if steps:
             at = steps[max(self.currentIndex().row(), 0)]
-            self.desk.notices.attempt(lambda: self.desk.readings.paste(text, at))
+            self.desk.notices.attempt(lambda: self.readings.paste(text, at))
 
     def model_rows(self) -> list[Row]:
         """Return the rows shown."""
@@ -187,17 +187,22 @@ class ReadingsView(QTableView):
     def _withdraw(self) -> None:
         row = self.currentIndex().row()
         if row >= 0:
-            self.desk.notices.attempt(lambda: self.desk.readings.put(self.model_rows()[row].step_id, None, "typed"))
+            self.desk.notices.attempt(lambda: self.readings.put(self.model_rows()[row].step_id, None, "typed"))
 
 
 class ReadingsTable(QWidget):
-    """The table of readings with its buttons."""
+    """The table of readings with its buttons.
 
-    def __init__(self, desk: Desk) -> None:
+    Parameters
+    ----------
+    readings : of the run that goes, or of an older recording.
+    """
+
+    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
         super().__init__()
-        self.desk = desk
-        self.model = ReadingsTableModel(desk)
-        self.view = ReadingsView(desk)
+        self.desk, self.readings = desk, readings
+        self.model = ReadingsTableModel(desk, readings)
+        self.view = ReadingsView(desk, readings)
         self.view.setModel(self.model)
         header = self.view.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
@@ -220,11 +225,11 @@ class ReadingsTable(QWidget):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the rows as they are now."""
         before = len(self.model.rows)
-        rows = self.desk.readings.rows(snapshot)
+        rows = self.readings.rows(snapshot)
         self.model.show_rows(rows)
         self.empty.setVisible(not rows)
         self.view.setVisible(bool(rows))
-        widgets.set_text(self.count, self.desk.readings.summary(rows))
+        widgets.set_text(self.count, self.readings.summary(rows))
         if len(rows) > before:
             self.view.scrollToBottom()
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QGridLayout, QStackedWidget, QVBoxLayout, QWidget
+from typing import Any
+
+from PySide6.QtWidgets import QGridLayout, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -14,8 +16,10 @@ from boat_daq.gui.plot_card import PlotCard
 from boat_daq.viewmodels.calibration import sensor_words
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.repeatability import GROUPS
+from boat_daq.viewmodels.results import RunResult
 
 SENSORS = 2
+BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
 
 
 class LoopsByCycle(PlotCard):
@@ -72,6 +76,10 @@ class RepeatPage(QWidget):
         self.sensitivity = PerCycle("Sensitivity", "Per cycle", "mV/mm")
         self.snr = PerCycle("SNR", "Per cycle", "dB")
         self.table = FigureTable()
+        self.broken = widgets.label("", "small", wrap=True)
+        self.tested = widgets.read_table("Both sides of each break compared", BREAK_HEADINGS)
+        self.breaks = widgets.holder(widgets.column(self.broken, self.tested, spacing=style.GAP))
+        self.break_lines: list[tuple[PerCycle, Any]] = []
         self.stack = QStackedWidget()
         self.stack.addWidget(
             EmptyState(
@@ -107,8 +115,12 @@ class RepeatPage(QWidget):
         for k, share in enumerate((4, 3, 3)):
             grid.setColumnStretch(k, share)
         side, column = widgets.card()
-        column.addWidget(widgets.label("Figures", "subtitle"))
-        column.addWidget(self.table)
+        self.tabs = QTabWidget()
+        self.tabs.setDocumentMode(True)
+        self.tabs.tabBar().setDrawBase(False)
+        self.tabs.setAccessibleName("Figures, and the run's breaks")
+        self.tabs.addTab(self.table, "Figures")
+        column.addWidget(self.tabs)
         width = style.PANE_WIDTH_WIDE - 8 * style.STEP
         layout.addWidget(Divided("repeat", self.desk.preferences, widgets.holder(grid), side, width), 1)
         return body
@@ -140,4 +152,25 @@ class RepeatPage(QWidget):
             self.sensitivity.plot.rename("Per cycle", each.sensitivity_unit)
         for shown in (self.drift, self.hysteresis, self.sensitivity, self.snr):
             shown.plot.fit()
+        self._show_breaks(result)
         self.table.show_rows(result.figures, [sensor_words(s.name) for s in result.sensors])
+
+    def _show_breaks(self, result: RunResult) -> None:
+        """Draw a line where the run was broken and went on, and say what the tests on both sides of it found."""
+        for card, line in self.break_lines:
+            card.plot.forget_line(line)
+        self.break_lines = [
+            (card, card.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="break"))
+            for found in result.breaks
+            for card in (self.drift, self.hysteresis, self.sensitivity, self.snr)
+        ]
+        for card, _ in self.break_lines:
+            card.plot.repaint()
+        self.broken.setText("\n".join(found.sentence for found in result.breaks))
+        widgets.fill_table(self.tested, [row for found in result.breaks for row in found.rows])
+        at = self.tabs.indexOf(self.breaks)
+        if result.breaks and at < 0:
+            self.tabs.addTab(self.breaks, "Breaks")
+        elif not result.breaks and at >= 0:
+            self.tabs.removeTab(at)
+            self.breaks.setParent(None)

@@ -22,11 +22,13 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
+from boat_daq.gui.closed_readings import ClosedReadings
 from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.files import ask_save
 from boat_daq.gui.plot import Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.style import Theme
+from boat_daq.viewmodels.closed_run import ClosedRun
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.runs import HEADINGS, MOST_COMPARED, Run
 
@@ -75,6 +77,7 @@ class RunsPage(QWidget):
         self.desk = desk
         self._revision = -1
         self._compared: object = None
+        self.readings: ClosedReadings | None = None  # of an older recording, while they are edited
         self.list = widgets.read_table("Recordings", HEADINGS)
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
         self.thumbnail = Thumbnail(self.list)
@@ -115,6 +118,10 @@ class RunsPage(QWidget):
         self.buttons: dict[str, QPushButton] = {
             "open": widgets.button("Calibrate", self.open, "primary", tip="Analyse it on the Calibrate page"),
             "repeat": widgets.button("Repeatability", self._repeat),
+            "readings": widgets.button(
+                "Readings …", self.edit_readings, tip="Correct or add readings of this recording"
+            ),
+            "resume": widgets.button("Resume this run", self._resume, tip="Go on in it at its next whole cycle"),
             "replay": widgets.button("Replay", lambda: None, tip="Play it as if it came from a board"),
             "export": widgets.button("Export", lambda: None),
             "report": widgets.button("Report", self.ask_report),
@@ -162,6 +169,24 @@ class RunsPage(QWidget):
             self.desk.notices.attempt(partial(self.desk.calibration.analyse, path))
             self.desk.request("Calibrate")
 
+    def edit_readings(self) -> None:
+        """Show the readings of the chosen recording, to be corrected."""
+        for path in self._paths()[:1]:
+            self.desk.notices.attempt(partial(self._edit, path))
+
+    def _edit(self, path: Path) -> None:
+        self.readings = ClosedReadings(self.window(), self.desk, ClosedRun(path))
+        self.readings.finished.connect(self._forget_readings)
+        self.readings.show()
+
+    def _forget_readings(self, _: int) -> None:
+        self.readings = None
+        self.desk.runs.look()
+
+    def _resume(self) -> None:
+        for path in self._paths()[:1]:
+            self.desk.notices.attempt(partial(self.desk.resume, path))
+
     def _repeat(self) -> None:
         for path in self._paths()[:1]:
             self.desk.notices.attempt(partial(self.desk.repeatability.analyse, path))
@@ -196,6 +221,8 @@ class RunsPage(QWidget):
             self.buttons[key].setEnabled(one)
         self.buttons["report"].setEnabled(bool(chosen))
         self.buttons["compare"].setEnabled(2 <= len(chosen) <= 4)
+        self.buttons["readings"].setEnabled(one and chosen[0].closed)
+        self.buttons["resume"].setVisible(one and chosen[0].resumable)
         self.buttons["recover"].setVisible(any(run.interrupted for run in chosen))
 
     def paint_theme(self, theme: Theme) -> None:
@@ -206,6 +233,8 @@ class RunsPage(QWidget):
         """Show the list where it has changed, and have it looked at again."""
         runs = self.desk.runs
         runs.look_now_and_then()
+        if self.readings is not None:
+            self.readings.refresh()
         if runs.comparison is not self._compared:
             self._compared = runs.comparison
             self._show_comparison()

@@ -13,13 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from analysis.break_comparison import Break, Comparison
 from analysis.loops import Loops
 from analysis.pipeline import Analysis, Options, SensorAnalysis, analyse
 from analysis.posterior import MAX_STEPS, sample_posterior
 from analysis.recording import load_recording
 from analysis.repeatability import per_cycle, sensitivity_per_cycle
 from boat_daq.viewmodels.figures import FIGURES, figure_rows, figure_text
-from boat_daq.viewmodels.results import CycleFigures, LoopSet, PosteriorResult, RunResult, SensorResult
+from boat_daq.viewmodels.formatting import NOTHING
+from boat_daq.viewmodels.results import BreakResult, CycleFigures, LoopSet, PosteriorResult, RunResult, SensorResult
 
 Progress = Callable[[float, float], None]
 GRID = 161
@@ -57,6 +59,7 @@ def analyse_run(path: str, *, seed: int = 0, progress: Progress | None = None) -
         loops=_loops(found.loops),
         flags=tuple(_in_words(str(flag["text"])) for flag in found.flags),
         reading_sd_mm=_reading_sd(found),
+        breaks=tuple(_break(each) for each in found.breaks),
     )
 
 
@@ -100,6 +103,21 @@ def _cycles(found: Analysis, index: int) -> CycleFigures:
     each = per_cycle(found, index)
     sensitivity, unit = sensitivity_per_cycle(found, index)
     return CycleFigures(each.hysteresis_percent_fso, each.snr_db, sensitivity, unit, each.warm_up)
+
+
+def _break(found: Break) -> BreakResult:
+    at = 0.5 + float(max(found.before, default=0))
+    return BreakResult(at, _in_words(found.sentence), tuple(_tested(c) for c in found.comparisons))
+
+
+def _tested(c: Comparison) -> tuple[str, ...]:
+    """Return one comparison over a break as text; what its test rejects is marked."""
+    p = [
+        ("\u25b2 " if name in c.significant else "") + (f"{value:.2g}" if np.isfinite(value) else NOTHING)
+        for name, value in (("t", c.t_p), ("F", c.f_p))
+    ]
+    quantity = _in_words(f"{c.sensor}: {c.quantity}") + f" ({c.unit})"
+    return quantity, f"{c.mean_before:.4g} (n = {c.n_before})", f"{c.mean_after:.4g} (n = {c.n_after})", *p
 
 
 def _content(sensor: SensorAnalysis) -> dict[str, Any]:

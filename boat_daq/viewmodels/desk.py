@@ -24,6 +24,7 @@ from boat_daq.viewmodels.changes import Change, Changes, History
 from boat_daq.viewmodels.connection import ConnectionModel
 from boat_daq.viewmodels.conversion import Conversion, Preparation
 from boat_daq.viewmodels.formatting import count
+from boat_daq.viewmodels.going_on import GoingOn
 from boat_daq.viewmodels.live import LiveModel, Marker
 from boat_daq.viewmodels.notices import Level, Notice, Notices
 from boat_daq.viewmodels.optics import OpticsModel
@@ -90,6 +91,7 @@ class Desk:
         self.preparation = Preparation()
         self.conversion: Conversion | None = None
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay, lambda: session.ring)
+        self.going_on = GoingOn(session, self.sequence, self.runs, self.notices, lambda: self.request("Live"))
         self._inverse_of: StoredCalibration | None = None
         self.request: Callable[[str], None] = lambda what: None
         self._unit_shown = ("", 0)  # its name, and which of its calibrations
@@ -130,6 +132,7 @@ class Desk:
         self.repeatability.follow(self.snapshot)
         self._tell_runs()
         self._offer_calibration()
+        self.going_on.watch(self.snapshot)
         self.notices.attempt(self._follow_calibration)
         for message in self.snapshot.messages:
             if message.number > self._last_message:
@@ -170,6 +173,15 @@ class Desk:
             self.request("Live")
 
         self.notices.attempt(deed)
+
+    def resume(self, path: Path) -> None:
+        """Make a broken run ready to go on in its own recording; it begins when Start is pressed.
+
+        Raises
+        ------
+        OperatorError : as `GoingOn.resume`.
+        """
+        self.going_on.resume(path, self.snapshot, self.readings.reader)
 
     def choose_repeatability(self) -> None:
         """Take the plan of many cycles and show it."""

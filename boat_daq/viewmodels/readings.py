@@ -9,11 +9,12 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.session import Reading, Session, SessionSnapshot, StepMark
+from boat_daq.engine.session import Reading, SessionSnapshot, StepMark
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.changes import Change, Changes
 from boat_daq.viewmodels.formatting import NOTHING, count, number, plain_number, target
@@ -61,6 +62,27 @@ class Row:
 HEADINGS = ("Cycle", "Branch", "kPa", "mm", "")
 
 
+class Keeper(Protocol):
+    """What keeps the readings: the session of a run that goes, or the recording of one that is over."""
+
+    def steps(self) -> tuple[StepMark, ...]:
+        """Return the plateaus so far."""
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Return all readings, in order of entry."""
+
+    def add_reading(
+        self,
+        step_id: int,
+        elongation_mm: float | None,
+        source: str,
+        *,
+        resolution_mm: float | None = None,
+        reader: str = "",
+    ) -> object:
+        """Keep a reading; a second one for a plateau corrects the first."""
+
+
 class ReadingsModel:
     """The table of readings and the question of the moment.
 
@@ -70,7 +92,7 @@ class ReadingsModel:
     changes : where each entry is kept for undo.
     """
 
-    def __init__(self, session: Session, changes: Changes) -> None:
+    def __init__(self, session: Keeper, changes: Changes) -> None:
         self.session = session
         self._changes = changes
         self.resolution_mm = 0.5

@@ -77,6 +77,18 @@ class SensorResult:
 
 
 @dataclass(frozen=True, slots=True)
+class BreakResult:
+    """Where a run was broken and went on: between which cycles, in a sentence, and the tests on both sides of it.
+
+    A row has quantity, mean before, mean after, p of t, p of F, as text.
+    """
+
+    at_cycle: float
+    sentence: str
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RunResult:
     """All a page shows of one run."""
 
@@ -95,6 +107,7 @@ class RunResult:
     loops: LoopSet
     flags: tuple[str, ...]
     reading_sd_mm: float
+    breaks: tuple[BreakResult, ...] = ()
 
     @property
     def calibrated(self) -> bool:

@@ -7,6 +7,7 @@ its reason, never left out. Exports and reports are made by a helper process.
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.recovery import find_interrupted
+from boat_daq.engine.resumption import BrokenRun, read_broken_run
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.summary import Summary, summarise
 from boat_daq.errors import BoatDaqError, OperatorError
@@ -52,12 +54,35 @@ class Run:
         return self.summary is not None and self.summary.status == "interrupted"
 
     @property
+    def closed(self) -> bool:
+        """Whether it is complete as a file, so that something may be added to it."""
+        return self.summary is not None and self.summary.status in ("closed", "recovered")
+
+    @property
+    def resumable(self) -> bool:
+        """Whether its run did not come to its end and can go on in it."""
+        s = self.summary
+        ended = s is not None and s.status != "recording" and s.stop_reason != "finished"
+        return ended and s is not None and s.steps > 0
+
+    @property
     def hover(self) -> str:
         """Return what is said on hover."""
         s = self.summary
         if s is None:
             return self.problem
-        told = (s.note, f"operator {s.operator}" if s.operator else "", s.stop_reason, f"{s.lost_samples} samples lost")
+        breaks = "\n".join(
+            f"broken after {count(b.complete_cycles, 'cycle')}: {b.cause}"
+            + (f", for {duration(b.break_s)}" if b.break_s is not None else "")
+            for b in s.breaks
+        )
+        told = (
+            breaks,
+            s.note,
+            f"operator {s.operator}" if s.operator else "",
+            s.stop_reason,
+            f"{s.lost_samples} samples lost",
+        )
         return "\n".join(part for part in told if part)
 
     @property
@@ -69,7 +94,7 @@ class Run:
         simulated = "  SIMULATED" if s.simulated else ""
         cycles = str(s.cycles.complete) + (f" + {s.cycles.partial} partial" if s.cycles.partial else "")
         when = s.started_utc[:16].replace("T", "  ")
-        state = STATES.get(s.status, s.status)
+        state = STATES.get(s.status, s.status) + (f", {count(len(s.breaks), 'break')}" if s.breaks else "")
         return (
             "",
             f"{s.unit or NOTHING}{simulated}",
@@ -174,6 +199,24 @@ class RunsModel:
         """Close properly what a killed session left, in the background."""
         work = Work(f"Recovering {path.name}", "boat_daq.engine.recovery:recover", path, report=True)
         self.bench.start("recover", work, lambda work: self._finished(work, f"{path.name} is recovered and complete"))
+
+    def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
+        """Make a broken run ready to go on, in the background; `then` is called with it.
+
+        Raises
+        ------
+        OperatorError, StorageError, RecordingError : there is nothing to go on with, or not now.
+        """
+        read_broken_run(path)
+
+        def ready(work: Work) -> None:
+            if work.state is WorkState.DONE:
+                then(work.result)
+            elif work.failure is not None:
+                self.failures.append((work.failure.cause, work.failure.remedy, work.failure.details))
+
+        work = Work(f"Looking at {path.name}", "boat_daq.engine.resumption:prepare_resumption", path, report=True)
+        self.bench.start("resume", work, ready)
 
     def export(self, paths: list[Path], target: Path) -> None:
         """Write the samples of one recording as CSV or Parquet, as the ending of `target` says, in the background.

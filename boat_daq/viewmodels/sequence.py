@@ -162,6 +162,10 @@ class SequenceModel:
         """Take one of the plans by name."""
         self._replace(self.plans[name], f"choice of plan {name}")
 
+    def take(self, plan: Plan) -> None:
+        """Take the plan of a run that goes on."""
+        self._replace(plan, f"choice of plan {plan.name}")
+
     def open(self, path: Path) -> None:
         """Take a plan from a TOML file.
 

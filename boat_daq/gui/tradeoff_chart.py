@@ -90,8 +90,7 @@ class TradeoffCard(PlotCard):
             self.plot.item.removeItem(text)
         self.words = []
         for p in points:
-            name = " and ".join(w for w, here in (("default", p.default), ("chosen", p.chosen)) if here)
-            text = pg.TextItem(f"{p.number} {name}".strip(), anchor=(-0.1, 1.1))
+            text = pg.TextItem(f"{p.number} {p.name}".strip(), anchor=(-0.1, 1.1))
             text.setFont(style.small_font())
             text.setColor(self.theme.text)
             text.setPos(*at[p.number])

@@ -74,7 +74,7 @@ class MethodList(QListWidget):
 class SettingsTable(QTableWidget):
     """Every setting of a method, cheapest first."""
 
-    COLUMNS = ("No.", "Setting", "Time", "Error", "")
+    COLUMNS = ("No.", "Setting", "Time", "Error", "Mark")
 
     def __init__(self) -> None:
         super().__init__(0, len(self.COLUMNS))

@@ -7,7 +7,7 @@ a number (the setting failed) is infinite here and cannot be drawn.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,10 @@ SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074
 
 @dataclass(frozen=True, slots=True)
 class TradeoffPoint:
-    """One setting: processor time (s) with the range of its repeats, error with its range, and its marks."""
+    """One setting: processor time (s) with the range of its repeats, error with its range, and its marks.
+
+    `levels` are the fidelities other than the default one at which the program uses this setting.
+    """
 
     number: int
     setting: str
@@ -32,6 +35,7 @@ class TradeoffPoint:
     on_front: bool
     default: bool
     chosen: bool
+    levels: tuple[str, ...] = ()
 
     @property
     def drawn(self) -> bool:
@@ -42,13 +46,18 @@ class TradeoffPoint:
     def signs(self) -> str:
         """Its marks as the chart draws them."""
         marks = (("\u25cb", self.default), ("\u25a1", self.chosen))
-        return " ".join(sign for sign, here in marks if here)
+        return " ".join([sign for sign, here in marks if here] + [level[0].upper() for level in self.levels])
+
+    @property
+    def name(self) -> str:
+        """What it is to the program, for its label in the chart."""
+        marks = (("default", self.default), ("chosen", self.chosen))
+        return ", ".join([*(name for name, here in marks if here), *self.levels])
 
     @property
     def marks(self) -> str:
         """Its marks in words."""
-        marks = (("default", self.default), ("chosen", self.chosen), ("front", self.on_front))
-        return ", ".join(name for name, here in marks if here)
+        return ", ".join([*filter(None, [self.name]), *(["front"] if self.on_front else [])])
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +117,7 @@ def read_report(content: Any) -> dict[str, MethodChart]:
 
 
 def _method(m: Mapping[str, Any], margin: float, machine: Mapping[str, Any], quick: bool) -> MethodChart:
-    front, default, chosen = m["front"], m["default"], m.get("chosen")
+    default, chosen = m["default"], m.get("chosen")
     rows = sorted(m["points"], key=lambda p: float(p.get("cpu_seconds", p["seconds"])))
     tolerance = float(m["tolerance"])
     when = str(m.get("measured_utc", machine.get("date_utc", "")))[:10]
@@ -117,16 +126,18 @@ def _method(m: Mapping[str, Any], margin: float, machine: Mapping[str, Any], qui
         str(m["name"]), str(m.get("title", m["name"])), str(m["reference"]), str(m["consumer"]), tolerance,
         tolerance / margin, str(m["unit"]), str(m.get("per", "a call")), str(m.get("verdict", "")),
         chosen is not None and chosen == default, f"{how}, {when}, {machine.get('processor', 'unknown machine')}",
-        tuple(_point(i, p, front, default, chosen) for i, p in enumerate(rows, 1)),
+        tuple(_point(i, p, m) for i, p in enumerate(rows, 1)),
     )  # fmt: skip
 
 
-def _point(place: int, p: Mapping[str, Any], front: Sequence[str], default: str, chosen: str | None) -> TradeoffPoint:
-    name = str(p["setting"])
+def _point(place: int, p: Mapping[str, Any], m: Mapping[str, Any]) -> TradeoffPoint:
+    name, default = str(p["setting"]), m["default"]
+    spread = p.get("cpu_spread", p.get("spread"))
+    levels = tuple(level for level, at in m.get("fidelity", {}).items() if at["in_code"] == name and level != "normal")
     return TradeoffPoint(
-        place, name, float(p.get("cpu_seconds", p["seconds"])), float(p.get("spread") or 0.0),
+        place, name, float(p.get("cpu_seconds", p["seconds"])), float(spread or 0.0),
         math.inf if p["error"] is None else float(p["error"]), float(p.get("error_spread") or 0.0),
-        int(p.get("repeats", 1)), name in front, name == default, name == chosen,
+        int(p.get("repeats", 1)), name in m["front"], name == default, name == m.get("chosen"), levels,
     )  # fmt: skip
 
 
@@ -180,6 +191,7 @@ def power_text(value: float, digits: int = 1) -> str:
     """Return a number that spans decades: plain near 1, `2\u00b710\u207b\u2076` far from it."""
     if value == 0:
         return "0"
+    value = float(f"{value:.{digits - 1}e}")  # rounded before its decade is asked for
     power = math.floor(math.log10(abs(value)) + 1e-9)
     if -3 <= power <= 4:
         return number(value, max(0, digits - 1 - power))

@@ -500,7 +500,18 @@ def busy() -> float:
 NIGHTLY = [pytest.mark.nightly, pytest.mark.timeout(1800)]
 
 
-@pytest.mark.parametrize(("times", "shared"), [(20, True), pytest.param(200, False, marks=NIGHTLY)])
+@pytest.mark.fault(30, how="a recorder killed with -9 at random instants", times=20)
+@pytest.mark.parametrize(
+    ("times", "shared"),
+    [
+        (20, True),
+        pytest.param(
+            200,
+            False,
+            marks=[*NIGHTLY, pytest.mark.fault(30, how="a recorder killed with -9 at random instants", times=200)],
+        ),
+    ],
+)
 def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, forks, times, shared):
     """Killed at random instants: it opens, all that was acknowledged is there, at most 0.2 s are missing.
 

@@ -93,7 +93,7 @@ def _is_parametrize(node: ast.AST) -> bool:
 
 
 def _is_nightly(node: ast.AST) -> bool:
-    return "pytest.mark.nightly" in ast.unparse(node)
+    return "pytest.mark.nightly" in ast.unparse(node) or "NIGHTLY" in ast.unparse(node)
 
 
 def page() -> str:

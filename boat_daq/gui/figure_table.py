@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from boat_daq.gui import style
@@ -43,7 +44,19 @@ class FigureTable(QTableWidget):
                 heading.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         header = self.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setStretchLastSection(True)
+        self._share()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the names what room there is."""
+        super().resizeEvent(event)
+        self._share()
+
+    def _share(self) -> None:
+        """Cut names where a little is missing; where much is, the table scrolls."""
+        roomy = self.viewport().width() >= style.FIGURES_LEAST
+        mode = QHeaderView.ResizeMode.Stretch if roomy else QHeaderView.ResizeMode.ResizeToContents
+        if self.columnCount():
+            self.horizontalHeader().setSectionResizeMode(0, mode)
 
     @staticmethod
     def _item(cell: FigureText, side: Qt.AlignmentFlag) -> QTableWidgetItem:

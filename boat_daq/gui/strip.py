@@ -125,5 +125,6 @@ class Strip(QWidget):
 def _sentence(text: str) -> str:
     """Return `text` as a sentence."""
     text = text.strip()
-    head = text[:1].upper() + text[1:]
+    place = "/" in text.partition(" ")[0]  # a port or a file is written as it is
+    head = text if place else text[:1].upper() + text[1:]
     return head if head.endswith((".", "!", "?", "\u2026")) else f"{head}."

@@ -91,6 +91,7 @@ PLOT_MINIMUM = (168, 116)  # below it a page scrolls
 PLOT_MORE = 64  # for each further plot of a card
 LIVE_PLOTS_MINIMUM = 88
 HEADING_LEAST = 72
+FIGURES_LEAST = 310  # below it the table of figures scrolls
 ROW_FOR_TITLE = 96  # a live plot's title and unit need so much height
 FORM_WIDTH = 560
 THUMBNAIL = (168, 44)

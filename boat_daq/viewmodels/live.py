@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.session import SessionSnapshot
+from boat_daq.engine.session import LinkState, SessionSnapshot
 from boat_daq.viewmodels.axis import SteadyRange, extremes
 from boat_daq.viewmodels.formatting import NOTHING, number
 
@@ -236,10 +236,10 @@ class LiveModel:
         return {name: self._ranges[name].update(low, high, now_s) for name, (low, high) in wanted.items()}
 
     def headline(self, snapshot: SessionSnapshot, sensors: int = 2) -> Headline:
-        """Return the large figures: means of the last moment, or dashes."""
+        """Return the large figures: means of the last moment, or dashes; what was before the link went is not now."""
         ring = self.ring()
         last = snapshot.last
-        if ring is None or last is None:
+        if ring is None or last is None or snapshot.link is not LinkState.UP:
             return Headline((NOTHING,) * sensors, NOTHING, NOTHING, NOTHING, "")
         rate = snapshot.health.rate_hz if snapshot.health is not None else None
         recent = ring.view(last=max(1, round(HEADLINE_S * (rate or 100.0))))

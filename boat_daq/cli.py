@@ -27,6 +27,7 @@ from boat_daq.commands import (
     info,
     optics,
     ports,
+    qualify,
     record,
     recover,
     report,
@@ -86,6 +87,7 @@ COMMANDS = (
     atlas.atlas,
     export.export,
     fit.fit,
+    qualify.qualify,
     bugreport.bugreport,
 )
 for command in COMMANDS:

@@ -1,0 +1,211 @@
+"""`boat-daq qualify`: the fault drills on this computer, and the report that an operator signs."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import boat_daq
+from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analysis.report_content import Report
+    from boat_daq.engine.drills import Drill, Outcome
+
+_PACKAGES = ("numpy", "pyserial", "cobs", "scipy", "pandas")
+
+
+def qualify(
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for the report; its disk is tried.")
+    ] = Path(),
+    only: Annotated[list[str] | None, typer.Option("--drill", help="Only this drill; may be repeated.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the fault drills against the virtual board on this computer, and write a dated report to sign.
+
+    Each drill injects a fault (loss, flips, unplug, stall, leak, lamp, e-stop, kill, slow disk) and holds what the
+    program saw against the board's own truth. It takes one to two minutes; exit code 1 where a criterion is not kept.
+    Everything is SIMULATED: program, computer, disk and port are tried, not the lab's board.
+
+    Example: boat-daq qualify --out qualification
+    """
+    from boat_daq.engine.drills import available, run_drill
+
+    drills = chosen(available(), only)
+    begun = datetime.now().astimezone()
+    work = out / f"qualification_{begun:%Y-%m-%d_%H%M%S}"
+    outcomes = []
+    make_folder(work)
+    try:
+        with progress_bar("drills") as advance:
+            for number, drill in enumerate(drills):
+                outcomes.append(run_drill(drill, work / drill.__name__))
+                advance(number + 1, len(drills))
+                say(_line(outcomes[-1]))
+                if outcomes[-1].passed:
+                    shutil.rmtree(work / drill.__name__, ignore_errors=True)
+    except KeyboardInterrupt:
+        shutil.rmtree(work, ignore_errors=True)
+        raise
+    content = result(outcomes, begun, whole=len(drills) == len(available()))
+    content["files"] = write_reports(content, outcomes, work)
+    if as_json:
+        emit_json(content)
+    say(f"{content['verdict']} Report: {', '.join(str(path) for path in content['files'])}")
+    if not content["passed"]:
+        raise typer.Exit(1)
+
+
+def chosen(drills: Sequence[Drill], names: Sequence[str] | None) -> list[Drill]:
+    """Return the drills of these names; all when there are none."""
+    known = {drill.__name__: drill for drill in drills}
+    wrong = [name for name in names or () if name.replace("-", "_") not in known]
+    if wrong:
+        raise typer.BadParameter(f"there is no drill {wrong[0]!r}; there are {', '.join(known)}", param_hint="--drill")
+    return [known[name.replace("-", "_")] for name in names] if names else list(drills)
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder of one qualification."""
+    from boat_daq.errors import StorageError
+
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise StorageError(f"{folder} cannot be made: {error.strerror}", "choose another folder with --out") from None
+
+
+def result(outcomes: Sequence[Outcome], begun: datetime, *, whole: bool) -> dict[str, Any]:
+    """Return the object of `qualify --json`, its files apart."""
+    failed = [outcome.name for outcome in outcomes if not outcome.passed]
+    passed = not failed and bool(outcomes)
+    if failed:
+        verdict = f"FAILED: {', '.join(failed)}. Do not trust this installation before the cause is found."
+    elif whole:
+        verdict = f"PASSED: all {len(outcomes)} drills."
+    else:
+        verdict = f"Passed {len(outcomes)} drills that were asked for: this is no whole qualification."
+    return {
+        "simulated": True,
+        "passed": passed,
+        "whole": whole,
+        "verdict": verdict,
+        "begun": begun.isoformat(timespec="seconds"),
+        "seconds": sum(outcome.seconds for outcome in outcomes),
+        "machine": machine(),
+        "versions": versions(),
+        "drills": [drill_json(outcome) for outcome in outcomes],
+    }
+
+
+def drill_json(outcome: Outcome) -> dict[str, Any]:
+    """Return one drill as `qualify --json` gives it."""
+    return {
+        "name": outcome.name,
+        "injected": outcome.injected,
+        "passed": outcome.passed,
+        "criteria": [{"text": c.text, "seen": c.seen, "kept": c.kept} for c in outcome.criteria],
+        "lost": outcome.lost,
+        "counts": outcome.counts,
+        "seconds": outcome.seconds,
+    }
+
+
+def machine() -> dict[str, str]:
+    """Return what the drills ran on."""
+    return {
+        "name": platform.node(),
+        "system": f"{platform.system()} {platform.release()}",
+        "processor": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of program and libraries."""
+    from importlib import metadata
+
+    found = {"boat-daq": boat_daq.__version__, "Python": platform.python_version()}
+    return found | {name: metadata.version(name) for name in _PACKAGES}
+
+
+def write_reports(content: dict[str, Any], outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+    """Write the report as HTML, PDF and JSON into the folder."""
+    import json
+
+    from analysis.report_html import write_html
+    from analysis.report_pdf import write_pdf
+    from boat_daq.commands.console import plain
+
+    report = build(content, outcomes)
+    paths = [folder / f"qualification{suffix}" for suffix in (".html", ".pdf", ".json")]
+    write_html(report, paths[0])
+    write_pdf(report, paths[1])
+    paths[2].write_text(json.dumps(plain(content), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return paths
+
+
+def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
+    """Return the report: verdict, drills in short, each drill's criteria, machine and versions, and where to sign."""
+    from analysis.report_content import Report, Section, Table
+
+    short = Table(
+        ("Drill", "Injected", "Lost", "Result"),
+        tuple((o.name, o.injected, o.lost, "passed" if o.passed else "FAILED") for o in outcomes),
+        "What was injected into the virtual board, what the recording lacks, and whether every criterion was kept.",
+        numeric=False,
+    )
+    criteria = tuple(
+        Section(
+            f"{o.name}: {'passed' if o.passed else 'FAILED'}",
+            (
+                Table(
+                    ("Criterion", "Seen", "Kept"),
+                    tuple((c.text, c.seen, "yes" if c.kept else "NO") for c in o.criteria),
+                    "   ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in o.counts.items()),
+                    numeric=False,
+                ),
+            ),
+        )
+        for o in outcomes
+    )
+    known = [*content["machine"].items(), *content["versions"].items()]
+    sign = (
+        "I have read this report. It tries program, computer, disk and port on a virtual board; it says nothing of the "
+        "lab's board, its sensors or its plumbing.",
+        Table(("Name", "Date", "Signature"), (("_" * 26, "_" * 14, "_" * 30),), numeric=False),
+    )
+    return Report(
+        "Qualification of the installation",
+        f"{content['machine']['name']}, {content['begun'][:10]}",
+        True,
+        content["verdict"],
+        (
+            ("Begun", content["begun"]),
+            ("Drills", f"{len(outcomes)} in {content['seconds']:.0f} s"),
+            ("Program", f"boat-daq {content['versions']['boat-daq']}"),
+        ),
+        (
+            Section("Drills", (short,)),
+            Section("Signature", sign),
+            *criteria,
+            Section("Computer and versions", (Table(("What", "Which"), tuple(known), numeric=False),)),
+        ),
+        f"boat-daq {content['versions']['boat-daq']}, qualification of {content['begun'][:10]}",
+    )
+
+
+def _line(outcome: Outcome) -> str:
+    """Return what is said of a drill as soon as it is over."""
+    if outcome.passed:
+        return f"{outcome.name}: passed, lost {outcome.lost} ({outcome.seconds:.0f} s)"
+    broken = "; ".join(f"{c.text}: {c.seen}" for c in outcome.criteria if not c.kept)
+    return f"{outcome.name}: FAILED: {broken}"

@@ -14,9 +14,9 @@ import datetime
 import itertools
 import json
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -26,7 +26,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from analysis.errors import FileError, RequestError
-from analysis.recording import READING_COLUMNS, STEP_COLUMNS, FloatArray, IntArray, Recording
+from analysis.recording import READING_COLUMNS, STEP_COLUMNS, FloatArray, Gap, IntArray, Recording
 from protocol.recording import (
     check_long_tables,
     open_recording,
@@ -35,6 +35,8 @@ from protocol.recording import (
     session_dtype,
 )
 from protocol.recording_checks import DAMAGE, harden
+
+LATE_S = 0.5  # the counter is read a little before or after the samples that its row is laid to
 
 SQLITE_MAGIC = b"SQLite format 3\x00"
 LONGEST_US = 1 << 53  # 285 years: beyond, board times are damage, and their sums would not fit
@@ -73,9 +75,9 @@ def read_boat_file(path: str | Path) -> Recording:
         clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))
         steps = _steps(db, clock)
         readings = pd.read_sql_query(f"SELECT {', '.join(READING_COLUMNS)} FROM reading ORDER BY id", db)  # noqa: S608
-        crc_errors = _crc_errors(db)
-    if crc_errors:
-        meta["crc_errors"] = crc_errors
+        failures = _crc_failures(db, clock)
+    if failures:
+        meta["crc_errors"] = sum(failed.frames for failed in failures)
     if damaged:
         meta["damaged_blocks"] = damaged
     counts = "lit" in (samples.dtype.names or ())
@@ -84,7 +86,7 @@ def read_boat_file(path: str | Path) -> Recording:
         signal = (samples["lit"].astype(np.float64) - samples["dark"]) * scale
     else:
         signal = samples["signal_mv"].astype(np.float64)
-    return Recording.from_arrays(
+    recording = Recording.from_arrays(
         clock.time_s,
         samples["pressure_pa"] / 1000.0,
         signal,
@@ -100,6 +102,7 @@ def read_boat_file(path: str | Path) -> Recording:
         meta=meta,
         source=str(path),
     )
+    return replace(recording, gaps=tuple(_attributed(recording.gaps, failures)))
 
 
 def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:
@@ -113,14 +116,44 @@ def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:
     return target
 
 
-def _crc_errors(db: sqlite3.Connection) -> int:
+@dataclass(frozen=True, slots=True)
+class _Failed:
+    """Frames that failed their check between two looks at the link's counter; samples that a good frame carried."""
+
+    begin_s: float
+    end_s: float
+    frames: int
+    samples_a_frame: float
+
+
+def _crc_failures(db: sqlite3.Connection, clock: _Clock) -> list[_Failed]:
     """Frames that failed their check during the recording: the growth of the link's counter over its rows.
 
     The counter may hold what failed before the recording, so its first row is no growth; it starts again at zero
     where the link was opened anew.
     """
-    counts = [int(row[0]) for row in db.execute("SELECT crc_errors FROM health ORDER BY id")]
-    return sum(after - before if after >= before else after for before, after in itertools.pairwise(counts))
+    rows = db.execute("SELECT segment, time_us, frames, samples, crc_errors FROM health ORDER BY id").fetchall()
+    found = []
+    for (_, before_us, *before), (segment, after_us, *after) in itertools.pairwise(rows):
+        whole = all(a >= b for a, b in zip(after, before, strict=True))
+        frames, samples, failed = (a - b if whole else a for a, b in zip(after, before, strict=True))
+        if failed > 0:
+            ends = (clock.seconds(int(segment or 0), float("nan") if t is None else t) for t in (before_us, after_us))
+            found.append(_Failed(*ends, failed, max(samples / frames, 1.0) if frames else 1.0))
+    return found
+
+
+def _attributed(gaps: Sequence[Gap], failures: Sequence[_Failed]) -> Iterator[Gap]:
+    """Say of each gap how many of its samples came in frames that failed: no more than those frames carried."""
+    left = [round(failed.frames * failed.samples_a_frame) for failed in failures]
+    for gap in gaps:
+        carried = 0
+        for k, failed in enumerate(failures):
+            if left[k] and failed.begin_s - LATE_S <= gap.time_s <= failed.end_s + LATE_S:
+                taken = min(left[k], gap.lost - carried)
+                left[k] -= taken
+                carried += taken
+        yield replace(gap, crc_failed=carried)
 
 
 @dataclass(frozen=True, slots=True)

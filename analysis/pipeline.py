@@ -36,7 +36,8 @@ Progress = Callable[[float, float], None]
 NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
 
 OF_POINTS = (  # figures of the calibration's points; the others are those of the loops
-    "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm", "sensor_hysteresis_percent_fso",
+    "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm",
+    "sensor_hysteresis_percent_fso",
 )  # fmt: skip
 BREAK_FLAGS = {"same": "break", "differs": "differs_over_break", "untested": "untested_break"}
 

@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.cycles import Cycles
+from analysis.losses import LossCounter, Losses
 from analysis.recording import FloatArray, IntArray, Recording
 from analysis.statistics import standard_error
 
@@ -48,7 +49,8 @@ class Plateau:
     """One hold. Values are of its settled part; per sensor where a tuple.
 
     `cycle` is 0 outside the complete cycles; `branch` is "unloading", "loading", "start" (the extreme that opens the
-    first cycle) or "" outside; `void` says why the plateau carries no figure, or is "".
+    first cycle) or "" outside; `void` says why the plateau carries no figure, or is ""; `damaged` says it of each
+    sensor, whose values are then NaN and its count 0. `losses` are each sensor's.
     """
 
     number: int
@@ -69,6 +71,8 @@ class Plateau:
     left_out: int
     step: int | None = None
     void: str = ""
+    damaged: tuple[str, ...] = ()
+    losses: tuple[Losses, ...] = ()
 
 
 def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSettings | None = None) -> tuple[Plateau, ...]:
@@ -90,8 +94,9 @@ def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSetting
     apart = 2 * settings.tolerance_kpa
     if _distinct(np.asarray(levels), apart) < MIN_LEVELS or _passed_through(levels, apart) < MIN_PASSED:
         return ()
+    counters = tuple(LossCounter.of(recording, sensor) for sensor in range(recording.n_sensors))
     plateaus = [
-        _measure(recording, settings, number, hold, level, cycles)
+        _measure(recording, settings, number, hold, level, cycles, counters)
         for number, (hold, level) in enumerate(zip(holds, levels, strict=True), 1)
     ]
     return _with_branches(_one_for_each_step(tuple(_with_step(p, recording) for p in plateaus)), cycles)
@@ -195,6 +200,7 @@ def _measure(
     hold: tuple[int, int],
     level: float,
     cycles: Cycles,
+    counters: tuple[LossCounter, ...],
 ) -> Plateau:
     first, last = hold
     near = np.abs(cycles.smooth_kpa[first : last + 1] - level) <= settings.tolerance_kpa + 0.5 * cycles.noise_kpa
@@ -208,17 +214,19 @@ def _measure(
     rows = slice(min(settled, last + 1), last + 1)
     pressure = recording.pressure_kpa[rows][recording.pressure_usable[rows]]
     signals = [recording.signal_mv[rows, s][recording.usable[rows, s]] for s in range(recording.n_sensors)]
-    lost = sum(gap.lost for gap in recording.gaps if rows.start <= gap.row < last)
-    held = last + 1 - rows.start
-    left_out = held - min((s.size for s in signals), default=0)
-    plateau = Plateau(
+    losses = tuple(counter.of_windows([rows]) for counter in counters)
+    damaged = tuple(_void_reason(s.size, loss, settings) for s, loss in zip(signals, losses, strict=True))
+    signals = [np.empty(0) if reason else s for s, reason in zip(signals, damaged, strict=True)]
+    lost = max((loss.lost + loss.crc_failed for loss in losses), default=0)
+    left_out = max((loss.damaged for loss in losses), default=0) - lost
+    return Plateau(
         number, 0, "", first, rows.start, last, float(recording.time_s[first]), float(recording.time_s[last]),
         _mean(pressure), standard_error(pressure), tuple(_mean(s) for s in signals),
         tuple(standard_error(s) for s in signals),
         tuple(float(s.std(ddof=1)) if s.size > 1 else float("nan") for s in signals),
-        tuple(s.size for s in signals), lost, left_out,
+        tuple(s.size for s in signals), lost, left_out, void=damaged[0] if all(damaged) else "", damaged=damaged,
+        losses=losses,
     )  # fmt: skip
-    return replace(plateau, void=_void_reason(held, lost, left_out, settings))
 
 
 def _before_the_ramp(smooth_kpa: FloatArray, tolerance: float) -> int:
@@ -230,13 +238,10 @@ def _before_the_ramp(smooth_kpa: FloatArray, tolerance: float) -> int:
     return int(rows[-1]) if rows.size else count - 1
 
 
-def _void_reason(held: int, lost: int, left_out: int, settings: PlateauSettings) -> str:
-    if held - left_out < MIN_SAMPLES:
-        return f"only {held - left_out} usable samples after settling"
-    share = (lost + left_out) / (held + lost)
-    if share > settings.max_damaged:
-        return f"{share:.0%} of its samples lost or left out, above the limit of {settings.max_damaged:.0%}"
-    return ""
+def _void_reason(usable: int, losses: Losses, settings: PlateauSettings) -> str:
+    if usable < MIN_SAMPLES:
+        return f"only {usable} usable samples after settling"
+    return losses.void(settings.max_damaged)
 
 
 def _mean(values: FloatArray) -> float:

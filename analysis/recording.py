@@ -37,11 +37,15 @@ READING_COLUMNS = ("id", "utc", "step", "elongation_mm", "resolution_mm", "sourc
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Samples missing after row `row`: how many, and when (s, board time of the last sample before)."""
+    """Samples missing after row `row`: how many, and when (s, board time of the last sample before).
+
+    `crc_failed` of them came in frames that failed their check, as far as the link's counter tells.
+    """
 
     row: int
     lost: int
     time_s: float
+    crc_failed: int = 0
 
 
 @dataclass(frozen=True, slots=True)

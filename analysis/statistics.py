@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
+from analysis.losses import Losses
+
 FloatArray = npt.NDArray[np.float64]
 
 MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
@@ -30,6 +32,7 @@ class Figure:
     low, high : 95 % confidence interval; NaN where none can be given.
     void : why the figure is not to be used, or "".
     note : why the interval is missing or wide, or "".
+    window : what was lost or left out of the samples that it rests on; None where it rests on none directly.
     """
 
     value: float
@@ -40,6 +43,7 @@ class Figure:
     void: str = ""
     note: str = ""
     definition: str = ""
+    window: Losses | None = None
 
     @classmethod
     def nothing(cls, unit: str, reason: str, definition: str = "") -> Figure:
@@ -56,6 +60,7 @@ class Figure:
             "void": self.void,
             "note": self.note,
             "definition": self.definition,
+            "window": self.window.as_json() if self.window is not None else None,
         }
 
 

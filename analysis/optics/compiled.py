@@ -25,7 +25,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-PARTS = ("compiled", "frame", "geometry", "tracer", "simulation")
+PARTS = ("compiled", "frame", "tree", "geometry", "rays", "budget", "nearest", "tracer", "simulation")
 
 
 def _stamp() -> bytes:

@@ -22,7 +22,7 @@ from analysis.optics.compiled import Floats, Ints
 from analysis.optics.parameters import Waveguide
 
 NOTHING, INTERFACE, RECEIVER = 0, 1, 2
-CORNER_A, CORNER_B = 1, 2
+CORNER_A, CORNER_B, FREE = 1, 2, 4
 FORK_START, FORK_END, NO_CELL = -1, -2, -3
 _SAMPLES = 1500
 _TIGHTEST = 0.98
@@ -39,6 +39,8 @@ class Frame:
     ends : (g, 2) arc lengths between which a guide is its own, beyond them it is part of a junction.
     outer : (g,) +1 where the outer face is the left one, -1 where it is the right one.
     half_mm : half the thickness.
+    free : (g, m, 2) whether an arc's left and right edge have the whole scene behind each of their tangents, so that
+        light leaving there meets nothing more.
     surfaces : (j, 16) of the two junctions with their stems; a single strip has none.
     kinds, owners, corners : (j,) what a surface is, which junction it bounds, which of its ends are corners.
     emitter : x, y of the point, unit direction of the fan's middle.
@@ -51,6 +53,7 @@ class Frame:
     ends: Floats
     outer: Floats
     half_mm: float
+    free: Ints
     surfaces: Floats
     kinds: Ints
     owners: Ints
@@ -106,6 +109,56 @@ def offset_of(curve: ArcSpline, points: Floats) -> tuple[Floats, Floats]:
     return u[row, best], curve.nodes[best, 4] + step
 
 
+def _hull(a: Floats, way_a: Floats, b: Floats, way_b: Floats) -> Floats:
+    """Triangles (n, 3, 2) that enclose arcs: both ends and where the tangents there meet."""
+    cross = way_a[:, 0] * way_b[:, 1] - way_a[:, 1] * way_b[:, 0]
+    chord = b - a
+    along = chord[:, 0] * way_b[:, 1] - chord[:, 1] * way_b[:, 0]
+    flat = np.abs(cross) < 1e-9
+    step = np.where(flat, 0.5 * np.hypot(*chord.T), along / np.where(flat, 1.0, cross))
+    return np.stack([a, a + step[:, None] * way_a, b], axis=1)
+
+
+def free_edges(guides: list[ArcSpline], half: float, fork: Floats) -> Ints:
+    """(g, m, 2) 1 where all of the scene lies behind the tangents and the chord of an arc's left or right edge.
+
+    Light that leaves there, or through the mouth of a cavity cut there, meets nothing more. Cavities only take resin
+    away, so that it holds for every design.
+    """
+    edges = [[_edges(curve, side * half) for side in (1.0, -1.0)] for curve in guides]
+    points = np.concatenate([_hull(*e).reshape(-1, 2) for pair in edges for e in pair])
+    if len(fork):
+        points = np.concatenate(
+            [points, _hull(fork[:, 8:10], fork[:, 10:12], fork[:, 12:14], fork[:, 14:16]).reshape(-1, 2)]
+        )
+    slack = 1e-10 * float(np.max(np.ptp(points, axis=0)))
+    return np.stack(
+        [np.stack([_behind(points, *e, s, slack) for e, s in zip(pair, (1.0, -1.0), strict=True)], 1) for pair in edges]
+    )
+
+
+def _edges(curve: ArcSpline, u: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Start, tangent there, end, tangent there of each arc's offset."""
+    xy = curve.nodes[:, :2] + u * np.stack([-curve.nodes[:, 3], curve.nodes[:, 2]], axis=1)
+    return xy[:-1], curve.nodes[:-1, 2:4], xy[1:], curve.nodes[1:, 2:4]
+
+
+def _behind(points: Floats, a: Floats, way_a: Floats, b: Floats, way_b: Floats, side: float, slack: float) -> Ints:
+    """Whether no point lies on the outer side (left for +1) of the tangents at both ends nor of the chord.
+
+    An arc's own points may lie beyond its chord, by its bulge.
+    """
+    out = np.ones(len(a), dtype=bool)
+    chord = (b - a) / np.hypot(*(b - a).T)[:, None]
+    bulge = _hull(a, way_a, b, way_b)[:, 1]
+    for start, way, own in ((a, way_a, 0.0), (b, way_b, 0.0), (a, chord, 1.0)):
+        q = points[None] - start[:, None]
+        above = side * (way[:, None, 0] * q[..., 1] - way[:, None, 1] * q[..., 0])
+        mine = np.hypot(*(points[None] - bulge[:, None]).transpose(2, 0, 1)) == 0.0
+        out &= np.all((above <= slack) | (mine & (own > 0)), axis=1)
+    return out.astype(np.int32)
+
+
 def check_bends(curve: ArcSpline, half: float, name: str) -> None:
     """Refuse a guide whose edge would fold over in a bend."""
     tightest = float(np.max(np.abs(curve.curvature)))
@@ -148,6 +201,7 @@ def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = 
         ends,
         np.array([1.0, -1.0]),
         half,
+        free_edges([left, right], half, np.concatenate(surfaces)),
         np.concatenate(surfaces),
         np.concatenate(kinds),
         np.repeat([FORK_START, FORK_END], [len(k) for k in kinds]),
@@ -181,6 +235,7 @@ def one_strip(curve: ArcSpline, guide: Waveguide, emitter: Floats | None = None)
         np.array([[0.0, curve.length]]),
         np.array([1.0]),
         half,
+        free_edges([curve], half, np.zeros((0, 16))),
         np.zeros((0, 16)),
         none,
         none,

@@ -16,23 +16,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.optics.compiled import Floats, Ints, compiled
-from analysis.optics.frame import CORNER_A, CORNER_B, INTERFACE, NO_CELL, NOTHING, RECEIVER, Frame
+from analysis.optics.compiled import Floats, Ints, compiled, pointer
+from analysis.optics.frame import CORNER_A, CORNER_B, FREE, INTERFACE, NO_CELL, NOTHING, RECEIVER, Frame
 from analysis.optics.parameters import Design
+from analysis.optics.tree import plant
 
 # columns of a cell: reference point and normal of its arc, curvature, levels of both edges, the two cross-sections
-# (point and tangent each), offsets of both edges
-C_LEVEL_L, C_LEVEL_R, C_START, C_END, C_LEFT, C_RIGHT, CELL_COLUMNS = 5, 6, 7, 11, 15, 16, 17
+# (point and tangent each), offsets of both edges, 1 / |grad f| on both
+C_LEVEL_L, C_LEVEL_R, C_START, C_END, C_LEFT, C_RIGHT, C_INVERSE_L, CELL_COLUMNS = 5, 6, 7, 11, 15, 16, 17, 19
 SURFACE_COLUMNS = 16
-# columns of a cell's links: cell before, cell after, wall before, wall after (0 or 1)
-BEFORE, AFTER, WALL_BEFORE, WALL_AFTER = 0, 1, 2, 3
-_LEAF = 3
+# columns of a cell's links: cell before, cell after, wall before, wall after (0 or 1), arc it lies on
+BEFORE, AFTER, WALL_BEFORE, WALL_AFTER, ARC, LINK_COLUMNS = range(6)
+# columns of a cavity: its first and last cell, its side (0 left, 1 right), 1 if its mouth is free
+POCKET_COLUMNS, NO_POCKET = 4, -1
 _SLIVER = 1e-9
 
 
 class Geometry(NamedTuple):
-    """Arrays of one scene: cells (c, 17), links (c, 4), surfaces (n, 16), kinds, owners, corners (n,), doors (2, 2),
-    boxes (t, 4) as centre and half size, branches (t, 3), leaves (n,), and the lengths c, n and t."""
+    """Arrays of one scene: cells (c, 19), links (c, 5), surfaces (n, 16), kinds, owners, corners (n,), pockets (p, 4),
+    doors (2, 2), boxes (t, 4) as centre and half size, branches (t, 3), leaves (n,), and the lengths c, n and t.
+
+    A surface's owner is the cavity it bounds or NO_POCKET; that of a junction's surface is the junction.
+    """
 
     cells: Floats
     links: Ints
@@ -40,6 +45,7 @@ class Geometry(NamedTuple):
     kinds: Ints
     owners: Ints
     corners: Ints
+    pockets: Ints
     doors: Ints
     boxes: Floats
     branches: Ints
@@ -73,11 +79,12 @@ def _write_cell(cell: Floats, node: Floats, k: float, left: float, right: float)
     cell[0], cell[1], cell[2], cell[3], cell[4] = node[0], node[1], -node[3], node[2], k
     cell[C_LEVEL_L], cell[C_LEVEL_R] = -left + k * left * left / 2, -right + k * right * right / 2
     cell[C_LEFT], cell[C_RIGHT] = left, right
+    cell[C_INVERSE_L], cell[C_INVERSE_L + 1] = 1.0 / (1.0 - k * left), 1.0 / (1.0 - k * right)
 
 
 @compiled
 def _cut_guide(
-    cells: Floats,
+    g: Geometry,
     first: int,
     nodes: Floats,
     curvature: Floats,
@@ -88,7 +95,7 @@ def _cut_guide(
     on_left: bool,
 ) -> int:
     """Fill cells from `first` on, cut at `walls` (arc lengths, rising); returns the number after the last one."""
-    arc, wall, c, s, last = 0, 0, first, ends[0], ends[1]
+    cells, arc, wall, c, s, last = g.cells, 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
         arc += 1
     section = np.empty(4)
@@ -102,6 +109,7 @@ def _cut_guide(
             left = half - deep if inside and on_left else half
             right = -half + deep if inside and not on_left else -half
             _write_cell(cells[c], nodes[arc], curvature[arc], left, right)
+            g.links[c, ARC] = arc
             cells[c, C_START : C_START + 4] = section
             _section(nodes, curvature, arc, stop, section)
             cells[c, C_END : C_END + 4] = section
@@ -120,7 +128,7 @@ def _edge(row: Floats, cell: Floats, left: bool) -> None:
     row[:5] = cell[:5]
     row[5] = cell[C_LEVEL_L] if left else cell[C_LEVEL_R]
     row[6] = -1.0 if left else 1.0
-    row[7] = 1.0 / (1.0 - cell[4] * u)
+    row[7] = cell[C_INVERSE_L] if left else cell[C_INVERSE_L + 1]
     for at, section in ((8, C_START), (12, C_END)):
         x, y, tx, ty = cell[section], cell[section + 1], cell[section + 2], cell[section + 3]
         row[at], row[at + 1], row[at + 2], row[at + 3] = x - u * ty, y + u * tx, tx, ty
@@ -151,7 +159,7 @@ def _step_in(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
         high,
         at_end,
     )
-    g.kinds[number], g.owners[number], g.corners[number] = INTERFACE, thick, CORNER_A | CORNER_B
+    g.kinds[number], g.corners[number] = INTERFACE, CORNER_A | CORNER_B
     g.links[thick, WALL_AFTER if at_end else WALL_BEFORE] = 1
     side = 0 if left else 1
     g.corners[4 * thick + side] |= CORNER_B if at_end else CORNER_A
@@ -164,7 +172,7 @@ def _end_wall(g: Geometry, cell: int, at_end: bool, kind: int) -> None:
     number = 4 * cell + (3 if at_end else 2)
     section = g.cells[cell, C_END : C_END + 4] if at_end else g.cells[cell, C_START : C_START + 4]
     _wall(g.surfaces[number], section, g.cells[cell, C_RIGHT], g.cells[cell, C_LEFT], at_end)
-    g.kinds[number], g.owners[number], g.corners[number] = kind, cell, CORNER_A | CORNER_B
+    g.kinds[number], g.corners[number] = kind, CORNER_A | CORNER_B
     g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = 1
 
 
@@ -174,7 +182,7 @@ def _link(g: Geometry, guide: int, first: int, after: int, forked: bool) -> None
     for c in range(first, after):
         for side in range(2):
             _edge(g.surfaces[4 * c + side], g.cells[c], side == 0)
-            g.kinds[4 * c + side], g.owners[4 * c + side] = INTERFACE, c
+            g.kinds[4 * c + side] = INTERFACE
         g.links[c, BEFORE], g.links[c, AFTER] = c - 1, c + 1
     g.links[first, BEFORE], g.links[after - 1, AFTER] = (-1, -2) if forked else (NO_CELL, NO_CELL)
     for c in range(first, after - 1):
@@ -194,25 +202,50 @@ def _link(g: Geometry, guide: int, first: int, after: int, forked: bool) -> None
 
 
 @compiled
-def _grow_box(box: Floats, row: Floats) -> None:
-    """Widen box (x0, y0, x1, y1) by one surface: its two ends and the bulge of its arc."""
-    ax, ay, bx, by = row[8], row[9], row[12], row[13]
-    half = math.hypot(bx - ax, by - ay) / 2
-    curve = abs(row[4] * row[7]) * half
-    bulge = half * curve / (1.0 + math.sqrt(max(1.0 - curve * curve, 0.0))) + 1e-9 * (half + 1.0)
-    box[0], box[1] = min(box[0], ax - bulge, bx - bulge), min(box[1], ay - bulge, by - bulge)
-    box[2], box[3] = max(box[2], ax + bulge, bx + bulge), max(box[3], ay + bulge, by + bulge)
+def _mark(g: Geometry, first: int, after: int, free: Ints, pocket: int) -> None:
+    """Mark edges that are free, and the surfaces of each cavity with its number, counted from `pocket`.
+
+    Parameters
+    ----------
+    free : (arcs, 2) whether the uncut edge of an arc has the whole scene behind its tangents.
+    """
+    start = NO_CELL
+    for c in range(first, after):
+        thickness = g.cells[c, C_LEFT] - g.cells[c, C_RIGHT]
+        before = g.cells[c - 1, C_LEFT] - g.cells[c - 1, C_RIGHT] if c > first else thickness
+        if thickness < before:
+            start = c
+        elif thickness > before and start != NO_CELL:
+            _mark_pocket(g, start, c - 1, free, pocket)
+            pocket, start = pocket + 1, NO_CELL
+        if start == NO_CELL:
+            for side in range(2):
+                g.corners[4 * c + side] |= FREE if free[g.links[c, ARC], side] else 0
+        else:
+            side = 1 if g.cells[c, C_LEFT] < g.cells[start - 1, C_LEFT] else 0
+            g.corners[4 * c + side] |= FREE if free[g.links[c, ARC], side] else 0
 
 
 @compiled
-def _plant(g: Geometry, cells: Ints) -> int:
-    """Order the surfaces along the outline and stand a tree of boxes over them; returns the number of its nodes."""
+def _mark_pocket(g: Geometry, start: int, end: int, free: Ints, pocket: int) -> None:
+    """Number the floor and the walls of the cavity in cells `start` to `end`."""
+    side = 0 if g.cells[start, C_LEFT] < g.cells[start - 1, C_LEFT] else 1
+    mouth = 1
+    for c in range(start, end + 1):
+        g.owners[4 * c + side] = pocket
+        mouth = min(mouth, free[g.links[c, ARC], side])
+    g.owners[4 * start - 1], g.owners[4 * end + 6] = pocket, pocket
+    g.pockets[pocket, 0], g.pockets[pocket, 1], g.pockets[pocket, 2], g.pockets[pocket, 3] = start, end, side, mouth
+
+
+@compiled
+def _in_order(g: Geometry, cells: Ints) -> int:
+    """Write the numbers of all surfaces in the order of the outline; returns how many there are."""
     n = 0
     for guide in range(len(cells) - 1):
         for side in range(2):
             for c in range(cells[guide], cells[guide + 1]):
-                wall = c * 4 + 2
-                for number in (4 * c + side, wall + side):
+                for number in (4 * c + side, 4 * c + 2 + side):
                     if g.kinds[number] != NOTHING:
                         g.leaves[n] = number
                         n += 1
@@ -220,58 +253,47 @@ def _plant(g: Geometry, cells: Ints) -> int:
         if g.kinds[number] != NOTHING:
             g.leaves[n] = number
             n += 1
-    groups = (n + _LEAF - 1) // _LEAF
-    stack = np.empty((64, 2), dtype=np.int64)
-    stack[0, 0], stack[0, 1] = 0, groups
-    top, node = 1, 0
-    while top > 0:
-        top -= 1
-        low, high = stack[top, 0], stack[top, 1]
-        box = g.boxes[node]
-        box[0], box[1], box[2], box[3] = math.inf, math.inf, -math.inf, -math.inf
-        for i in range(low * _LEAF, min(high * _LEAF, n)):
-            _grow_box(box, g.surfaces[g.leaves[i]])
-        box[0], box[2] = 0.5 * (box[0] + box[2]), 0.5 * (box[2] - box[0])
-        box[1], box[3] = 0.5 * (box[1] + box[3]), 0.5 * (box[3] - box[1])
-        g.branches[node, 0] = node + 2 * (high - low) - 1
-        g.branches[node, 1] = low * _LEAF
-        g.branches[node, 2] = min(high * _LEAF, n) if high - low == 1 else 0
-        node += 1
-        if high - low > 1:
-            middle = (low + high) // 2
-            stack[top, 0], stack[top, 1] = middle, high
-            stack[top + 1, 0], stack[top + 1, 1] = low, middle
-            top += 2
-    return node
+    return n
 
 
 @compiled
-def _allocate(most: int, fork: int) -> Geometry:
-    n = 4 * most + fork
+def allocate(cells: int, fork: int, cavities: int) -> Geometry:
+    """Room for a scene of so many cells, junctions' surfaces and cavities; `build` fills it, again and again."""
+    n = 4 * cells + fork
     return Geometry(
-        np.zeros((most, CELL_COLUMNS)),
-        np.zeros((most, 4), dtype=np.int64),
-        np.zeros((n, 16)),
-        np.zeros(n, dtype=np.int64),
-        np.zeros(n, dtype=np.int64),
-        np.zeros(n, dtype=np.int64),
-        np.zeros((2, 2), dtype=np.int64),
-        np.zeros((2 * n + 2, 4)),
-        np.zeros((2 * n + 2, 3), dtype=np.int64),
-        np.zeros(n, dtype=np.int64),
-        most,
+        np.empty((cells, CELL_COLUMNS)),
+        np.empty((cells, LINK_COLUMNS), dtype=np.int32),
+        np.empty((n, SURFACE_COLUMNS)),
+        np.empty(n, dtype=np.int32),
+        np.empty(n, dtype=np.int32),
+        np.empty(n, dtype=np.int32),
+        np.empty((cavities, POCKET_COLUMNS), dtype=np.int32),
+        np.empty((2, 2), dtype=np.int32),
+        np.empty((2 * n + 2, 4)),
+        np.empty((2 * n + 2, 3), dtype=np.int32),
+        np.empty(n, dtype=np.int32),
+        cells,
         n,
         0,
     )
 
 
 @compiled
+def room_for(nodes: Floats, fork: Floats, cavities: int) -> Geometry:
+    """Room for a frame's guides with up to so many cavities each."""
+    guides = len(nodes)
+    return allocate(guides * (nodes.shape[1] + 2 * cavities + 1), len(fork), guides * cavities)
+
+
+@compiled
 def build(
+    room: Geometry,
     nodes: Floats,
     curvature: Floats,
     ends: Floats,
     outer: Floats,
     half: float,
+    free: Ints,
     fork: Floats,
     fork_kinds: Ints,
     fork_owners: Ints,
@@ -282,12 +304,13 @@ def build(
 
     Parameters
     ----------
+    room : from `room_for`; it is filled, and part of the result.
     nodes ... fork_corners : the arrays of a `Frame`.
     pattern : cavities, width, depth, spacing (mm), +1 for the outer face or -1 for the inner one.
     """
-    guides, n = len(nodes), int(pattern[0])
-    most = guides * (len(curvature[0]) + 2 * n + 2)
-    g = _allocate(most, len(fork))
+    g, guides, n = room, len(nodes), int(pattern[0])
+    g.kinds[:], g.corners[:], g.owners[:] = NOTHING, 0, NO_POCKET
+    g.links[:, WALL_BEFORE], g.links[:, WALL_AFTER] = 0, 0
     walls, first = np.empty(2 * n), np.zeros(guides + 1, dtype=np.int64)
     for guide in range(guides):
         middle = nodes[guide, -1, 4] / 2
@@ -295,7 +318,7 @@ def build(
             centre = middle + (i - (n - 1) / 2) * (pattern[1] + pattern[3])
             walls[2 * i], walls[2 * i + 1] = centre - pattern[1] / 2, centre + pattern[1] / 2
         first[guide + 1] = _cut_guide(
-            g.cells,
+            g,
             first[guide],
             nodes[guide],
             curvature[guide],
@@ -306,9 +329,10 @@ def build(
             outer[guide] * pattern[4] > 0,
         )
         _link(g, guide, first[guide], first[guide + 1], len(fork) > 0)
-    base = 4 * most
+        _mark(g, first[guide], first[guide + 1], free[guide], guide * n)
+    base = 4 * len(g.cells)
     g.surfaces[base:], g.kinds[base:], g.owners[base:], g.corners[base:] = fork, fork_kinds, fork_owners, fork_corners
-    used = _plant(g, first)
+    nodes_used = plant(g.surfaces, g.leaves, _in_order(g, first), g.boxes, g.branches)
     return Geometry(
         g.cells,
         g.links,
@@ -316,22 +340,45 @@ def build(
         g.kinds,
         g.owners,
         g.corners,
+        g.pockets,
         g.doors,
         g.boxes,
         g.branches,
         g.leaves,
-        most,
-        len(g.kinds),
-        used,
+        g.most_cells,
+        g.all_surfaces,
+        nodes_used,
+    )
+
+
+@compiled
+def tables_of(g: Geometry) -> Geometry:
+    """The same scene with pointers for its arrays."""
+    return Geometry(
+        pointer(g.cells),
+        pointer(g.links),
+        pointer(g.surfaces),
+        pointer(g.kinds),
+        pointer(g.owners),
+        pointer(g.corners),
+        pointer(g.pockets),
+        pointer(g.doors),
+        pointer(g.boxes),
+        pointer(g.branches),
+        pointer(g.leaves),
+        g.most_cells,
+        g.all_surfaces,
+        g.tree_nodes,
     )
 
 
 def geometry_of(frame: Frame, design: Design) -> Geometry:
     """The compiled geometry of one frame and design."""
-    return build(*frame_arrays(frame), pattern_of(design))
+    room = room_for(frame.nodes, frame.surfaces, design.cavities)
+    return build(room, *frame_arrays(frame), pattern_of(design))
 
 
-def frame_arrays(frame: Frame) -> tuple[Floats, Floats, Floats, Floats, float, Floats, Ints, Ints, Ints]:
+def frame_arrays(frame: Frame) -> tuple[Floats, Floats, Floats, Floats, float, Ints, Floats, Ints, Ints, Ints]:
     """The part of a frame that `build` reads, in its order."""
     return (
         frame.nodes,
@@ -339,6 +386,7 @@ def frame_arrays(frame: Frame) -> tuple[Floats, Floats, Floats, Floats, float, F
         frame.ends,
         frame.outer,
         frame.half_mm,
+        frame.free,
         frame.surfaces,
         frame.kinds,
         frame.owners,

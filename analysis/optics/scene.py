@@ -20,7 +20,7 @@ from analysis.optics.compiled import Floats
 from analysis.optics.frame import NOTHING, RECEIVER, Frame, check_row
 from analysis.optics.geometry import geometry_of
 from analysis.optics.parameters import Design, Light, Waveguide
-from analysis.optics.simulation import _released, fan_of
+from analysis.optics.simulation import fan_of, released
 
 _PER_MM = 15.0
 _DEPTH = 20_000
@@ -239,7 +239,7 @@ def _sources(frame: Frame, light: Light) -> list[dict[str, Any]]:
                 "symmetric": True,
             }
         ]
-    rays = [_released(fan, i) for i in range(light.rays)]
+    rays = [released(fan, i) for i in range(light.rays)]
     return [
         {"type": "SingleRay", **_ends(np.array([[r.x, r.y], [r.x + r.dx, r.y + r.dy]])), "brightness": 1.0}
         for r in rays

@@ -17,32 +17,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from analysis.optics.budget import (
+    Queue,
+    anything_left,
+    begin_spending,
+    end_spending,
+    hand_over,
+    new_queue,
+    next_secondary,
+    open_queue,
+    queue_of,
+)
 from analysis.optics.compiled import Floats, Ints, compiled
 from analysis.optics.frame import NO_CELL, Frame, check_row
-from analysis.optics.geometry import Geometry, build, geometry_of
+from analysis.optics.geometry import Geometry, build, geometry_of, room_for, tables_of
 from analysis.optics.parameters import ORDERS, Design, Light, Waveguide
-from analysis.optics.tracer import (
+from analysis.optics.rays import (
     DETECTED,
     ENERGIES,
     GRANTED,
     HITS,
-    KEY,
-    RAY_LABELS,
-    RAY_NUMBERS,
     REFUSED,
     RELEASED,
     TALLIES,
     Book,
-    Queue,
     Ray,
     Rules,
     book_of,
-    follow,
-    offer,
-    queue_of,
-    read,
-    tables_of,
 )
+from analysis.optics.tracer import follow
 
 BLOCK = 4096
 LEDGER = ("released", "detected", "escaped", "trapped", "cut", "corner", "dropped")
@@ -91,25 +94,14 @@ class Outcome:
 
 
 @compiled
-def new_queue(capacity: int) -> Queue:
-    """An empty queue for a budget of `capacity` secondaries."""
-    return Queue(
-        np.empty((capacity, RAY_NUMBERS)),
-        np.empty((capacity, RAY_LABELS), dtype=np.int64),
-        np.arange(capacity),
-        np.array([0, 0, capacity]),
-        capacity,
-    )
-
-
-@compiled
 def new_book(by_root: Ints, drawn: Floats, drawn_by: Ints) -> Book:
     """An empty book over a shared count by released ray."""
     return Book(np.zeros(TALLIES + 1, dtype=np.int64), np.zeros(ENERGIES), by_root, drawn, drawn_by, len(drawn))
 
 
 @compiled
-def _released(fan: Fan, i: int) -> Ray:
+def released(fan: Fan, i: int) -> Ray:
+    """The ray of the fan with number `i`."""
     part = (2.0 * (i + 0.5 + fan.phase)) / fan.rays - 1.0
     angle = math.asin(math.sin(fan.half) * part) if fan.lambertian else fan.half * part
     c, s = math.cos(angle), math.sin(angle)
@@ -119,13 +111,22 @@ def _released(fan: Fan, i: int) -> Ray:
 
 
 @compiled
-def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, q: Queue, book: Book) -> None:
-    """Follow one block of released rays."""
+def release(fan: Fan, out: Floats) -> None:
+    """Write place and direction of all released rays to out (rays, 4)."""
+    for i in range(fan.rays):
+        ray = released(fan, i)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = ray.x, ray.y, ray.dx, ray.dy
+
+
+@compiled
+def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, book: Book) -> None:
+    """Follow one block of released rays; what the budget may afford of their secondaries is left in the queue."""
+    open_queue(q, budget, first)
     tables, queue, pages = tables_of(g), queue_of(q), book_of(book)
     last = min(first + BLOCK, fan.rays)
     book.counts[RELEASED] += last - first
     for i in range(first, last):
-        follow(tables, rules, _released(fan, i), queue, pages, i)
+        follow(tables, rules, released(fan, i), queue, pages, i)
 
 
 @compiled
@@ -133,36 +134,33 @@ def join(book: Book, q: Queue, other: Book, others: Queue) -> None:
     """Add a later block's book and queue to the first."""
     for i in range(TALLIES):
         book.counts[i] += other.counts[i]
+    book.counts[TALLIES] = other.counts[TALLIES]
     for i in range(ENERGIES):
         book.energy[i] += other.energy[i]
-    queue, later, pages = queue_of(q), queue_of(others), book_of(book)
-    for i in range(others.state[0], others.state[0] + others.state[1]):
-        slot = others.rank[i]
-        offer(queue, read(later, slot), others.numbers[slot, KEY], pages)
+    hand_over(queue_of(q), queue_of(others), book_of(book))
 
 
 @compiled
 def spend(g: Geometry, rules: Rules, rays: int, q: Queue, book: Book) -> None:
-    """Follow secondaries in the order of their keys until the budget or the queue is empty."""
+    """Follow secondaries in the order of their rank until the budget or the queue is empty."""
     tables, queue, pages = tables_of(g), queue_of(q), book_of(book)
-    while q.state[1] > 0:
-        ray = read(queue, q.rank[q.state[0]])
-        q.state[0] += 1
-        q.state[1] -= 1
-        q.state[2] -= 1
+    begin_spending(queue, rays, pages)
+    while anything_left(queue):
+        ray = next_secondary(queue)
         book.counts[RELEASED] += 1
         book.counts[GRANTED] += 1
         follow(tables, rules, ray, queue, pages, rays + book.counts[GRANTED] - 1)
+    end_spending(queue, pages)
 
 
 @compiled
-def simulate(g: Geometry, rules: Rules, fan: Fan, q: Queue, book: Book) -> None:
-    """The whole of one simulation, block after block."""
-    follow_block(g, rules, fan, 0, q, book)
+def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, others: Queue, book: Book) -> None:
+    """The whole of one simulation, block after block; `others` is a second queue, needed from the second block on."""
+    follow_block(g, rules, fan, 0, budget, q, book)
     for first in range(BLOCK, fan.rays, BLOCK):
-        others = new_queue(q.capacity)
         other = new_book(book.by_root, book.drawn, book.drawn_by)
-        follow_block(g, rules, fan, first, others, other)
+        other.counts[TALLIES] = book.counts[TALLIES]
+        follow_block(g, rules, fan, first, budget, others, other)
         join(book, q, other, others)
     spend(g, rules, fan.rays, q, book)
 
@@ -184,6 +182,7 @@ class Stack(NamedTuple):
     ends: Floats
     outer: Floats
     half: float
+    free: Ints
     fork: Floats
     kinds: Ints
     owners: Ints
@@ -199,14 +198,18 @@ def simulate_many(
 ) -> None:
     """Every pattern in every state: counts (p, s, 10), energy (p, s, 4), changes (p, s) along the fan."""
     no_lines, no_names = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
+    room = room_for(stack.nodes[0], stack.fork[0], int(np.max(patterns[:, 0])))
+    q, others, by_root = new_queue(budget), new_queue(budget), np.empty(fan.rays, dtype=np.int64)
     for p in range(len(patterns)):
         for s in range(len(stack.nodes)):
             g = build(
+                room,
                 stack.nodes[s],
                 stack.curvature[s],
                 stack.ends[s],
                 stack.outer[s],
                 stack.half,
+                stack.free[s],
                 stack.fork[s],
                 stack.kinds[s],
                 stack.owners[s],
@@ -226,8 +229,9 @@ def simulate_many(
                 way[1],
                 rules.tick,
             )
-            book = new_book(np.zeros(fan.rays, dtype=np.int64), no_lines, no_names)
-            simulate(g, kept, here, new_queue(budget), book)
+            by_root[:] = 0
+            book = new_book(by_root, no_lines, no_names)
+            simulate(g, kept, here, budget, q, others, book)
             counts[p, s] = book.counts[:TALLIES]
             energy[p, s] = book.energy / fan.rays
             changes[p, s] = switches(book.by_root)
@@ -249,6 +253,7 @@ def stacked(frames: Sequence[Frame]) -> Stack:
         np.stack([f.ends for f in frames]),
         np.stack([f.outer for f in frames]),
         first.half_mm,
+        np.stack([f.free for f in frames]),
         np.stack([padded(f.surfaces, 1) for f in frames]),
         np.stack([padded(f.kinds, 0) for f in frames]),
         np.stack([padded(f.owners, NO_CELL) for f in frames]),
@@ -334,7 +339,7 @@ def trace(
 
     def one(first: int) -> tuple[Book, Queue]:
         book, q = new_book(by_root, *nothing), new_queue(light.secondary)
-        follow_block(g, rules, fan, first, q, book)
+        follow_block(g, rules, fan, first, light.secondary, q, book)
         return book, q
 
     starts = range(0, light.rays, BLOCK)
@@ -370,9 +375,7 @@ def ray_paths(frame: Frame, design: Design, guide: Waveguide, light: Light, most
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light, frame), fan_of(light, frame)
     drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
     book, q = new_book(np.zeros(light.rays, dtype=np.int64), drawn, by), new_queue(light.secondary)
-    for first in range(0, light.rays, BLOCK):
-        follow_block(g, rules, fan, first, q, book)
-    spend(g, rules, light.rays, q, book)
+    simulate(g, rules, fan, light.secondary, q, new_queue(light.secondary), book)
     n = int(book.counts[TALLIES])
     cuts = np.flatnonzero(np.diff(by[:n, 0])) + 1
     return [

@@ -27,9 +27,9 @@ from analysis.optics.figure_of_merit import Merit, Uncertainty, merit, resolutio
 from analysis.optics.frame import Frame, check_row
 from analysis.optics.geometry import pattern_of
 from analysis.optics.parameters import PAPER_OPTIMUM, Design, Face, Light, Waveguide
+from analysis.optics.rays import DETECTED, ENERGIES, HITS, TALLIES, Rules
 from analysis.optics.simulation import Fan, Stack, fan_of, rules_of, simulate_many, stacked
 from analysis.optics.sweep_file import SweepFile
-from analysis.optics.tracer import DETECTED, ENERGIES, HITS, TALLIES, Rules
 
 Progress = Callable[[float, float], None]
 Results = tuple[Ints, Floats, Floats]

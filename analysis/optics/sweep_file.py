@@ -20,8 +20,8 @@ import numpy as np
 from analysis.errors import FileError, RequestError
 from analysis.optics.compiled import Floats, Ints
 from analysis.optics.parameters import Design
+from analysis.optics.rays import TALLIES
 from analysis.optics.simulation import ENERGY, LEDGER
-from analysis.optics.tracer import TALLIES
 
 USER_VERSION = 1
 COUNTS = (*LEDGER, "hits", "secondaries", "refused")

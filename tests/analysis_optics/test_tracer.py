@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analysis.optics.arc_spline import ArcSpline, ring, straight
 from analysis.optics.curves import frame_of
-from analysis.optics.frame import Frame, one_strip
+from analysis.optics.frame import FORK_END, Frame, one_strip
 from analysis.optics.parameters import Design, Light, Waveguide
 from analysis.optics.simulation import Outcome, ray_paths, trace
 from analysis.optics.tracer import reflected_part
@@ -105,20 +106,7 @@ def test_rays_traced_backwards_return(frames: list[Frame]) -> None:
             continue
         way = (before - end) / np.hypot(*(before - end))
         inside = end + 1e-7 * way
-        back_frame = Frame(
-            frame.nodes,
-            frame.curvature,
-            frame.ends,
-            frame.outer,
-            frame.half_mm,
-            frame.surfaces,
-            frame.kinds,
-            frame.owners,
-            frame.corners,
-            np.concatenate([inside, way]),
-            frame.receiver_way,
-            -2,
-        )
+        back_frame = replace(frame, emitter=np.concatenate([inside, way]), source_cell=FORK_END)
         back = ray_paths(back_frame, Design(), guide, Light(rays=1, cone_deg=0.001, secondary=0))[0].points
         np.testing.assert_allclose(back[1 : len(path.points) - 1], path.points[1:-1][::-1], atol=1e-7)
         checked += 1

@@ -34,7 +34,8 @@ from analysis.optics.rays import (
     draw,
 )
 
-MOST_HITS = 1_000_000
+MOST_HITS = 200_000
+"""Beyond, rounding turns a ray that creeps along a wall."""
 
 
 @inner

@@ -263,13 +263,14 @@ def _check_version(where: str, version: int) -> None:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Replace a file at once, the one before kept as `.bak`: after a crash either the old or the new is there.
+    """Replace a file at once, the one before kept as `.bak`: after a crash the old or the new is there, and a backup.
 
     Raises
     ------
     StorageError : the folder or the file cannot be written.
     """
     new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    kept = path.with_name(f".{path.name}.{os.getpid()}.old")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with new.open("w", encoding="utf-8", newline="\n") as file:
@@ -277,8 +278,10 @@ def write_whole(path: Path, text: str) -> None:
             file.flush()
             os.fsync(file.fileno())
         if path.exists():
-            shutil.copy2(path, path.with_name(path.name + ".bak"))
+            shutil.copy2(path, kept)
+            kept.replace(path.with_name(path.name + ".bak"))
         new.replace(path)
     except OSError as error:
-        new.unlink(missing_ok=True)
+        for unfinished in (new, kept):
+            unfinished.unlink(missing_ok=True)
         raise StorageError(f"{path} cannot be written: {error.strerror}", "check the folder and the disk") from error

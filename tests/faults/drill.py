@@ -34,8 +34,8 @@ ROOT = Path(__file__).resolve().parents[2]
 class Drill:
     """One board, one session, one recording; `close` before looking at the file."""
 
-    def __init__(self, folder: Path, session: Session, *, truth: Path) -> None:
-        self.path = folder / "run.boat"
+    def __init__(self, home: Path, session: Session, *, truth: Path) -> None:
+        self.path = home / "run.boat"
         self.session = session
         self._truth = truth
 
@@ -92,8 +92,10 @@ class Drill:
 
 
 @contextmanager
-def drill(folder: Path, *faults: str, speed: float = 50.0, unit: Unit | None = None) -> Iterator[Drill]:
-    """Serve a board with faults, connect, and begin a recording."""
+def drill(
+    folder: Path, *faults: str, speed: float = 50.0, unit: Unit | None = None, home: Path | None = None
+) -> Iterator[Drill]:
+    """Serve a board with faults, connect, and begin a recording, in `home` if it is not to be in `folder`."""
     assert os.name == "posix"
     truth = folder / "truth.csv"
     units = UnitLibrary(folder / "units")
@@ -104,7 +106,7 @@ def drill(folder: Path, *faults: str, speed: float = 50.0, unit: Unit | None = N
         with serve(BoardSettings(speed=speed, faults=faults, truth=str(truth))) as board:
             session.connect(board.url, unit=unit.name if unit else "")
             session.wait_connected(15.0)
-            found = Drill(folder, session, truth=truth)
+            found = Drill(home or folder, session, truth=truth)
             session.start_recording(found.path, {"operator": "drill"})
             yield found
             session.close()

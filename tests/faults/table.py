@@ -65,7 +65,10 @@ def _marks(path: Path) -> Iterator[Injection]:
     if "mark.fault(" not in source:
         return
     tree = ast.parse(source)
-    whole = any(_is_nightly(node) for node in tree.body if isinstance(node, ast.Assign))
+    shared = [
+        node for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "pytestmark"
+    ]
+    whole = any(map(_is_nightly, shared))
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             nightly = whole or any(_is_nightly(d) for d in node.decorator_list if not _is_parametrize(d))

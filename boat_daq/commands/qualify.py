@@ -170,7 +170,7 @@ def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
                 Table(
                     ("Criterion", "Seen", "Kept"),
                     tuple((c.text, c.seen, "yes" if c.kept else "NO") for c in o.criteria),
-                    "   ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in o.counts.items()),
+                    "; ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in o.counts.items()),
                     numeric=False,
                 ),
             ),

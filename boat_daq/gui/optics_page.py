@@ -29,7 +29,7 @@ class OpticsPage(QWidget):
         self.desk, self.model = desk, desk.optics
         self._revision = -1
         self.scene, self.response = SceneCard(), ResponseCard()
-        self.maps, self.pareto = MapsCard(self.model), ParetoCard()
+        self.maps, self.pareto = MapsCard(self.model), ParetoCard(self.model)
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.slider.setAccessibleName("State, from compressed to elongated")
         self.slider.setRange(0, STATES - 1)
@@ -134,7 +134,7 @@ class OpticsPage(QWidget):
         self.scene.frame()
         self.response.show_result(model)
         self.maps.follow_design()
-        self.pareto.show_sweep(model)
+        self.pareto.show_sweep()
 
 
 def select(field: QComboBox, value: object, words: str) -> None:

@@ -9,8 +9,8 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
 from boat_daq.gui import style, widgets
-from boat_daq.gui.plot import sensor_ink
-from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.plot import EMPTY, sensor_ink
+from boat_daq.gui.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.optics import CAVITIES, FACES, STEPS_MM, OpticsModel
 
@@ -87,7 +87,7 @@ class Map:
         self.item.addItem(self.image)
         marks = [(i + 0.5, f"{step:g}") for i, step in enumerate(STEPS_MM)]
         for side in ("left", "bottom"):
-            self.item.getAxis(side).setTicks([marks])
+            self.item.getAxis(side).setTicks([marks[1::2], [(at, "") for at, _ in marks]])
         self.item.setRange(xRange=(0, len(STEPS_MM)), yRange=(0, len(STEPS_MM)), padding=0)
         self.marks = {
             name: pg.ScatterPlotItem(size=size, symbol=symbol, pen=pg.mkPen("w", width=1), brush=None)
@@ -110,7 +110,7 @@ class Map:
         if sweep is not None:
             self.image.setImage(sweep.grid(cavities, self.width_mm, STEPS_MM), levels=(0.0, 1.0))
             self.image.setLookupTable(table)
-        now = self.model.values if self.model.face == FACES[0] else None
+        now = self.model.values if sweep is not None and self.model.face == FACES[0] else None
         best = None if sweep is None else sweep.values[sweep.best]
         paper = None if sweep is None or sweep.paper < 0 else sweep.values[sweep.paper]
         for name, values in (("best", best), ("paper", paper), ("now", now)):
@@ -166,6 +166,7 @@ class MapsCard(PlotCard):
         item.setMaximumWidth(SCALE_WIDTH)
         item.setRange(xRange=(0, 1), yRange=(0, 1), padding=0)
         item.getAxis("right").setTicks([[(i / 5, f"{i / 5:g}") for i in range(6)]])
+        item.layout.setContentsMargins(0, style.GAP, 0, style.GAP)
         self.gradient = pg.ImageItem(np.linspace(0, 1, SHADES)[None, :])
         self.gradient.setRect(0, 0, 1, 1)
         item.addItem(self.gradient)
@@ -220,23 +221,69 @@ class MapsCard(PlotCard):
 
 
 class ParetoCard(PlotCard):
-    """Delta against RMSE of all designs; the front is filled."""
+    """Delta against RMSE of all designs; the front is filled and says its n_sign, a click looks at a design."""
 
-    def __init__(self) -> None:
+    def __init__(self, model: OpticsModel) -> None:
         super().__init__("Range against smoothness")
+        self.model = model
         self.plot = self.add("\u0394", "rays", x_title="RMSE", x_unit="rays")
         self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)
         self.front = self.plot.points("Pareto front", lambda t: t.accent)
         self.paper = self.plot.points("Paper's optimum", sensor_ink(2), symbol="d", size=12)
+        self.numbers: list[Any] = []
+        self.theme: Theme = style.LIGHT
+        for layer in (self.all, self.front):
+            layer.item.sigClicked.connect(self._clicked)
 
-    def show_sweep(self, model: OpticsModel) -> None:
+    def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
+        """Look at the design under the mouse."""
+        s = self.model.sweep
+        if s is not None and len(spots):
+            at = spots[0].pos()
+            nearest = int(np.argmin((s.rmse - at.x()) ** 2 + (s.delta - at.y()) ** 2))
+            n, width, depth, spacing = (float(v) for v in s.values[nearest])
+            self.model.choose((int(n), width, depth, spacing), FACES[0])
+
+    def show_sweep(self) -> None:
         """Draw the sweep."""
-        s = model.sweep
+        s = self.model.sweep
+        for number in self.numbers:
+            self.plot.item.removeItem(number)
+        self.numbers = []
         if s is None:
+            for layer in (self.all, self.front, self.paper):
+                layer.set(EMPTY, EMPTY)
+            self.readout.setText("a sweep fills it")
             return
         self.all.set(s.rmse, s.delta)
         self.front.set(s.rmse[s.front], s.delta[s.front])
         chosen = [s.paper] if s.paper >= 0 else []
         self.paper.set(s.rmse[chosen], s.delta[chosen])
-        self.readout.setText("\u25cf not beaten in \u0394, RMSE, n_sign   \u25c6 paper's")
+        for x, y, n_sign in zip(self.front.x, self.front.y, s.n_sign[s.front], strict=True):
+            self._number(float(x), float(y), int(n_sign))
+        self.readout.setText("\u25cf not beaten, with its n_sign   \u25c6 paper's")
         self.plot.fit()
+
+    def _number(self, x: float, y: float, n_sign: int) -> None:
+        text = pg.TextItem(str(n_sign), anchor=(0.5, 1.2))
+        text.setFont(style.small_font())
+        text.setColor(self.theme.text)
+        text.setPos(x, y)
+        self.plot.item.addItem(text, ignoreBounds=True)
+        self.numbers.append(text)
+
+    def columns(self) -> Columns:
+        """Return every design of the sweep with the three figures and whether it is on the front."""
+        s = self.model.sweep
+        if s is None:
+            return {}
+        names = ("cavities", "width_mm", "depth_mm", "spacing_mm")
+        figures = {"delta": s.delta, "rmse": s.rmse, "n_sign": s.n_sign, "on_front": s.front.astype(int)}
+        return {name: s.values[:, i] for i, name in enumerate(names)} | figures
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.theme = theme
+        super().paint_theme(theme)
+        for number in self.numbers:
+            number.setColor(theme.text)

@@ -21,7 +21,7 @@ from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.shadow_pane import ShadowPane
-from boat_daq.gui.style import Theme
+from boat_daq.viewmodels import axis
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.shadow_live import PRESSURES_KPA
 from boat_daq.viewmodels.shadow_monitor import SERIES, AlarmRow
@@ -73,7 +73,6 @@ class CyclesCard(PlotCard):
         self.alarms = self.plot.points("Alarm", lambda t: t.warn, filled=False, symbol="t1", size=ALARM_SIZE)
         self.plot.x_range(0.0, 10.0)
         self.plot.y_range(-1.0, 1.0)
-        self.theme: Theme = style.LIGHT
 
     def show_cycles(self) -> None:
         """Draw the cycles that were watched."""
@@ -84,16 +83,12 @@ class CyclesCard(PlotCard):
         alarmed = np.isin(x, self.monitor.alarm_cycles())
         self.points.set(x, y)
         self.alarms.set(x[alarmed], y[alarmed])
-        self.plot.title, self.plot.unit = SERIES[name].title, SERIES[name].unit
-        self.plot.paint(self.theme)
+        self.plot.rename(SERIES[name].axis, SERIES[name].unit)
         words = "\u25b3 alarm found here" if alarmed.any() else ""
         self.readout.setText(words if x.size else "fills while a calibrated unit runs cycles")
-        self.plot.fit()
-
-    def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
-        self.theme = theme
-        super().paint_theme(theme)
+        if x.size:
+            self.plot.x_range(0.0, max(10.0, float(x.max()) + 1.0))
+            self.plot.y_range(*axis.framed(float(y.min()), float(y.max()), smallest=SERIES[name].smallest))
 
 
 class AlarmTable(QTableWidget):

@@ -143,7 +143,9 @@ class ShadowPane(QWidget):
         self.values = [widgets.label("") for _ in range(LINES)]
         for i in range(LINES):
             grid.addWidget(self.names[i], i, 0)
-            grid.addWidget(self.values[i], i, 1, Qt.AlignmentFlag.AlignRight)
+            grid.addWidget(self.values[i], i, 1)
+            self.values[i].setAlignment(Qt.AlignmentFlag.AlignRight)
+        grid.setColumnStretch(1, 1)
         inside.addLayout(grid)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, style.GAP, 0, 0)

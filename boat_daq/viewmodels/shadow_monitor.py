@@ -42,23 +42,25 @@ class CycleMark:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """A figure of every cycle, as the page draws it; `value` takes it from a mark.
+    """A figure of every cycle, as the page draws it; `value` takes it from a mark, `smallest` is the least span drawn.
 
     `change` is for a figure whose level a healthy actuator's hysteresis makes: what is drawn is its change from the
     run's first cycles.
     """
 
     title: str
+    axis: str
     unit: str
+    smallest: float
     value: Callable[[CycleMark], float]
     change: bool = False
 
 
 SERIES = {
-    "deviation": Series("Deviation from nominal", "mm", lambda m: m.deviation_mm),
-    "gain": Series("Elongation over nominal", "%", lambda m: 100.0 * m.figures.gain),
-    "loss": Series("Leak, change", "% a minute", lambda m: m.figures.loss_percent_per_min, change=True),
-    "difference": Series("Sensor 1 \u2212 sensor 2", "mm", lambda m: m.figures.difference_mm),
+    "deviation": Series("Deviation from nominal", "Deviation", "mm", 0.1, lambda m: m.deviation_mm),
+    "gain": Series("Elongation over nominal", "Share", "%", 2.0, lambda m: 100.0 * m.figures.gain),
+    "loss": Series("Leak, change", "Leak", "%/min", 10.0, lambda m: m.figures.loss_percent_per_min, change=True),
+    "difference": Series("Sensor 1 \u2212 sensor 2", "Difference", "mm", 0.1, lambda m: m.figures.difference_mm),
 }
 
 

@@ -30,7 +30,7 @@ from boat_daq.engine.recorder import Recorder
 from boat_daq.engine.resumption import BrokenRun
 from boat_daq.engine.ring_buffer import RingBuffer
 from boat_daq.engine.sequencer import resume_point
-from boat_daq.engine.settings import Settings, UnitLibrary, load_settings
+from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_remarks
 from boat_daq.engine.snapshot import (
     LastSample,
     Limits,
@@ -83,6 +83,7 @@ class Session:
         self._health_log = HealthLog(self._vitals)
         self._unit = ""
         self._recording_since_us = 0
+        self._tell_remarks()
         self._goes_on: tuple[int, int] | None = None  # first cycle and complete cycles of an armed run that goes on
 
     @property
@@ -129,6 +130,7 @@ class Session:
         if unit:
             limits = self.units.load(unit)
             control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))
+        self._tell_remarks()
         self._unit = unit
         path = go_on_in.path if go_on_in is not None else record_to
 
@@ -174,6 +176,11 @@ class Session:
         self._keeper.end()
         self._end_recording("stopped")
         self._health_log.stop()
+
+    def _tell_remarks(self) -> None:
+        """Say aloud that a backup stands in for a stored file."""
+        for cause, remedy in take_remarks():
+            self._core.tell("warning", cause, remedy)
 
     def _vitals(self) -> Vitals:
         core = self._core

@@ -3,7 +3,9 @@
 Rules. A file is replaced whole or not at all: written beside, flushed to the disk, renamed; the one before stays as
 `.bak`. A hand-edited file is refused by key (`checked`), never half believed, and no default quietly replaces a limit.
 Files carry a version; a newer one than this program's is refused, so that an older program never cuts it down. The
-folders are the system's own (platformdirs), or the one in the environment variable BOAT_DAQ_HOME.
+folders are the system's own (platformdirs), or the one in the environment variable BOAT_DAQ_HOME. A file that a disk
+destroyed (gone, empty, no text) is replaced by its backup, and that is said (`take_remarks`); one that a hand made
+unreadable is refused instead, because its backup would undo what was meant, a tighter limit perhaps.
 
 A unit keeps its limits and every calibration that was ever stored with it. Calibrations are added, never changed: the
 last accepted one is in force, and one that is withdrawn is a newer entry that says so.
@@ -25,11 +27,12 @@ from typing import Any
 import platformdirs
 import tomli_w
 
-from boat_daq.engine.checked import build, parse_toml, read_text, refuse
+from boat_daq.engine.checked import MAX_BYTES, build, parse_toml, read_text, refuse
 from boat_daq.errors import OperatorError, StorageError
 
 VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
+BACKUP = ".bak"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}
 
@@ -133,9 +136,8 @@ def load_settings(folder: Path | None = None) -> Settings:
     OperatorError : the file is refused, by key.
     """
     path = (folder or home()) / "settings.toml"
-    if not path.exists():
-        return Settings()
-    return build(Settings, parse_toml(read_text(path), str(path)), str(path))
+    text = read_stored(path)
+    return Settings() if text is None else build(Settings, parse_toml(text, str(path)), str(path))
 
 
 def save_settings(settings: Settings, folder: Path | None = None) -> None:
@@ -156,7 +158,8 @@ class UnitLibrary:
 
     def names(self) -> list[str]:
         """Return the names of the stored units, sorted."""
-        return sorted(path.stem for path in self.folder.glob("*.toml"))
+        files = (path.name.removesuffix(BACKUP) for path in self.folder.glob("[!.]*.toml*"))
+        return sorted({name.removesuffix(".toml") for name in files if name.endswith(".toml")})
 
     def load(self, name: str) -> Unit:
         """Return a unit; one that was never stored has the default limits and no calibration.
@@ -167,9 +170,10 @@ class UnitLibrary:
         """
         unit = Unit(name)
         path = self._path(unit)
-        if not path.exists():
+        text = read_stored(path)
+        if text is None:
             return unit
-        table = parse_toml(read_text(path), str(path))
+        table = parse_toml(text, str(path))
         entries = table.pop("history", [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise refuse(str(path), "history", "must be a list of tables")
@@ -262,6 +266,48 @@ def _check_version(where: str, version: int) -> None:
         raise refuse(where, "version", f"is {version}; this program knows up to {VERSION}", "update boat-daq")
 
 
+_remarks: list[tuple[str, str]] = []
+
+
+def take_remarks() -> list[tuple[str, str]]:
+    """Return cause and remedy of every backup that was used since the last call, for the operator to be told."""
+    taken = _remarks.copy()
+    _remarks.clear()
+    return taken
+
+
+def read_stored(path: Path) -> str | None:
+    """Return the text of a stored file, or of its backup where a disk destroyed it; None where nothing was stored.
+
+    Raises
+    ------
+    OperatorError : neither can be read.
+    """
+    backup = path.with_name(path.name + BACKUP)
+    if not is_destroyed(path) or not backup.exists():
+        return read_text(path) if path.exists() else None
+    text = read_text(backup)
+    if "\0" in text or not text.strip():
+        raise OperatorError(f"{path} and its backup are destroyed", "write it anew; look at the disk")
+    remark = (f"{path} was destroyed; its backup is used", "check what it says, store it again, and look at the disk")
+    if remark not in _remarks:
+        _remarks.append(remark)
+    return text
+
+
+def is_destroyed(path: Path) -> bool:
+    """Whether a file is gone or holds what no editor leaves: nothing at all, NUL bytes, or no UTF-8."""
+    try:
+        content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b"x"
+        return not content.strip() or b"\0" in content or not content.decode("utf-8-sig").strip()
+    except FileNotFoundError:
+        return True
+    except UnicodeDecodeError:
+        return True
+    except OSError:
+        return False  # there, and not to be read: `read_text` says why
+
+
 def write_whole(path: Path, text: str) -> None:
     """Replace a file at once, the one before kept as `.bak`: after a crash the old or the new is there, and a backup.
 
@@ -277,9 +323,9 @@ def write_whole(path: Path, text: str) -> None:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        if path.exists():
+        if not is_destroyed(path):  # else the backup is the better one
             shutil.copy2(path, kept)
-            kept.replace(path.with_name(path.name + ".bak"))
+            kept.replace(path.with_name(path.name + BACKUP))
         new.replace(path)
     except OSError as error:
         for unfinished in (new, kept):

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from boat_daq.engine.settings import Settings, Unit, UnitLibrary, home, load_settings, save_settings
+from boat_daq.engine.session import Session
+from boat_daq.engine.settings import Settings, Unit, UnitLibrary, home, load_settings, save_settings, take_remarks
 from boat_daq.errors import OperatorError, StorageError
 
 CUBIC = {"coefficients": [1651.9842, 46.4413, -2.6934, -0.36251], "note": 'a "quoted" ü', "covariance": [[1e-300, 2.0]]}
@@ -143,3 +144,49 @@ def test_home_can_be_put_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "boat-daq" in str(home()) and "boat-daq" in str(home("data"))
     monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
     assert home() == home("data") == tmp_path
+
+
+@pytest.mark.parametrize("left", [None, b"", b"\0" * 200, b"\n \n", b"\xff\xfe\x00broken"])
+def test_a_file_that_a_disk_destroyed_is_replaced_by_its_backup_and_said(tmp_path: Path, left: bytes | None) -> None:
+    """Settings and limits are the backup's, no default; a session tells it; the next save leaves a good backup."""
+    library = UnitLibrary(tmp_path / "units")
+    for limit in (20.0, 30.0):  # the backup is the one before: a unit stored twice
+        library.save(Unit("SA1", min_kpa=-10.0, max_kpa=limit))
+        save_settings(Settings(rate_hz=int(limit)), tmp_path)
+    for path in (tmp_path / "settings.toml", tmp_path / "units" / "SA1.toml"):
+        path.unlink() if left is None else path.write_bytes(left)
+    take_remarks()
+    assert load_settings(tmp_path).rate_hz == 20
+    assert library.load("SA1").max_kpa == 20.0
+    assert library.names() == ["SA1"]
+    session = Session(load_settings(tmp_path), library)
+    said = [message.cause for message in session.snapshot().messages if message.level == "warning"]
+    session.close()
+    assert [text.endswith("its backup is used") for text in said] == [True, True]
+    save_settings(Settings(rate_hz=44), tmp_path)
+    assert load_settings(tmp_path).rate_hz == 44
+    assert "rate_hz = 20\n" in (tmp_path / "settings.toml.bak").read_text()
+    take_remarks()
+
+
+def test_an_edit_that_broke_a_unit_is_refused_and_its_backup_not_used(tmp_path: Path) -> None:
+    """Whoever tightened a limit and forgot a quote must not run with the older, wider one."""
+    library = UnitLibrary(tmp_path)
+    for limit in (50.0, 40.0):
+        library.save(Unit("SA1", max_kpa=limit))
+    path = tmp_path / "SA1.toml"
+    path.write_text(path.read_text().replace("max_kpa = 40.0", "max_kpa = 20.0 kPa"))
+    with pytest.raises(OperatorError, match="not a readable TOML file"):
+        library.load("SA1")
+    assert take_remarks() == []
+
+
+def test_both_destroyed_is_refused(tmp_path: Path) -> None:
+    """Then nothing is known of the limits, and none is made up."""
+    library = UnitLibrary(tmp_path)
+    for limit in (50.0, 40.0):
+        library.save(Unit("SA1", max_kpa=limit))
+    for path in (tmp_path / "SA1.toml", tmp_path / "SA1.toml.bak"):
+        path.write_bytes(b"\0" * 50)
+    with pytest.raises(OperatorError, match="its backup are destroyed"):
+        library.load("SA1")

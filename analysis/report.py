@@ -11,6 +11,7 @@ and its reason; SIMULATED stands across the head of every page of a simulated ru
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from analysis import comparison
 from analysis import report_sections as sections
@@ -22,10 +23,20 @@ from analysis.report_breaks import breaks
 from analysis.report_cells import date_of
 from analysis.report_content import Report, Section
 from analysis.report_runs import history_of_unit, runs_table, spread_of_runs
+from analysis.report_shadow import shadow_section
+
+if TYPE_CHECKING:
+    from analysis.against_shadow import AgainstShadow
 
 
-def build_report(analyses: Sequence[Analysis], limits: Mapping[str, float] | None = None) -> Report:
+def build_report(
+    analyses: Sequence[Analysis], limits: Mapping[str, float] | None = None, shadow: AgainstShadow | None = None
+) -> Report:
     """Fill a report: calibration or repeatability, as the run is; several runs are compared.
+
+    Parameters
+    ----------
+    shadow : of a single run, `analysis.against_shadow`; None leaves the section out.
 
     Raises
     ------
@@ -44,6 +55,7 @@ def build_report(analyses: Sequence[Analysis], limits: Mapping[str, float] | Non
     filled += [sections.loops(analysis)] if analysis.loops.n_cycles else []
     filled += [sections.over_cycles(analysis)] if analysis.loops.n_cycles > 1 else []
     filled += sections.budget(analysis)
+    filled += [shadow_section(shadow)] if shadow is not None else []
     if analysis.plateaus:
         filled.append(sections.readings(analysis))
     filled.append(sections.run(analysis))

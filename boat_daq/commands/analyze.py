@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,6 +24,7 @@ def analyze(
     ] = None,
     tolerance: Annotated[float, typer.Option(min=0.01, metavar="KPA", help="A plateau has settled within it.")] = 1.0,
     settling: Annotated[float, typer.Option(min=0.0, metavar="S", help="Time left out after arriving.")] = 0.5,
+    no_shadow: Annotated[bool, typer.Option("--no-shadow", help="Leave the digital shadow out.")] = False,
     no_store: Annotated[bool, typer.Option("--no-store", help="Do not keep the result in the recording.")] = False,
     json: JsonOption = False,
 ) -> None:
@@ -44,10 +46,33 @@ def analyze(
         said = store_analysis(run, analysis, elongation)
         if said:
             say(said)
+    shadow = None
+    if analysis.kind == "calibration" and not no_shadow:
+        from analysis.against_shadow import against_shadow
+
+        with progress_bar("Building the shadow") as advance:
+            shadow = against_shadow(analysis, progress=advance).as_json()
     if json:
-        emit_json(analysis.to_json())
+        emit_json(analysis.to_json() | {"shadow": shadow})
     else:
         _print(analysis)
+        _print_shadow(shadow)
+
+
+def _print_shadow(shadow: Mapping[str, Any] | None) -> None:
+    if shadow is None:
+        return
+    if shadow["void"]:
+        say(f"shadow: not compared: {shadow['void']}")
+        return
+    out.print(
+        f"shadow: {shadow['deviation_mean_mm']:+.3f} mm from nominal on average, "
+        f"{shadow['deviation_rms_mm']:.3f} mm rms, "
+        f"{shadow['inside_band_percent']:.0f} % inside the band, {len(shadow['alarms'])} alarms",
+        highlight=False,
+    )
+    for alarm in shadow["alarms"]:
+        say(f"alarm in cycle {alarm['cycle']}: {alarm['sentence']}")
 
 
 def _print(analysis: Analysis) -> None:

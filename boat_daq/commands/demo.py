@@ -142,11 +142,13 @@ def beside_the_shadow(analysis: Analysis) -> dict[str, float]:
 
 def write_reports(analysis: Analysis, run: Path) -> list[Path]:
     """Write the calibration report beside the recording, to print and to look at."""
+    from analysis.against_shadow import against_shadow
     from analysis.reporting import write_report
 
+    shadow = against_shadow(analysis)
     paths = [run.with_suffix(suffix) for suffix in (".pdf", ".html")]
     with progress_bar("writing the report") as advance:
         for number, path in enumerate(paths):
-            write_report([analysis], path)
+            write_report([analysis], path, shadow=shadow)
             advance(number + 1, len(paths))
     return paths

@@ -22,6 +22,7 @@ def report(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the intervals and the posterior.")] = 0,
     no_mcmc: Annotated[bool, typer.Option("--no-mcmc", help="Leave the posterior out.")] = False,
+    no_shadow: Annotated[bool, typer.Option("--no-shadow", help="Leave the digital shadow out.")] = False,
     json: JsonOption = False,
 ) -> None:
     """A calibration or a 100-cycle repeatability report, as the run is; several runs are compared.
@@ -35,6 +36,7 @@ def report(
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
     from analysis import analyse
+    from analysis.against_shadow import against_shadow
     from analysis.reporting import write_report
 
     limits = dict(_limit(text) for text in limit or ())
@@ -45,7 +47,8 @@ def report(
         for number, (run, file) in enumerate(zip(runs, given, strict=True)):
             analyses.append(analyse(run, file, seed=seed, mcmc=not no_mcmc))
             advance(number + 1, len(runs) + 1)
-        content = write_report(analyses, to, limits)
+        alone = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
+        content = write_report(analyses, to, limits, against_shadow(analyses[0]) if alone else None)
         advance(len(runs) + 1, len(runs) + 1)
     if json:
         emit_json({"file": to, "title": content.title, "verdict": content.verdict, "simulated": content.simulated})

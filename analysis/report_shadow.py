@@ -1,0 +1,125 @@
+"""The report's section on the digital shadow: what was measured against what the ideal actuator would do.
+
+Rules: nothing is computed here but a thinning; the band is that of the modulus, two standard uncertainties.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from analysis import style
+from analysis.against_shadow import AgainstShadow
+from analysis.figures import TRACE_POINTS, Draw, envelope
+from analysis.numbers import rounded
+from analysis.report_content import Drawing, Section, Table
+
+if TYPE_CHECKING:
+    from analysis.shadow.replay import Replay
+
+TITLE = "Against the digital shadow"
+MOST_ROWS = 12  # cycles in the table; more are read from the drawing
+
+
+def shadow_section(compared: AgainstShadow) -> Section:
+    """Deviation with its band over time and over cycles, pressure residual, alarms."""
+    result = compared.result
+    if result is None:
+        return Section(TITLE, (f"Not compared: {compared.void}.",))
+    parts: list[str | Table | Drawing] = [
+        _said(result),
+        Drawing(
+            (_deviation(result),), "Measured less nominal elongation; the band is that of the modulus, k = 2.", 2.3
+        ),
+        Drawing(
+            (_levels(compared), _residuals(compared)),
+            "Each cycle: mean deviation, and the rms of measured pressure less the pressure that the measured "
+            "elongation stands for.",
+            2.4,
+        ),
+    ]
+    if len(compared.numbers) <= MOST_ROWS:
+        parts.append(_table(compared))
+    alarms = tuple((str(alarm.cycle), alarm.sentence) for alarm in result.alarms)
+    parts.append(
+        Table(("Alarm in cycle", "What"), alarms, numeric=False)
+        if alarms
+        else "No alarm: neither leak, softening, stiffening, drift nor disagreement of the sensors was found."
+    )
+    parts += [f"Left out of the alarms: {'; '.join(result.left_out)}."] if result.left_out else []
+    return Section(TITLE, tuple(parts))
+
+
+def _said(result: Replay) -> str:
+    known = result.deviation_mm[np.isfinite(result.deviation_mm)]
+    band = float(np.nanmean(result.band_mm))
+    inside = np.abs(result.deviation_mm) <= 2.0 * result.band_mm
+    return (
+        f"The actuator stood {rounded(float(known.mean()), 0.05)} mm from the nominal elongation on average "
+        f"({rounded(float(np.sqrt((known**2).mean())), 0.05)} mm rms, at most "
+        f"{rounded(float(known[np.argmax(np.abs(known))]), 0.05)} mm), the band from the modulus being "
+        f"± {rounded(2.0 * band, 0.05)} mm on average; {100.0 * inside.sum() / known.size:.0f} % of "
+        f"{known.size} samples lie inside it."
+    )
+
+
+def _deviation(result: Replay) -> Draw:
+    def draw(ax: Axes) -> None:
+        time, low, high = envelope(result.time_s, result.deviation_mm, TRACE_POINTS // 2)
+        step = max(1, result.time_s.size // TRACE_POINTS)
+        band = 2.0 * result.band_mm[::step]
+        ax.fill_between(result.time_s[::step], -band, band, color=style.ELONGATION, alpha=0.25, lw=0, label="band")
+        ax.fill_between(time, low, high, color=style.SENSORS[0], lw=0.6, edgecolor=style.SENSORS[0], label="deviation")
+        ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+        for alarm in result.alarms:
+            ax.axvline(float(result.cycle_start_s[alarm.cycle - 1]), color=style.WARNING, lw=0.9)
+        ax.set(xlabel="time, s", ylabel="deviation, mm", title="Measured less nominal elongation")
+        ax.margins(x=0)
+        ax.legend(ncols=2, loc="upper right")
+
+    return draw
+
+
+def _levels(compared: AgainstShadow) -> Draw:
+    def draw(ax: Axes) -> None:
+        band = 2.0 * compared.band_mm
+        numbers = compared.numbers
+        ax.fill_between(numbers, -band, band, color=style.ELONGATION, alpha=0.25, lw=0)
+        ax.plot(numbers, compared.level_mm, "o-", color=style.SENSORS[0], markersize=2.5, lw=0.8)
+        ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set(xlabel="cycle", ylabel="mean deviation, mm", title="Deviation per cycle")
+
+    return draw
+
+
+def _residuals(compared: AgainstShadow) -> Draw:
+    def draw(ax: Axes) -> None:
+        ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE, markersize=2.5, lw=0.8)
+        ax.set_ylim(bottom=0.0)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set(xlabel="cycle", ylabel="residual rms, kPa", title="Pressure residual per cycle")
+
+    return draw
+
+
+def _table(compared: AgainstShadow) -> Table:
+    result = compared.result
+    assert result is not None
+    alarms = {number: [a.illness for a in result.alarms if a.cycle == number] for number in compared.numbers}
+    rows = zip(compared.numbers, compared.level_mm, compared.band_mm, compared.residual_kpa, strict=True)
+    cells = tuple(
+        (str(k), f"{d:+.3f}", f"± {2.0 * b:.3f}", f"{r:.2f}", ", ".join(alarms[k]) or "none") for k, d, b, r in rows
+    )
+    header = ("cycle", "mean deviation, mm", "band (k = 2), mm", "residual rms, kPa", "alarms")
+    return Table(header, cells, f"Drift of the deviation: {_drift(result)}.")
+
+
+def _drift(result: Replay) -> str:
+    low, high = result.drift_interval
+    if not np.isfinite(result.drift_mm_per_cycle):
+        return "fewer than three cycles, not given"
+    return f"{1000 * result.drift_mm_per_cycle:+.1f} µm a cycle [{1000 * low:+.1f}, {1000 * high:+.1f}] (Theil-Sen)"

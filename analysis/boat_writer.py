@@ -23,6 +23,7 @@ import numpy.typing as npt
 from analysis.boat_file import program_version
 from analysis.errors import FileError
 from analysis.recording import Recording
+from protocol.errors import RecordingError
 from protocol.recording import (
     APPLICATION_ID,
     SCHEMA_VERSION,
@@ -32,6 +33,7 @@ from protocol.recording import (
     describe_dtype,
     sample_dtype,
 )
+from protocol.recording_checks import check_session
 
 CHUNK_BYTES = 1 << 20
 BLOCK_ROWS = 1_000  # as many as a row of the overview
@@ -123,9 +125,12 @@ def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, A
         "sample_kind": "counts" if "lit" in samples.dtype.names else "signal",
         "sample_dtype": describe_dtype(samples.dtype),
         "rate_hz": recording.meta.get("rate_hz") or (1.0 / recording.interval_s if recording.n > 1 else 0.0),
-        "settings": {}, "operator": recording.meta.get("operator") or "", "unit": recording.meta.get("unit") or "",
-        "note": recording.meta.get("note") or "",
+        "settings": {}, **{key: str(recording.meta.get(key) or "") for key in ("operator", "unit", "note")},
     }  # fmt: skip
+    try:
+        check_session(values)
+    except RecordingError as error:
+        raise FileError(f"{error.cause}, as a comment of the file says", "Mend the file's comment lines.") from error
     return values
 
 

@@ -58,6 +58,9 @@ MAX_SENSORS = 9
 MAX_COUNT = 65535
 
 
+MAX_PROFILE_BYTES = 1_000_000
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """One column of the map: its position in the file, its unit, the factor to ours."""
@@ -146,11 +149,13 @@ def load_profile(path: str | Path) -> dict[str, str]:
     FileError : not such a file.
     """
     try:
+        if Path(path).stat().st_size > MAX_PROFILE_BYTES:
+            raise ValueError(f"larger than {MAX_PROFILE_BYTES} bytes")
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         columns = content["columns"]
         if content["boat_daq_import"] != 1 or not all(isinstance(v, str) for v in columns.values()):
             raise ValueError("unknown version or a column that is no text")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise FileError(f"{path} is no import profile ({error})", "Make one with --save-profile.") from error
     return dict(columns)
 
@@ -398,7 +403,8 @@ def _meta(table: Table, mapping: ColumnMap, path: Path) -> dict[str, Any]:
         key, _, value = comment.partition(":")
         if key.strip() in KNOWN_META:
             try:
-                meta[key.strip()] = json.loads(value)
-            except ValueError:
-                meta[key.strip()] = value.strip()
+                said = json.loads(value)
+            except (ValueError, RecursionError):
+                said = None
+            meta[key.strip()] = said if isinstance(said, str | int | float) else value.strip()
     return meta

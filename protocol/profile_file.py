@@ -136,7 +136,7 @@ def load_profile(source: str | Path) -> TextProfile:
     text = source if isinstance(source, str) and "\n" in source else _read(Path(source))
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ProfileError(f"the profile is not TOML: {error}", "mend the line that is named") from None
     top = _table(content, "", _TOP)
     device = _table(top["device"], "device.", _DEVICE)

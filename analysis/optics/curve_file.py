@@ -32,6 +32,7 @@ _STATE = ("state", "frame", "step", "elongation_mm", "elongation", "pressure_kpa
 _GUIDE = ("guide", "waveguide", "curve", "side", "sensor", "boat")
 _FORM = "give CSV with x and z in mm, 7 points or more for each of the two guides, for 1 state or 15"
 _JUMP = 3.0
+_MAX_BYTES = 64 << 20  # 15 states of two guides with a thousand points take 2 MB
 _MIRROR_FLAT = 1e-6
 
 Row = list[str]
@@ -99,6 +100,8 @@ def _states(path: Path) -> list[list[Floats]]:
 def _rows(path: Path) -> list[Row]:
     """Cells of every line; an empty list for a blank line."""
     try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise FileError(f"{path} is larger than {_MAX_BYTES >> 20} MB", "name the right file")
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise FileError(f"there is no curve file {path}", "check its name and folder") from error

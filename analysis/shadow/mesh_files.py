@@ -25,6 +25,7 @@ from analysis.shadow.full_model import FullModel
 from analysis.shadow.mesh import LATTICE, WALL, Mesh, check_quality
 from analysis.shadow.solver import Solution
 
+MAX_BYTES = 128 << 20  # a hundred thousand elements take 20 MB
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
 _TURNED = [0, 3, 2, 1, 7, 6, 5, 4]
 
@@ -93,6 +94,8 @@ def read_mesh(path: Path) -> Mesh:
     refusal = FileError(f"{path} is not a mesh that can be read here", "give a .vtu or .msh file")
     if kind is None:
         raise refusal
+    if path.is_file() and path.stat().st_size > MAX_BYTES:
+        raise FileError(f"{path} is larger than {MAX_BYTES >> 20} MB", "give a coarser mesh")
     try:
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio talks, and leaves the program
             found = meshio.read(path, file_format=kind)

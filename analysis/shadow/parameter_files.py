@@ -13,6 +13,8 @@ from pathlib import Path
 from analysis.errors import FileError, RequestError
 from analysis.shadow.parameters import ActuatorParameters
 
+MAX_BYTES = 1_000_000
+
 
 def read_parameters(path: Path) -> ActuatorParameters:
     """Read the parameters of an actuator.
@@ -25,10 +27,12 @@ def read_parameters(path: Path) -> ActuatorParameters:
         If a name is unknown or a value makes no actuator.
     """
     try:
+        if path.stat().st_size > MAX_BYTES:
+            raise FileError(f"{path} is larger than {MAX_BYTES // 1000} kB", "name the right file")
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}", "check the name") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise FileError(f"{path} is not a TOML file: {error}", "write lines like wall_mm = 2.2") from error
     known = {f.name: f.type for f in fields(ActuatorParameters)}
     for name in values:

@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
+from analysis.boat_writer import write_boat_file
 from analysis.csv_import import import_csv, preview
 from analysis.csv_import import load_profile as load_column_map
 from analysis.elongation import read_elongation_file
 from analysis.errors import AnalysisError
 from analysis.optics.curve_file import read_curves
 from analysis.optics.sweep_file import SweepFile
-from analysis.recording import load_recording
+from analysis.recording import Recording, load_recording
 from analysis.shadow.mesh_files import read_mesh
 from analysis.shadow.modulus import effective_modulus, read_compression_test
 from analysis.shadow.parameter_files import read_parameters
@@ -213,7 +214,11 @@ def cells(data: bytes) -> None:
 def csv(data: bytes) -> None:
     path = kept(data, "table.csv")
     attempt(lambda: preview(path))
-    attempt(lambda: import_csv(path))
+    run = attempt(lambda: import_csv(path))
+    if isinstance(run, Recording):
+        made = path.with_suffix(".boat")
+        attempt(lambda: write_boat_file(made, run, original=path))
+        assert not made.exists() or load_recording(made).n == run.n
     attempt(lambda: import_csv(path, columns={"s1_mv": "2", "pressure_kpa": "1"}, rate_hz=100.0))
 
 

@@ -25,6 +25,7 @@ CSV = (
     b"time_s,pressure_kpa,s1_mv,s2_mv,note\n# comment\n0.00,50.1,1650.2,1620,a\n0.01,50.0,1651,1619,b\n0.02,,NaN,1,c\n",
     b"\xef\xbb\xbfZeit;Druck [kPa];S1 (V)\ns;kPa;V\n0,00;50,1;1,65\n0,01;50,0;1,66\n",
     "t\tp\ts1\n0\t1\t2\n1\t2\t3\n".encode("utf-16"),
+    b"# operator: {}\n# started_utc: 5\ntime_s,pressure_kpa,s1_mv\n0,1,2\n1,1,2\n2,1,2\n",
     b"1 2 3\n2 3 4\n3 4 5\n",
 )
 READINGS = (

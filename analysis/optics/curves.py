@@ -1,11 +1,15 @@
 """The deformed centrelines: 15 states of two guides, from any source, through one door.
 
 `curves` is an array [states][2][points][2] in mm, state 0 the most compressed. The shadow, a file and the parametric
-default all give it; `frames_of` is the only way from there to a scene. Coordinates are (x, z), z along the actuator
-by habit; nothing depends on it, a scene may be moved and turned as one likes.
+set all give it; `frames_of` is the only way from there to a scene. Coordinates are (x, z), z along the actuator by
+habit; nothing depends on it, a scene may be moved and turned as one likes. The default are the shadow's fifteen states,
+read from `shadow_states.csv`, which `boat-daq shadow states --out FILE` writes; nothing of the shadow is imported here.
 """
 
 from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -23,29 +27,46 @@ LENGTH_MM = 75.0
 COMPRESSION_MM, ELONGATION_MM = -2.70, 3.80
 """Elongation at -40 and +50 kPa (definitions: derived from the paper's figures)."""
 BOW_MM = 12.5
-"""Assumed: at rest the middle of a guide is one unit cell off the axis."""
+"""Assumed in the parametric set: at rest the middle of a guide is one unit cell off the axis."""
 BOW_PER_ELONGATION = 0.925
 """Assumed: mm of bow a mm of elongation. The bladders push the guides out as they lengthen (paper: straighter in
 compression, more bent in elongation): 10.0 mm at the most compressed state, 16.0 mm at the most elongated."""
 
 
+@cache
+def _shadow_states() -> Floats:
+    """Rows of the packaged file: state, guide, point, x, z, pressure, elongation."""
+    path = Path(__file__).with_name("shadow_states.csv")
+    return np.loadtxt(path, delimiter=",", comments=("#", "state"), encoding="utf-8")
+
+
+def default_curves() -> Floats:
+    """The shadow's fifteen states of the paper's actuator, [15][2][7][2] mm."""
+    return _shadow_states()[:, 3:5].reshape(STATES, 2, -1, 2).copy()
+
+
 def elongations() -> Floats:
-    """Elongation of the 15 states, mm: 7 even steps of compression, rest, 7 of elongation."""
+    """Elongation of the fifteen default states, mm: even steps of pressure from -40 to 0 and from 0 to +50 kPa."""
+    return _shadow_states()[:, 6].reshape(STATES, -1)[:, 0].copy()
+
+
+def parametric_elongations() -> Floats:
+    """Elongation of the parametric states, mm: 7 even steps of compression, rest, 7 of elongation."""
     return np.concatenate([np.linspace(COMPRESSION_MM, 0.0, REST + 1), np.linspace(0.0, ELONGATION_MM, REST + 1)[1:]])
 
 
-def default_curves(states: Floats | None = None) -> Floats:
+def parametric_curves(states: Floats | None = None) -> Floats:
     """Two guides bowed like a boat's sides: half a sine over the actuator's length, points even along it.
 
     Parameters
     ----------
-    states : elongation of each state, mm; by default the 15 of `elongations`.
+    states : elongation of each state, mm; by default the 15 of `parametric_elongations`.
 
     Returns
     -------
     [states][2][7][2], mm: x = +-bow sin(pi z / length).
     """
-    e = elongations() if states is None else np.asarray(states, dtype=float)
+    e = parametric_elongations() if states is None else np.asarray(states, dtype=float)
     part = np.linspace(0.0, 1.0, POINTS)
     z = (LENGTH_MM + e)[:, None] * part
     x = (BOW_MM + BOW_PER_ELONGATION * e)[:, None] * np.sin(np.pi * part)

@@ -17,7 +17,6 @@ from matplotlib.path import Path as Outline
 
 from analysis.errors import FileError
 from analysis.optics.compiled import Floats
-from analysis.optics.curves import elongations
 from analysis.optics.figure_of_merit import pareto
 from analysis.optics.frame import Frame
 from analysis.optics.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
@@ -126,10 +125,9 @@ def draw_response(result: SweepResult, chosen: Sequence[Design]) -> Figure:
             states, result.ndr[i], yerr=result.ndr_sd[i], fmt="o", markersize=3.5, linewidth=0.7, color=colour
         )
         axes.plot(states, merit.andr[i], color=colour, linewidth=LINE_PT, label=name)
-    low, high = elongations()[[0, -1]]
     _dress(
         axes,
-        f"state: 0 compressed ({low:+.1f} mm) to {len(states) - 1} elongated ({high:+.1f} mm)",
+        f"state: 0 most compressed to {len(states) - 1} most elongated",
         "detected rays of 250",
     )
     axes.legend(fontsize=SMALL_PT, frameon=False)

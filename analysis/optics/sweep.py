@@ -59,7 +59,7 @@ class SweepRequest:
     ----------
     designs : what is simulated.
     guide, light : see `parameters.py`.
-    curves : [15][2][points][2] in mm; the parametric set by default.
+    curves : [15][2][points][2] in mm; the shadow's states by default.
     """
 
     designs: tuple[Design, ...] = field(default_factory=lambda: tuple(paper_grid()))

@@ -4,22 +4,33 @@ Strategy: as in the paper, pressure is swept in even steps, seven of compression
 guides are sampled in each: seven tracked points a guide, or every 0.5 mm.
 
 Rules: state 0 is the most compressed. Coordinates are (x, z) in mm, z along the actuator from the base; guide 1 is at
-x > 0. The files are CSV with one row a point, or NPZ with the array `curves_mm` [15][2][n][2].
+x > 0. The files are CSV with one row a point, or NPZ with the array `curves_mm` [15][2][n][2]. The states of the
+present model are kept in the user's cache, named by a hash of its parameters as the reduced table is.
 """
 
 from __future__ import annotations
 
+import hashlib
+import os
+import tempfile
+import zipfile
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
+import platformdirs
 
 from analysis.errors import FileError, RequestError
 from analysis.shadow.arrays import Floats
 from analysis.shadow.full_model import FullModel
 from analysis.shadow.guides import both_guides
+from analysis.shadow.parameters import ActuatorParameters
 from analysis.shadow.solver import Solution
 
+FORMAT = 1
 STEPS = 7
 HEADER = "state,guide,point,x_mm,z_mm,pressure_kpa,elongation_mm"
 
@@ -32,11 +43,13 @@ class GuideStates:
     ----------
     curves_mm : shape (15, 2, n, 2), (x, z).
     pressure_kpa, elongation_mm : shape (15,).
+    parameters : hash of the actuator's parameters.
     """
 
     curves_mm: Floats
     pressure_kpa: Floats
     elongation_mm: Floats
+    parameters: str
 
     def bow_mm(self) -> Floats:
         """Return half the greatest distance of the guides in each state, shape (15,)."""
@@ -82,7 +95,32 @@ def guide_states(
         state = full.solve(pressure_kpa=float(pressure), start=state)
         curves.append(both_guides(carried.positions(state.displacement_mm)))
         elongations.append(state.elongation_mm)
-    return GuideStates(np.array(curves), pressures, np.array(elongations))
+    return GuideStates(np.array(curves), pressures, np.array(elongations), full.parameters.digest)
+
+
+def kept_states(parameters: ActuatorParameters | None = None, *, folder: Path | None = None) -> GuideStates:
+    """The fifteen states of an actuator from the cache, or solved and kept there.
+
+    Parameters
+    ----------
+    parameters : the paper's actuator by default.
+    folder : where states are kept; the user's cache folder by default.
+    """
+    chosen = parameters or ActuatorParameters()
+    name = hashlib.sha256(f"{chosen.digest} {FORMAT} {_version()}".encode()).hexdigest()[:20]
+    path = (folder or platformdirs.user_cache_path("boat-daq") / "shadow") / f"states_{name}.npz"
+    with suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile), np.load(path) as kept:
+        found = GuideStates(kept["curves_mm"], kept["pressure_kpa"], kept["elongation_mm"], chosen.digest)
+        if found.curves_mm.shape == (2 * STEPS + 1, 2, 7, 2) and np.isfinite(found.curves_mm).all():
+            return found
+    states = guide_states(FullModel(chosen))
+    with suppress(OSError):  # a cache that cannot be written costs time, never the answer
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "wb") as file:
+            _save(states, file)
+        Path(part).replace(path)
+    return states
 
 
 def write_states(states: GuideStates, path: Path) -> None:
@@ -95,13 +133,34 @@ def write_states(states: GuideStates, path: Path) -> None:
     """
     try:
         if path.suffix.lower() == ".npz":
-            np.savez(
-                path, curves_mm=states.curves_mm, pressure_kpa=states.pressure_kpa, elongation_mm=states.elongation_mm
-            )
+            with path.open("wb") as file:
+                _save(states, file)
         else:
-            path.write_text("\n".join([HEADER, *_lines(states)]) + "\n", encoding="utf-8")
+            path.write_text("\n".join([*_origin(states), HEADER, *_lines(states)]) + "\n", encoding="utf-8")
     except OSError as error:
         raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
+
+
+def _save(states: GuideStates, file: BinaryIO) -> None:
+    np.savez(file, curves_mm=states.curves_mm, pressure_kpa=states.pressure_kpa, elongation_mm=states.elongation_mm)
+
+
+def _version() -> str:
+    try:
+        return version("boat-daq")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _origin(states: GuideStates) -> list[str]:
+    """Comment lines that say what the file is and where it comes from."""
+    low, high = states.pressure_kpa[[0, -1]]
+    return [
+        "# SIMULATED: the two guides in 15 states, most compressed first, by the digital shadow of boat-daq",
+        f"# boat-daq shadow states --lowest {low:g} --highest {high:g}, version {_version()}, "
+        f"actuator parameters {states.parameters}",
+        "# x across, z along the actuator from its base",
+    ]
 
 
 def _lines(states: GuideStates) -> list[str]:

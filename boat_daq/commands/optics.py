@@ -33,7 +33,13 @@ Rays = Annotated[int, typer.Option(help="Rays released.")]
 Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
 Order = Annotated[str, typer.Option(help="How the budget is spent: time, bounce or index.")]
 Index = Annotated[float, typer.Option(help="Refractive index of the resin.")]
-Curves = Annotated[Path | None, typer.Option(help="CSV of the deformed guides, x and z in mm; or the word shadow.")]
+Curves = Annotated[
+    Path | None,
+    typer.Option(
+        help="CSV of the deformed guides, x and z in mm; or a word: parametric (sines), shadow (solved now). "
+        "Default: the shadow's fifteen states as they were shipped."
+    ),
+]
 Thickness = Annotated[float, typer.Option(help="Thickness of the guides, mm.")]
 Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/cm.")]
 Face = Annotated[str, typer.Option(help="Which face carries the cavities: outer or inner.")]
@@ -42,20 +48,20 @@ Receiver = Annotated[float | None, typer.Option(help="Width of the receiver, mm;
 Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]
 
 
-SHADOW = "shadow"  # in place of a file: the guides of the digital shadow's own fifteen states
-
-
 def _curves(path: Path | None) -> Floats:
+    """The curves of a file or of a word in its place."""
     from analysis.optics.curve_file import read_curves
-    from analysis.optics.curves import default_curves
+    from analysis.optics.curves import default_curves, parametric_curves
 
     if path is None:
         return default_curves()
-    if str(path) != SHADOW:
+    if str(path) == "parametric":
+        return parametric_curves()
+    if str(path) != "shadow":
         return read_curves(path)
-    from analysis.shadow.states import guide_states
+    from analysis.shadow.states import kept_states
 
-    return guide_states().curves_mm
+    return kept_states().curves_mm
 
 
 def _frame(curves: Floats, state: int | None, guide: Waveguide) -> tuple[Frame, int]:

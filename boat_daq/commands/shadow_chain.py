@@ -24,7 +24,7 @@ def chain(
 
     Example: boat-daq shadow chain --rays 1000 --out curves.csv
     """
-    from analysis.optics.curves import default_curves
+    from analysis.optics.curves import parametric_curves
     from analysis.optics.parameters import Light
     from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
     from analysis.shadow.full_model import FullModel
@@ -40,7 +40,7 @@ def chain(
         write_states(states, out)
         say(f"wrote {out}")
     found: dict[str, Any] = {}
-    for name, curves in (("shadow", states.curves_mm), ("parametric", default_curves())):
+    for name, curves in (("shadow", states.curves_mm), ("parametric", parametric_curves())):
         request = SweepRequest(tuple(paper_grid(counts)), light=Light(rays=rays), curves=curves)
         with progress_bar(f"sweep over the {name} curves") as progress:
             found[name] = outcome(run_sweep(request, progress=progress))

@@ -1,19 +1,19 @@
-"""What the optical tests share: the default states and the paper's design."""
+"""What the optical tests share: the parametric states and their frames."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from analysis.optics.curves import default_curves, frames_of
+from analysis.optics.curves import frames_of, parametric_curves
 from analysis.optics.frame import Frame
 from analysis.optics.parameters import Waveguide
 
 
 @pytest.fixture(scope="session")
 def curves() -> np.ndarray:
-    """The 15 default states."""
-    return default_curves()
+    """The 15 states of the parametric set, whose lengths are known."""
+    return parametric_curves()
 
 
 @pytest.fixture(scope="session")

@@ -50,10 +50,12 @@ def test_trace_tells_the_agreed_keys() -> None:
 
 
 def test_trace_reads_a_curve_file(tmp_path: Path, curves: np.ndarray) -> None:
-    """The default curves, written to a file and read again, give the same NDR."""
+    """The parametric curves, written to a file and read again, give the same NDR; the default ones give another."""
     path = tmp_path / "curves.csv"
     path.write_text("x,z\n" + "\n".join(f"{x!r},{z!r}" for s in curves.tolist() for g in s for x, z in g))
-    assert told("trace", "--state", "14", "--curves", str(path))["ndr"] == told("trace", "--state", "14")["ndr"]
+    written = told("trace", "--state", "14", "--curves", str(path))["power"]
+    assert written == told("trace", "--state", "14", "--curves", "parametric")["power"]
+    assert written != told("trace", "--state", "14")["power"]
 
 
 def test_trace_draws(tmp_path: Path) -> None:

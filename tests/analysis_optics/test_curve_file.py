@@ -9,7 +9,7 @@ import pytest
 
 from analysis.errors import FileError
 from analysis.optics.curve_file import read_curves
-from analysis.optics.curves import elongations
+from analysis.optics.curves import parametric_elongations
 
 
 def pairs(guide: np.ndarray, separator: str = ",") -> list[str]:
@@ -24,7 +24,7 @@ def named(c: np.ndarray) -> str:
 def by_elongation(c: np.ndarray) -> str:
     rows = [
         f"{e:.4f},{name},{p}"
-        for e, state in zip(elongations(), c, strict=True)
+        for e, state in zip(parametric_elongations(), c, strict=True)
         for name, guide in zip(("left", "right"), state, strict=True)
         for p in pairs(guide)
     ]

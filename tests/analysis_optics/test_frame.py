@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import analysis.optics as package
 from analysis.errors import AnalysisError, DataError, RequestError
-from analysis.optics.curves import checked_curves, default_curves, elongations, frame_of, frames_of
+from analysis.optics.curve_file import read_curves
+from analysis.optics.curves import (
+    checked_curves,
+    default_curves,
+    elongations,
+    frame_of,
+    frames_of,
+    parametric_elongations,
+)
 from analysis.optics.frame import Frame, check_row
 from analysis.optics.parameters import Design, Light, Waveguide
 from analysis.optics.simulation import trace
@@ -18,12 +29,23 @@ def bowed(bow: float, points: int = 7) -> np.ndarray:
     return np.array([[np.stack([-x, 75 * part], axis=1), np.stack([x, 75 * part], axis=1)]])
 
 
-def test_default_states_span_the_papers_range() -> None:
+def test_parametric_states_span_the_papers_range(curves: np.ndarray) -> None:
     """15 states from -2.7 to +3.8 mm, state 7 at rest, straighter in compression and more bent in elongation."""
-    curves = default_curves()
-    np.testing.assert_allclose(elongations()[[0, 7, 14]], [-2.7, 0.0, 3.8])
-    np.testing.assert_allclose(np.ptp(curves[:, 0, :, 1], axis=1), 75 + elongations())
+    np.testing.assert_allclose(parametric_elongations()[[0, 7, 14]], [-2.7, 0.0, 3.8])
+    np.testing.assert_allclose(np.ptp(curves[:, 0, :, 1], axis=1), 75 + parametric_elongations())
     assert np.all(np.diff(np.ptp(curves[:, 0, :, 0], axis=1)) > 0)
+
+
+def test_default_states_are_the_shadows() -> None:
+    """The packaged file is read as any curve file; its ends lie apart by the elongation more than at rest."""
+    curves = default_curves()
+    np.testing.assert_array_equal(read_curves(Path(package.__file__).with_name("shadow_states.csv")), curves)
+    np.testing.assert_allclose(elongations()[[0, 7, 14]], [-2.7, 0.0, 3.8], atol=1e-3)
+    length = np.ptp(curves[:, 0, :, 1], axis=1)
+    np.testing.assert_allclose(length - length[7], elongations(), atol=1e-6)
+    np.testing.assert_allclose(curves[:, 1, :, 0], -curves[:, 0, :, 0], atol=1e-8)
+    curves[:] = 0.0
+    assert default_curves().any()
 
 
 @pytest.mark.parametrize(
@@ -161,8 +183,8 @@ def test_curves_in_metres_or_with_holes_are_refused(curves: np.ndarray) -> None:
 
 
 def test_all_default_states_are_built(frames: list[Frame]) -> None:
-    """Each of the 15 states has room for the longest row of the paper's grid."""
+    """Each of the 15 states of both sets has room for the longest row of the paper's grid."""
     assert len(frames) == 15
-    for frame in frames:
+    for frame in [*frames, *frames_of(default_curves(), Waveguide(thickness_mm=2.5))]:
         check_row(frame, Design(7, 1.0, 1.0, 1.0).row_mm, 1.0, "a state")
     assert len(frames_of(default_curves(), Waveguide(thickness_mm=1.5))) == 15

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from analysis.errors import AnalysisError
-from analysis.optics.curves import default_curves, frame_of
+from analysis.optics.curves import frame_of, parametric_curves
 from analysis.optics.frame import Frame
 from analysis.optics.parameters import ORDERS, Design, Light, Waveguide
 from analysis.optics.scene import outline
@@ -80,7 +80,7 @@ def ledger_closes(out: Outcome) -> None:
 @st.composite
 def scenes(draw: st.DrawFn) -> tuple[np.ndarray, Waveguide, Design, Light]:
     """Curves, guide, design and light within and somewhat beyond what an actuator does; some cannot be built."""
-    curves = default_curves(np.array([draw(st.floats(-12.0, 10.0))]))
+    curves = parametric_curves(np.array([draw(st.floats(-12.0, 10.0))]))
     curves[:, :, 1:-1, 0] *= draw(st.floats(0.3, 1.5))
     curves[0, :, 1:-1] += np.array(draw(st.lists(st.floats(-0.6, 0.6), min_size=20, max_size=20))).reshape(2, 5, 2)
     guide = Waveguide(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,12 @@ import pytest
 
 from analysis.errors import DataError, FileError, RequestError
 from analysis.optics.curve_file import read_curves
-from analysis.optics.curves import checked_curves
+from analysis.optics.curves import checked_curves, default_curves, elongations
 from analysis.shadow.full_model import FullModel
+from analysis.shadow.parameters import ActuatorParameters
 from analysis.shadow.reduced import ReducedModel
 from analysis.shadow.replay import drift, replay, replay_figure
-from analysis.shadow.states import GuideStates, guide_states, write_states
+from analysis.shadow.states import GuideStates, guide_states, kept_states, write_states
 from tests.analysis_shadow.bench_actuator import Illness, Run, run_actuator
 
 
@@ -36,6 +38,31 @@ def test_fifteen_states_from_compression_to_elongation(states: GuideStates) -> N
     assert (np.diff(states.elongation_mm) > 0).all()
     np.testing.assert_allclose(states.elongation_mm[[0, 7, 14]], [-2.7, 0.0, 3.8], atol=1e-3)
     np.testing.assert_allclose(states.curves_mm[:, 1, :, 0], -states.curves_mm[:, 0, :, 0], atol=1e-12)
+
+
+def test_the_optics_default_is_this_model(states: GuideStates) -> None:
+    """The file that ships with the optics holds what the full model gives now: written anew where this fails."""
+    np.testing.assert_allclose(default_curves(), states.curves_mm, atol=2e-6)
+    np.testing.assert_allclose(elongations(), states.elongation_mm, atol=2e-6)
+
+
+def test_states_are_kept_by_parameters(states: GuideStates, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second time they come from the cache, bit for bit; a damaged cache is made anew, as for other parameters."""
+    solved = []
+
+    def solve(model: FullModel) -> GuideStates:
+        solved.append(model.parameters.digest)
+        return states
+
+    monkeypatch.setattr("analysis.shadow.states.guide_states", solve)
+    for _ in range(2):
+        np.testing.assert_array_equal(kept_states(folder=tmp_path).curves_mm, states.curves_mm)
+    assert solved == [states.parameters]
+    next(tmp_path.iterdir()).write_bytes(b"PK not a table")
+    kept_states(folder=tmp_path)
+    kept_states(replace(ActuatorParameters(), wall_modulus_kpa=300.0), folder=tmp_path)
+    assert len(solved) == 3
+    assert len(set(solved)) == 2
 
 
 def test_guides_straighten_as_the_actuator_lengthens(states: GuideStates) -> None:

@@ -185,6 +185,7 @@ class CalibrationPage(QWidget):
         self.tabs.setDocumentMode(True)
         self.tabs.tabBar().setDrawBase(False)
         self.tabs.setAccessibleName("Figures, and the last calibration beside this one")
+        self.tabs.tabBar().setAccessibleName("Figures, and the last calibration beside this one")
         self.beside = widgets.read_table("This calibration beside the last one", BESIDE)
         self.comparison = widgets.label("", "small", wrap=True)
         before = widgets.holder(widgets.column(self.comparison, self.beside, spacing=style.GAP))

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QApplication
 
 from boat_daq.gui.commands import Command, Registry
 from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.run_commands import bug_report, calibration, recordings
 from boat_daq.viewmodels.desk import FIDELITIES, PAGES
 
 if TYPE_CHECKING:
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
 
 def register(registry: Registry, window: MainWindow) -> None:
     """Add every command of `window`."""
-    for command in (*session(window), *edit(window), *view(window), *sequence(window), *pages(window), *help_(window)):
+    makers = (session, edit, view, sequence, calibration, recordings, pages, help_)
+    for command in (command for make in makers for command in make(window)):
         registry.add(command)
 
 
@@ -31,6 +33,11 @@ def session(window: MainWindow) -> list[Command]:
         Command("Session", "Disconnect", "Ctrl+Shift+K", desk.disconnect, lambda: desk.snapshot.port is not None),
         Command("Session", "Start or close the recording", "Ctrl+R", desk.toggle_recording, desk.connected, apart=True),
         Command("Session", "Mark this moment …", "M", window.live.ask_marker, desk.connected),
+        Command(
+            "Session", "Do what the message proposes", "Ctrl+J", window.strip.do_it, window.strip.offers, apart=True
+        ),
+        Command("Session", "Dismiss the message", "Ctrl+D", window.strip.dismiss, window.strip.stands),
+        Command("Session", "Cancel the work under way", "Ctrl+.", window.strip.cancel_work, window.strip.works),
         Command("Session", "Close the window", "Ctrl+Q", window.close, apart=True),
     ]
 
@@ -43,6 +50,8 @@ def edit(window: MainWindow) -> list[Command]:
         Command("Edit", "Redo", "Ctrl+Shift+Z", stack.redo, stack.canRedo),
         Command("Edit", "Read from a photograph …", "Ctrl+P", window.live.open_photograph, apart=True),
         Command("Edit", "Paste readings", "Ctrl+Shift+V", window.live.paste_readings),
+        Command("Edit", "Import readings …", "Ctrl+Shift+I", window.live.import_readings),
+        Command("Edit", "Go on without a reading", "Ctrl+Shift+N", window.live.reading.go_without, window.live.asks),
     ]
 
 
@@ -106,6 +115,9 @@ def sequence(window: MainWindow) -> list[Command]:
         button("Put the armed plan away", "Shift+F5", "disarm"),
         button("Clear the fault", "Shift+F8", "clear"),
         Command("Sequence", "Edit the plan", "P", window.live.show_plan, apart=True),
+        Command("Sequence", "Open a plan …", "Ctrl+Alt+O", window.live.plan.open),
+        Command("Sequence", "Save the plan …", "Ctrl+Alt+W", window.live.plan.save),
+        Command("Sequence", "Set the pressure by hand", "Ctrl+G", window.live.show_manual),
         Command("Sequence", "Show the readings", "R", window.live.show_readings),
     ]
 
@@ -121,4 +133,5 @@ def help_(window: MainWindow) -> list[Command]:
         Command("Help", "Find a command …", "Ctrl+Shift+P", window.show_palette),
         Command("Help", "Keys", "?", window.show_keys),
         Command("Help", "First steps", "F1", window.show_first_steps),
+        Command("Help", "Save a bug report …", "Ctrl+Shift+F1", partial(bug_report, window)),
     ]

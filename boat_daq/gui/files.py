@@ -14,19 +14,24 @@ from boat_daq.viewmodels.desk import Desk
 Then = Callable[[Path], object]
 
 
-def ask_save(parent: QWidget, desk: Desk, stem: str, suffix: str, then: Then) -> QFileDialog:
+def ask_save(
+    parent: QWidget, desk: Desk, stem: str, suffix: str, then: Then, *, done: str | None = None
+) -> QFileDialog:
     """Ask where to save a file, then call `then(path)`; its error goes to the strip.
 
     Parameters
     ----------
     suffix : the endings allowed, without dots, parted by spaces; the first is the one taken by default.
+    done : what is said when `then` has returned; "Saved" and the name when None, nothing when empty.
     """
     dialog = _dialog(parent, desk, f"Save {suffix.upper().replace(' ', ' or ')}", suffix)
     first = suffix.split()[0]
     dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
     dialog.setDefaultSuffix(first)
     dialog.selectFile(f"{re.sub(r'[^A-Za-z0-9_-]+', '-', stem).strip('-')}.{first}")
-    dialog.fileSelected.connect(lambda name: _finish(desk, Path(name), then, f"Saved {Path(name).name}"))
+    dialog.fileSelected.connect(
+        lambda name: _finish(desk, Path(name), then, f"Saved {Path(name).name}" if done is None else done)
+    )
     return dialog
 
 

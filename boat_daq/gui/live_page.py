@@ -178,6 +178,7 @@ class LivePage(QWidget):
         tabs.addTab(self.plan, "Plan")
         tabs.addTab(self.table, "Readings")
         tabs.setAccessibleName("Shadow, plan, readings")
+        tabs.tabBar().setAccessibleName("Shadow, plan or readings")
         return tabs
 
     def set_window(self, seconds: float) -> None:
@@ -224,6 +225,22 @@ class LivePage(QWidget):
         self.desk.request("Live")
         self.pane.setCurrentWidget(self.plan)
         self.plan.choice.setFocus()
+
+    def show_manual(self) -> None:
+        """Show the field for a pressure by hand."""
+        self.show_plan()
+        self.plan.ensureWidgetVisible(self.plan.target)
+        self.plan.target.setFocus()
+        self.plan.target.selectAll()
+
+    def asks(self) -> bool:
+        """Whether a plateau waits for its reading."""
+        return self.desk.snapshot.waiting_for_reading is not None
+
+    def import_readings(self) -> None:
+        """Import a column of readings from the selected plateau on."""
+        self.show_readings()
+        self.table.import_()
 
     def show_readings(self) -> None:
         """Show the table of readings."""

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QDialog, QGridLayout, QHeaderView, QTreeWidget, QTreeWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QHeaderView,
+    QScrollArea,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
 
 from boat_daq.gui import style, widgets
-from boat_daq.gui.commands import MENUS, Command, Registry
+from boat_daq.gui.commands import Command, Registry
 from boat_daq.viewmodels.matching import ranked
+
+SHEET = (("Session", "Edit", "Go", "Help"), ("View",), ("Sequence", "Runs"))  # the menus in columns
 
 
 class Palette(QDialog):
@@ -83,22 +95,36 @@ class ShortcutSheet(QDialog):
         super().__init__(parent)
         self.setWindowTitle("Keys")
         self.setModal(False)
-        grid = QGridLayout(self)
-        grid.setHorizontalSpacing(6 * style.STEP)
-        grid.setVerticalSpacing(4 * style.STEP)
-        grid.setContentsMargins(*(6 * style.STEP,) * 4)
-        for place, menu in enumerate(MENUS):
-            lines = [c for c in registry.commands if c.menu == menu]
-            block = QGridLayout()
-            block.setVerticalSpacing(style.STEP)
-            block.setHorizontalSpacing(4 * style.STEP)
-            block.addWidget(widgets.label(menu, "subtitle"), 0, 0, 1, 2)
-            for i, command in enumerate(lines, 1):
-                block.addWidget(widgets.label(shown(command), "muted"), i, 0)
-                block.addWidget(widgets.label(command.text), i, 1)
-            block.setRowStretch(len(lines) + 1, 1)
-            block.setColumnStretch(1, 1)
-            grid.addLayout(block, place // 3, place % 3)
+        body = QWidget()
+        columns = QHBoxLayout(body)
+        columns.setSpacing(8 * style.STEP)
+        for menus in SHEET:
+            column = QVBoxLayout()
+            column.setSpacing(4 * style.STEP)
+            for menu in menus:
+                column.addLayout(self._block(menu, [c for c in registry.commands if c.menu == menu]))
+            column.addStretch(1)
+            columns.addLayout(column)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setWidget(body)
+        layout = QVBoxLayout(self)
+        layout.addWidget(scroll)
+        room = parent.size()
+        wanted = body.sizeHint()
+        self.resize(min(wanted.width() + 60, room.width()), min(wanted.height() + 60, room.height()))
+
+    @staticmethod
+    def _block(menu: str, lines: list[Command]) -> QGridLayout:
+        block = QGridLayout()
+        block.setVerticalSpacing(2)
+        block.setHorizontalSpacing(4 * style.STEP)
+        block.addWidget(widgets.label(menu, "subtitle"), 0, 0, 1, 2)
+        for i, command in enumerate(lines, 1):
+            block.addWidget(widgets.label(shown(command), "muted"), i, 0)
+            block.addWidget(widgets.label(command.text), i, 1)
+        block.setColumnStretch(1, 1)
+        return block
 
 
 def shown(command: Command) -> str:

@@ -23,6 +23,7 @@ class PlanForm(QScrollArea):
         self.desk = desk
         self._revision = -1
         self.setWidgetResizable(True)
+        self.setAccessibleName("Plan, and pressure by hand")
         self.choice = widgets.choice("Plan", [(name, name) for name in desk.sequence.plans])
         self.choice.activated.connect(lambda _: self._choose())
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
@@ -55,7 +56,7 @@ class PlanForm(QScrollArea):
         inside.addLayout(grid)
         for widget in (self.refused, self.ask_readings, self.estimate):
             inside.addWidget(widget)
-        inside.addLayout(widgets.row(widgets.button("Open …", self._open), widgets.button("Save …", self._save), None))
+        inside.addLayout(widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), None))
         layout.addWidget(frame)
         layout.addWidget(self._manual())
         layout.addStretch(1)
@@ -96,7 +97,8 @@ class PlanForm(QScrollArea):
         self.desk.sequence.wait_for_reading = on
         self._revision = -1
 
-    def _open(self) -> None:
+    def open(self) -> None:
+        """Ask for a plan's file."""
         ask_open(self, self.desk, "Open a plan", "toml", self._opened)
 
     def _opened(self, path: Path) -> None:
@@ -105,7 +107,8 @@ class PlanForm(QScrollArea):
         if self.choice.findData(name) < 0:
             self.choice.addItem(name, name)
 
-    def _save(self) -> None:
+    def save(self) -> None:
+        """Ask where to put the plan."""
         ask_save(self, self.desk, self.desk.sequence.plan.name, "toml", self.desk.sequence.save)
 
     def _set_pressure(self) -> None:

@@ -36,7 +36,7 @@ class ReadingBar(QFrame):
         self.simulated = widgets.button(
             "Read the grid", self._simulated, tip="What an eye would read on the simulated unit"
         )
-        self.skip = widgets.button("Skip", self._skip, tip="Go on without a reading")
+        self.skip = widgets.button("Skip", self.go_without, tip="Go on without a reading")
         answer = widgets.row(
             self.field, widgets.label("mm \u23ce", "muted"), None, self.simulated, self.photo, self.skip
         )
@@ -79,7 +79,8 @@ class ReadingBar(QFrame):
         if self.asked is not None:
             self.desk.read_simulated(self.asked)
 
-    def _skip(self) -> None:
+    def go_without(self) -> None:
+        """Let the plateau that waits go on without a reading."""
         self.desk.notices.attempt(self.desk.session.skip_reading)
 
 
@@ -216,7 +217,7 @@ class ReadingsTable(QWidget):
         layout.addLayout(
             widgets.row(
                 widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected line on"),
-                widgets.button("Import …", self._import),
+                widgets.button("Import …", self.import_),
                 None,
             )
         )
@@ -237,7 +238,8 @@ class ReadingsTable(QWidget):
         """Paste the clipboard's column from the selected plateau on."""
         self.view.paste(QGuiApplication.clipboard().text())
 
-    def _import(self) -> None:
+    def import_(self) -> None:
+        """Ask for a file with a column of readings."""
         ask_open(
             self,
             self.desk,

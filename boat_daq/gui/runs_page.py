@@ -117,19 +117,19 @@ class RunsPage(QWidget):
         frame, inside = widgets.card()
         self.buttons: dict[str, QPushButton] = {
             "open": widgets.button("Calibrate", self.open, "primary", tip="Analyse it on the Calibrate page"),
-            "repeat": widgets.button("Repeatability", self._repeat),
+            "repeat": widgets.button("Repeatability", self.repeat),
             "readings": widgets.button(
                 "Readings …", self.edit_readings, tip="Correct or add readings of this recording"
             ),
-            "resume": widgets.button("Resume this run", self._resume, tip="Go on in it at its next whole cycle"),
+            "resume": widgets.button("Resume this run", self.resume, tip="Go on in it at its next whole cycle"),
             "replay": widgets.button("Replay", lambda: None, tip="Play it as if it came from a board"),
             "export": widgets.button("Export", lambda: None),
             "report": widgets.button("Report", self.ask_report),
-            "compare": widgets.button("Compare", self._compare, tip="Two to four runs of one unit"),
-            "recover": widgets.button("Recover", self._recover, tip="Close properly what a killed session left"),
+            "compare": widgets.button("Compare", self.compare, tip="Two to four runs of one unit"),
+            "recover": widgets.button("Recover", self.recover, tip="Close properly what a killed session left"),
         }
-        self._menu("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in SPEEDS])
-        self._menu("export", [("CSV …", partial(self._export, "csv")), ("Parquet …", partial(self._export, "parquet"))])
+        self._menu("replay", [(f"{speed} times real time", partial(self.replay, speed)) for speed in SPEEDS])
+        self._menu("export", [("CSV …", partial(self.export, "csv")), ("Parquet …", partial(self.export, "parquet"))])
         inside.addLayout(widgets.row(widgets.label("Recordings", "subtitle"), None, *self.buttons.values()))
         inside.addWidget(self.list, 1)
         side, column = widgets.card()
@@ -154,6 +154,11 @@ class RunsPage(QWidget):
         for text, deed in entries:
             menu.addAction(text, deed)
         self.buttons[key].setMenu(menu)
+
+    def offers(self, key: str) -> bool:
+        """Whether a button can be pressed now."""
+        button = self.buttons[key]
+        return button.isEnabled() and not button.isHidden()
 
     def selected(self) -> list[Run]:
         """Return the chosen lines."""
@@ -183,34 +188,40 @@ class RunsPage(QWidget):
         self.readings = None
         self.desk.runs.look()
 
-    def _resume(self) -> None:
+    def resume(self) -> None:
+        """Go on in the chosen run at its next whole cycle."""
         for path in self._paths()[:1]:
             self.desk.notices.attempt(partial(self.desk.resume, path))
 
-    def _repeat(self) -> None:
+    def repeat(self) -> None:
+        """Show the repeatability of the chosen run."""
         for path in self._paths()[:1]:
             self.desk.notices.attempt(partial(self.desk.repeatability.analyse, path))
             self.desk.request("Repeat")
 
-    def _replay(self, speed: int) -> None:
+    def replay(self, speed: int) -> None:
+        """Play the chosen run as if it came from a board."""
         for path in self._paths()[:1]:
             self.desk.replay(path, speed)
 
-    def _export(self, kind: str) -> None:
+    def export(self, kind: str) -> None:
+        """Ask where to put the samples of the chosen run."""
         paths = self._paths()
-        ask_save(self, self.desk, paths[0].stem if paths else "samples", kind, partial(self.desk.runs.export, paths))
+        stem = paths[0].stem if paths else "samples"
+        ask_save(self, self.desk, stem, kind, partial(self.desk.runs.export, paths), done="")
 
     def ask_report(self) -> None:
         """Ask where to put the report of the chosen runs."""
         paths = self._paths()
-        ask_save(
-            self, self.desk, paths[0].stem if paths else "report", "html pdf", partial(self.desk.runs.report, paths)
-        )
+        stem = paths[0].stem if paths else "report"
+        ask_save(self, self.desk, stem, "html pdf", partial(self.desk.runs.report, paths), done="")
 
-    def _compare(self) -> None:
+    def compare(self) -> None:
+        """Lay the curves of the chosen runs over each other."""
         self.desk.notices.attempt(lambda: self.desk.runs.compare(self._paths()))
 
-    def _recover(self) -> None:
+    def recover(self) -> None:
+        """Close properly what a killed session left."""
         for path in self._paths():
             self.desk.notices.attempt(partial(self.desk.runs.recover, path))
 

@@ -26,16 +26,16 @@ class Strip(QWidget):
         self.text = widgets.label(name="What needs attention")
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons keep their room
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.act = widgets.button("", self._act, name="Do what the message proposes")
+        self.act = widgets.button("", self.do_it, name="Do what the message proposes")
         self.more = widgets.button("Details", self._toggle_details, "link")
         self.copy = widgets.button("Copy", self._copy, "link", name="Copy the message")
-        self.close_ = widgets.button("Dismiss", self._dismiss, "link", name="Dismiss the message")
+        self.close_ = widgets.button("Dismiss", self.dismiss, "link", name="Dismiss the message")
         self.behind = widgets.label("", "small")
         self.work = widgets.label("", "muted")
         self.bar = QProgressBar()
         self.bar.setFixedWidth(style.VENT_WIDTH)
         self.bar.setAccessibleName("Progress")
-        self.cancel = widgets.button("Cancel", self._cancel, name="Cancel the work under way")
+        self.cancel = widgets.button("Cancel", self.cancel_work, name="Cancel the work under way")
         self.details = QPlainTextEdit()
         self.details.setReadOnly(True)
         self.details.setAccessibleName("Details of the message")
@@ -98,13 +98,27 @@ class Strip(QWidget):
             if work.fraction is not None:
                 self.bar.setValue(work.permille)
 
-    def _act(self) -> None:
+    def offers(self) -> bool:
+        """Whether the message proposes a deed."""
+        return self._shown is not None and self._shown.action is not None
+
+    def stands(self) -> bool:
+        """Whether a message stands."""
+        return self._shown is not None
+
+    def works(self) -> bool:
+        """Whether work is under way."""
+        return bool(self.desk.bench.running())
+
+    def do_it(self) -> None:
+        """Do what the message proposes."""
         notice = self._shown
         if notice is not None and notice.action is not None:
             self.desk.notices.dismiss(notice)
             self.desk.notices.attempt(notice.action)
 
-    def _dismiss(self) -> None:
+    def dismiss(self) -> None:
+        """Take the message away."""
         if self._shown is not None:
             self.desk.notices.dismiss(self._shown)
         self.refresh()
@@ -116,7 +130,8 @@ class Strip(QWidget):
     def _toggle_details(self) -> None:
         self.details.setVisible(not self.details.isVisible())
 
-    def _cancel(self) -> None:
+    def cancel_work(self) -> None:
+        """Cancel the newest piece of work."""
         running = self.desk.bench.running()
         if running:
             running[-1].cancel()

@@ -37,7 +37,7 @@ from boat_daq.viewmodels.sequence import SequenceModel
 from boat_daq.viewmodels.shadow_live import ShadowLive
 from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
 from boat_daq.viewmodels.tradeoff import TradeoffModel
-from boat_daq.viewmodels.work import Bench
+from boat_daq.viewmodels.work import Bench, Work
 
 DEFAULT_LEVEL = "normal"
 PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
@@ -182,6 +182,12 @@ class Desk:
         OperatorError : as `GoingOn.resume`.
         """
         self.going_on.resume(path, self.snapshot, self.readings.reader)
+
+    def save_bug_report(self, path: Path) -> None:
+        """Pack log, settings, versions and the recording's summary, without names and notes, in the background."""
+        work = Work("Packing the bug report", "boat_daq.engine.bug_report:write_bug_report", path)
+        done = f"Saved {path.name}, without names and notes. Look at it before you send it"
+        self.bench.start("bug report", work, lambda work: self.runs.finished(work, done))
 
     def choose_repeatability(self) -> None:
         """Take the plan of many cycles and show it."""

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from time import monotonic
 
+from boat_daq.engine.log import note_failure
+
 INFORMATION_S = 6.0
 KEPT = 200
 
@@ -90,6 +92,8 @@ class Notices:
     def fault(self, error: Exception) -> None:
         """Say what an error says of itself; one that says nothing is shown with its details."""
         cause = str(getattr(error, "cause", "")) or _plain(error)
+        if not hasattr(error, "cause"):
+            note_failure("in the window", error)
         details = "" if hasattr(error, "cause") else "".join(traceback.format_exception(error))
         self.say(Level.WARNING, cause, str(getattr(error, "remedy", "")), details=details)
 

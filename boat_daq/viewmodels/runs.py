@@ -198,7 +198,7 @@ class RunsModel:
     def recover(self, path: Path) -> None:
         """Close properly what a killed session left, in the background."""
         work = Work(f"Recovering {path.name}", "boat_daq.engine.recovery:recover", path, report=True)
-        self.bench.start("recover", work, lambda work: self._finished(work, f"{path.name} is recovered and complete"))
+        self.bench.start("recover", work, lambda work: self.finished(work, f"{path.name} is recovered and complete"))
 
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
         """Make a broken run ready to go on, in the background; `then` is called with it.
@@ -231,7 +231,7 @@ class RunsModel:
         work = Work(
             f"Exporting {paths[0].name}", "boat_daq.viewmodels.run_work:export_run", paths[0], target, kind, report=True
         )
-        self.bench.start("export", work, lambda work: self._finished(work, f"Saved {target.name}"))
+        self.bench.start("export", work, lambda work: self.finished(work, f"Saved {target.name}"))
 
     def compare(self, paths: list[Path]) -> None:
         """Analyse two to four recordings in the background, to lay their curves over each other.
@@ -273,9 +273,10 @@ class RunsModel:
         if not paths:
             raise OperatorError("no recording was chosen", "Choose one line or several.")
         work = Work("Making the report", "boat_daq.viewmodels.run_work:report_runs", paths, target, report=True)
-        self.bench.start("report", work, lambda work: self._finished(work, f"Saved {target.name}"))
+        self.bench.start("report", work, lambda work: self.finished(work, f"Saved {target.name}"))
 
-    def _finished(self, work: Work, done: str) -> None:
+    def finished(self, work: Work, done: str) -> None:
+        """Keep what became of a piece of work, to be told."""
         if work.state is WorkState.DONE:
             self.done.append(done)
         elif work.failure is not None:

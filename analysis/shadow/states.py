@@ -13,7 +13,6 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-import zipfile
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -29,6 +28,7 @@ from analysis.shadow.full_model import FullModel
 from analysis.shadow.guides import both_guides
 from analysis.shadow.parameters import ActuatorParameters
 from analysis.shadow.solver import Solution
+from analysis.shadow.table import UNREADABLE
 
 FORMAT = 1
 STEPS = 7
@@ -109,7 +109,7 @@ def kept_states(parameters: ActuatorParameters | None = None, *, folder: Path | 
     chosen = parameters or ActuatorParameters()
     name = hashlib.sha256(f"{chosen.digest} {FORMAT} {_version()}".encode()).hexdigest()[:20]
     path = (folder or platformdirs.user_cache_path("boat-daq") / "shadow") / f"states_{name}.npz"
-    with suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile), np.load(path) as kept:
+    with suppress(*UNREADABLE), np.load(path, allow_pickle=False) as kept:
         found = GuideStates(kept["curves_mm"], kept["pressure_kpa"], kept["elongation_mm"], chosen.digest)
         if found.curves_mm.shape == (2 * STEPS + 1, 2, 7, 2) and np.isfinite(found.curves_mm).all():
             return found

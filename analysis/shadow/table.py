@@ -220,7 +220,7 @@ def write_table(table: ReducedModel, path: Path) -> None:
 
 
 # what zipfile, zlib and numpy raise of a damaged cache: other versions, other methods, passwords, sizes beyond memory
-_UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, MemoryError, zlib.error, struct.error,
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, MemoryError, zlib.error, struct.error,
                zipfile.BadZipFile)  # fmt: skip
 
 
@@ -229,5 +229,5 @@ def read_table(path: Path) -> ReducedModel | None:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             return ReducedModel(**{f.name: kept[f.name] for f in fields(ReducedModel)})
-    except _UNREADABLE:
+    except UNREADABLE:
         return None

@@ -23,6 +23,8 @@ from analysis.shadow.solver import TOLERANCE, Solution, Solver
 from analysis.shadow.stability import CriticalState, Stability, find_limit
 
 VACUUM_KPA = -101.325
+FINE_ENOUGH = (8, 1, 3)
+"""Elements along a cell, across the wall and across the lattice from which on points are known to 0.05 mm."""
 
 
 def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: int = 2) -> Problem:
@@ -55,10 +57,24 @@ class FullModel:
         self, parameters: ActuatorParameters | None = None, *, mesh: Mesh | None = None, tolerance: float = TOLERANCE
     ) -> None:
         self.parameters = parameters or ActuatorParameters()
+        self.parametric = mesh is None
         self.mesh = mesh or build_mesh(self.parameters)
         self.length_mm = float(self.mesh.nodes[self.mesh.tip, 1].max())
         self.problem = actuator_problem(self.parameters, self.mesh)
         self.solver = Solver(self.problem, tolerance)
+
+    @property
+    def reservations(self) -> tuple[str, ...]:
+        """What a reader of the numbers alone would not see, one sentence each; none where all is well."""
+        p = self.parameters
+        elements = (p.axial_elements, p.wall_elements, p.lattice_elements)
+        if not self.parametric or all(has >= wants for has, wants in zip(elements, FINE_ENOUGH, strict=True)):
+            return ()
+        along, wall, lattice = elements
+        return (
+            f"the mesh is coarse ({along} elements along a cell, {wall} in the wall, {lattice} in the lattice): "
+            "points may be off by more than 0.05 mm",
+        )
 
     @cached_property
     def guides(self) -> Guides:

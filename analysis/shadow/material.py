@@ -18,6 +18,9 @@ from numba import njit
 from analysis.errors import RequestError
 from analysis.shadow.arrays import Floats
 
+NEAREST_TO_HALF = 1e-6
+"""Nearer to 0.5 a solid is so stiff against volume that rounding hides the load, and no displacement would do."""
+
 
 @dataclass(frozen=True, slots=True)
 class NeoHookean:
@@ -37,9 +40,9 @@ class NeoHookean:
             raise RequestError(
                 f"a Young's modulus of {self.youngs_modulus_kpa} kPa is not one", "give a positive number of kPa"
             )
-        if not -1.0 < self.poisson_ratio < 0.5:
+        if not -1.0 < self.poisson_ratio <= 0.5 - NEAREST_TO_HALF:
             raise RequestError(
-                f"a Poisson's ratio of {self.poisson_ratio} is outside -1 .. 0.5",
+                f"a Poisson's ratio of {self.poisson_ratio} is outside -1 .. 0.5 (less {NEAREST_TO_HALF:g})",
                 "give a value below 0.5; rubber is 0.45 to 0.4999 here",
             )
 

@@ -81,7 +81,10 @@ def solve(
         "model": answered,
         "tip_force_mn": solution.tip_force_mn,
         "critical_pressure_kpa": limit.pressure_kpa,
+        "notes": full.reservations,
     }
+    for note in full.reservations:
+        say(note)
     if plot is not None:
         draw(solution, parameters, plot)
     if as_json:

@@ -1,0 +1,36 @@
+"""`make audit` never takes silence for an all-clear."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from tests.faults import audit
+
+GOOD = {"name": "numpy", "version": "2.0", "vulns": []}
+WEAK = {"name": "old", "version": "1.0", "vulns": [{"id": "PYSEC-1", "fix_versions": ["1.1"]}]}
+SKIPPED = {"name": "odd", "skip_reason": "not found"}
+
+
+@pytest.mark.parametrize(
+    ("packages", "code", "word"),
+    [
+        ([GOOD], 0, "1 packages looked up, 0 known"),
+        ([GOOD, WEAK], 1, "WEAK old 1.0: PYSEC-1, mended in 1.1"),
+        ([GOOD, SKIPPED], 3, "NOT AUDITED: 1 packages"),
+        (None, 3, "NOT AUDITED: the advisory service gave no answer"),
+    ],
+)
+def test_the_verdict(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], packages: object, code: int, word: str
+) -> None:
+    """Clean, weak, unknown, out of reach: four different things."""
+    said = "" if packages is None else json.dumps({"dependencies": packages})
+
+    class Done:
+        stdout, stderr = said, "connection refused"
+
+    monkeypatch.setattr(audit.subprocess, "run", lambda *_, **__: Done())
+    assert audit.main() == code
+    assert word in capsys.readouterr().out

@@ -1,0 +1,76 @@
+"""The thread of the window does nothing for a while: reader and writer go on."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from boat_daq.engine.summary import summarise
+from tests.faults.drill import drill, needs_pty
+
+pytestmark = needs_pty
+
+
+def compute(seconds: float) -> int:
+    """Keep the interpreter busy, as a page that draws too much does."""
+    end, n = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        n += sum(range(1000))
+    return n
+
+
+@pytest.mark.parametrize(
+    "seconds",
+    [
+        pytest.param(
+            1.0,
+            marks=pytest.mark.fault(27, how="the main thread computes for 1 s, on a board at 20x over a pty", times=1),
+        ),
+        pytest.param(
+            10.0,
+            marks=[
+                pytest.mark.nightly,
+                pytest.mark.fault(27, how="the main thread computes for 10 s, on a board at 20x over a pty", times=1),
+            ],
+        ),
+    ],
+)
+def test_reader_and_writer_go_on(tmp_path: Path, seconds: float) -> None:
+    """Nothing is lost while nobody looks, and what came meanwhile is in the file."""
+    with drill(tmp_path, speed=20.0) as found:
+        found.wait(lambda s: s.recorded_s > 2)
+        before = found.session.snapshot().recorded_s
+        assert compute(seconds) > 0
+        gained = found.session.snapshot().recorded_s - before
+        found.close()
+    summary = summarise(found.path)
+    assert gained > 5 * seconds
+    assert (summary.gaps, summary.lost_samples, summary.crc_errors) == (0, 0, 0)
+
+
+@pytest.mark.nightly
+@pytest.mark.fault(27, how="the window's own thread blocked for 10 s, on a board at 20x over a pty", times=1)
+def test_a_blocked_window(tmp_path: Path, qtbot: object) -> None:
+    """The real window on the real session: blocked for 10 s, it draws again afterwards and has lost nothing."""
+    from boat_daq.gui.app import make_application
+    from boat_daq.gui.main_window import MainWindow
+    from boat_daq.viewmodels.desk import Desk
+
+    make_application()
+    with drill(tmp_path, speed=20.0) as found:
+        desk = Desk(found.session, tmp_path / "config", tmp_path / "recordings", found.session.units)
+        desk.shadow.prepare = lambda: None  # type: ignore[method-assign]
+        window = MainWindow(desk)
+        window.show()
+        qtbot.wait(1000)  # type: ignore[attr-defined]
+        before = found.session.snapshot().recorded_s
+        compute(10.0)
+        assert found.session.snapshot().recorded_s - before > 50.0
+        qtbot.wait(1000)  # type: ignore[attr-defined]
+        found.close()
+        window.close()
+        window.deleteLater()
+    summary = summarise(found.path)
+    assert (summary.gaps, summary.lost_samples, summary.crc_errors) == (0, 0, 0)

@@ -137,6 +137,7 @@ def sample_posterior(
     standard_uncertainty: npt.ArrayLike | None = None,
     monotone: bool = False,
     seed: int = 0,
+    walkers: int = WALKERS,
     max_steps: int = MAX_STEPS,
     progress: Progress | None = None,
 ) -> Posterior:
@@ -150,6 +151,7 @@ def sample_posterior(
     standard_uncertainty : [n] of y where the noise is unequal; only the ratios matter, their scale is sampled.
     monotone : leave out curves that turn inside the range.
     seed : same seed, same draws.
+    walkers, max_steps : of the ensemble; it stops before where it has converged.
     progress : called as progress(done, total); raising from it cancels.
 
     Raises
@@ -160,9 +162,9 @@ def sample_posterior(
     calibration = fit_calibration(x, y, degree, standard_uncertainty=standard_uncertainty)
     target = _Target.of(calibration, reading_sd, standard_uncertainty, monotone)
     rng = np.random.default_rng(seed)
-    start = target.start(rng)
+    start = target.start(rng, walkers)
     moves = [(_StudentMove(), 0.8), (emcee.moves.DEMove(), 0.2)]
-    sampler = emcee.EnsembleSampler(WALKERS, start.shape[1], target.log_probability, vectorize=True, moves=moves)
+    sampler = emcee.EnsembleSampler(walkers, start.shape[1], target.log_probability, vectorize=True, moves=moves)
     state = emcee.State(start, random_state=np.random.RandomState(seed % 2**32).get_state())
     steps, burn, tau = 0, 0, float("inf")
     while steps < max_steps:
@@ -173,7 +175,7 @@ def sample_posterior(
             progress(steps, max_steps)
         burn = steps // 5
         tau = float(np.max(sampler.get_autocorr_time(discard=burn, tol=0)))
-        if steps - burn >= 1.2 * REQUIRED_TAUS * tau and (steps - burn) * WALKERS / tau >= ENOUGH_SAMPLES:
+        if steps - burn >= 1.2 * REQUIRED_TAUS * tau and (steps - burn) * walkers / tau >= ENOUGH_SAMPLES:
             break
     return _summary(target, sampler, burn, tau)
 
@@ -263,12 +265,12 @@ class _Target:
             allowed &= (beta @ self.monotone_slopes.T > 0).all(axis=1)
         return np.where(allowed, log_p, -np.inf)
 
-    def start(self, rng: np.random.Generator) -> FloatArray:
+    def start(self, rng: np.random.Generator, walkers: int = WALKERS) -> FloatArray:
         """Walkers in a ball of one standard error, drawn again where the constraint does not hold."""
         size = self.calibration.degree + 2
         spread = np.ones(size)
         spread[-1] = 1.0 / np.sqrt(2.0 * self.calibration.dof)
-        start = rng.standard_normal((WALKERS, size)) * spread
+        start = rng.standard_normal((walkers, size)) * spread
         for _ in range(200):
             bad = ~np.isfinite(self.log_probability(start))
             if not bad.any():

@@ -177,11 +177,14 @@ def choose(points: Sequence[Point], tolerance: float, default: str | None = None
 
 
 def choose_levels(points: Sequence[Point], method: Method) -> dict[Level, str]:
-    """Return the rule's choice for each fidelity; where nothing is good enough, the most exact on the front."""
-    front = front_of(points)
-    best = front[-1] if front else method.default
-    in_code = method.in_code
-    return {k: choose(points, method.tolerance, in_code[k], MARGINS[k]) or best for k in LEVELS}
+    """Return the rule's choice for each fidelity; where nothing is good enough, the cheapest as exact as the best."""
+    in_code, best = method.in_code, TIE * min(p.error for p in points)
+
+    def chosen(level: Level) -> str:
+        enough = choose(points, method.tolerance, in_code[level], MARGINS[level])
+        return enough or choose(points, best, in_code[level], 1.0) or in_code[level]
+
+    return {level: chosen(level) for level in LEVELS}
 
 
 def measure(method: Method, *, quick: bool, progress: Progress | None = None) -> Measured:
@@ -208,12 +211,14 @@ def measure_setting(setting: Setting, repeats: int, tell: Callable[[float], None
     """Time one setting and judge its results; `tell` hears the part done after each call and may raise."""
     tell(0.0)
     first, _, _ = _timed(setting, 0, 1)
-    once, _, _ = _timed(setting, 0, 1)
-    calls = max(1, math.ceil(SHORTEST_S / max(once, 1e-7)))
+    calls = 1
     clock, busy, errors = [], [], []
     for repeat in range(repeats):
         tell((repeat + 1) / (repeats + 1))
         seconds, cpu, result = _timed(setting, repeat, calls)
+        if repeat == 0 and seconds < SHORTEST_S:
+            calls = math.ceil(SHORTEST_S / max(seconds, 1e-7))
+            seconds, cpu, result = _timed(setting, repeat, calls)
         clock.append(seconds / calls / setting.work)
         busy.append(cpu / calls / setting.work)
         error = abs(float(setting.error(result)))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from analysis.tradeoff.measure import Method
 from analysis.tradeoff.mechanics import BASIS, MESH
-from analysis.tradeoff.metrology import INVERSE, POSTERIOR, SEGMENTATION
+from analysis.tradeoff.metrology import BOOTSTRAP, INVERSE, SEGMENTATION
 from analysis.tradeoff.optics import RANKING, TRACER
+from analysis.tradeoff.posterior import POSTERIOR
 
-METHODS: dict[str, Method] = {m.name: m for m in (TRACER, RANKING, MESH, BASIS, POSTERIOR, INVERSE, SEGMENTATION)}
+METHODS: dict[str, Method] = {
+    m.name: m for m in (TRACER, RANKING, MESH, BASIS, POSTERIOR, INVERSE, SEGMENTATION, BOOTSTRAP)
+}

@@ -1,80 +1,107 @@
-"""The posterior, the inverse and the segmentation, each on made data whose truth is known."""
+"""The inverse, the segmentation and the bootstrap, each on made data whose truth is known."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import Polynomial
+from scipy.special import gammaln
 
 from analysis.calibration import Calibration, fit_calibration
 from analysis.cycles import find_cycles
 from analysis.inverse import NODES, Inverse
 from analysis.plateaus import Plateau, find_plateaus
 from analysis.polynomial import FloatArray
-from analysis.posterior import MAX_STEPS, Posterior, sample_posterior
 from analysis.recording import Recording
+from analysis.statistics import bootstrap_interval, resampling_weights
 from analysis.tradeoff.measure import Method, Setting
 
 CUBIC = Polynomial((1651.9842, 46.4413, -2.6934, -0.36251))
 NOISE_MV, RANGE_MM = 1.49, (-2.70, 3.80)
 """The paper's first sensor."""
-READING_MM = 0.5 / 12**0.5
+ROUND_TRIP_MM = 1e-10
+"""What mV -> mm promises: replay and export give back what was measured."""
+NEWTON = "Newton"
+CYCLES = 8
 SIGNALS = 20_000
 RATE_HZ, DWELL_S, RAMP_KPA_PER_S = 100.0, 5.0, 20.0
 
 
-def _calibration() -> Calibration:
+def _calibration(degree: int) -> Calibration:
     x = np.tile(np.linspace(*RANGE_MM, 10), 9)
-    return fit_calibration(x, CUBIC(x) + NOISE_MV * np.random.default_rng(0).standard_normal(x.size))
-
-
-def posterior_settings(quick: bool) -> list[Setting]:
-    """Steps of the 64 walkers; the sampler stops of itself when it has converged."""
-    fit = _calibration()
-    closed = fit.std_errors * np.sqrt(fit.dof / (fit.dof - 2))
-
-    def error(posterior: Posterior) -> float:
-        return 100.0 * float(np.abs(posterior.sd / closed - 1.0).max())
-
-    def sampler(steps: int) -> Callable[[int], Posterior]:
-        return lambda repeat: sample_posterior(fit.x, fit.y, seed=repeat, max_steps=steps)
-
-    steps = (250, 1000, MAX_STEPS) if quick else (100, 250, 500, 1000, 2000, MAX_STEPS)
-    return [Setting(f"64 walkers x {n} steps at most", sampler(n), error) for n in steps]
+    return fit_calibration(x, CUBIC(x) + NOISE_MV * np.random.default_rng(0).standard_normal(x.size), degree)
 
 
 def inverse_settings(quick: bool) -> list[Setting]:
-    """The program's Newton, tables of several sizes, and the roots of each cubic, for signals whose x is known."""
-    fit = _calibration()
+    """Newton, the cubic's closed form, tables and companion matrices, for signals whose x is known.
+
+    One call inverts a cubic and a quintic, since calibrations of either degree are fitted; the error is the greatest.
+    """
+    fits = (_calibration(3), _calibration(5))
     x = np.random.default_rng(1).uniform(*RANGE_MM, SIGNALS)
-    powers = fit.coefficients.astype(np.longdouble)
-    y = (((powers[3] * x + powers[2]) * x + powers[1]) * x + powers[0]).astype(np.float64)
-    inverse = Inverse.of(fit)
+    signals = [_signals(fit, x) for fit in fits]
+    inverses = [Inverse.of(fit) for fit in fits]
 
-    def error_of(count: int) -> Callable[[FloatArray], float]:
-        return lambda found: float(np.abs(found - x[:count]).max())
+    def setting(name: str, solve: Callable[[int, FloatArray], FloatArray], count: int = SIGNALS) -> Setting:
+        def call(_: int) -> list[FloatArray]:
+            return [solve(i, y[:count]) for i, y in enumerate(signals)]
 
-    settings = [Setting("Newton", lambda _: inverse(y), error_of(SIGNALS), work=SIGNALS)]
+        def error(found: list[FloatArray]) -> float:
+            return float(np.max([np.abs(f - x[:count]).max() for f in found]))
+
+        return Setting(name, call, error, work=len(fits) * count)
+
     sizes = (17, 65, NODES) if quick else (9, 17, 33, 65, 129, NODES, 1025, 4097)
-    settings += [Setting(f"table of {n}", _table(fit, n, y), error_of(SIGNALS), work=SIGNALS) for n in sizes]
-    few = SIGNALS // 40
-    settings.append(Setting("roots of the cubic", lambda _: _roots(fit, y[:few]), error_of(few), work=few))
-    return settings
+    return [
+        setting(NEWTON, lambda i, y: inverses[i](y)),
+        setting("closed form (Viete), cubics only", lambda i, y: closed_form(fits[i], y)),
+        *(setting(f"table of {n}", _table(fits, n)) for n in sizes),
+        setting("companion matrices", lambda i, y: _roots(fits[i], y), SIGNALS // 40),
+    ]
 
 
-def _table(fit: Calibration, nodes: int, y: FloatArray) -> Callable[[int], FloatArray]:
-    at = np.linspace(*fit.x_range, nodes)
-    signals = fit.predict(at)
-    return lambda _: np.interp(y, signals, at)
+def _signals(fit: Calibration, x: FloatArray) -> FloatArray:
+    """Evaluate the curve in extended precision."""
+    y = np.zeros(x.size, dtype=np.longdouble)
+    for b in fit.coefficients[::-1].astype(np.longdouble):
+        y = y * x + b
+    return y.astype(np.float64)
+
+
+def closed_form(fit: Calibration, y: FloatArray) -> FloatArray:
+    """Solve b3 x^3 + b2 x^2 + b1 x + b0 = y where the cubic has three real roots, the one inside the range.
+
+    Source: F. Viete's trigonometric form: x = m + 2 r cos((arccos(q / r^3) + 2 pi k) / 3), m = -b2 / (3 b3),
+    r^2 = m^2 - b1 / (3 b3); the root between the two turning points is k = 2. NaN for curves of another degree.
+    """
+    if fit.degree != 3:
+        return np.full(y.shape, np.nan)
+    b0, b1, b2, b3 = fit.coefficients
+    middle = -b2 / (3.0 * b3)
+    radius = np.sqrt(middle**2 - b1 / (3.0 * b3))
+    q = middle**3 - b1 / b3 * middle / 2.0 - (b0 - y) / (2.0 * b3)
+    angle = np.arccos(np.clip(q / radius**3, -1.0, 1.0))
+    return np.asarray(middle + 2.0 * radius * np.cos((angle + 4.0 * np.pi) / 3.0))
+
+
+def _table(fits: Sequence[Calibration], nodes: int) -> Callable[[int, FloatArray], FloatArray]:
+    at = np.linspace(*fits[0].x_range, nodes)
+    signals = [fit.predict(at) for fit in fits]
+    return lambda i, y: np.interp(y, signals[i], at)
 
 
 def _roots(fit: Calibration, y: FloatArray) -> FloatArray:
-    """Solve the cubic by its companion matrix, one signal after the other; the root inside the range."""
-    b, middle = fit.coefficients, float(np.mean(fit.x_range))
-    roots = (np.roots([b[3], b[2], b[1], b[0] - value]) for value in y)
-    return np.array([r.real[np.argmin(np.abs(r - middle))] for r in roots])
+    """Find all roots as eigenvalues of a companion matrix, one signal after the other; the one inside the range."""
+    powers, middle = fit.coefficients[::-1].copy(), float(np.mean(fit.x_range))
+    found = np.empty(y.size)
+    for i, value in enumerate(y):
+        powers[-1] = fit.coefficients[0] - value
+        roots = np.roots(powers)
+        found[i] = roots.real[np.argmin(np.abs(roots - middle))]
+    return found
 
 
 def segmentation_settings(quick: bool) -> list[Setting]:
@@ -117,17 +144,69 @@ def _staircase() -> tuple[FloatArray, FloatArray]:
     return levels, np.concatenate(parts)
 
 
-POSTERIOR = Method(
-    "posterior", "Posterior: steps of the sampler", "Student's t, the closed form without reading error", True,
-    "the width of the band: 3 %", 3.0, "% of the sd", "a posterior", 
-    lambda f: f"64 walkers x {f.posterior_steps} steps at most", posterior_settings,
-)  # fmt: skip
+def bootstrap_settings(quick: bool) -> list[Setting]:
+    """Resamples: the interval of a mean over cycles against that of all possible resamples, each with its weight."""
+    values = np.random.default_rng(6).standard_normal(CYCLES)
+    estimate = float(values.mean())
+
+    @cache
+    def truth() -> float:
+        return float(np.diff(exact_interval(values))[0])
+
+    def intervals(resamples: int, many: int) -> Callable[[int], FloatArray]:
+        def call(repeat: int) -> FloatArray:
+            rng = np.random.default_rng(repeat)
+            draws = (resampling_weights(CYCLES, rng, resamples) @ values / CYCLES for _ in range(many))
+            return np.array([bootstrap_interval(estimate, means, CYCLES) for means in draws])
+
+        return call
+
+    def error(found: FloatArray) -> float:
+        widths = np.diff(found, axis=1) / truth() - 1.0
+        return 100.0 * float(np.sqrt(np.mean(widths**2)))
+
+    counts = (100, 500, 2_000, 20_000) if quick else (50, 100, 200, 500, 1_000, 2_000, 5_000, 20_000, 50_000)
+    many = [max(4, 80_000 // n) for n in counts]
+    return [Setting(_resamples(n), intervals(n, k), error, work=k) for n, k in zip(counts, many, strict=True)]
+
+
+def exact_interval(values: FloatArray) -> tuple[float, float]:
+    """Return `bootstrap_interval` of the mean over all multisets of the n values, weighted by how often each comes."""
+    n = values.size
+    counts = np.array(list(_compositions(n, n)))
+    weights = np.exp(gammaln(n + 1) - gammaln(counts + 1.0).sum(axis=1) - n * np.log(n))
+    means = counts @ values / n
+    order = np.argsort(means)
+    low, high = np.interp([0.025, 0.975], np.cumsum(weights[order]) - 0.5 * weights[order], means[order])
+    # the widening of the interval is a function of both ends alone: let it see just these
+    return bootstrap_interval(float(values.mean()), np.repeat([low, high], 100), n)
+
+
+def _compositions(total: int, parts: int) -> Iterator[tuple[int, ...]]:
+    if parts == 1:
+        yield (total,)
+        return
+    for first in range(total + 1):
+        for rest in _compositions(total - first, parts - 1):
+            yield (first, *rest)
+
+
+def _resamples(count: int) -> str:
+    return f"{count} resamples"
+
+
 INVERSE = Method(
-    "inverse", "Inverse: mV to mm", "the x that each signal was made from, in extended precision", True,
-    "the reader of mm: a tenth of the reading error", READING_MM / 10, "mm", "a value", lambda f: "Newton", inverse_settings,
+    "inverse", "Inverse: mV to mm", "the x that a cubic's and a quintic's signals were made from, in extended precision", True,
+    "replay and export, to which a round trip to 1e-10 mm is promised", ROUND_TRIP_MM, "mm", "a value",
+    lambda level: NEWTON, inverse_settings,
 )  # fmt: skip
 SEGMENTATION = Method(
     "segmentation", "Segmentation: samples used", "the noise-free signal at each level of the staircase", True,
-    "the calibration's points: a tenth of the noise", NOISE_MV / 10, "mV", "a run of 5 cycles", lambda f: _every(1),
-    segmentation_settings,
+    "the calibration's points: a tenth of the noise", NOISE_MV / 10, "mV", "a run of 5 cycles",
+    lambda level: _every(1), segmentation_settings,
+)  # fmt: skip
+BOOTSTRAP = Method(
+    "bootstrap", "Bootstrap: resamples", "all 6,435 possible resamples of 8 cycles, each with its probability", True,
+    "who reads the width of the interval, printed with two digits: 5 %", 5.0, "% of the width", "an interval",
+    lambda level: _resamples(level.resamples), bootstrap_settings,
 )  # fmt: skip

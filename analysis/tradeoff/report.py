@@ -18,8 +18,8 @@ from typing import Any
 import matplotlib as mpl
 
 from analysis import style
-from analysis.tradeoff.chart import method_chart, overview_chart
 from analysis.fidelity import LEVELS, MARGINS
+from analysis.tradeoff.chart import method_chart, overview_chart
 from analysis.tradeoff.measure import MARGIN, Measured, Point
 
 TIMING = (

@@ -18,7 +18,8 @@ def tradeoff(
         list[str] | None,
         typer.Argument(
             metavar="[METHOD]...",
-            help="tracer, ranking, full-fem, reduced-fem, posterior, inverse, segmentation, decimation; default all.",
+            help="tracer, ranking, full-fem, reduced-fem, posterior, inverse, segmentation, bootstrap, decimation; "
+            "default all.",
         ),
     ] = None,
     folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where JSON, CSV and charts go.")] = Path(
@@ -35,9 +36,10 @@ def tradeoff(
     """
     from analysis.errors import RequestError
     from analysis.tradeoff import METHODS, report_json, write_report
-    from boat_daq.viewmodels.tradeoff_decimation import DECIMATION
 
-    known = METHODS | {DECIMATION.name: DECIMATION}
+    live = _live_plot()
+    known = METHODS | {live.name: live}
+    _writable(folder)
     unknown = [name for name in methods or () if name not in known]
     if unknown:
         raise RequestError(f"there is no method '{unknown[0]}'", f"Choose among {', '.join(known)}.")
@@ -51,6 +53,34 @@ def tradeoff(
         for measured in results:
             out.print(f"{measured.method.title}: {measured.verdict}", highlight=False, markup=False, soft_wrap=True)
     say(f"{len(files)} files in {folder}")
+
+
+def _live_plot() -> Method:
+    """The live plot's method with what painting costs, where Qt is there to paint."""
+    from boat_daq.viewmodels.tradeoff_decimation import HEIGHT_PX, WIDTH_PX, decimation
+
+    try:
+        from boat_daq.gui.tradeoff_painting import painter
+    except ImportError:  # a computer without a screen may lack what Qt needs
+        say("without Qt the live plot's points are fetched, not painted")
+        return decimation()
+    return decimation(painter(WIDTH_PX, HEIGHT_PX))
+
+
+def _writable(folder: Path) -> None:
+    """Make the folder before minutes are spent.
+
+    Raises
+    ------
+    FileError : it cannot be made or written.
+    """
+    from analysis.errors import FileError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "tradeoff.json").open("a").close()
+    except OSError as error:
+        raise FileError(f"{folder} cannot be written: {error.strerror}", "Choose another --out.") from error
 
 
 def _measured(chosen: list[Method], quick: bool, advance: Advance) -> list[Measured]:

@@ -138,7 +138,7 @@ class LiveModel:
     inverse: Inverse | None = None
     window_s: float = 60.0
     together: bool = False  # both signals on one axis
-    points_a_column: int = 2  # drawn for each column of pixels; the fidelity says how many
+    points_a_column: int = 8  # drawn for each column of pixels; the fidelity says how many
     cursor_a: float | None = None
     cursor_b: float | None = None
     markers: list[Marker] = field(default_factory=list)

@@ -25,6 +25,7 @@ METHODS = {
     "posterior": "Posterior of calibration",
     "inverse": "Signal to elongation",
     "segmentation": "Plateaus and cycles",
+    "bootstrap": "Intervals by bootstrap",
     "decimation": "Live plot",
 }
 """Every method that can be measured, by the name the command takes; a test holds it against the command's list."""

@@ -1,0 +1,106 @@
+"""The posterior: walkers and steps, and the closed form, where elongations are read on a grid.
+
+The sampler's own flag is part of its answer: a run that says "not converged" gives no number, however near the truth
+it may happen to be, and its error is infinite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from analysis.calibration import fit_calibration
+from analysis.fidelity import Fidelity
+from analysis.polynomial import FloatArray
+from analysis.posterior import MAX_STEPS, WALKERS, sample_posterior
+from analysis.tradeoff.measure import Method, Setting
+from analysis.tradeoff.references import load
+
+CUBIC = Polynomial((1651.9842, 46.4413, -2.6934, -0.36251))
+NOISE_MV, RANGE_MM = 1.49, (-2.70, 3.80)
+"""The paper's first sensor."""
+GRID_MM = 0.5
+READING_MM = GRID_MM / 12**0.5
+RANGE_OF_READINGS_MM = (-2.5, 3.5)
+CYCLES = 5
+CLOSED = "closed form, reading error left out"
+
+
+@cache
+def readings() -> tuple[FloatArray, FloatArray]:
+    """Return x as read on the grid and y, [n]: each level of a staircase twice a cycle, five cycles."""
+    levels = np.arange(RANGE_OF_READINGS_MM[0], RANGE_OF_READINGS_MM[1] + 0.01, GRID_MM)
+    return _read(np.repeat(levels, 2 * CYCLES), 4)
+
+
+@cache
+def few_readings() -> tuple[FloatArray, FloatArray]:
+    """Return the hardest run that is still a calibration: one branch of eight levels."""
+    return _read(np.linspace(*RANGE_OF_READINGS_MM, 8), 5)
+
+
+def _read(x: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(seed)
+    true = x + READING_MM * rng.standard_normal(x.size)
+    return x, CUBIC(true) + NOISE_MV * rng.standard_normal(x.size)
+
+
+def posterior_settings(quick: bool) -> list[Setting]:
+    """The closed form, and walkers and steps. One call is two posteriors, of a usual run and of one with few readings.
+
+    The error is that of the width of the usual run's band, root mean square over its range.
+    """
+    at = np.vander(np.linspace(*RANGE_OF_READINGS_MM, 61), 4, increasing=True)
+    truth = _widths(at, np.array(load("posterior")["covariance"]))
+
+    def error(covariance: FloatArray | None) -> float:
+        if covariance is None:
+            return float("inf")
+        return 100.0 * float(np.sqrt(np.mean((_widths(at, covariance) / truth - 1.0) ** 2)))
+
+    steps = (500, MAX_STEPS) if quick else (100, 250, 500, 1_000, 2_000, MAX_STEPS)
+    pairs = [(WALKERS, n) for n in steps]
+    pairs += [] if quick else [(WALKERS // 4, MAX_STEPS), (WALKERS // 2, MAX_STEPS), (2 * WALKERS, MAX_STEPS)]
+    found = [Setting(_name(w, n), _sampler(w, n), error, work=2) for w, n in pairs]
+    return [Setting(CLOSED, _closed_form, error), *found]
+
+
+def _widths(at: FloatArray, covariance: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", at, covariance, at)))
+
+
+def _sampler(walkers: int, steps: int) -> Callable[[int], FloatArray | None]:
+    def call(repeat: int) -> FloatArray | None:
+        usual, few = (
+            sample_posterior(x, y, reading_sd=READING_MM, seed=repeat, walkers=walkers, max_steps=steps)
+            for x, y in (readings(), few_readings())
+        )
+        change = np.asarray(usual.calibration.fit.basis.to_monomials(), dtype=float)
+        return change @ np.cov(usual.basis_samples.T) @ change.T if usual.converged and few.converged else None
+
+    return call
+
+
+def _closed_form(_: int) -> FloatArray:
+    """Student's t of the least-squares fit."""
+    fit = fit_calibration(*readings())
+    return np.asarray(fit.covariance * fit.dof / (fit.dof - 2))
+
+
+def _name(walkers: int, steps: int) -> str:
+    return f"{walkers} walkers, {steps} steps at most"
+
+
+def _at(level: Fidelity) -> str:
+    return _name(WALKERS, level.posterior_steps) if level.posterior_steps else CLOSED
+
+
+POSTERIOR = Method(
+    "posterior", "Posterior: walkers and steps",
+    "importance sampling of a likelihood that quadrature integrates over the reading error", True,
+    "who reads the width of the band, printed with two digits: 5 %", 5.0, "% of the width", "a posterior", _at,
+    posterior_settings,
+)  # fmt: skip

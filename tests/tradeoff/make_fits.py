@@ -1,0 +1,30 @@
+"""Makes `analysis/tradeoff/references/fits.json`: wall modulus and neck of the actuator, fitted on each mesh measured.
+
+Run as `python tests/tradeoff/make_fits.py`; about a minute.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from analysis.shadow.fit import fit_geometry
+from analysis.shadow.parameters import ActuatorParameters
+from analysis.tradeoff.mechanics import MESHES
+
+
+def fitted(mesh: tuple[int, int, int]) -> tuple[float, float]:
+    """Return wall modulus in kPa and neck radius in mm, fitted on a mesh to the paper's two elongations."""
+    axial, wall, lattice = mesh
+    start = replace(ActuatorParameters(), axial_elements=axial, wall_elements=wall, lattice_elements=lattice)
+    found = fit_geometry(start).parameters
+    return found.wall_modulus_kpa, found.neck_radius_mm
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1] if len(sys.argv) > 1 else "analysis/tradeoff/references/fits.json")
+    content = {"method": "analysis.shadow.fit.fit_geometry on each mesh: axial, wall, lattice elements"}
+    rows = [[*mesh, *fitted(mesh)] for mesh in MESHES]
+    target.write_text(json.dumps(content | {"rows": rows}) + "\n", encoding="utf-8")

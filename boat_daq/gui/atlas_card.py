@@ -25,15 +25,23 @@ GAP = 1.0  # pixels between places
 LETTER_ROOM = 12.0  # a place smaller than this has no letter, only its colour and hatching
 LABELS = (10, 7, 5, 4)  # along each of one, two, three, four maps beside each other
 LEAST_HEIGHT = 300
+NO_MAP = MapShown("", "", "", "", 0.0, "", "", (), (), ())
 POINT_AT = "Point at a place to read what was asked and what was answered."
 
 
 class Places(pg.GraphicsObject):  # type: ignore[misc]
     """The places of one map, each a unit square; hatching and letters keep their size on the screen."""
 
-    def __init__(self, shown: MapShown) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.shown, self.theme = shown, style.LIGHT
+        self.shown: MapShown = NO_MAP
+        self.theme: Theme = style.LIGHT
+
+    def show_map(self, shown: MapShown) -> None:
+        """Draw another map."""
+        self.prepareGeometryChange()
+        self.shown = shown
+        self.update()
 
     def boundingRect(self) -> QRectF:
         """Return the map's extent."""
@@ -63,6 +71,16 @@ class Places(pg.GraphicsObject):  # type: ignore[misc]
             painter.setPen(Qt.PenStyle.NoPen)
 
 
+def _empty_map() -> tuple[Any, Places]:
+    """Return a plot that shows a map and cannot be moved."""
+    item = pg.PlotItem(enableMenu=False)
+    item.hideButtons()
+    item.setMouseEnabled(False, False)
+    places = Places()
+    item.addItem(places)
+    return item, places
+
+
 class AtlasCard(PlotCard):
     """The maps of the method that is looked at, their legend, and the sweep that makes them."""
 
@@ -80,7 +98,8 @@ class AtlasCard(PlotCard):
         layout.addLayout(foot)
         layout.addWidget(self.words)
         self.setMinimumHeight(LEAST_HEIGHT)
-        self.items: list[tuple[Any, Places]] = []
+        self.items: list[tuple[Any, Places]] = []  # those that are shown
+        self._made: list[tuple[Any, Places]] = []  # kept for the next method
         self.view.scene().sigMouseMoved.connect(self._look)
         self.columns_of = self._columns
 
@@ -90,7 +109,8 @@ class AtlasCard(PlotCard):
     def show_method(self, method: str) -> None:
         """Draw the maps of a method."""
         self.method = method
-        self.view.clear()
+        for item, _ in self.items:
+            self.view.removeItem(item)
         self.items = []
         maps = self.model.maps.get(method, [])
         most = LABELS[min(len(maps), len(LABELS)) - 1]
@@ -108,16 +128,15 @@ class AtlasCard(PlotCard):
         widgets.set_text(self.readout, self.model.status(self.method))
 
     def _add(self, column: int, shown: MapShown, most: int) -> None:
-        item = self.view.addPlot(row=0, col=column)
-        item.setMenuEnabled(False)
-        item.hideButtons()
-        item.setMouseEnabled(False, False)
+        while column >= len(self._made):
+            self._made.append(_empty_map())
+        item, places = self._made[column]
+        places.show_map(shown)
+        self.view.addItem(item, row=0, col=column)
         item.setRange(xRange=(0, len(shown.x_ticks)), yRange=(0, len(shown.y_ticks)), padding=0)
         for side, ticks, room in (("bottom", shown.x_ticks, most), ("left", shown.y_ticks, LABELS[0])):
             step = -(-len(ticks) // room)
             item.getAxis(side).setTicks([[(i + 0.5, t) for i, t in enumerate(ticks) if i % step == 0]])
-        places = Places(shown)
-        item.addItem(places)
         self.items.append((item, places))
 
     def _look(self, at: QPointF) -> None:

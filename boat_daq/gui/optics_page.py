@@ -142,9 +142,12 @@ def select(field: QComboBox, value: object, words: str) -> None:
     offered = int(field.property("offered") or field.count())
     field.setProperty("offered", offered)
     at = field.findData(value)
+    if at >= offered and field.itemText(at) == words:
+        field.setCurrentIndex(at)
+        return
+    while field.count() > offered:
+        field.removeItem(offered)
     if not 0 <= at < offered:
-        while field.count() > offered:
-            field.removeItem(offered)
         field.addItem(words, value)
         at = offered
     field.setCurrentIndex(at)

@@ -11,6 +11,7 @@ from PySide6.QtGui import QColor
 from boat_daq.gui import style, widgets
 from boat_daq.gui.plot import EMPTY, sensor_ink
 from boat_daq.gui.plot_card import Columns, PlotCard
+from boat_daq.gui.point_labels import PointLabels
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.optics import CAVITIES, FACES, STEPS_MM, OpticsModel
 
@@ -148,11 +149,12 @@ class MapsCard(PlotCard):
         self.cavities.setCurrentIndex(1)
         self.cavities.activated.connect(lambda _: self.show_sweep())
         self.bar.insertWidget(1, self.cavities)
+        steps = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
+        self.table = np.array([[c.red(), c.green(), c.blue()] for c in steps], dtype=np.ubyte)
         self.maps = [Map(self, place, model) for place in range(len(STEPS_MM))]
         self.scale = self._scale()
         self.view.scene().sigMouseClicked.connect(self._clicked)
         self.columns_of = self._columns
-        self.table = np.zeros((0, 3))
 
     def _scale(self) -> Any:
         """Return the scale of P, from 0 to 1, beside the maps."""
@@ -169,6 +171,7 @@ class MapsCard(PlotCard):
         item.layout.setContentsMargins(0, style.GAP, 0, style.GAP)
         self.gradient = pg.ImageItem(np.linspace(0, 1, SHADES)[None, :])
         self.gradient.setRect(0, 0, 1, 1)
+        self.gradient.setLookupTable(self.table)
         item.addItem(self.gradient)
         return item
 
@@ -207,9 +210,6 @@ class MapsCard(PlotCard):
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         super().paint_theme(theme)
-        steps = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
-        self.table = np.array([[c.red(), c.green(), c.blue()] for c in steps], dtype=np.ubyte)
-        self.gradient.setLookupTable(self.table)
         ruler = self.scale.getAxis("right")
         ruler.setPen(theme.line)
         ruler.setTextPen(theme.muted)
@@ -230,8 +230,7 @@ class ParetoCard(PlotCard):
         self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)
         self.front = self.plot.points("Pareto front", lambda t: t.accent)
         self.paper = self.plot.points("Paper's optimum", sensor_ink(2), symbol="d", size=12)
-        self.numbers: list[Any] = []
-        self.theme: Theme = style.LIGHT
+        self.numbers = PointLabels(self.plot, (0.5, 1.2))
         for layer in (self.all, self.front):
             layer.item.sigClicked.connect(self._clicked)
 
@@ -247,10 +246,8 @@ class ParetoCard(PlotCard):
     def show_sweep(self) -> None:
         """Draw the sweep."""
         s = self.model.sweep
-        for number in self.numbers:
-            self.plot.item.removeItem(number)
-        self.numbers = []
         if s is None:
+            self.numbers.set([])
             for layer in (self.all, self.front, self.paper):
                 layer.set(EMPTY, EMPTY)
             self.readout.setText("a sweep fills it")
@@ -259,18 +256,10 @@ class ParetoCard(PlotCard):
         self.front.set(s.rmse[s.front], s.delta[s.front])
         chosen = [s.paper] if s.paper >= 0 else []
         self.paper.set(s.rmse[chosen], s.delta[chosen])
-        for x, y, n_sign in zip(self.front.x, self.front.y, s.n_sign[s.front], strict=True):
-            self._number(float(x), float(y), int(n_sign))
+        front = zip(self.front.x, self.front.y, s.n_sign[s.front], strict=True)
+        self.numbers.set([(float(x), float(y), str(int(n_sign))) for x, y, n_sign in front])
         self.readout.setText("\u25cf not beaten, with its n_sign   \u25c6 paper's")
         self.plot.fit()
-
-    def _number(self, x: float, y: float, n_sign: int) -> None:
-        text = pg.TextItem(str(n_sign), anchor=(0.5, 1.2))
-        text.setFont(style.small_font())
-        text.setColor(self.theme.text)
-        text.setPos(x, y)
-        self.plot.item.addItem(text, ignoreBounds=True)
-        self.numbers.append(text)
 
     def columns(self) -> Columns:
         """Return every design of the sweep with the three figures and whether it is on the front."""
@@ -283,7 +272,5 @@ class ParetoCard(PlotCard):
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
-        self.theme = theme
         super().paint_theme(theme)
-        for number in self.numbers:
-            number.setColor(theme.text)
+        self.numbers.paint(theme)

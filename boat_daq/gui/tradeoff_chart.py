@@ -18,6 +18,7 @@ from boat_daq.gui import style
 from boat_daq.gui.log_axis import LogAxis
 from boat_daq.gui.plot import Plot, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.point_labels import PointLabels
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.tradeoff_report import MethodChart, TradeoffPoint, duration_text
 
@@ -51,7 +52,7 @@ class TradeoffCard(PlotCard):
         for line, side in ((self.notices, 1), (self.enough, 0)):
             line.label.setPosition(AT_RIGHT)
             line.label.anchors = [(1, side), (1, side)]
-        self.words: list[Any] = []
+        self.labels = PointLabels(self.plot, (-0.1, 1.1))
         self.shown: MethodChart | None = None
         self.theme: Theme = style.LIGHT
         self.columns_of = self._columns
@@ -80,22 +81,9 @@ class TradeoffCard(PlotCard):
         self.spread.set(*spread_bars(points, chart.floor))
         self.notices.setValue(math.log10(chart.tolerance))
         self.enough.setValue(math.log10(chart.enough))
-        self._number(points, at)
+        self.labels.set([(*at[p.number], f"{p.number} {p.name}".strip()) for p in points])
         self._frame(x, np.append(y, np.log10([chart.tolerance, chart.enough])))
         self.paint_theme(self.theme)
-
-    def _number(self, points: Sequence[TradeoffPoint], at: dict[int, tuple[float, float]]) -> None:
-        """Write each point's number beside it, and what it is."""
-        for text in self.words:
-            self.plot.item.removeItem(text)
-        self.words = []
-        for p in points:
-            text = pg.TextItem(f"{p.number} {p.name}".strip(), anchor=(-0.1, 1.1))
-            text.setFont(style.small_font())
-            text.setColor(self.theme.text)
-            text.setPos(*at[p.number])
-            self.plot.item.addItem(text, ignoreBounds=True)
-            self.words.append(text)
 
     def _frame(self, x: Array, y: Array) -> None:
         for values, show in ((x, self.plot.x_range), (y, self.plot.y_range)):
@@ -109,8 +97,7 @@ class TradeoffCard(PlotCard):
         super().paint_theme(theme)
         for layer in (self.default, self.chosen):
             layer.item.setPen(pg.mkPen(layer.ink(theme), width=MARK_WIDTH))
-        for text in self.words:
-            text.setColor(theme.text)
+        self.labels.paint(theme)
 
     def _columns(self) -> dict[str, Any]:
         chart = self.shown

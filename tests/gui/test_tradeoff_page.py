@@ -9,6 +9,7 @@ import pytest
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QColor
 
+from analysis.fidelity import fidelity
 from boat_daq.gui import style
 from boat_daq.gui.log_axis import LogAxis, log_ticks
 from boat_daq.gui.tradeoff_chart import spread_bars
@@ -57,7 +58,7 @@ def test_the_chart_stands_where_the_points_were_measured(page):
     assert np.all(np.diff(card.front.y) < 0)
     assert card.notices.value() == pytest.approx(math.log10(0.02))
     assert card.enough.value() == pytest.approx(-2.0)
-    assert [text.toPlainText() for text in card.words] == ["1", "2 default, chosen"]
+    assert card.labels.texts == ["1", "2 default, chosen"]
     assert "cheapest setting with an error below 0.010 mm" in page.words.text()
     assert page.table.item(1, 1).text() == "fine"
     assert page.table.item(1, 4).text() == "\u25cb \u25a1"
@@ -158,13 +159,17 @@ def test_the_fidelity_reaches_what_the_window_computes_and_stays(page, desk):
     """Draft and reference move rays, table, sampler and live points; the choice is there at the next start."""
     from boat_daq.viewmodels.preferences import Preferences
 
+    draft, reference = fidelity("draft"), fidelity("reference")
+    assert draft.rays < reference.rays
     page.level.setCurrentIndex(page.level.findData("draft"))
     page.level.activated.emit(page.level.currentIndex())
-    assert (desk.live.points_a_column, desk.optics.traced_rays, desk.calibration.fidelity.level) == (1, 100, "draft")
+    assert (desk.live.points_a_column, desk.optics.traced_rays, desk.calibration.fidelity) == (
+        draft.points_a_column, draft.rays, draft,
+    )  # fmt: skip
     desk.set_fidelity("reference")
     page.refresh(desk.snapshot)
     assert page.level.currentData() == "reference"
-    assert desk.optics.swept_rays == 10_000
+    assert desk.optics.swept_rays == reference.ranking_rays
     assert Preferences(desk.folder).get("fidelity") == "reference"
     desk.preferences.set("fidelity", "nonsense")
     assert desk.fidelity == "normal"

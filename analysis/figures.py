@@ -17,6 +17,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
 from analysis import style
+from analysis.comparison import unit_of
 from analysis.loops import loop_width
 from analysis.pipeline import Analysis
 from analysis.recording import FloatArray
@@ -209,6 +210,31 @@ def distribution(analysis: Analysis, sensor: int) -> Draw:
             xlabel="pressure, kPa (open unloading, filled loading)", ylabel="from its mean, % FSO",
             title=f"Sensor {sensor + 1}: spread over {loops.n_cycles} cycles",
         )  # fmt: skip
+
+    return draw
+
+
+def side_by_side(analyses: Sequence[Analysis], name: str, label: str) -> Draw:
+    """One figure of every run with its interval, runs of one unit next to one another, a colour a sensor."""
+
+    def draw(ax: Axes) -> None:
+        order = sorted(range(len(analyses)), key=lambda i: (unit_of(analyses[i]), i))
+        for i in range(max(len(a.sensors) for a in analyses)):
+            for place, run in enumerate(order):
+                figure = analyses[run].sensors[i].figures.get(name) if i < len(analyses[run].sensors) else None
+                if figure is None or not np.isfinite(figure.value):
+                    continue
+                reach = np.abs([[figure.value - figure.low], [figure.high - figure.value]])
+                ax.errorbar(
+                    place + 0.12 * (2 * i - 1), figure.value, yerr=reach if np.isfinite(reach).all() else None, fmt="o",
+                    color=style.sensor_colour(i), capsize=2, label=f"sensor {i + 1}" if place == 0 else None,
+                )  # fmt: skip
+        names = [f"{unit_of(analyses[run]) or 'run'}\n{run + 1}" for run in order]
+        ax.set_xticks(range(len(order)), names)
+        ax.set_xlim(-0.6, len(order) - 0.4)
+        ax.set(xlabel="unit, run", ylabel=label)
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(loc="best")
 
     return draw
 

@@ -338,7 +338,7 @@ def combined_error(parts: list[Figure]) -> Figure:
 
 
 def _figure(value: float, replicates: FloatArray, unit: str, n: int, definition: str) -> Figure:
-    low, high = bootstrap_interval(value, replicates, n)
+    low, high = bootstrap_interval(value, replicates, n, positive=unit in NEVER_NEGATIVE)
     if unit in NEVER_NEGATIVE:
         low = max(low, 0.0) if np.isfinite(low) else low
     return Figure(float(value), unit, n, low, high, note=ONE_CYCLE if n < 2 else "", definition=definition)

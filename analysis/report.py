@@ -56,9 +56,9 @@ def build_report(
     filled += [sections.over_cycles(analysis)] if analysis.loops.n_cycles > 1 else []
     filled += sections.budget(analysis)
     filled += [shadow_section(shadow)] if shadow is not None else []
+    filled.append(sections.run(analysis))
     if analysis.plateaus:
         filled.append(sections.readings(analysis))
-    filled.append(sections.run(analysis))
     names = {"calibration": "Calibration report", "staircase": "Staircase report"}
     title = names.get(analysis.kind, "Repeatability report")
     return Report(
@@ -84,10 +84,9 @@ def _several(analyses: Sequence[Analysis], limits: Mapping[str, float]) -> Repor
                 latest = max(calibrated, key=lambda a: str(a.recording.meta.get("started_utc") or ""))
                 filled += sections.budget(latest, calibrated, unit or "the unit")
     for number, analysis in enumerate(analyses, 1):
-        part = sections.key_figures(analysis, limits)
-        filled.append(Section(f"Run {number}: {_name(analysis)}", part.parts))
-        if analysis.loops.n_cycles:
-            filled.append(Section(f"Run {number}: loops", sections.loops(analysis).parts))
+        parts = sections.key_figures(analysis, limits).parts
+        where = (sections.where_the_loop_is(analysis),) if analysis.loops.n_cycles else ()
+        filled.append(Section(f"Run {number}: {_name(analysis)}", (*parts, *where)))
     known = [u or "not named" for u in dict.fromkeys(units)]
     verdict = (
         "; ".join(f"run {i}: {_verdict(a, limits)}" for i, a in enumerate(analyses, 1))

@@ -10,7 +10,7 @@ Rules: the same report gives the same bytes; no text leaves the page: columns ar
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -32,6 +32,7 @@ INNER = WIDTH - 2 * LEFT
 TOP, BOTTOM = 1.05, 0.85
 LINE_INCH = 0.165
 ROW_INCH = 0.185
+STRETCH = 0.4  # a drawing grows by so much at most to fill its page
 KEPT_TOGETHER = 0.4  # of a page: a shorter table is not broken
 PAD_INCH = 0.16
 AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12
@@ -103,11 +104,31 @@ def write_pdf(report: Report, path: Path) -> None:
                 _drawing(flow, part)
             else:
                 _paragraph(flow, part)
+    pages = [*(_filled(page) for page in flow.pages[:-1]), flow.pages[-1]]
     title = f"{'SIMULATED ' if report.simulated else ''}{report.title}: {report.subject}"
     information = {"Title": title, "Creator": report.footer, "Producer": "matplotlib", "CreationDate": None}
     with mpl.rc_context(style.RC), PdfPages(path, metadata=information) as pdf:
-        for number, items in enumerate(flow.pages, 1):
-            pdf.savefig(_page(report, items, number, len(flow.pages)))
+        for number, items in enumerate(pages, 1):
+            pdf.savefig(_page(report, items, number, len(pages)))
+
+
+def _filled(items: list[Text | Rule | Placed]) -> list[Text | Rule | Placed]:
+    """Stretch the drawings of a page over what a break left white, by no more than `STRETCH`."""
+    drawn = sum(item.drawing.height for item in items if isinstance(item, Placed))
+    if not drawn:
+        return items
+    lowest = max(item.y + (item.drawing.height if isinstance(item, Placed) else 0.0) for item in items)
+    share = min(STRETCH, (HEIGHT - BOTTOM - lowest) / drawn)
+    out: list[Text | Rule | Placed] = []
+    shift = 0.0
+    for item in items:  # in the order of the flow: what follows a drawing moves down with its lower edge
+        moved = replace(item, y=item.y + shift)
+        if isinstance(moved, Placed):
+            grown = moved.drawing.height * max(share, 0.0)
+            moved = Placed(moved.y, replace(moved.drawing, height=moved.drawing.height + grown))
+            shift += grown
+        out.append(moved)
+    return out
 
 
 def _first_height(part: str | Table | Drawing) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analysis import comparison
+from analysis import comparison, figures
 from analysis.errors import AnalysisError
 from analysis.history import unit_history
 from analysis.numbers import NOTHING, rounded, with_uncertainty
@@ -17,11 +17,11 @@ from analysis.report_content import Drawing, Section, Table
 
 def runs_table(analyses: Sequence[Analysis]) -> Section:
     heads = ("run", "unit", "sensor")
-    figures = ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db", "fso_mv")
+    names = ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db", "fso_mv")
     first, second = [], []
     for number, a in enumerate(analyses, 1):
         for sensor in a.sensors:
-            shown = [cell(sensor.figures.get(k)) for k in figures]
+            shown = [cell(sensor.figures.get(k)) for k in names]
             b0 = NOTHING
             if sensor.calibration is not None:
                 b0 = with_uncertainty(
@@ -35,7 +35,15 @@ def runs_table(analyses: Sequence[Analysis]) -> Section:
         Table((*heads, "b0, mV", "sensitivity, mV/mm", "hysteresis, % FSO"), tuple(first)),
         Table((*heads, "SNR, dB", "FSO, mV"), tuple(second), caption),
     )
-    return Section("The runs side by side", parts)
+    drawn = Drawing(
+        (
+            figures.side_by_side(analyses, "sensitivity_mv_per_mm", "sensitivity, mV/mm"),
+            figures.side_by_side(analyses, "system_hysteresis_percent_fso", "system hysteresis, % FSO"),
+        ),
+        "Each run with its 95 % interval; runs of one unit stand together.",
+        2.4,
+    )
+    return Section("The runs side by side", (drawn, *parts))
 
 
 def spread_of_runs(analyses: Sequence[Analysis], unit: str) -> list[Section]:
@@ -50,7 +58,13 @@ def spread_of_runs(analyses: Sequence[Analysis], unit: str) -> list[Section]:
             ("between runs (s_L)", spread.pooled.between),
             ("reproducibility (s_R)", spread.pooled.reproducibility),
         ):
-            rows.append((spread.name, label, f"{value:.3g}", f"{100 * value / spread.full_scale_mv:.3f}"))
+            if value > 0:
+                known = 0.1 * spread.pooled.repeatability  # two figures of the spread within runs
+                percent = 100.0 / spread.full_scale_mv
+                shown = (rounded(value, known), rounded(percent * value, percent * known))
+            else:
+                shown = ("not resolved", "below that within runs")
+            rows.append((spread.name, label, *shown))
     table = Table(
         ("sensor", "standard deviation", "mV", "% FSO"),
         tuple(rows),

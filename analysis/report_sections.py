@@ -14,7 +14,7 @@ from analysis.boat_file import program_version
 from analysis.checks import fit_checks
 from analysis.errors import AnalysisError
 from analysis.numbers import NOTHING, rounded, with_uncertainty
-from analysis.pipeline import Analysis
+from analysis.pipeline import Analysis, SensorAnalysis
 from analysis.repeatability import LIMITS, per_cycle
 from analysis.report_cells import cells, p_value, power
 from analysis.report_content import Drawing, Section, Table
@@ -81,6 +81,8 @@ def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -
     )
     blank = [""] * (2 * len(sensors) - 2)
     rows += [(n, *cells(f), *blank, p, "") for n, f, p in whole if np.isfinite(f.value) and chosen.start == 0]
+    lost = [text for s in sensors for text in _lost(s)]
+    rows += [("Samples lost or left out", *lost, "", "")] if any(lost) else []
     heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
     header = ("Figure", *heads, "Published", "Limit")
     keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
@@ -90,6 +92,15 @@ def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -
         "Intervals by bootstrap over cycles (drift: Sen). FSO: full-scale output. Hysteresis: system, signal over "
         "pressure; sensor, signal over elongation; actuator, elongation over pressure.",
     )
+
+
+def _lost(sensor: SensorAnalysis) -> tuple[str, str]:
+    """Share of the windows of a sensor's figures that was lost or left out, and by which reason."""
+    window = sensor.figures["system_hysteresis_percent_fso"].window
+    if window is None or not window.samples:
+        return "", ""
+    share = f"{window.share:.2%}" if window.damaged else "none"
+    return share, window.said() if window.damaged else f"of {window.samples}"
 
 
 def curves(analysis: Analysis) -> Section:
@@ -147,13 +158,16 @@ def loops(analysis: Analysis) -> Section:
         Drawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
         for at in range(0, len(draws), 2)
     ]
-    second = [figures.loop_difference(analysis)]
-    if analysis.loops.elongation_mm is not None and np.isfinite(analysis.loops.elongation_mm).any():
-        second.append(figures.actuator_loop(analysis))
-    parts.append(
-        Drawing(tuple(second), "Where the hysteresis sits, and the actuator's own loop where x was read.", 2.7)
-    )
-    return Section("Hysteresis loops", tuple(parts))
+    return Section("Hysteresis loops", (*parts, where_the_loop_is(analysis)))
+
+
+def where_the_loop_is(analysis: Analysis) -> Drawing:
+    """The branches' distance over pressure, and the actuator's own loop where elongation was read."""
+    x = analysis.loops.elongation_mm
+    if x is None or not np.isfinite(x).any():
+        return Drawing((figures.loop_difference(analysis),), "Where the hysteresis sits.", 2.7)
+    both = (figures.loop_difference(analysis), figures.actuator_loop(analysis))
+    return Drawing(both, "Where the hysteresis sits, and the actuator's own loop.", 2.7)
 
 
 def over_cycles(analysis: Analysis) -> Section:
@@ -185,8 +199,9 @@ def over_cycles(analysis: Analysis) -> Section:
     for i in sensors:
         warm = per_cycle(analysis, i).warm_up
         if warm:
-            numbers = ", ".join(str(n) for n in analysis.loops.numbers[:warm])
-            parts.append(f"Sensor {i + 1}: warm-up cycles {numbers}, beyond three robust sds of the second half.")
+            numbers = analysis.loops.numbers[:warm]
+            said = f"cycles {numbers[0]} to {numbers[-1]}" if warm > 1 else f"cycle {numbers[0]}"
+            parts.append(f"Sensor {i + 1}: warm-up {said}, beyond three robust sds of the second half.")
     return Section("Over the cycles", tuple(parts))
 
 
@@ -262,11 +277,15 @@ def readings(analysis: Analysis) -> Section:
 
 def run(analysis: Analysis) -> Section:
     o = analysis.options
-    settings = (
+    calibrated = any(s.calibration for s in analysis.sensors)
+    fitted = (
         ("Degree", str(o.degree)),
+        ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"),
+    )
+    settings = (
+        *(fitted if calibrated else ()),
         ("Settled within", f"{o.plateau.tolerance_kpa:g} kPa for {o.plateau.settling_s:g} s"),
         ("Void above", f"{o.plateau.max_damaged:.0%} of a window lost or left out"),
-        ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"),
         ("Seed", str(o.seed)),
         ("Program", f"boat-daq {program_version()}"),
         ("Recorded with", str(analysis.recording.meta.get("program_version"))),

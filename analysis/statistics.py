@@ -116,17 +116,25 @@ def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMP
     return rng.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 
 
-def bootstrap_interval(estimate: float, replicates: FloatArray, n: int) -> tuple[float, float]:
+def bootstrap_interval(
+    estimate: float, replicates: FloatArray, n: int, *, positive: bool = False
+) -> tuple[float, float]:
     """Return the 95 % expanded percentile interval of a bootstrap over `n` items.
 
     The plain percentile interval is too short for few items by sqrt((n-1)/n) z/t; it is widened about the estimate by
     the inverse. Source: T. C. Hesterberg, What teachers should know about the bootstrap, Am. Stat. 69 (2015) 371-386.
+    With `positive` it is widened on the scale of logarithms: a spread then keeps an interval above zero.
     """
     finite = replicates[np.isfinite(replicates)]
     if n < 2 or finite.size < 0.9 * replicates.size or not np.isfinite(estimate):
         return float("nan"), float("nan")
     widen = stats.t.ppf(0.975, n - 1) / stats.norm.ppf(0.975) * np.sqrt(n / (n - 1.0))
     low, high = np.percentile(finite, [2.5, 97.5])
+    if positive and estimate > 0 and low > 0:
+        return (
+            float(estimate * np.exp(-widen * max(np.log(estimate / low), 0.0))),
+            float(estimate * np.exp(widen * max(np.log(high / estimate), 0.0))),
+        )
     # a statistic with an upward bias (a maximum) can have its estimate outside: the interval then starts at it
     return (
         float(estimate - widen * max(estimate - low, 0.0)),

@@ -16,10 +16,11 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.csv_table import read_table
 from analysis.errors import DataError, FileError
 from analysis.plateaus import Plateau
 from analysis.recording import FloatArray, Recording
+from protocol.elongation_file import read_elongation_rows
+from protocol.errors import LocalError
 
 DEFAULT_RESOLUTION_MM = 0.5
 NEAR_KPA = 3.0  # a reading belongs to a plateau no farther than this, or than a third of the smallest step
@@ -60,7 +61,7 @@ def elongations_of(
 
 
 def read_elongation_file(path: str | Path) -> pd.DataFrame:
-    """Read a CSV of elongations.
+    """Read a CSV of elongations, as `protocol.elongation_file` describes it.
 
     Returns
     -------
@@ -68,26 +69,16 @@ def read_elongation_file(path: str | Path) -> pd.DataFrame:
 
     Raises
     ------
-    FileError : not a table, or without the two columns.
+    FileError : it cannot be read, lacks a column, or a row is not numbers; names the line.
     """
-    table = read_table(path)
-    names = {name.strip().lower(): i for i, name in enumerate(table.names)}
-    missing = [name for name in ("pressure_kpa", "elongation_mm") if name not in names]
-    if missing:
-        raise FileError(
-            f"{Path(path).name} has no column {missing[0]!r}; it has {', '.join(table.names)}",
-            "The first line must be: pressure_kpa,elongation_mm",
-        )
-    if table.issues:
-        raise FileError(f"{Path(path).name}: {table.issues[0]}", "Mend the line.")
-    frame = pd.DataFrame({name: table.columns[names[name]] for name in ("pressure_kpa", "elongation_mm")})
-    if "cycle" in names:
-        frame["cycle"] = table.columns[names["cycle"]]
-    if "branch" in names:
-        words = table.text.get(names["branch"])
-        if words is None:
-            raise FileError(f"{Path(path).name}: column branch holds numbers", 'Write "unloading" or "loading".')
-        frame["branch"] = [word.strip('"').lower() for word in words]
+    try:
+        rows = read_elongation_rows(Path(path))
+    except LocalError as error:
+        raise FileError(error.cause, error.remedy) from error
+    frame = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in ("pressure_kpa", "elongation_mm")})
+    if rows[0].cycle is not None:
+        frame["cycle"] = [row.cycle for row in rows]
+        frame["branch"] = [row.branch for row in rows]
     return frame
 
 

@@ -1,7 +1,6 @@
 """Readings of elongation from a file or from a virtual board's truth, put to the plateaus they belong to.
 
-A file has the columns `pressure_kpa,elongation_mm`, one row a plateau in the order of the run; or also `cycle` and
-`branch`, and then any order. Rules:
+What a file may look like stands in `protocol.elongation_file`. Rules:
 
 - Every row is checked against its plateau's pressure. What does not fit is refused with the first row that does not,
   and nothing of the file is entered.
@@ -14,21 +13,20 @@ A file has the columns `pressure_kpa,elongation_mm`, one row a plateau in the or
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from boat_daq.engine.checked import read_text
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import StepMark
 from boat_daq.errors import OperatorError
+from protocol.elongation_file import ElongationRow as FileReading
+from protocol.elongation_file import read_elongation_rows
+from protocol.errors import LocalError
 
 if TYPE_CHECKING:
     from boat_daq.engine.session import Session
@@ -37,60 +35,19 @@ SIMULATED = "simulated"
 SIMULATED_RESOLUTION_MM = 0.02  # a pixel, where a photograph shows 80 mm of the grid on 4,000
 READER_SD_MM = 0.005  # of the one who finds the tip in it, before rounding
 NEAR_KPA = 3.0  # a row names its plateau by its target; no closer than this, or a third of the smallest step
-_DELIMITERS = ";\t,"
-
-
-@dataclass(frozen=True, slots=True)
-class FileReading:
-    """One row of an elongation file; `cycle` and `branch` are None where the file goes by order."""
-
-    line: int
-    pressure_kpa: float
-    elongation_mm: float
-    cycle: int | None = None
-    branch: str | None = None
 
 
 def read_elongation_csv(path: Path) -> tuple[FileReading, ...]:
     """Return the rows of an elongation file.
 
-    Comma, semicolon and tab are understood, with semicolon or tab also a decimal comma; lines that begin with # are
-    comments.
-
     Raises
     ------
     OperatorError : the file cannot be read, lacks a column, or a row is not numbers; names the line.
     """
-    lines = [(n, line) for n, line in enumerate(read_text(path).splitlines(), 1) if line.strip(" ,;\t")]
-    lines = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
-    if not lines:
-        raise OperatorError(f"{path.name} is empty", "the first line must be: pressure_kpa,elongation_mm")
-    delimiter = next((d for d in _DELIMITERS if d in lines[0][1]), ",")
-    names = [name.strip().lower() for name in _cells(lines[0][1], delimiter)]
-    missing = [name for name in ("pressure_kpa", "elongation_mm") if name not in names]
-    if missing or ("cycle" in names) != ("branch" in names):
-        wrong = f"has no column {missing[0]}" if missing else "has only one of the columns cycle and branch"
-        raise OperatorError(f"{path.name} {wrong}", "the first line must be: pressure_kpa,elongation_mm")
-    return tuple(_row(path.name, n, dict(zip(names, _cells(line, delimiter), strict=False))) for n, line in lines[1:])
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    cells = next(csv.reader(io.StringIO(line), delimiter=delimiter), [])
-    return [cell.strip().replace(",", ".") if delimiter != "," else cell.strip() for cell in cells]
-
-
-def _row(name: str, line: int, cells: dict[str, str]) -> FileReading:
     try:
-        pressure_kpa, elongation_mm = float(cells["pressure_kpa"]), float(cells["elongation_mm"])
-        cycle = int(cells["cycle"]) if "cycle" in cells else None
-    except (KeyError, ValueError):
-        raise OperatorError(f"{name}, line {line}: a number is missing or is none", "mend that line") from None
-    branch = cells["branch"].strip('"').lower() if "branch" in cells else None
-    if not (math.isfinite(pressure_kpa) and math.isfinite(elongation_mm)):
-        raise OperatorError(f"{name}, line {line}: not a finite number", "mend that line, or leave it out")
-    if branch not in (None, "start", "unloading", "loading"):
-        raise OperatorError(f"{name}, line {line}: there is no branch {branch!r:.40}", "write unloading or loading")
-    return FileReading(line, pressure_kpa, elongation_mm, cycle, branch)
+        return read_elongation_rows(path)
+    except LocalError as error:
+        raise OperatorError(error.cause, error.remedy) from error
 
 
 def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:

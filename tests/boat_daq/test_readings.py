@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.elongation import read_elongation_file
+from analysis.errors import FileError
 from boat_daq.engine.plan import Plan, built_in_plans
 from boat_daq.engine.readings import (
     FileReading,
@@ -107,10 +109,27 @@ def test_files_as_spreadsheets_write_them(tmp_path: Path, text: str) -> None:
     assert [(r.pressure_kpa, r.elongation_mm) for r in found] == [(50.0, 3.8), (-40.0, -2.7)]
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
+def test_record_and_analyze_read_the_same_files_alike(tmp_path: Path, encoding: str) -> None:
+    """One owner of the rules: what one accepts the other does, with the same rows; so for what is refused."""
+    path = tmp_path / "readings.csv"
+    path.write_bytes(
+        "# Längen\npressure_kpa;elongation_mm;cycle;branch\n50;3,8;1;unloading\n-40;-2,7;1;loading\n".encode(encoding)
+    )
+    rows = [(r.pressure_kpa, r.elongation_mm, r.cycle, r.branch) for r in read_elongation_csv(path)]
+    assert rows == [(50.0, 3.8, 1, "unloading"), (-40.0, -2.7, 1, "loading")]
+    assert [tuple(row) for row in read_elongation_file(path).itertuples(index=False)] == rows
+    path.write_bytes("pressure_kpa,elongation_mm\n50,3.8\n40,\n".encode(encoding))
+    for read, refused in ((read_elongation_csv, OperatorError), (read_elongation_file, FileError)):
+        with pytest.raises(refused, match="line 3"):
+            read(path)
+
+
 @pytest.mark.parametrize(
     ("text", "word"),
     [
         ("", "is empty"),
+        ("pressure_kpa,elongation_mm\n", "has no rows"),
         ("pressure,elongation\n1,2\n", "no column pressure_kpa"),
         ("pressure_kpa,elongation_mm,cycle\n1,2,3\n", "only one of the columns"),
         ("pressure_kpa,elongation_mm\n50,3.8\n40,?\n", "line 3"),

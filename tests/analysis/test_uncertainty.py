@@ -123,6 +123,7 @@ def test_stated_interval_of_an_elongation_holds_the_truth(tmp_path: Path) -> Non
     assert 0.93 <= inside / count <= 0.975
 
 
+@pytest.mark.fault(23, how="what is left of ambient light, as a component of the budget", times=1)
 def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
     """The budget lists the nine components, each with its source; on a grid, reading is the largest."""
     stairs = Staircase(Plant(loop_mm=0.25))

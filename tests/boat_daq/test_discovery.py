@@ -88,6 +88,7 @@ def test_asking_presses_nothing():
     assert types == {MessageType.IDENTIFY}
 
 
+@pytest.mark.fault(14, how="a silent port, another device, another version, while boards are looked for", times=3)
 def test_a_silent_port_another_device_and_another_version_are_told_apart():
     """Each has its own remark, within little more than a second."""
     cases = [
@@ -113,6 +114,7 @@ def test_a_port_that_cannot_be_opened_says_why():
     assert "no port" in ask_port("/dev/ttyNOWHERE").remark
 
 
+@pytest.mark.fault(11, how="a board that comes back under another port's name", times=1)
 def test_a_board_is_found_again_under_another_name(monkeypatch):
     """After a replug the port has another name; the identity finds it, and finds no other board."""
     with served(lambda _came: b"") as other, served(Board()) as port:

@@ -221,7 +221,7 @@ def torn(folder: Path, main: bytes, log: bytes | None) -> Recovery | None:
     return recovery
 
 
-@pytest.mark.fault(31, how="a copy cut off at every page boundary of the closed file", times=14)
+@pytest.mark.fault(31, how="a copy cut off at every page boundary of the closed file", times=16)
 def test_a_copy_torn_at_every_page_boundary(whole: Path, tmp_path: Path) -> None:
     """Each opens on what can be read, or says what is wrong; more of the file never gives less."""
     content = whole.read_bytes()
@@ -233,7 +233,7 @@ def test_a_copy_torn_at_every_page_boundary(whole: Path, tmp_path: Path) -> None
     assert len(got) > 10
 
 
-@pytest.mark.fault(31, how="a copy of a recording under way, its log cut at every page of it", times=60)
+@pytest.mark.fault(31, how="a copy of a recording under way, its log cut at every page of it", times=25)
 def test_a_log_torn_at_every_page_boundary(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
     """The log's frames are 24 bytes longer than a page: each cut opens on the last whole commit before it."""
     main, log = pair
@@ -504,7 +504,7 @@ def test_settings_and_units_survive_a_kill(tmp_path: Path, times: int) -> None:
     assert most > 0
 
 
-@pytest.mark.fault(36, how="`record` into 0-byte, directory and existing names, by the recording's own door", times=3)
+@pytest.mark.fault(36, how="`record` into 0-byte, directory and existing names, by the recording's own door", times=2)
 def test_names_that_are_taken(tmp_path: Path) -> None:
     """A 0-byte file and a folder of that name are never overwritten."""
     meta = meta_of(Source().link)

@@ -1,0 +1,59 @@
+"""Faults of data that the other tests of the analysis do not inject."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis import fit_calibration, sample_posterior
+from analysis.calibration import reservations
+from analysis.loops import loop_width
+from analysis.optics.curves import default_curves, frames_of
+from analysis.optics.parameters import Design, Light, Waveguide
+from analysis.optics.simulation import trace
+from tests.analysis.boat_builder import PAPER
+
+X = np.tile(np.linspace(-2.7, 3.8, 10), 9)
+TRUTH = np.polynomial.Polynomial(PAPER[0])
+
+
+@pytest.mark.fault(42, how="branches that share no stretch, and branches that share one", times=2)
+def test_branches_that_do_not_overlap() -> None:
+    """Undefined, with the reason; where they touch by a stretch it is the distance there."""
+    low, high = np.array([-40.0, -20.0, -10.0]), np.array([10.0, 30.0, 50.0])
+    apart = loop_width(np.array([[low], [high]]), np.array([[low], [high + 3.0]]), np.ones((5, 1)))
+    assert np.isnan(apart.mean_loop)
+    assert "share no stretch" in apart.void
+    wide = np.array([-20.0, 0.0, 30.0])
+    some = loop_width(np.array([[wide], [high]]), np.array([[wide], [high + 3.0]]), np.ones((5, 1)))
+    assert some.mean_loop == pytest.approx(3.0)
+    assert some.shared == pytest.approx(20.0 / 70.0)
+
+
+@pytest.mark.fault(43, how="two of 90 points 40 standard deviations off", times=1)
+def test_outliers_widen_the_band_and_are_named() -> None:
+    """The band is that of the scatter which the data have, several times wider; the worst point is named."""
+    y = TRUTH(X) + 1.3 * np.random.default_rng(0).standard_normal(X.size)
+    spoiled = y.copy()
+    spoiled[[14, 61]] += 52.0
+    clean, wide = (sample_posterior(X, values, seed=0, max_steps=600) for values in (y, spoiled))
+    widths = [np.subtract(*p.curve_band(np.array([0.5]), 0.95)[::-1])[0] for p in (clean, wide)]
+    # both scatters are known: 1.3 mV, and 1.3 mV with two of 90 points 52 mV off
+    assert widths[1] / widths[0] == pytest.approx(np.hypot(1.3, 52.0 * np.sqrt(2 / 90)) / 1.3, rel=0.25)
+    assert any("off the curve" in said for said in reservations(fit_calibration(X, spoiled)))
+    assert not any("off the curve" in said for said in reservations(fit_calibration(X, y)))
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(900)
+@pytest.mark.fault(45, how="one scene with a million rays", times=1_000_000)
+def test_a_million_rays() -> None:
+    """It ends, every ray and all power are accounted for, and NDR is that of a thousandth of the rays."""
+    guide = Waveguide()
+    frame = frames_of(default_curves(), guide)[7]
+    many, few = (trace(frame, Design(5, 1.0, 0.5, 0.9), guide, Light(rays=rays)) for rays in (1_000_000, 1_000))
+    for out, rays in ((many, 1_000_000), (few, 1_000)):
+        ends = {name: count for name, count in out.ledger.items() if name != "released"}
+        assert sum(ends.values()) == out.ledger["released"] >= rays
+        assert np.isfinite(out.ndr)
+    assert many.ledger["detected"] / 1e6 == pytest.approx(few.ledger["detected"] / 1e3, abs=0.05)

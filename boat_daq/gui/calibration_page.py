@@ -20,6 +20,7 @@ from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.results import LoopSet, SensorResult
 
 SENSORS = 2
+SOURCES = {"least squares": "fit", "posterior": "posterior"}  # what the curve and its bands are of
 BESIDE = ("", "now", "last", "E\u2099")
 MOST_FLAGS = 5  # shown; all of them on hover
 
@@ -68,7 +69,7 @@ class CurveCard(PlotCard):
             self.before.set(shown.last[0], shown.last[1])
             self.apart.set(shown.last[0], shown.last[2])
         last = "   \u2504 last calibration" if shown.last is not None else ""
-        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   68, 95 % of the {shown.source}")
+        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   68, 95 %: {SOURCES[shown.source]}")
         self.top.fit()
         self.bottom.fit()
 

@@ -45,7 +45,8 @@ def ask_open(parent: QWidget, desk: Desk, title: str, suffixes: str, then: Then)
 
 def _dialog(parent: QWidget, desk: Desk, title: str, suffixes: str) -> QFileDialog:
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
-    folder = str(desk.preferences.get("folder", str(Path.home())))
+    usual = desk.recordings if desk.recordings.is_dir() else Path.home()
+    folder = str(desk.preferences.get("folder", str(usual)))
     dialog = QFileDialog(parent.window(), title, folder, f"{title} ({patterns})")
     dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
     dialog.setWindowModality(Qt.WindowModality.NonModal)

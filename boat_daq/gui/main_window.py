@@ -214,7 +214,7 @@ class MainWindow(QMainWindow):
         path = self.desk.analysed_path(self.page)
         if path is not None:
             deed = partial(self.desk.runs.report, [path])
-            ask_save(self, self.desk, f"{path.stem} report", "html pdf", deed, done="")
+            ask_save(self, self.desk, f"{path.stem} report", "pdf html", deed, done="")
 
     def save_plot(self, card: PlotCard, suffix: str) -> None:
         """Ask where to save a plot."""

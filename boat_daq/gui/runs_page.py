@@ -214,7 +214,7 @@ class RunsPage(QWidget):
         """Ask where to put the report of the chosen runs."""
         paths = self._paths()
         stem = paths[0].stem if paths else "report"
-        ask_save(self, self.desk, stem, "html pdf", partial(self.desk.runs.report, paths), done="")
+        ask_save(self, self.desk, stem, "pdf html", partial(self.desk.runs.report, paths), done="")
 
     def compare(self) -> None:
         """Lay the curves of the chosen runs over each other."""

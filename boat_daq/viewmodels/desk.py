@@ -42,6 +42,7 @@ from boat_daq.viewmodels.work import Bench, Work
 DEFAULT_LEVEL = "normal"
 PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
+SILENCE = "no data for"  # the engine's words for a link that says nothing
 LEVELS = {"info": Level.INFORMATION, "warning": Level.WARNING, "error": Level.FAULT}
 
 
@@ -137,7 +138,9 @@ class Desk:
         for message in self.snapshot.messages:
             if message.number > self._last_message:
                 self._last_message = message.number
-                notice = self.notices.say(LEVELS.get(message.level, Level.WARNING), message.cause, message.remedy)
+                over = message.cause.startswith(SILENCE) and self.connected()  # data come again: only a remark now
+                level = Level.INFORMATION if over else LEVELS.get(message.level, Level.WARNING)
+                notice = self.notices.say(level, message.cause, "" if over else message.remedy)
                 if self.snapshot.link in DOWN:
                     self._link_notices.append(notice)
         if self._link_notices and self.connected():

@@ -367,6 +367,27 @@ def test_a_table_pastes_from_a_spreadsheet(make):
     assert window.live.table.count.text() == "2 of 4 plateaus read"
 
 
+def test_a_silence_that_is_over_is_only_a_remark(make):
+    """Data that stopped for a moment and come again leave no warning that waits to be dismissed."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    session.change(messages=(Message(1, "warning", "no data for 1 s", "Check the cable."),))
+    window.refresh()
+    assert window.strip.text.text() == "No data for 1 s."
+    assert window.strip.property("level") == "information"
+
+
+def test_no_figure_is_shown_of_a_board_that_is_away(make):
+    """What was measured before the link went is not shown as what is: dashes until data come again."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    window.refresh()
+    assert window.live.figures["kpa"].value.text() != "\u2013"
+    session.change(link=LinkState.LOST)
+    window.refresh()
+    assert {figure.value.text() for figure in window.live.figures.values()} == {"\u2013"}
+
+
 def test_what_was_said_of_a_lost_link_leaves_when_it_is_back(make):
     """A message said while the link was down does not stand over a link that is well."""
     session = RecordedSession(connected(), filled_ring(10.0))

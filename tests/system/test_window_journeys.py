@@ -74,7 +74,7 @@ def test_first_start_to_accepted_calibration_and_report(travel, capsys):
 
 
 def test_killed_session_is_offered_and_recovered(travel, capsys):
-    """Killed in the middle of a run; the next start says so, and one click closes the file with its samples in it."""
+    """Killed in a run; the next start says so, a click closes the file with its samples, another arms the rest of it."""
     travel("killed", expect=-9)
     seen = travel("recover")
     with capsys.disabled():
@@ -82,6 +82,7 @@ def test_killed_session_is_offered_and_recovered(travel, capsys):
     assert "was not closed" in seen["offer"]
     assert seen["status"] == ["recovered"]
     assert seen["samples"] >= 1200 - 400  # 12 s of board time, less 0.2 s of wall time at 20x
+    assert (seen["same_file"], seen["target"]) == (True, False)  # nothing moves before Start
 
 
 @pytest.mark.parametrize("way", ["pty", "tcp"])
@@ -100,6 +101,19 @@ def test_unplugged_and_plugged_in_again(travel, capsys, way):
     assert samples[0] >= 100 * seen["recorded_s"] - 1
     assert sum(samples[1:]) >= 300
     assert "closed" in status
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(shutil.which("xdotool") is None, reason="xdotool is not installed: no mouse for the screen")
+def test_a_session_by_mouse(travel, capsys):
+    """A tired person's way from the first start to the PDF, by mouse and keyboard of the screen; clicks counted."""
+    seen = travel("by_mouse")
+    with capsys.disabled():
+        print(
+            f"\nby mouse: {seen['clicks']} clicks, {seen['keys']} keys for {seen['readings']} readings: {seen['times']}"
+        )
+    assert (seen["readings"], seen["report"]) == (37, "%PDF-")
+    assert seen["clicks"] <= 10
 
 
 @pytest.mark.nightly

@@ -8,11 +8,9 @@ times to standard output as JSON.
 
 from __future__ import annotations
 
-import atexit
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -25,8 +23,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QPushButton, QWidge
 from boat_daq.engine.session import SessionState
 from boat_daq.gui.app import make_application, make_window
 from boat_daq.gui.main_window import MainWindow
-
-SPEED = 20.0
+from tests.system.window_hands import SPEED, RestartedBoard, by_mouse
 
 
 class Journey:
@@ -245,12 +242,23 @@ def recover(journey: Journey) -> None:
         lambda: any(r.summary and r.summary.status == "recovered" for r in desk.runs.runs), "the recovered run"
     )
     journey.note("recovered")
+    killed_run, status = desk.runs.runs[0].path, [r.summary.status for r in desk.runs.runs if r.summary]
+    samples = desk.runs.runs[0].summary.samples
+    journey.connect_virtual()
+    journey.click(journey.window.navigation.buttons["Runs"])
+    page = journey.window.pages["Runs"]
+    page.list.selectRow(0)
+    journey.until(page.buttons["resume"].isVisible, "the offer to resume", 10)
+    journey.keep("6-resume")
+    journey.click(page.buttons["resume"])
+    journey.until(lambda: journey.state() is SessionState.ARMED, "armed again", 30)
+    journey.note("armed again")
+    snapshot = desk.session.snapshot()
     journey.keep("7-recovered")
     journey.done(
-        offer=offer,
-        status=[r.summary.status for r in desk.runs.runs if r.summary],
-        samples=desk.runs.runs[0].summary.samples,
-    )
+        offer=offer, status=status, samples=samples, same_file=snapshot.recording == killed_run,
+        target=snapshot.last.target_kpa == snapshot.last.target_kpa,
+    )  # fmt: skip
 
 
 def vent(journey: Journey) -> None:
@@ -380,35 +388,6 @@ def hundred_cycles(journey: Journey, speed: str = "100") -> None:
     )
 
 
-class RestartedBoard:
-    """A virtual board in a process that is killed and started again, with one identity, at one place."""
-
-    def __init__(self, folder: Path, way: str, speed: float = SPEED) -> None:
-        self._speed = speed
-        if way == "pty":
-            self.port = str(folder / "board")
-            self._place = ["--pty", "--link", self.port]
-        else:
-            with socket.create_server(("127.0.0.1", 0)) as probe:
-                number = probe.getsockname()[1]
-            self.port = f"socket://127.0.0.1:{number}"
-            self._place = ["--tcp", f"127.0.0.1:{number}"]
-        atexit.register(self.kill)
-        self.start()
-
-    def start(self) -> None:
-        """Plug it in; returns when it can be found."""
-        command = [sys.executable, "-m", "boat_daq", "board", *self._place, "--speed", f"{self._speed:g}", "--json"]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE)
-        assert self._process.stdout is not None
-        self._process.stdout.readline()
-
-    def kill(self) -> None:
-        """Pull the plug."""
-        self._process.kill()
-        self._process.wait()
-
-
 JOURNEYS = {
     "unplug": unplug,
     "hundred_cycles": hundred_cycles,
@@ -416,6 +395,7 @@ JOURNEYS = {
     "killed": killed,
     "recover": recover,
     "vent": vent,
+    "by_mouse": by_mouse,
 }
 
 if __name__ == "__main__":

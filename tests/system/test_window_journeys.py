@@ -74,7 +74,7 @@ def test_first_start_to_accepted_calibration_and_report(travel, capsys):
 
 
 def test_killed_session_is_offered_and_recovered(travel, capsys):
-    """Killed in a run; the next start says so, a click closes the file with its samples, another arms the rest of it."""
+    """Killed in a run; the next start says so, a click closes the file with its samples, another arms its rest."""
     travel("killed", expect=-9)
     seen = travel("recover")
     with capsys.disabled():

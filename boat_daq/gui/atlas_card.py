@@ -26,6 +26,8 @@ LETTER_ROOM = 12.0  # a place smaller than this has no letter, only its colour a
 LABELS = (10, 7, 5, 4)  # along each of one, two, three, four maps beside each other
 LEAST_HEIGHT = 300
 NO_MAP = MapShown("", "", "", "", 0.0, "", "", (), (), ())
+NO_LIMIT, EMPTY_HEIGHT = 16_777_215, 96
+WHAT_COMES = "A sweep finds where this method works, where it answers only with a reservation, and where it refuses."
 POINT_AT = "Point at a place to read what was asked and what was answered."
 
 
@@ -97,7 +99,6 @@ class AtlasCard(PlotCard):
         assert isinstance(layout, QVBoxLayout)
         layout.addLayout(foot)
         layout.addWidget(self.words)
-        self.setMinimumHeight(LEAST_HEIGHT)
         self.items: list[tuple[Any, Places]] = []  # those that are shown
         self._made: list[tuple[Any, Places]] = []  # kept for the next method
         self.view.scene().sigMouseMoved.connect(self._look)
@@ -119,7 +120,9 @@ class AtlasCard(PlotCard):
         self.view.setVisible(bool(maps))
         for label in self.legend:
             label.setVisible(bool(maps))
-        self.words.setText(maps[0].summary if len(maps) == 1 else POINT_AT if maps else "")
+        self.words.setText(maps[0].summary if len(maps) == 1 else POINT_AT if maps else WHAT_COMES)
+        self.setMinimumHeight(LEAST_HEIGHT if maps else 0)
+        self.setMaximumHeight(NO_LIMIT if maps else EMPTY_HEIGHT)
         self.paint_theme(self.theme)
 
     def refresh(self) -> None:

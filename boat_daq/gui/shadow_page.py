@@ -28,6 +28,7 @@ from boat_daq.viewmodels.shadow_monitor import SERIES, AlarmRow
 
 FRAME_MS = 16
 ALARM_SIZE, ALARM_LINES = 16, 4
+MARGIN = 0.1  # of the span of a figure, for the marks at its ends
 
 
 class NominalCard(PlotCard):
@@ -88,13 +89,14 @@ class CyclesCard(PlotCard):
         self.readout.setText(words if x.size else "fills while a calibrated unit runs cycles")
         if x.size:
             self.plot.x_range(0.0, max(10.0, float(x.max()) + 1.0))
-            self.plot.y_range(*axis.framed(float(y.min()), float(y.max()), smallest=SERIES[name].smallest))
+            low, high = axis.padded(float(y.min()), float(y.max()), MARGIN)
+            self.plot.y_range(*axis.framed(low, high, smallest=SERIES[name].smallest))
 
 
 class AlarmTable(QTableWidget):
     """The alarms of the run: what, since when, found when, how sure, by which figure; the newest on top."""
 
-    COLUMNS = ("What", "Since", "Found", "A healthy actuator does this", "By")
+    COLUMNS = ("What", "Since", "Found", "If healthy, once in", "By")
 
     def __init__(self) -> None:
         super().__init__(0, len(self.COLUMNS))

@@ -43,7 +43,7 @@ class MethodList(QListWidget):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
-        self.desk, self.model = desk, desk.tradeoff
+        self.tradeoff = desk.tradeoff
         self.setAccessibleName("Methods; ticked ones are measured, the selected one is shown")
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         for name in ENTRIES:
@@ -52,23 +52,23 @@ class MethodList(QListWidget):
             self.addItem(item)
         self.show_entries()
         self.itemChanged.connect(self._ticked)
-        self.currentRowChanged.connect(lambda row: self.model.show(list(ENTRIES)[row]))
+        self.currentRowChanged.connect(lambda row: self.tradeoff.show(list(ENTRIES)[row]))
 
     def show_entries(self) -> None:
         """Show ticks, titles and verdicts as they are now."""
         self.blockSignals(True)
         for row, (name, title) in enumerate(ENTRIES.items()):
             item = self.item(row)
-            item.setText(f"{title}\n{self.model.entry(name)}")
+            item.setText(f"{title}\n{self.tradeoff.entry(name)}")
             if name in METHODS:
-                ticked = name in self.model.chosen
+                ticked = name in self.tradeoff.chosen
                 item.setCheckState(Qt.CheckState.Checked if ticked else Qt.CheckState.Unchecked)
-        self.setCurrentRow(list(ENTRIES).index(self.model.shown))
+        self.setCurrentRow(list(ENTRIES).index(self.tradeoff.shown))
         self.blockSignals(False)
 
     def _ticked(self, item: QListWidgetItem) -> None:
         name = str(item.data(Qt.ItemDataRole.UserRole))
-        self.model.choose(name, item.checkState() is Qt.CheckState.Checked)
+        self.tradeoff.choose(name, item.checkState() is Qt.CheckState.Checked)
 
 
 class SettingsTable(QTableWidget):

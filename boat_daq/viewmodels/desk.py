@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
-from analysis.fidelity import LEVELS as FIDELITIES
+from analysis.fidelity import LEVELS as FIDELITY_LEVELS
 from analysis.fidelity import fidelity
 from boat_daq.engine.session import LinkState, Session, SessionSnapshot, SessionState
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
@@ -39,6 +39,7 @@ from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
 from boat_daq.viewmodels.tradeoff import TradeoffModel
 from boat_daq.viewmodels.work import Bench, Work
 
+FIDELITIES = FIDELITY_LEVELS
 DEFAULT_LEVEL = "normal"
 PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)

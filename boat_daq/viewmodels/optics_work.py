@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.errors import DataError
-from analysis.optics import curves as sets
 from analysis.optics.curve_file import read_curves
-from analysis.optics.curves import default_curves, elongations, frames_of
+from analysis.optics.curves import REST, default_curves, elongations, frames_of, parametric_curves
 from analysis.optics.figure_of_merit import merit, pareto, resolution
 from analysis.optics.figures import laid
 from analysis.optics.frame import Frame
@@ -41,7 +40,7 @@ def curves_of(name: str) -> Array:
     if name == "default":
         return np.asarray(default_curves())
     if name == "parametric":
-        return np.asarray(getattr(sets, "parametric_curves", default_curves)())
+        return np.asarray(parametric_curves())
     curves = np.asarray(read_curves(Path(name)))
     if len(curves) == 1:
         raise DataError(f"{Path(name).name} holds one state only", "the page needs all 15, most compressed first")
@@ -53,7 +52,7 @@ def elongations_of(name: str, curves: Array) -> Array:
     if name == "default":
         return np.asarray(elongations())
     apart = np.linalg.norm(curves[:, :, -1] - curves[:, :, 0], axis=-1).mean(axis=1)
-    return np.asarray(apart - apart[sets.REST])
+    return np.asarray(apart - apart[REST])
 
 
 def trace_design(

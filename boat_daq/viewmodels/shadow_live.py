@@ -152,7 +152,8 @@ class ShadowLive:
         # means of as many samples each: extremes of both, as time plots draw them, do not belong together
         size = max(1, mm.size // TRACE_POINTS)
         whole = mm.size // size * size
-        return tuple(values[:whole].reshape(-1, size).mean(axis=1) for values in (pressure, mm))  # type: ignore[return-value]
+        pressure, mm = (values[:whole].reshape(-1, size).mean(axis=1) for values in (pressure, mm))
+        return pressure, mm
 
     # ---- the picture ---------------------------------------------------------------------------------------------
 

@@ -8,6 +8,8 @@ import time
 import numpy as np
 import pytest
 
+from analysis.errors import AnalysisError
+from analysis.optics.curves import parametric_elongations
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session import Progress, SessionState
 from boat_daq.engine.settings import UnitLibrary
@@ -413,3 +415,14 @@ def test_a_map_holds_each_design_in_its_place():
     assert grid[4, 0] == 0.3
     assert grid[0, 5] == 0.7
     assert np.isnan(grid).sum() == 34
+
+
+def test_curves_go_by_a_word_or_a_file(tmp_path):
+    """The parametric states' own elongation is found from the guides; a file of one state is refused by its name."""
+    curves = optics_work.curves_of("parametric")
+    assert np.allclose(optics_work.elongations_of("parametric", curves), parametric_elongations())
+    path = tmp_path / "one.csv"
+    rows = [f"{x},{z}" for x, z in curves[7, 0]]
+    path.write_text("x,z\n" + "\n".join(rows), encoding="utf-8")
+    with pytest.raises(AnalysisError, match="one state only"):
+        optics_work.curves_of(str(path))

@@ -52,7 +52,7 @@ def read_elongation_rows(path: Path) -> tuple[ElongationRow, ...]:
     names = [name.strip().lower() for name in _cells(header, separator)]
     missing = [name for name in ("pressure_kpa", "elongation_mm") if name not in names]
     if missing or ("cycle" in names) != ("branch" in names):
-        wrong = f"has no column {missing[0]}" if missing else "has only one of the columns cycle and branch"
+        wrong = f"has no column {missing[0]!r}" if missing else "has only one of the columns cycle and branch"
         raise LocalError(f"{path.name} {wrong}", _HEADER)
     if len(lines) == 1:
         raise LocalError(f"{path.name} has no rows", _HEADER)

@@ -130,7 +130,7 @@ def test_record_and_analyze_read_the_same_files_alike(tmp_path: Path, encoding: 
     [
         ("", "is empty"),
         ("pressure_kpa,elongation_mm\n", "has no rows"),
-        ("pressure,elongation\n1,2\n", "no column pressure_kpa"),
+        ("pressure,elongation\n1,2\n", "no column 'pressure_kpa'"),
         ("pressure_kpa,elongation_mm,cycle\n1,2,3\n", "only one of the columns"),
         ("pressure_kpa,elongation_mm\n50,3.8\n40,?\n", "line 3"),
         ("pressure_kpa,elongation_mm\n50\n", "line 2"),

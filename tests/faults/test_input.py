@@ -13,6 +13,7 @@ import subprocess
 import sys
 import zlib
 from contextlib import closing
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -135,10 +136,15 @@ def test_a_sweep_with_a_view_in_it_is_refused(tmp_path: Path) -> None:
         SweepFile(tmp_path / "sweep.sqlite", {"rays": 1})
 
 
+@cache
+def sources() -> list[tuple[Path, str]]:
+    """The product's files and what stands in them."""
+    return [(path, path.read_text(encoding="utf-8")) for path in PRODUCT]
+
+
 def functions_that(calls: str) -> list[tuple[Path, str]]:
     """Every function of the product, with its source, that has that call in it."""
-    sources = [(path, path.read_text(encoding="utf-8")) for path in PRODUCT]
-    trees = [(path, ast.parse(source)) for path, source in sources if calls in source]
+    trees = [(path, ast.parse(source)) for path, source in sources() if calls in source]
     functions = [(path, node) for path, tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
     return [(path, ast.unparse(node)) for path, node in functions if calls in ast.unparse(node)]
 
@@ -159,7 +165,7 @@ def test_sql_has_parameters_and_the_linter_holds_it() -> None:
     ruff = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["ruff"]["lint"]
     assert "S" in ruff["select"]
     assert not {"S", "S6", "S608"} & set(ruff["ignore"])
-    waived = [line for path in PRODUCT for line in path.read_text(encoding="utf-8").splitlines() if "S608" in line]
+    waived = [line for _, source in sources() for line in source.splitlines() if "S608" in line]
     assert waived
     assert all("VALUES ('" not in line and "= '{" not in line for line in waived)
 
@@ -268,8 +274,8 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
 def test_nothing_evaluates_what_it_reads() -> None:
     """No pickle, marshal, shelve, YAML, eval or exec in the product; arrays are loaded without objects."""
     forbidden = {"pickle", "marshal", "shelve", "yaml", "dill", "joblib", "cloudpickle"}
-    for path in PRODUCT:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for path, source in sources():
+        for node in ast.walk(ast.parse(source)):
             names: set[str] = set()
             if isinstance(node, ast.Import):
                 names = {alias.name.split(".")[0] for alias in node.names}

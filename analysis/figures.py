@@ -229,10 +229,10 @@ def side_by_side(analyses: Sequence[Analysis], name: str, label: str) -> Draw:
                     place + 0.12 * (2 * i - 1), figure.value, yerr=reach if np.isfinite(reach).all() else None, fmt="o",
                     color=style.sensor_colour(i), capsize=2, label=f"sensor {i + 1}" if place == 0 else None,
                 )  # fmt: skip
-        names = [f"{unit_of(analyses[run]) or 'run'}\n{run + 1}" for run in order]
+        names = [f"{unit_of(analyses[run])} #{run + 1}" for run in order]
         ax.set_xticks(range(len(order)), names)
         ax.set_xlim(-0.6, len(order) - 0.4)
-        ax.set(xlabel="unit, run", ylabel=label)
+        ax.set(xlabel="unit and number of the run", ylabel=label)
         if ax.get_legend_handles_labels()[0]:
             ax.legend(loc="best")
 
@@ -257,7 +257,7 @@ def budget_pareto(budget: Budget, title: str) -> Draw:
         ax.set_yticks(range(len(names)), names)
         ax.invert_yaxis()
         ax.grid(visible=False, axis="y")
-        ax.set_xlim(0, 1850 * max([parts[n] for n in names], default=1e-3))
+        ax.set_xlim(0, 2050 * max([parts[n] for n in names], default=1e-3))
         ax.set(xlabel="standard uncertainty, µm", title=title)
 
     return draw

@@ -220,15 +220,19 @@ def budget(analysis: Analysis, runs: Sequence[Analysis] = (), of: str = "") -> l
         tuple(figures.budget_pareto(b, f"Sensor {i + 1} at {middle:+.2f} mm") for i, b in enumerate(budgets[:2])),
         "Components, largest first, with their share of the variance.",
         2.6,
-        left=1.05,
+        left=1.15,
     )
     return [Section(title, (drawing, *(_budget_table(i, b) for i, b in enumerate(budgets))))]
+
+
+def _dof(dof: float) -> str:
+    return f"{dof:.0f}" if dof < 10_000 else "above 10,000"
 
 
 def _budget_table(sensor: int, budget: Budget) -> Table:
     shares = budget.shares()
     rows = [(c.name, f"{1000 * c.contribution:.1f}", f"{shares[c.name]:.1%}", c.source) for c in budget.components]
-    rows.append(("combined", f"{1000 * budget.u:.1f}", "100 %", f"effective degrees of freedom {budget.dof:.0f}"))
+    rows.append(("combined", f"{1000 * budget.u:.1f}", "100 %", f"effective degrees of freedom {_dof(budget.dof)}"))
     rows.append(("expanded, k = 2", f"{1000 * budget.expanded:.0f}", "", f"covers about {budget.coverage:.0%}"))
     return Table(
         ("Component", "u, µm", "share", "source"), tuple(rows), f"Sensor {sensor + 1}: {budget.what_halves_it()}."

@@ -99,7 +99,7 @@ def _levels(compared: AgainstShadow) -> Draw:
 def _residuals(compared: AgainstShadow) -> Draw:
     def draw(ax: Axes) -> None:
         ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE, markersize=2.5, lw=0.8)
-        ax.set_ylim(bottom=0.0)
+        ax.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.residual_kpa, 1e-3))))
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="cycle", ylabel="residual rms, kPa", title="Pressure residual per cycle")
 

@@ -262,30 +262,31 @@ def _resolution(analysis: Analysis) -> float:
 
 
 def _ambient(analysis: Analysis, sensor: int) -> float:
-    """What is left of ambient light: the slope of the signal on the dark reading within plateaus, times its sd."""
+    """What is left of ambient light in the signal, mV: its slope on the light, times the light's sd.
+
+    Dark readings are the light plus noise of their own, and that noise is in the signal too (signal = lit - dark). The
+    reading one sample later shares the light but not the noise: slope = cov(y_t, d_t+1) / cov(d_t, d_t+1), an
+    instrument in the sense of Carroll et al. (2006), 6. Zero where either covariance is not above its own scatter.
+    """
     recording = analysis.recording
     if recording.dark is None:
         return 0.0
-    dark_parts, signal_parts_ = [], []
+    products, n = np.zeros(4), 0  # y_t d_t+1, d_t d_t+1, y y, d d
     for p in analysis.plateaus:
         rows = slice(p.settled_first, p.last + 1)
         good = recording.usable[rows, sensor]
-        if p.void or good.sum() < 3:
+        if p.damaged[sensor] or good.sum() < 4:
             continue
         dark, signal = recording.dark[rows, sensor][good].astype(float), recording.signal_mv[rows, sensor][good]
-        dark_parts.append(dark - dark.mean())
-        signal_parts_.append(signal - signal.mean())
-    if not dark_parts:
+        dark, signal = dark - dark.mean(), signal - signal.mean()
+        products += signal[:-1] @ dark[1:], dark[:-1] @ dark[1:], signal @ signal, dark @ dark
+        n += int(good.sum())
+    if not n or not products.all():
         return 0.0
-    dark, signal = np.concatenate(dark_parts), np.concatenate(signal_parts_)
-    square = float(dark @ dark)
-    if square <= 0:
+    with_light, of_light, of_signal, of_dark = products / n
+    if abs(of_light) < 3.0 * of_dark / np.sqrt(n) or abs(with_light) < 3.0 * np.sqrt(of_signal * of_dark / n):
         return 0.0
-    scale = float(recording.meta.get("vref_mv") or 0.0) / 2.0 ** int(recording.meta.get("adc_bits") or 0)
-    # dark's own noise enters the signal with slope -scale and is part of the noise: only the excess is ambient
-    slope = float(dark @ signal) / square + scale
-    error = float(signal.std() / np.sqrt(square))
-    return abs(slope) * float(dark.std()) if abs(slope) > 2 * error else 0.0
+    return float(min(abs(with_light / of_light) * np.sqrt(abs(of_light)), np.sqrt(of_signal)))
 
 
 def _without(whole: float, *parts: float) -> float:

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
-from analysis import Options, analyse
+from analysis import Options, Recording, analyse
 from analysis.comparison import one_way
 from analysis.errors import RequestError
 from analysis.history import en_scores
 from analysis.numbers import rounded, with_uncertainty
-from analysis.uncertainty import Component, combine, elongation_budget, elongation_reader, propagate
+from analysis.uncertainty import Component, combine, elongation_budget, elongation_reader, propagate, signal_parts
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
 
 
@@ -158,3 +159,25 @@ def test_spread_between_runs_enters_the_budget(tmp_path: Path) -> None:
     assert found.contribution == pytest.approx(np.std(offsets, ddof=1) / slope, rel=0.05)
     assert found.dof == 3
     assert among.u > alone.u
+
+
+@pytest.mark.parametrize("leak", [0.0, 0.1])
+def test_ambient_residual_is_what_the_subtraction_leaves(tmp_path: Path, leak: float) -> None:
+    """Slow light of 40 counts sd on dark; `leak` of it stays in the signal: 0 or 4 counts, whatever dark's own noise.
+
+    Light that the subtraction takes out whole is no residual, however strong it is.
+    """
+    stairs = Staircase(Plant(noise_mv=(1.0, 1.0)), cycles=1)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    run = stairs.recording()
+    rng = np.random.default_rng(3)
+    light = 40.0 * (1 - 0.8**2) ** 0.5 * signal.lfilter([1.0], [1.0, -0.8], rng.standard_normal((run.n, 2)), axis=0)
+    scale = 4096.0 / 2.0**16
+    dark = np.round(500.0 + light + 3.0 * rng.standard_normal(light.shape))
+    lit = np.round(run.signal_mv / scale + 500.0 + (1.0 + leak) * light)
+    counted = Recording.from_arrays(
+        run.time_s, run.pressure_kpa, (lit - dark) * scale, lit=lit, dark=dark, meta={"vref_mv": 4096, "adc_bits": 16}
+    )
+    found = signal_parts(analyse(counted, tmp_path / "e.csv", options=Options(mcmc=False)), 0)
+    assert found.ambient == pytest.approx(leak * 40.0 * scale, rel=0.2)
+    assert found.noise == pytest.approx(np.hypot(1.0, 3.0 * scale), rel=0.1)

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.optics import figures
 from analysis.optics.figure_of_merit import PARTING, Merit
-from analysis.optics.optimise import Optimum
+from analysis.optics.optimise import BETTER, PATIENCE, Optimum
 from analysis.optics.parameters import Design
 from analysis.optics.sweep import SweepResult
 from analysis.optics.sweep_file import program_version
@@ -182,9 +182,9 @@ def _write_table(result: SweepResult, path: Path) -> None:
 def optimum_json(found: Optimum) -> dict[str, Any]:
     """The object of `optics optimise --json`."""
     return {
-        "start": {**design_json(found.start), "p": found.start_p},
-        "best": {**design_json(found.best), "p": found.best_p},
-        "gain": found.best_p / found.start_p,
+        "start": {**design_json(found.start), "p": found.start_p, "p_range": list(found.start_range)},
+        "best": {**design_json(found.best), "p": found.best_p, "p_range": list(found.best_range)},
+        "gain": found.gain,
         "paper_p": found.paper_p,
         "evaluations": found.evaluations,
         "seconds": found.seconds,
@@ -200,13 +200,18 @@ def optimum_text(found: Optimum) -> str:
     """The same in a few lines for a reader."""
     lines = [
         f"{label}: {d.cavities} cavities in the {d.face} face, width {d.width_mm:.3f}, depth {d.depth_mm:.3f}, "
-        f"spacing {d.spacing_mm:.3f} mm: P {p:.3f} on power"
-        for label, d, p in (("grid's best", found.start, found.start_p), ("found", found.best, found.best_p))
+        f"spacing {d.spacing_mm:.3f} mm: P {p:.3f} on power, {low:.3f} to {high:.3f} with the fan turned"
+        for label, d, p, (low, high) in (
+            ("grid's best", found.start, found.start_p, found.start_range),
+            ("found", found.best, found.best_p, found.best_range),
+        )
     ]
     lines.append(
-        f"gain {found.best_p / found.start_p:.2f} times at {found.checked_rays} rays; {found.evaluations} designs in "
+        f"gain {found.gain:.2f} times at {found.checked_rays} rays; {found.evaluations} designs in "
         f"{found.seconds:.1f} s; the paper's optimum has P {found.paper_p:.3f} here"
     )
-    if not found.finished:
+    if found.finished:
+        lines.append(f"settled: {PATIENCE} generations in a row found nothing better by {100 * BETTER:g} %")
+    else:
         lines.append("the time ran out before the search had settled: allow more seconds for a better one")
     return "\n".join(lines)

@@ -265,7 +265,7 @@ def sweep(
 
 @app.command()
 def optimise(
-    rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 500,
+    rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 2_000,
     seconds: Annotated[float, typer.Option(help="Time allowed, s.")] = 50.0,
     index: Index = 1.50,
     curves: Curves = None,

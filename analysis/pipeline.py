@@ -23,6 +23,7 @@ from analysis.calibration import Calibration, fit_calibration, reservations
 from analysis.cycles import Cycles, disagreements_with_marks, find_cycles
 from analysis.elongation import Elongations, elongations_of
 from analysis.errors import AnalysisError
+from analysis.fidelity import Level, fidelity
 from analysis.loops import MAX_DAMAGED_CYCLE, Loops, continuous_loops, loop_width, staircase_loops
 from analysis.losses import LossCounter, Losses
 from analysis.plateaus import Plateau, PlateauSettings, find_plateaus
@@ -54,6 +55,7 @@ class Options:
     seed : of the bootstrap and the sampler.
     mcmc : sample the posterior.
     plateau : what counts as settled.
+    fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
     """
 
     degree: int = 3
@@ -62,6 +64,7 @@ class Options:
     seed: int = 0
     mcmc: bool = True
     plateau: PlateauSettings = field(default_factory=PlateauSettings)
+    fidelity: Level = "normal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +151,7 @@ class Analysis:
             },
             "flags": list(self.flags),
             "seed": self.options.seed,
+            "fidelity": self.options.fidelity,
             **self._breaks_json(),
         }
 
@@ -217,7 +221,8 @@ def analyse(
 
 
 def _weights(loops: Loops, options: Options) -> FloatArray:
-    return resampling_weights(max(loops.n_cycles, 1), np.random.default_rng(options.seed))[:, : loops.n_cycles]
+    rng, resamples = np.random.default_rng(options.seed), fidelity(options.fidelity).resamples
+    return resampling_weights(max(loops.n_cycles, 1), rng, resamples)[:, : loops.n_cycles]
 
 
 def _part(run: _Run, loops: Loops) -> Part:
@@ -265,10 +270,14 @@ def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
             posterior = sample_posterior(
                 calibration.x, calibration.y, run.options.degree, reading_sd=run.reading_sd_mm,
                 monotone=run.options.monotone, seed=run.options.seed + sensor,
+                max_steps=fidelity(run.options.fidelity).posterior_steps,
             )  # fmt: skip
     except AnalysisError as error:
         reason = error.cause
-    resampled = metrics.resample_fit(calibration, cycle_of, run.weights) if calibration is not None else None
+    resampled = None
+    if calibration is not None:
+        rng = np.random.default_rng((run.options.seed, 1))
+        resampled = metrics.resample_fit(calibration, cycle_of, run.weights, run.reading_sd_mm, rng)
     figures = {"fso_mv": metrics.full_scale(calibration, resampled, run.loops, sensor, run.weights)}
     if calibration is not None and resampled is not None:
         figures |= metrics.sensitivities(calibration, resampled)

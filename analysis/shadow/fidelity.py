@@ -6,7 +6,9 @@ from dataclasses import replace
 
 from analysis.fidelity import Fidelity
 from analysis.shadow.parameters import ActuatorParameters
-from analysis.shadow.reduced import TableSettings
+from analysis.shadow.reduced import Progress, TableSettings
+from analysis.shadow.shadow import Shadow
+from analysis.shadow.table import load_table
 
 
 def actuator(level: Fidelity, base: ActuatorParameters | None = None) -> ActuatorParameters:
@@ -28,3 +30,14 @@ def table_settings(level: Fidelity) -> TableSettings:
     """Return the size of the level's reduced model."""
     pressures, elongations, shapes = level.table
     return TableSettings(pressures=pressures, elongations=elongations, modes=shapes)
+
+
+def shadow_at(level: Fidelity, base: ActuatorParameters | None = None, progress: Progress | None = None) -> Shadow:
+    """Return the shadow of the level's actuator, its table from the cache or built.
+
+    Parameters
+    ----------
+    base : as in `actuator`. progress : called as (done, total) while a table is built; raising from it cancels.
+    """
+    parameters = actuator(level, base)
+    return Shadow(parameters, load_table(parameters, table_settings(level), progress=progress))

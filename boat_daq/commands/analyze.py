@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, say
+from boat_daq.commands.fidelity import FidelityOption, level_of
 
 if TYPE_CHECKING:
     from analysis.pipeline import Analysis
@@ -26,6 +27,7 @@ def analyze(
     settling: Annotated[float, typer.Option(min=0.0, metavar="S", help="Time left out after arriving.")] = 0.5,
     no_shadow: Annotated[bool, typer.Option("--no-shadow", help="Leave the digital shadow out.")] = False,
     no_store: Annotated[bool, typer.Option("--no-store", help="Do not keep the result in the recording.")] = False,
+    fidelity: FidelityOption = "normal",
     json: JsonOption = False,
 ) -> None:
     """Every figure of a run: calibration, posterior, sensitivity, hysteresis, SNR, repeatability, drift.
@@ -38,8 +40,9 @@ def analyze(
     from analysis.results import store_analysis
 
     options = Options(
-        seed=seed, mcmc=not no_mcmc, x_resolution_mm=x_resolution, plateau=PlateauSettings(tolerance, settling)
-    )
+        seed=seed, mcmc=not no_mcmc, x_resolution_mm=x_resolution, plateau=PlateauSettings(tolerance, settling),
+        fidelity=level_of(fidelity),
+    )  # fmt: skip
     with progress_bar("Analysing") as advance:
         analysis = analyse(run, elongation, options=options, progress=advance)
     if not no_store:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+from boat_daq.commands.fidelity import FidelityOption, level_of
 
 if TYPE_CHECKING:
     from analysis import Analysis
+    from analysis.fidelity import Level
     from boat_daq.engine.plan import Plan
 
 
@@ -26,6 +28,7 @@ def demo(
     cycles: Annotated[int, typer.Option(min=1, help="Cycles of the calibration.")] = 5,
     no_mcmc: Annotated[bool, typer.Option("--no-mcmc", help="Leave the posterior out.")] = False,
     no_report: Annotated[bool, typer.Option("--no-report", help="Leave the report and the shadow out.")] = False,
+    fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
     """A whole calibration session on the virtual board: connect, cycles, readings, calibration, bands, shadow, report.
@@ -48,12 +51,12 @@ def demo(
     plan = dataclasses.replace(load_plan("calibration"), cycles=cycles)
     run = free_name(out_dir, f"demo_{unit}_seed{seed}")
     record_on_virtual_board(run, plan, unit=unit, seed=seed, speed=speed)
-    analysis = analyse_and_keep(run, seed=seed, mcmc=not no_mcmc)
+    analysis = analyse_and_keep(run, seed=seed, mcmc=not no_mcmc, level=level_of(fidelity))
     truth = truth_of(unit, plan)
     rows = comparison(analysis, truth)
     content = analysis.to_json() | {"truth": truth_json(truth), "comparison": rows, "recording": str(run)}
     if not no_report:
-        content["shadow"] = beside_the_shadow(analysis)
+        content["shadow"] = beside_the_shadow(analysis, level_of(fidelity))
         content["reports"] = write_reports(analysis, run)
     if as_json:
         emit_json(content)
@@ -107,28 +110,29 @@ def record_on_virtual_board(run: Path, plan: Plan, *, unit: str, seed: int, spee
         raise DeviceError(f"the demo's run ended early: {failure}", "try a lower --speed on a busy computer")
 
 
-def analyse_and_keep(run: Path, *, seed: int, mcmc: bool) -> Analysis:
+def analyse_and_keep(run: Path, *, seed: int, mcmc: bool, level: Level = "normal") -> Analysis:
     """Compute every figure of the run and keep the result in the recording."""
     from analysis import Options, analyse
     from analysis.results import store_analysis
 
     with progress_bar("analysing") as advance:
-        analysis = analyse(run, options=Options(seed=seed, mcmc=mcmc), progress=advance)
+        analysis = analyse(run, options=Options(seed=seed, mcmc=mcmc, fidelity=level), progress=advance)
     store_analysis(run, analysis)
     return analysis
 
 
-def beside_the_shadow(analysis: Analysis) -> dict[str, float]:
+def beside_the_shadow(analysis: Analysis, level: Level = "normal") -> dict[str, float]:
     """Compare the plateaus' elongations with the ideal actuator's at the same pressures."""
     import numpy as np
 
     from analysis.errors import DataError
-    from analysis.shadow.shadow import Shadow
+    from analysis.fidelity import fidelity
+    from analysis.shadow.fidelity import shadow_at
 
     if analysis.elongations is None:
         raise DataError("no elongation was read, so there is nothing to hold against the shadow")
     with progress_bar("building the shadow") as advance:
-        shadow = Shadow(progress=advance)
+        shadow = shadow_at(fidelity(level), progress=advance)
     known = analysis.elongations.known
     pressure_kpa = np.array([plateau.pressure_kpa for plateau in analysis.plateaus])[known]
     nominal_mm, _ = shadow.table.nominal_elongation(pressure_kpa)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, out, say
+from boat_daq.commands.fidelity import FidelityOption
 
 if TYPE_CHECKING:
     from analysis.calibration import Calibration
@@ -29,6 +30,7 @@ def fit(
         float, typer.Option(min=0.0, metavar="MM", help="Grid that x was read on: samples the posterior.")
     ] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the posterior.")] = 0,
+    level: FidelityOption = "normal",
     json: JsonOption = False,
 ) -> None:
     """A polynomial calibration of any two columns of a CSV.
@@ -61,11 +63,13 @@ def fit(
         say(note)
     posterior = None
     if x_resolution > 0:
+        from analysis.fidelity import fidelity
         from analysis.posterior import sample_posterior
 
         posterior = sample_posterior(
-            kept[0], kept[1], degree, reading_sd=x_resolution / 12**0.5, standard_uncertainty=uncertainty, seed=seed
-        )
+            kept[0], kept[1], degree, reading_sd=x_resolution / 12**0.5, standard_uncertainty=uncertainty, seed=seed,
+            max_steps=fidelity(level).posterior_steps,
+        )  # fmt: skip
         content["posterior"] = posterior.as_json()
         if not posterior.converged:
             say(f"the posterior is not converged: {posterior.steps} steps, autocorrelation time {posterior.tau:.0f}")

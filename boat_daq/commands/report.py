@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+from boat_daq.commands.fidelity import FidelityOption, level_of
 
 
 def report(
@@ -23,6 +24,7 @@ def report(
     seed: Annotated[int, typer.Option(min=0, help="Of the intervals and the posterior.")] = 0,
     no_mcmc: Annotated[bool, typer.Option("--no-mcmc", help="Leave the posterior out.")] = False,
     no_shadow: Annotated[bool, typer.Option("--no-shadow", help="Leave the digital shadow out.")] = False,
+    fidelity: FidelityOption = "normal",
     json: JsonOption = False,
 ) -> None:
     """A calibration or a 100-cycle repeatability report, as the run is; several runs are compared.
@@ -35,17 +37,18 @@ def report(
         raise typer.BadParameter("end it in .html or .pdf", param_hint="--out")
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
-    from analysis import analyse
+    from analysis import Options, analyse
     from analysis.against_shadow import against_shadow
     from analysis.reporting import write_report
 
+    options = Options(seed=seed, mcmc=not no_mcmc, fidelity=level_of(fidelity))
     limits = dict(_limit(text) for text in limit or ())
     files: list[Path | None] = [*elongation] if elongation else [None]
     given = files * len(runs) if len(files) == 1 else files
     with progress_bar("Reporting") as advance:
         analyses = []
         for number, (run, file) in enumerate(zip(runs, given, strict=True)):
-            analyses.append(analyse(run, file, seed=seed, mcmc=not no_mcmc))
+            analyses.append(analyse(run, file, options=options))
             advance(number + 1, len(runs) + 1)
         alone = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         content = write_report(analyses, to, limits, against_shadow(analyses[0]) if alone else None)

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+from boat_daq.commands.fidelity import FidelityOption, level_of
 from boat_daq.commands.shadow_chain import chain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from analysis.fidelity import Level
     from analysis.recording import Recording
     from analysis.shadow.arrays import Floats
     from analysis.shadow.full_model import FullModel
     from analysis.shadow.parameters import ActuatorParameters
+    from analysis.shadow.shadow import Shadow
     from analysis.shadow.solver import Solution
 
 app = typer.Typer(
@@ -26,23 +29,40 @@ app = typer.Typer(
 )
 
 ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
+NO_SIGHT = "too few cycles for the alarms to find anything"
 MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
 
 
-def chosen_parameters(path: Path | None) -> ActuatorParameters:
-    """Return the parameters of a file, or the defaults."""
+def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
+    """Return the parameters of a file, or the defaults, on the mesh of a fidelity; normal leaves a file's own mesh."""
+    from analysis.fidelity import fidelity
+    from analysis.shadow.fidelity import actuator
     from analysis.shadow.parameter_files import read_parameters
-    from analysis.shadow.parameters import ActuatorParameters
 
-    return ActuatorParameters() if path is None else read_parameters(path)
+    if path is None:
+        return actuator(fidelity(level))
+    read = read_parameters(path)
+    return read if level == "normal" else actuator(fidelity(level), read)
 
 
-def chosen_model(parameters: Path | None, mesh: Path | None) -> FullModel:
+def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "normal") -> FullModel:
     """Return the full model of the chosen parameters and mesh."""
     from analysis.shadow.full_model import FullModel
     from analysis.shadow.mesh_files import read_mesh
 
-    return FullModel(chosen_parameters(parameters), mesh=None if mesh is None else read_mesh(mesh))
+    return FullModel(chosen_parameters(parameters, level), mesh=None if mesh is None else read_mesh(mesh))
+
+
+def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
+    """Return the shadow of the chosen parameters, its table of the fidelity's size."""
+    from analysis.fidelity import fidelity
+    from analysis.shadow.fidelity import table_settings
+    from analysis.shadow.shadow import Shadow
+    from analysis.shadow.table import load_table
+
+    chosen = chosen_parameters(parameters, level)
+    with progress_bar("building the table") as progress:
+        return Shadow(chosen, load_table(chosen, table_settings(fidelity(level)), progress=progress))
 
 
 @app.command()
@@ -53,6 +73,7 @@ def solve(
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the state into this PNG, SVG or PDF.")] = None,
+    fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
     """Solve the state at a pressure, at an elongation, or with both imposed (then the tip needs a force).
@@ -69,7 +90,8 @@ def solve(
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
     from analysis.shadow.guides import both_guides
 
-    full, solution, answered, seconds = answer(pressure, elongation, model, parameters, mesh)
+    level = level_of(fidelity)
+    full, solution, answered, seconds = answer(pressure, elongation, model, parameters, mesh, level)
     limit = full.vacuum_limit
     result = {
         "pressure_kpa": solution.pressure_kpa,
@@ -86,7 +108,7 @@ def solve(
     for note in full.reservations:
         say(note)
     if plot is not None:
-        draw(solution, parameters, plot)
+        draw(solution, parameters, plot, level)
     if as_json:
         emit_json(result)
     else:
@@ -101,32 +123,32 @@ def solve(
 
 
 def answer(
-    pressure: float | None, elongation: float | None, model: str, parameters: Path | None, mesh: Path | None
+    pressure: float | None,
+    elongation: float | None,
+    model: str,
+    parameters: Path | None,
+    mesh: Path | None,
+    level: Level = "normal",
 ) -> tuple[FullModel, Solution, str, float]:
     """Return the model, its state, which model answered, and the seconds that it took."""
     import time
 
-    from analysis.shadow.shadow import Shadow
-
     if model == "full":
-        full = chosen_model(parameters, mesh)
+        full = chosen_model(parameters, mesh, level)
         full.refuse_beyond_limits(pressure, elongation)  # finds the limits, once for all states: not one state's cost
         begun = time.perf_counter()
         return full, full.solve(pressure_kpa=pressure, elongation_mm=elongation), "full", time.perf_counter() - begun
-    with progress_bar("building the table") as progress:
-        shadow = Shadow(chosen_parameters(parameters), progress=progress)
+    shadow = chosen_shadow(parameters, level)
     begun = time.perf_counter()
     solution, answered = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
     return shadow.model, solution, answered, time.perf_counter() - begun
 
 
-def draw(solution: Solution, parameters: Path | None, path: Path) -> None:
+def draw(solution: Solution, parameters: Path | None, path: Path, level: Level = "normal") -> None:
     """Draw a state into a file."""
     from analysis.shadow.figure import shadow_figure
-    from analysis.shadow.shadow import Shadow
 
-    with progress_bar("building the table") as progress:
-        shadow = Shadow(chosen_parameters(parameters), progress=progress)
+    shadow = chosen_shadow(parameters, level)
     state = shadow.state(pressure_kpa=solution.pressure_kpa, elongation_mm=solution.elongation_mm)
     save_figure(shadow_figure(state, shadow.topology), path)
 
@@ -149,6 +171,7 @@ def table(
     parameters: ParametersOption = None,
     plot: Annotated[Path | None, typer.Option(help="Draw error against the number of shapes into this file.")] = None,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Build it again even if it is in the cache.")] = False,
+    fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
     """Build the reduced model (or take it from the cache) and say its range, its error and its speed.
@@ -157,14 +180,15 @@ def table(
     """
     import time
 
+    from analysis.fidelity import fidelity as at
     from analysis.shadow.charts import basis_chart, states_per_second
-    from analysis.shadow.reduced import TableSettings
+    from analysis.shadow.fidelity import table_settings
     from analysis.shadow.table import build_table, load_table
 
-    chosen = chosen_parameters(parameters)
+    chosen, settings = chosen_parameters(parameters, level_of(fidelity)), table_settings(at(fidelity))
     begun = time.perf_counter()
     with progress_bar("building the table") as progress:
-        made = build_table(chosen, None, progress) if rebuild else load_table(chosen, progress=progress)
+        made = build_table(chosen, settings, progress) if rebuild else load_table(chosen, settings, progress=progress)
     seconds = time.perf_counter() - begun
     result = {
         "pressure_range_kpa": made.pressure_range_kpa,
@@ -173,7 +197,7 @@ def table(
         "errors_mm": made.errors_mm,
         "error_bound_mm": made.error_bound_mm,
         "error_bound_percent": 100.0 * made.error_bound_mm / float(made.nominal_range_mm[1]),
-        "held_out": TableSettings().held_out,
+        "held_out": settings.held_out,
         "critical_pressure_kpa": float(made.critical_kpa),
         "states_per_s": states_per_second(made),
         "seconds": seconds,
@@ -322,6 +346,8 @@ def replay(
 
     Example: boat-daq shadow replay repeatability.boat --calibration calibration.boat --plot deviation.png
     """
+    import math
+
     from analysis.cycles import find_cycles
     from analysis.recording import load_recording
     from analysis.shadow.replay import replay as compare
@@ -355,6 +381,8 @@ def replay(
         say(f"ALARM in cycle {alarm.cycle}: {alarm.sentence}")
     for cause in result.left_out:
         say(f"left out: {cause}")
+    seen = ", ".join(f"{name} {size:.2g}" for name, size in result.sight.items() if math.isfinite(size))
+    say(f"smallest shifts that these cycles would show from now on: {seen}" if seen else NO_SIGHT)
 
 
 def measured_elongations(recording: Recording, calibration: Path, elongation: Path | None) -> Floats:

@@ -28,7 +28,7 @@ TIE = 1.3
 SHORTEST_S = 2e-3
 """A call shorter than this is repeated until it is as long, and the time divided."""
 REPEATS, QUICK_REPEATS, FEWEST = 7, 3, 3
-LONGEST_S = 4.0
+LONGEST_S = 2.5
 """Repeats end here once there are `FEWEST`: a slow setting does not make the others wait."""
 
 

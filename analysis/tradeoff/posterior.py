@@ -61,9 +61,9 @@ def posterior_settings(quick: bool) -> list[Setting]:
             return float("inf")
         return 100.0 * float(np.sqrt(np.mean((_widths(at, covariance) / truth - 1.0) ** 2)))
 
-    steps = (500, MAX_STEPS) if quick else (100, 250, 500, 1_000, 2_000, MAX_STEPS)
+    steps = (500, MAX_STEPS) if quick else (250, 500, 1_000, MAX_STEPS)
     pairs = [(WALKERS, n) for n in steps]
-    pairs += [] if quick else [(WALKERS // 4, MAX_STEPS), (WALKERS // 2, MAX_STEPS), (2 * WALKERS, MAX_STEPS)]
+    pairs += [] if quick else [(WALKERS // 2, MAX_STEPS), (2 * WALKERS, MAX_STEPS)]
     found = [Setting(_name(w, n), _sampler(w, n), error, work=2) for w, n in pairs]
     return [Setting(CLOSED, _closed_form, error), *found]
 

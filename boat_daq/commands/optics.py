@@ -4,14 +4,18 @@ them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+from boat_daq.commands.fidelity import OptionalFidelity
 
 if TYPE_CHECKING:
+    from analysis.fidelity import Fidelity
     from analysis.optics.compiled import Floats
     from analysis.optics.frame import Frame
     from analysis.optics.parameters import Design, Light, Waveguide
@@ -31,6 +35,17 @@ State = Annotated[
 ]
 Rays = Annotated[int, typer.Option(help="Rays released.")]
 Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
+PAPER_RAYS, PAPER_SECONDARY = 250, 100
+OptionalRays = Annotated[
+    int | None, typer.Option(help="Rays released; default the fidelity's, or the paper's 250.", show_default=False)
+]
+OptionalSecondary = Annotated[
+    int | None,
+    typer.Option(
+        help="Budget of secondary (reflected) rays; default in proportion to a fidelity's rays, or the paper's 100.",
+        show_default=False,
+    ),
+]
 Order = Annotated[str, typer.Option(help="How the budget is spent: time, bounce or index.")]
 Index = Annotated[float, typer.Option(help="Refractive index of the resin.")]
 Curves = Annotated[
@@ -46,6 +61,25 @@ Face = Annotated[str, typer.Option(help="Which face carries the cavities: outer 
 Emission = Annotated[str, typer.Option(help="The emitter: uniform in angle, or lambertian.")]
 Receiver = Annotated[float | None, typer.Option(help="Width of the receiver, mm; default the whole end face.")]
 Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]
+
+
+@dataclass(frozen=True, slots=True)
+class Released:
+    """Rays and budget of secondaries: what was typed goes before the fidelity, and without either it is the paper's."""
+
+    rays: int
+    secondary: int
+
+    @classmethod
+    def chosen(
+        cls, rays: int | None, secondary: int | None, level: str | None, at: Callable[[Fidelity], int]
+    ) -> Released:
+        """Return what is released; `at` tells a fidelity's number of rays."""
+        from analysis.fidelity import fidelity
+
+        found = rays or (PAPER_RAYS if level is None else at(fidelity(level)))
+        in_proportion = PAPER_SECONDARY if level is None else round(PAPER_SECONDARY * found / PAPER_RAYS)
+        return cls(found if rays is None else rays, in_proportion if secondary is None else secondary)
 
 
 def _curves(path: Path | None) -> Floats:
@@ -117,8 +151,8 @@ def trace(
     depth: Depth = 0.5,
     spacing: Spacing = 0.9,
     state: State = None,
-    rays: Rays = 250,
-    secondary: Secondary = 100,
+    rays: OptionalRays = None,
+    secondary: OptionalSecondary = None,
     order: Order = "time",
     index: Index = 1.50,
     curves: Curves = None,
@@ -128,6 +162,7 @@ def trace(
     emission: Emission = "uniform",
     receiver: Receiver = None,
     out: Annotated[Path | None, typer.Option(help="Write a picture of the rays: PNG or SVG.")] = None,
+    fidelity: OptionalFidelity = None,
     json: JsonOption = False,
 ) -> None:
     """Trace one design in one state: detected rays, power, ledger.
@@ -137,7 +172,8 @@ def trace(
     from analysis.optics.simulation import trace as trace_scene
 
     design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, attenuation, receiver)
-    light = _light(rays, secondary, order, emission)
+    released = Released.chosen(rays, secondary, fidelity, lambda level: level.rays)
+    light = _light(released.rays, released.secondary, order, emission)
     frame, number = _frame(_curves(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
@@ -147,7 +183,7 @@ def trace(
         say(f"wrote {out}")
     result = {
         **_described(design, number),
-        "rays": rays,
+        "rays": released.rays,
         "ndr": outcome.ndr,
         "power": outcome.power,
         "ledger": outcome.ledger,
@@ -221,8 +257,8 @@ def scene(
 @app.command()
 def sweep(
     cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
-    rays: Rays = 250,
-    secondary: Secondary = 100,
+    rays: OptionalRays = None,
+    secondary: OptionalSecondary = None,
     order: Order = "time",
     index: Index = 1.50,
     curves: Curves = None,
@@ -236,6 +272,7 @@ def sweep(
     out: Annotated[
         Path | None, typer.Option(help="Folder for results, tables and figures; a stopped sweep goes on from there.")
     ] = None,
+    fidelity: OptionalFidelity = None,
     json: JsonOption = False,
 ) -> None:
     """Simulate the paper's designs (216 for each number of cavities) in all 15 states, and rank them.
@@ -246,7 +283,11 @@ def sweep(
     from analysis.optics.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
 
     designs = tuple(paper_grid(_numbers(cavities), face))  # type: ignore[arg-type]  # the design checks its face
-    guide, light = _guide(index, thickness, attenuation, receiver), _light(rays, secondary, order, emission)
+    released = Released.chosen(rays, secondary, fidelity, lambda level: level.ranking_rays)
+    guide, light = (
+        _guide(index, thickness, attenuation, receiver),
+        _light(released.rays, released.secondary, order, emission),
+    )
     request = SweepRequest(designs, guide, light, _curves(curves))
     file = None
     if out is not None:

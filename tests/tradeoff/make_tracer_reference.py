@@ -1,7 +1,8 @@
 """Makes `analysis/tradeoff/references/tracer.json`: counts by the second tracer, which shares no line with ours.
 
 Run as `python tests/tradeoff/make_tracer_reference.py`; about ten minutes. Of one design at several states with many
-rays, and of every 27th design of the paper's grid at all states; secondaries in proportion to the rays.
+rays, and of every 27th design of the paper's grid at all states; guides bowed by the parametric sines; secondaries in
+proportion to the rays.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from second_tracer import detected, read
 
-from analysis.optics.curves import default_curves, frames_of
+from analysis.optics.curves import frames_of, parametric_curves
 from analysis.optics.frame import Frame
 from analysis.optics.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.scene import outline
@@ -37,7 +38,7 @@ def ndr(frame: Frame, design: Design, rays: int, phase: float = PHASE) -> float:
 
 def made() -> dict[str, object]:
     """Return the table."""
-    curves = np.round(default_curves(), 6)
+    curves = np.round(parametric_curves(), 6)
     frames = frames_of(curves, Waveguide())
     designs = paper_grid()[::EVERY]
     return {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QKeyEvent, QKeySequence
+from PySide6.QtGui import QKeyEvent, QKeySequence, QShowEvent
 from PySide6.QtWidgets import (
     QDialog,
     QGridLayout,
@@ -110,9 +110,14 @@ class ShortcutSheet(QDialog):
         scroll.setWidget(body)
         layout = QVBoxLayout(self)
         layout.addWidget(scroll)
-        room = parent.size()
-        wanted = body.sizeHint()
-        self.resize(min(wanted.width() + 60, room.width()), min(wanted.height() + 60, room.height()))
+        self._body = body
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Be as large as all the keys are, where the window has the room."""
+        super().showEvent(event)
+        wanted, room = self._body.sizeHint(), self.parentWidget().size()
+        margin = 2 * style.STRIP_HEIGHT
+        self.resize(min(wanted.width() + margin, room.width()), min(wanted.height() + margin, room.height()))
 
     @staticmethod
     def _block(menu: str, lines: list[Command]) -> QGridLayout:

@@ -78,7 +78,9 @@ class RepeatPage(QWidget):
         self.table = FigureTable()
         self.broken = widgets.label("", "small", wrap=True)
         self.tested = widgets.read_table("Both sides of each break compared", BREAK_HEADINGS)
-        self.breaks = widgets.holder(widgets.column(self.broken, self.tested, spacing=style.GAP))
+        self.breaks, words = QWidget(), widgets.column(self.broken, self.tested, spacing=style.GAP)
+        words.setContentsMargins(0, style.GAP, 0, 0)
+        self.breaks.setLayout(words)
         self.break_lines: list[tuple[PerCycle, Any]] = []
         self.stack = QStackedWidget()
         self.stack.addWidget(

@@ -26,6 +26,7 @@ from boat_daq.engine.recording_rows import INSERT_EVENT, Counters
 from boat_daq.engine.recovery import recover
 from boat_daq.engine.sequencer import resume_point
 from boat_daq.engine.snapshot import Reading, StepMark
+from boat_daq.engine.upgrade import upgrade
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import breaks_of, open_recording, read_session
 
@@ -173,6 +174,7 @@ def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] |
             f"{path.name} is damaged: {recovery.damaged[0] if recovery.damaged else 'see boat-daq recover'}",
             "keep it as it is and begin a new recording; boat-daq recover saves what is readable",
         )
+    upgrade(path)  # rows of today would not fit an older layout; the file as it was stays beside it
     again = read_broken_run(path)
     return BrokenRun(
         path,

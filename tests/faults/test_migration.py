@@ -177,3 +177,18 @@ def test_what_an_older_program_did_not_keep_stays_unknown(shelf: Path) -> None:
     with closing(open_recording(shelf / "1_decoder.boat")) as db:
         assert db.execute("SELECT count(*), count(crc32) FROM block").fetchone()[1] == 0
         assert read_session(db)["status"] == "closed"
+
+
+def test_a_broken_run_of_an_older_program_goes_on_in_todays_layout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is written into it from now on would not fit: it is upgraded first, and its backup is the file as it was."""
+    from boat_daq.engine import resumption
+
+    path = write_old_recording(tmp_path / "run.boat", "1_first")
+    content = path.read_bytes()
+    broken = resumption.BrokenRun(path, {}, None, (), (), 1, 0, "killed")  # type: ignore[arg-type]
+    monkeypatch.setattr(resumption, "read_broken_run", lambda _: broken)
+    resumption.prepare_resumption(path)
+    assert layout_version(path) == SCHEMA_VERSION
+    assert path.with_name("run.boat.v1.bak").read_bytes() == content

@@ -33,12 +33,13 @@ class ResampledFit:
     """The calibration refitted to resampled cycles.
 
     `coefficients` [resamples, degree + 1] in the scaled basis of `calibration`; NaN rows where a resample cannot
-    carry the degree.
+    carry the degree. `ends` [resamples, 2]: the range of x of the cycles that were drawn.
     """
 
     calibration: Calibration
     coefficients: FloatArray
     n_cycles: int
+    ends: FloatArray
 
     def values(self, x: FloatArray) -> FloatArray:
         """Return y(x) of every resample, [resamples, x]."""
@@ -49,13 +50,21 @@ class ResampledFit:
         return self.coefficients @ self.calibration.fit.basis.slope_design(x).T
 
 
-def resample_fit(calibration: Calibration, cycle_of: FloatArray, weights: FloatArray) -> ResampledFit:
+def resample_fit(
+    calibration: Calibration,
+    cycle_of: FloatArray,
+    weights: FloatArray,
+    reading_sd: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> ResampledFit:
     """Refit a calibration to every bootstrap resample of the cycles.
 
     Parameters
     ----------
     cycle_of : [n] position (0, 1, ...) of the cycle of each point of the calibration.
     weights : [resamples, cycles] how often each cycle was drawn.
+    reading_sd, rng : of the readings of x; a grid rounds one position alike in every cycle, so that the cycles cannot
+        tell it: each distinct x is moved once in each resample, by a normal draw.
 
     Notes
     -----
@@ -75,7 +84,16 @@ def resample_fit(calibration: Calibration, cycle_of: FloatArray, weights: FloatA
     coefficients = np.full((weights.shape[0], design.shape[1]), np.nan)
     right = np.einsum("bk,ki->bi", weights, sides)
     coefficients[solvable] = np.linalg.solve(total[solvable], right[solvable][..., None])[..., 0]
-    return ResampledFit(calibration, coefficients, cycles)
+    if reading_sd > 0 and rng is not None:
+        x, position = np.unique(calibration.x.round(6), return_inverse=True)
+        moved = reading_sd * rng.standard_normal((weights.shape[0], x.size))
+        by_reading = -moved[:, position] * calibration.slope(calibration.x)
+        coefficients += by_reading @ np.linalg.pinv(design).T
+    own = [calibration.x[cycle_of == k] for k in range(cycles)]
+    ends = np.asarray([[x.min(initial=np.inf), x.max(initial=-np.inf)] for x in own])
+    drawn = weights > 0
+    low, high = (np.where(drawn, sign * ends[:, side], np.inf).min(axis=1) * sign for side, sign in ((0, 1), (1, -1)))
+    return ResampledFit(calibration, coefficients, cycles, np.stack([low, high], axis=1))
 
 
 def full_scale(
@@ -83,7 +101,8 @@ def full_scale(
 ) -> Figure:
     """Full-scale output, mV: of the fitted curve over its range; without x, between the extreme pressures."""
     if calibration is not None and resampled is not None:
-        ends = resampled.values(np.asarray(calibration.x_range))
+        basis = calibration.fit.basis
+        ends = np.stack([(resampled.coefficients * basis.design(x)).sum(axis=1) for x in resampled.ends.T], axis=1)
         definition = "|y(x_max) - y(x_min)| of the fit"
         return _figure(calibration.full_scale, np.abs(ends[:, 1] - ends[:, 0]), "mV", loops.n_cycles, definition)
     low, high = (float(v[0]) for v in end_levels(loops, sensor))
@@ -155,7 +174,11 @@ def loop_made_by_noise(
 
 
 def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -> Figure:
-    """Say where something else than a loop, `floor` in the unit of the figure, makes a share of a hysteresis."""
+    """Say where something else than a loop, `floor` in the unit of the figure, makes a share of a hysteresis.
+
+    A maximum is only ever lifted by it: the interval reaches down to the figure less the floor.
+    """
+    figure = replace(figure, low=min(figure.low, max(figure.value - floor, 0.0)))
     if not floor > share * figure.value:
         return figure
     said = f"{BOUND}: {by} alone makes up to about {floor:.1f} {figure.unit} of it"

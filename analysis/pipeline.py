@@ -467,6 +467,7 @@ def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
     flags += [("calibration", text) for text in reservations(calibration)]
     if posterior is None and run.options.mcmc:
         flags.append(("no_posterior", sensor.calibration_void))
+    flags += [("posterior", text) for text in (posterior.reservations if posterior is not None else ())]
     if posterior is not None and not posterior.converged:
         flags.append(
             ("not_converged", f"the posterior is not converged: {posterior.steps} steps, tau {posterior.tau:.0f}")

@@ -200,7 +200,8 @@ def over_cycles(analysis: Analysis) -> Section:
         warm = per_cycle(analysis, i).warm_up
         if warm:
             numbers = analysis.loops.numbers[:warm]
-            said = f"cycles {numbers[0]} to {numbers[-1]}" if warm > 1 else f"cycle {numbers[0]}"
+            listed = ", ".join(map(str, numbers)) if warm <= 3 else f"{numbers[0]} to {numbers[-1]}"
+            said = f"cycles {listed}" if warm > 1 else f"cycle {listed}"
             parts.append(f"Sensor {i + 1}: warm-up {said}, beyond three robust sds of the second half.")
     return Section("Over the cycles", tuple(parts))
 

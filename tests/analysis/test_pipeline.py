@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import AnalysisError, Options, Recording, analyse, load_recording
+from analysis import AnalysisError, Options, Recording, analyse, fit_calibration, load_recording, metrics
 from analysis.results import finite, store_analysis
+from analysis.statistics import resampling_weights
 from tests.analysis.boat_builder import PAPER, PAPER_NOISE, Plant, Staircase, marks_of, triangle, write_boat
 
 LOOP = 0.25
@@ -264,6 +265,27 @@ def test_a_signal_that_stands_still_while_pressure_moves_is_flagged() -> None:
     assert len(said) == 1
     assert said[0].startswith("s1")
     assert not [f for f in analyse(run, mcmc=False).flags if f["code"] == "flat"]
+
+
+def test_the_reading_error_is_in_the_intervals_of_the_curve(tmp_path: Path) -> None:
+    """Readings misread alike in every cycle: over 40 grids the sensitivity's interval holds the truth 36 times or more.
+
+    The cycles agree with one another, so that without the reading error the interval would hold it hardly ever.
+    """
+    rng, inside = np.random.default_rng(5), []
+    levels, truth = np.linspace(-2.7, 3.8, 10), np.polynomial.Polynomial(PAPER[0])
+    weights = resampling_weights(5, rng, 500)
+    for _ in range(40):
+        read = levels + 0.1 * rng.standard_normal(10)
+        x, cycle = np.tile(read, 5), np.repeat(np.arange(5.0), 10)
+        fit = fit_calibration(x, truth(np.tile(levels, 5)) + 0.05 * rng.standard_normal(50))
+        both = [metrics.resample_fit(fit, cycle, weights, sd, rng) for sd in (0.0, 0.1)]
+        figures = [metrics.sensitivities(fit, one)["sensitivity_mv_per_mm"] for one in both]
+        low, high = fit.x_range
+        inside.append([f.low <= (truth(high) - truth(low)) / (high - low) <= f.high for f in figures])
+    without, with_reading = np.sum(inside, axis=0)
+    assert with_reading >= 36
+    assert without <= 8
 
 
 def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:

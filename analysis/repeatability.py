@@ -87,8 +87,8 @@ def sensitivity_per_cycle(analysis: Analysis, sensor: int) -> tuple[FloatArray, 
     if x is None or not (np.isfinite(branch_mean(x)).sum(axis=1) > 1).all():
         x, unit = loops.pressure_kpa, "mV/kPa"
     abscissa, signal = branch_mean(x), branch_mean(loops.signal_mv[sensor])
-    whole = np.flatnonzero((np.isfinite(abscissa) & np.isfinite(signal)).all(axis=0)) if loops.n_cycles else []
-    if len(whole) < 2:
+    whole = np.flatnonzero((np.isfinite(abscissa) & np.isfinite(signal)).all(axis=0))
+    if not loops.n_cycles or whole.size < 2:
         return np.full(loops.n_cycles, np.nan), unit
     first, last = whole[0], whole[-1]
     across = np.abs(abscissa[:, last] - abscissa[:, first])

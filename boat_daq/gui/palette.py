@@ -93,6 +93,7 @@ class ShortcutSheet(QDialog):
 
     def __init__(self, parent: QWidget, registry: Registry) -> None:
         super().__init__(parent)
+        self.over = parent
         self.setWindowTitle("Keys")
         self.setModal(False)
         body = QWidget()
@@ -115,7 +116,7 @@ class ShortcutSheet(QDialog):
     def showEvent(self, event: QShowEvent) -> None:
         """Be as large as all the keys are, where the window has the room."""
         super().showEvent(event)
-        wanted, room = self._body.sizeHint(), self.parentWidget().size()
+        wanted, room = self._body.sizeHint(), self.over.size()
         margin = 2 * style.STRIP_HEIGHT
         self.resize(min(wanted.width() + margin, room.width()), min(wanted.height() + margin, room.height()))
 

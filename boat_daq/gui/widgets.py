@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QHeaderView,
     QLabel,
+    QLayout,
     QLineEdit,
     QPushButton,
     QSizePolicy,
@@ -128,7 +129,7 @@ def column(*items: QWidget | int | None, spacing: int = style.STEP) -> QVBoxLayo
     return layout
 
 
-def holder(layout: QBoxLayout) -> QWidget:
+def holder(layout: QLayout) -> QWidget:
     """Return a widget that holds `layout`, for where only a widget goes."""
     widget = QWidget()
     widget.setObjectName("plain")

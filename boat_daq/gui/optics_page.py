@@ -12,6 +12,7 @@ from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.files import ask_open
 from boat_daq.gui.optics_plots import MapsCard, ParetoCard, ResponseCard, SceneCard
+from boat_daq.gui.reflow import ReflowingPage
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM
 
@@ -21,7 +22,7 @@ WHAT_COMES = (
 )
 
 
-class OpticsPage(QWidget):
+class OpticsPage(ReflowingPage):
     """The optics page on a `Desk`."""
 
     def __init__(self, desk: Desk) -> None:
@@ -51,6 +52,8 @@ class OpticsPage(QWidget):
         across.addLayout(left, 1)
         across.addLayout(right, 1)
         layout.addLayout(across, 1)
+        self.rows = (across, self.choices)
+        self.tall = (self.scene, self.response, self.maps, self.pareto)
 
     def _head(self) -> QWidget:
         frame, inside = widgets.card()
@@ -69,9 +72,10 @@ class OpticsPage(QWidget):
         self.rays.activated.connect(lambda _: self.model.set_rays(int(self.rays.currentData())))
         design = (widgets.label(words, "muted") for words in ("Cavities", "Width, depth, spacing, mm"))
         cavities, *lengths = self.fields.values()
-        inside.addLayout(
-            widgets.row(next(design), cavities, next(design), *lengths, self.face, None, self.curves, self.rays)
-        )
+        self.choices = widgets.row()
+        self.choices.addLayout(widgets.row(next(design), cavities, next(design), *lengths, self.face, None), 1)
+        self.choices.addLayout(widgets.row(self.curves, self.rays, None))
+        inside.addLayout(self.choices)
         inside.addLayout(self._deeds())
         return frame
 

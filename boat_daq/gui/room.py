@@ -38,5 +38,19 @@ class Room(QScrollArea):
 
     def _fit(self) -> None:
         page = self.widget()
-        if page is not None:
-            page.resize(self.maximumViewportSize().expandedTo(page.minimumSizeHint()))
+        layout = page.layout() if page is not None else None
+        if page is None or layout is None:
+            return
+        layout.activate()  # what has changed deep inside is not counted before
+        room, least = self.maximumViewportSize(), page.minimumSizeHint()
+        width = max(room.width(), least.width())
+        if _least_height(page, width) > room.height():  # the bar at the side takes its part
+            width = max(room.width() - self.verticalScrollBar().sizeHint().width(), least.width())
+        page.resize(width, max(room.height(), _least_height(page, width)))
+
+
+def _least_height(page: QWidget, width: int) -> int:
+    """Return the height that a page needs at a width, its wrapped words included."""
+    layout, least = page.layout(), page.minimumSizeHint().height()
+    wraps = layout is not None and layout.hasHeightForWidth()
+    return max(least, layout.minimumHeightForWidth(width)) if layout is not None and wraps else least

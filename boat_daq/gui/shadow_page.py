@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
 from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.reflow import ReflowingPage
 from boat_daq.gui.shadow_pane import ShadowPane
 from boat_daq.viewmodels import axis
 from boat_daq.viewmodels.desk import Desk
@@ -124,7 +125,7 @@ class AlarmTable(QTableWidget):
                 self.setItem(i, k, cell)
 
 
-class ShadowPage(QWidget):
+class ShadowPage(ReflowingPage):
     """The shadow's page on a `Desk`."""
 
     def __init__(self, desk: Desk) -> None:
@@ -144,6 +145,7 @@ class ShadowPage(QWidget):
         across.addWidget(self.pane, 2)
         across.addLayout(right, 3)
         widgets.page_layout(self).addLayout(across)
+        self.rows, self.tall = (across,), (self.pane.view, self.nominal, self.cycles)
         self.timer = QTimer(self)
         self.timer.timeout.connect(self.draw)
         self.timer.start(FRAME_MS)

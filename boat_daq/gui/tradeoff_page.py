@@ -20,8 +20,9 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
-from boat_daq.gui.atlas_card import AtlasCard
+from boat_daq.gui.atlas_card import NO_LIMIT, AtlasCard
 from boat_daq.gui.files import ask_open, ask_save
+from boat_daq.gui.reflow import ReflowingPage
 from boat_daq.gui.tradeoff_chart import TradeoffCard
 from boat_daq.viewmodels.desk import FIDELITIES, Desk
 from boat_daq.viewmodels.tradeoff import ENTRIES, METHODS
@@ -109,7 +110,7 @@ class SettingsTable(QTableWidget):
                 self.setItem(row, column, cell)
 
 
-class TradeoffPage(QWidget):
+class TradeoffPage(ReflowingPage):
     """The trade-off page on a `Desk`."""
 
     def __init__(self, desk: Desk) -> None:
@@ -159,7 +160,7 @@ class TradeoffPage(QWidget):
 
     def _right(self) -> QVBoxLayout:
         frame, inside = widgets.card()
-        frame.setFixedWidth(style.PANE_WIDTH_WIDE)
+        self.table_card = frame
         inside.addWidget(self.table, 1)
         inside.addWidget(self.words)
         inside.addWidget(self.measured)
@@ -168,11 +169,21 @@ class TradeoffPage(QWidget):
         upper.addWidget(self.chart, 1)
         upper.addWidget(frame)
         self.upper = widgets.holder(upper)
+        self.rows, self.tall = (upper,), (self.chart, frame)
+        self.reflow()
         right = QVBoxLayout()
         right.setSpacing(style.GAP)
         right.addWidget(self.upper, 3)
         right.addWidget(self.atlas, 2)
         return right
+
+    def reflow(self) -> None:
+        """Give the table its own width only where it stands beside the chart."""
+        super().reflow()
+        low, high = (0, NO_LIMIT) if self.narrow else (style.PANE_WIDTH_WIDE, style.PANE_WIDTH_WIDE)
+        self.table_card.setMinimumWidth(low)
+        self.table_card.setMaximumWidth(high)
+        self.upper.setMinimumHeight(2 * style.STACKED_HEIGHT + style.GAP if self.narrow else 0)
 
     def _ask_open(self) -> None:
         ask_open(self, self.desk, "Open a measured trade-off", "json", self.model.load)

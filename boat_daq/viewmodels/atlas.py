@@ -20,8 +20,8 @@ OUTCOMES = ("works", "degraded", "refused", "quiet wrong")
 LETTERS = {"works": "", "degraded": "d", "refused": "r", "quiet wrong": "!"}
 LEGEND = {
     "works": "works",
-    "degraded": "d  a number, with a reservation said",
-    "refused": "r  refused, with the reason",
+    "degraded": "d  with a reservation",
+    "refused": "r  refused",
     "quiet wrong": "!  wrong and silent",
 }
 FILE = "atlas.json"

@@ -182,3 +182,20 @@ def test_a_logarithmic_axis_has_round_labels(qtbot, low, high, labels):
     found = LogAxis("left").tickStrings(ticks, 1.0, 1.0)
     assert found == labels if isinstance(labels, list) else len(found) <= labels
     assert all(low <= t <= high for t in ticks)
+
+
+def test_on_a_narrow_page_the_table_stands_under_the_chart(page, qtbot):
+    """Beside each other where there is room; over each other, each with a height of its own, where there is not."""
+    from boat_daq.gui.room import Room
+
+    room = Room()
+    qtbot.addWidget(room)
+    room.setWidget(page)
+    room.resize(1100, 700)
+    room.show()
+    qtbot.waitExposed(room)
+    assert page.chart.y() == page.table_card.y()
+    room.resize(868, 420)
+    qtbot.waitUntil(lambda: page.chart.height() >= style.STACKED_HEIGHT)
+    assert page.table_card.y() >= page.chart.y() + page.chart.height()
+    assert page.height() > 700

@@ -1,0 +1,42 @@
+"""Pages whose sides stand beside each other where there is room, and over each other where there is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QBoxLayout, QWidget
+
+from boat_daq.gui import style
+
+
+class ReflowingPage(QWidget):
+    """A page that reflows by its width.
+
+    Attributes
+    ----------
+    rows : layouts that become columns on a narrow page.
+    tall : widgets that then keep a height of their own; the page scrolls.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: Sequence[QBoxLayout] = ()
+        self.tall: Sequence[QWidget] = ()
+        self.narrow = False
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Stand the sides beside or over each other."""
+        super().resizeEvent(event)
+        narrow = self.width() < style.STACKED_BELOW
+        if narrow != self.narrow:
+            self.narrow = narrow
+            self.reflow()
+
+    def reflow(self) -> None:
+        """Follow `narrow`."""
+        way = QBoxLayout.Direction.TopToBottom if self.narrow else QBoxLayout.Direction.LeftToRight
+        for row in self.rows:
+            row.setDirection(way)
+        for widget in self.tall:
+            widget.setMinimumHeight(style.STACKED_HEIGHT if self.narrow else 0)

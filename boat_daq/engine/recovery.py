@@ -192,7 +192,7 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
         "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1", (begun["first_chunk"],)
     ).fetchone()
     ended_ns, ended_utc = last_ns[0] if last_ns else begun["host_ns"], None
-    if None not in (ended_ns, *begun.values()):
+    if None not in (ended_ns, begun["host_ns"], begun["utc"]):
         passed = timedelta(microseconds=(ended_ns - begun["host_ns"]) / 1000)
         ended_utc = (datetime.fromisoformat(begun["utc"]) + passed).isoformat(timespec="milliseconds")
     ended = {"ended_host_ns": ended_ns, "ended_utc": ended_utc, "stop_reason": "interrupted", "status": "recovered"}

@@ -161,24 +161,15 @@ class Recorder:
         if self._break_kept:
             self._break_kept = False
             return
-        self._later(lambda rows, host_ns: self._break_here(rows, host_ns, cause, first_cycle, complete_cycles))
+        with self._changed:
+            known = {"first_step": self._steps + 1, "first_cycle": first_cycle, "complete_cycles": complete_cycles}
+        self._later(lambda rows, host_ns: self._break_here(rows, host_ns, cause, known))
 
-    def _break_here(
-        self, rows: RowMaker, host_ns: int, cause: str, first_cycle: int, complete_cycles: int
-    ) -> Iterator[Statement]:
+    def _break_here(self, rows: RowMaker, host_ns: int, cause: str, known: dict[str, int]) -> Iterator[Statement]:
         """Give the rows of a break at the newest sample."""
         yield from rows.begin_segment(RESUMED, host_ns)
-        entry = break_entry(
-            cause=cause,
-            break_s=None,
-            host_ns=host_ns,
-            first_segment=rows.segment,
-            first_chunk=rows.chunks + 1,
-            first_step=self._steps + 1,
-            first_cycle=first_cycle,
-            complete_cycles=complete_cycles,
-            last_result=0,
-        )
+        here = {"host_ns": host_ns, "first_segment": rows.segment, "first_chunk": rows.chunks + 1, "last_result": 0}
+        entry = break_entry(cause=cause, break_s=None, **here, **known)
         self._breaks = [*self._breaks, entry]
         yield from set_meta({"resumptions": self._breaks})
         yield from rows.event(host_ns, "host", "break_s", None, break_text(entry))

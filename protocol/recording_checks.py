@@ -35,8 +35,12 @@ _TYPES = {
 }
 
 
-def harden(connection: sqlite3.Connection) -> None:
+def harden(connection: sqlite3.Connection, *, damaged: bool = False) -> None:
     """Have a connection trust nothing of the file it has open.
+
+    Parameters
+    ----------
+    damaged : whether the file is read in spite of its schema, which SQLite's defensive mode would not do.
 
     Raises
     ------
@@ -46,7 +50,7 @@ def harden(connection: sqlite3.Connection) -> None:
         connection.execute(f"PRAGMA {pragma}")
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
     connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
-    if sys.version_info >= (3, 12):
+    if sys.version_info >= (3, 12) and not damaged:
         connection.setconfig(sqlite3.SQLITE_DBCONFIG_DEFENSIVE, True)
 
 

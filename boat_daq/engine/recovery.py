@@ -207,7 +207,7 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
 def _open_damaged(path: Path) -> sqlite3.Connection:
     """Open read-only what SQLite would refuse: with this pragma it reads a file that is shorter than it should be."""
     connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
-    harden(connection)
+    harden(connection, damaged=True)
     for pragma in ("query_only=ON", "writable_schema=ON"):
         connection.execute(f"PRAGMA {pragma}")
     try:

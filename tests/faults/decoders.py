@@ -6,6 +6,7 @@ is raised is a finding. Where two ways of decoding must agree, the entry compare
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import sqlite3
 import tempfile
@@ -57,7 +58,9 @@ Decoder = Callable[[bytes], object]
 def folder() -> Path:
     """A folder for the files of one run, in memory where there is such a place."""
     shared = Path("/dev/shm")
-    return Path(tempfile.mkdtemp(prefix="boat-fuzz-", dir=shared if shared.is_dir() else None))
+    made = Path(tempfile.mkdtemp(prefix="boat-fuzz-", dir=shared if shared.is_dir() else None))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made
 
 
 def kept(data: bytes, name: str) -> Path:

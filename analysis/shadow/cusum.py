@@ -17,12 +17,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import optimize, stats
 
-from analysis.shadow.arrays import Floats
+from analysis.shadow.arrays import Booleans, Floats
 
 REFERENCE = 0.5
 CLIP = 4.0
 FEWEST = 3
 """k in standard deviations; the greatest |z|; healthy values before the first test."""
+SPENT = 8
+"""Cycles of a history that its own scatter costs a self-starting sum, found by simulation (the atlas has the map)."""
+FEWEST_FOR_CORRELATION = 20
+CORRELATED = 0.5
+"""A history shorter than this, or whose neighbours correlate by more than so many 1/sqrt(n), is no independent one."""
 
 
 def cycles_between_alarms(threshold: float | Floats, reference: float = REFERENCE) -> Floats:
@@ -38,6 +43,23 @@ def threshold_for(cycles: float, sides: int, reference: float = REFERENCE) -> fl
     """Return h so that `sides` one-sided sums together raise one false alarm in `cycles` healthy values."""
     wanted = cycles * sides
     return float(optimize.brentq(lambda h: float(cycles_between_alarms(h, reference)) - wanted, 0.0, 60.0))
+
+
+def sight(history: int, threshold: float, reference: float = REFERENCE) -> float:
+    """Return the smallest lasting shift, in standard deviations, that a self-starting sum finds; infinite without one.
+
+    The baseline learns the shift as well: after m values it has moved the mean by m / (n + m) of it, so the sum grows
+    to n (d ln(d / k) - d + k) at most, which must reach the threshold and its overshoot, 1.166. Nine in ten such
+    shifts are then found.
+    """
+    if history <= SPENT:
+        return float("inf")
+    wanted = (threshold + 1.166) / (history - SPENT)
+
+    def short(d: float) -> float:
+        return d * np.log(d / reference) - d + reference - wanted
+
+    return float(optimize.brentq(short, reference, 1e6))
 
 
 @dataclass(slots=True)
@@ -56,9 +78,13 @@ class SelfStartingCusum:
     sums: Floats = field(init=False)
     length: Floats = field(init=False)
     shift: Floats = field(init=False)
+    tested: Floats = field(init=False)
+    before: Floats = field(init=False)
+    last: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         shape = self.floor.shape
+        self.tested, self.before, self.last = np.zeros((*shape, 4)), np.zeros((*shape, 2, 4)), np.zeros(shape)
         self.count, self.mean, self.squares = np.zeros(shape), np.zeros(shape), np.zeros(shape)
         self.sums, self.length, self.shift = (np.zeros((*shape, 2)) for _ in range(3))
 
@@ -77,13 +103,33 @@ class SelfStartingCusum:
         new = np.where(running, self.shift + ((x - self.mean)[..., None] - self.shift) / np.maximum(length, 1.0), 0.0)
         self.shift = np.where(seen[..., None], new, self.shift)
         self.sums, self.length = sums, length
+        tested = seen & (self.count >= FEWEST)
+        moments = np.stack([np.ones_like(z), z, z * z, z * self.last], axis=-1)
+        self.tested = self.tested + np.where(tested[..., None], moments, 0.0)
+        self.last = np.where(tested, z, self.last)
+        self.before = np.where(running[..., None], self.before, self.tested[..., None, :])
         self._learn(x, seen)
         return sums
 
+    def dependent(self) -> Booleans:
+        """Whether what came before each sum's rise can be taken for independent: False; else True, shape (..., 2).
+
+        It cannot if there are fewer than 20 values, or if neighbours correlate.
+        """
+        n, total, squares, products = np.moveaxis(self.before, -1, 0)
+        n = np.maximum(n, 1.0)
+        mean = total / n
+        power = np.maximum(squares / n - mean**2, 1e-300)
+        correlation = (products / np.maximum(n - 1.0, 1.0) - mean**2) / power
+        return np.asarray((n < FEWEST_FOR_CORRELATION) | (correlation > CORRELATED / np.sqrt(n)))
+
+    def spread(self) -> Floats:
+        """Return the spread that a new value is compared with, its floor included."""
+        return np.asarray(np.maximum(np.sqrt(self.squares / np.maximum(self.count - 1.0, 1.0)), self.floor))
+
     def _normal_score(self, x: Floats) -> Floats:
         n = np.maximum(self.count, 2.0)
-        spread = np.maximum(np.sqrt(self.squares / (n - 1.0)), self.floor)
-        t = (x - self.mean) / (spread * np.sqrt(1.0 + 1.0 / n))
+        t = (x - self.mean) / (self.spread() * np.sqrt(1.0 + 1.0 / n))
         tail = np.maximum(stats.t.sf(np.abs(t), n - 1.0), 1e-12)
         return np.asarray(np.clip(np.sign(t) * stats.norm.isf(tail), -CLIP, CLIP))
 

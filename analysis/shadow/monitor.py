@@ -28,7 +28,7 @@ import numpy as np
 
 from analysis.errors import DataError, RequestError
 from analysis.shadow.arrays import Booleans, Floats
-from analysis.shadow.cusum import SelfStartingCusum, cycles_between_alarms, threshold_for
+from analysis.shadow.cusum import SelfStartingCusum, cycles_between_alarms, sight, threshold_for
 from analysis.shadow.reduced import ReducedModel
 
 Illness = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
@@ -55,6 +55,9 @@ _BRINGS: dict[Illness, tuple[Illness, ...]] = {
 """What an illness also moves."""
 
 
+NOT_INDEPENDENT = "more often if its cycles follow one another, which those before do or are too few to tell"
+
+
 @dataclass(frozen=True, slots=True)
 class CycleFigures:
     """One cycle in six figures; NaN where the cycle does not hold it. Units as in the module's table."""
@@ -79,6 +82,7 @@ class Alarm:
     since_cycle, cycle : first cycle of the change, and the cycle in which it was found (from 1).
     healthy_cycles : a healthy actuator comes this far once in so many cycles.
     may_follow_from : other illnesses now standing that would also move this figure.
+    independent : whether the cycles before could be taken for independent, as `healthy_cycles` asks.
     """
 
     illness: Illness
@@ -89,15 +93,17 @@ class Alarm:
     cycle: int
     healthy_cycles: float
     may_follow_from: tuple[Illness, ...] = ()
+    independent: bool = True
 
     @property
     def sentence(self) -> str:
         """The alarm in words."""
         size = f"{100 * self.shift:+.1f} %" if self.unit == "" else f"{self.shift:+.3g} {self.unit}"
         cause = f" (may follow from {' and '.join(self.may_follow_from)})" if self.may_follow_from else ""
+        doubt = "" if self.independent else f"; {NOT_INDEPENDENT}"
         return (
             f"{self.illness} since cycle {self.since_cycle}{cause}: {self.figure} {size} off its history; "
-            f"a healthy actuator does this once in {min(self.healthy_cycles, 1e9):,.0f} cycles"
+            f"a healthy actuator does this once in {min(self.healthy_cycles, 1e9):,.0f} cycles{doubt}"
         )
 
 
@@ -280,6 +286,17 @@ class Monitor:
         rise, fall = _CHANNELS[channel][3:]
         return rise if side == 0 else fall
 
+    def sight(self) -> dict[str, float]:
+        """Return the smallest lasting shift of each figure that would raise an alarm now, in the figure's unit.
+
+        Infinite before there is a history to compare with.
+        """
+        history, spread = self._cusum.count, self._cusum.spread()
+        return {
+            channel[0]: sight(int(n), self.threshold) * float(s)
+            for channel, n, s in zip(_CHANNELS, history, spread, strict=True)
+        }
+
     def standing(self) -> list[Alarm]:
         """Return the alarms that are still up, with what is known of them now."""
         return [self._alarm(i, j) for i, j in sorted(self._open)]
@@ -292,6 +309,6 @@ class Monitor:
         sums, length, shift = (a[channel, side] for a in (self._cusum.sums, self._cusum.length, self._cusum.shift))
         once = float(cycles_between_alarms(sums)) / int(self.watched.sum())
         causes = {other for key in self._open if (other := self._illness(*key)) and illness in _BRINGS.get(other, ())}
-        return Alarm(
-            illness, name, unit, float(shift), self.cycles - int(length) + 1, self.cycles, once, tuple(sorted(causes))
-        )
+        independent = not bool(self._cusum.dependent()[channel, side])
+        since = self.cycles - int(length) + 1
+        return Alarm(illness, name, unit, float(shift), since, self.cycles, once, tuple(sorted(causes)), independent)

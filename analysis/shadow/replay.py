@@ -7,7 +7,7 @@ cycle goes through the same monitor as live, so a replay raises the very alarms 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,6 +32,7 @@ class Replay:
     time_s, pressure_kpa, elongation_mm : shape (n,), the recording (mean of the sensors).
     deviation_mm, residual_kpa : shape (n,), NaN where unknown.
     band_mm : shape (n,), standard uncertainty of nominal elongation from E.
+    sight : smallest lasting shift of each figure that an alarm would have found at the end, in the figure's unit.
     cycle_start_s : shape (cycles,); figures : one a cycle; alarms : in the order in which they came.
     drift_mm_per_cycle, drift_interval : Theil-Sen slope of the cycles' mean deviation with its 95 % interval.
     left_out : cycles that no figure could be made of, each with its cause.
@@ -49,6 +50,7 @@ class Replay:
     drift_mm_per_cycle: float
     drift_interval: tuple[float, float]
     left_out: tuple[str, ...]
+    sight: dict[str, float] = field(default_factory=dict)
 
     def summary(self) -> dict[str, object]:
         """Return the numbers of a report, JSON-ready apart from NaN."""
@@ -79,6 +81,7 @@ class Replay:
                 }
                 for a in self.alarms
             ],
+            "smallest_shift_found": self.sight,
             "left_out": self.left_out,
         }
 
@@ -143,6 +146,7 @@ def replay(
         slope,
         (low, high),
         tuple(left_out),
+        monitor.sight(),
     )
 
 

@@ -42,6 +42,8 @@ PROPOSAL_DOF = 5.0
 SIGMA_FLOOR = 1e-6  # of the residual sd: where the noise could be zero its logarithm has no lower end
 MONOTONE_POINTS = 41
 KEPT_SAMPLES = 8000
+WIDEST_NOISE = 3.0  # sd of the logarithm of the noise at the start: its prior ends at 10
+TOO_NARROW = 1.5  # times: a band that may be so much too narrow is told
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +127,27 @@ class Posterior:
             "acceptance": self.acceptance,
             "steps": self.steps,
             "converged": self.converged,
+            "notes": self.reservations,
         }
+
+    @property
+    def reservations(self) -> tuple[str, ...]:
+        """What a reader of the band alone would not see, one sentence each; none where all is well.
+
+        Equal readings are taken for independent ones. Where one position reads alike in every cycle they share one
+        error, and n readings of m positions tell no more than m.
+        """
+        calibration = self.calibration
+        positions = np.unique(np.round(calibration.x, 6)).size
+        by_reading = float(np.mean(calibration.slope(calibration.x) ** 2)) * self.reading_sd**2
+        alone = self.sigma**2 + by_reading
+        narrow = np.sqrt((self.sigma**2 + by_reading * calibration.n / positions) / alone) if alone > 0 else 1.0
+        if narrow < TOO_NARROW:
+            return ()
+        return (
+            f"{calibration.n} readings of {positions} positions are taken for independent: if a position reads alike "
+            f"in every cycle, the band is up to {narrow:.1f} times too narrow",
+        )
 
 
 def sample_posterior(
@@ -139,6 +161,7 @@ def sample_posterior(
     seed: int = 0,
     walkers: int = WALKERS,
     max_steps: int = MAX_STEPS,
+    start_sd: float = 1.0,
     progress: Progress | None = None,
 ) -> Posterior:
     """Sample the posterior of a polynomial calibration.
@@ -152,6 +175,7 @@ def sample_posterior(
     monotone : leave out curves that turn inside the range.
     seed : same seed, same draws.
     walkers, max_steps : of the ensemble; it stops before where it has converged.
+    start_sd : size of the ball that it starts in, standard errors.
     progress : called as progress(done, total); raising from it cancels.
 
     Raises
@@ -162,7 +186,7 @@ def sample_posterior(
     calibration = fit_calibration(x, y, degree, standard_uncertainty=standard_uncertainty)
     target = _Target.of(calibration, reading_sd, standard_uncertainty, monotone)
     rng = np.random.default_rng(seed)
-    start = target.start(rng, walkers)
+    start = target.start(rng, walkers, start_sd)
     moves = [(_StudentMove(), 0.8), (emcee.moves.DEMove(), 0.2)]
     sampler = emcee.EnsembleSampler(walkers, start.shape[1], target.log_probability, vectorize=True, moves=moves)
     state = emcee.State(start, random_state=np.random.RandomState(seed % 2**32).get_state())
@@ -265,11 +289,11 @@ class _Target:
             allowed &= (beta @ self.monotone_slopes.T > 0).all(axis=1)
         return np.where(allowed, log_p, -np.inf)
 
-    def start(self, rng: np.random.Generator, walkers: int = WALKERS) -> FloatArray:
-        """Walkers in a ball of one standard error, drawn again where the constraint does not hold."""
+    def start(self, rng: np.random.Generator, walkers: int = WALKERS, start_sd: float = 1.0) -> FloatArray:
+        """Walkers in a ball of `start_sd` standard errors, drawn again where the constraint does not hold."""
         size = self.calibration.degree + 2
-        spread = np.ones(size)
-        spread[-1] = 1.0 / np.sqrt(2.0 * self.calibration.dof)
+        spread = np.full(size, start_sd)
+        spread[-1] = min(start_sd / np.sqrt(2.0 * self.calibration.dof), WIDEST_NOISE)
         start = rng.standard_normal((walkers, size)) * spread
         for _ in range(200):
             bad = ~np.isfinite(self.log_probability(start))

@@ -5,19 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from analysis.errors import RequestError
-from analysis.tradeoff import atlas_figures, atlas_fit, atlas_mechanics, atlas_optics, atlas_segmentation
+from analysis.tradeoff import (
+    atlas_alarms,
+    atlas_figures,
+    atlas_fit,
+    atlas_mechanics,
+    atlas_optics,
+    atlas_posterior,
+    atlas_segmentation,
+)
 from analysis.tradeoff.atlas import Study
 
-_ROOMS = (atlas_fit, atlas_segmentation, atlas_figures, atlas_optics, atlas_mechanics)
+_ROOMS = (
+    atlas_fit, atlas_posterior, atlas_segmentation, atlas_figures, atlas_optics, atlas_mechanics, atlas_alarms,
+)  # fmt: skip
 STUDIES: dict[str, Study] = {study.name: study for room in _ROOMS for study in room.STUDIES}
 METHOD_TITLES = {
     "fit": "Calibration: the polynomial fit",
     "inverse": "Inverse: mV to mm",
+    "posterior": "Posterior: the sampler and the readings",
     "segmentation": "Segmentation: holds and cycles of a run",
     "figures": "Figures: signal-to-noise ratio and hysteresis",
     "tracer": "Optics: the ray tracer",
     "full-fem": "Shadow: the full model",
     "reduced-fem": "Shadow: the reduced model",
+    "alarms": "Shadow: the monitor's alarms",
 }
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis import load_recording
+from analysis import analyse, load_recording
 from analysis.cycles import find_cycles
 from boat_daq.commands.info import info
 from boat_daq.commands.record import record
@@ -126,7 +126,8 @@ def test_a_killed_run_goes_on_and_has_all_its_cycles(tmp_path: Path, capsys: pyt
 
 def test_an_unplugged_run_goes_on_at_the_same_board_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A board that is gone ends the run with a failure that says how to go on; another board is refused by its
-    identity, and the file is not touched by that; the board that is there again may have lost its clock.
+    identity, and the file is not touched by that. The board that is there again has lost its clock, and its second
+    sensor reads 20 mV more: the analysis says so, and does not pool.
     """
     run = tmp_path / "run.boat"
     with serve(BoardSettings(speed=SPEED)) as board:
@@ -141,12 +142,18 @@ def test_an_unplugged_run_goes_on_at_the_same_board_only(tmp_path: Path, capsys:
     ):
         record(port=other.url, resume=run)
     assert run.read_bytes() == content
-    with serve(BoardSettings(speed=SPEED)) as board:
+    with serve(BoardSettings(speed=SPEED, faults=("sensor_disagreement@0:20",))) as board:
         told = resume(run, board.url, capsys, note="plugged in again")
     assert told["cycles"]["complete"] == CYCLES
     assert told["breaks"][0]["cause"].startswith("aborted")
     assert told["breaks"][0]["note"] == "plugged in again"
     assert verify_recording(run).difference == ""
+    figures = analyse(run, mcmc=False).to_json()
+    (found,) = figures["breaks"]
+    assert (found["verdict"], found["pooled"]) == ("differs", False)
+    changed = {(c["sensor"], c["quantity"]) for c in found["comparisons"] if c["significant"]}
+    assert ("s2", "level") in changed
+    assert len(figures["parts"]) == 2
 
 
 def test_a_finished_run_has_nothing_to_go_on_with() -> None:

@@ -35,6 +35,8 @@ def info(
 
 def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
     """Give the lines for a reader."""
+    from protocol.recording import SCHEMA_VERSION
+
     yield "recording", f"{summary.path}{'   SIMULATED' if summary.simulated else ''}"
     status = summary.status if summary.stop_reason is None else f"{summary.status}, {summary.stop_reason}"
     yield "status", status + ("   (boat-daq recover closes it)" if summary.status == "interrupted" else "")
@@ -67,4 +69,7 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
         )
     yield "cycles", f"{summary.cycles.complete} complete, {summary.cycles.partial} partial, {summary.steps} steps"
     yield "readings", f"{summary.readings}; results: {summary.results}"
-    yield "written by", f"boat-daq {summary.program_version}, {summary.size_bytes / 1e6:.1f} MB"
+    layout = f"layout {summary.layout}"
+    if summary.layout < SCHEMA_VERSION:
+        layout += f" of {SCHEMA_VERSION}   (boat-daq upgrade brings it up to date)"
+    yield "written by", f"boat-daq {summary.program_version}, {summary.size_bytes / 1e6:.1f} MB, {layout}"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.file_lock import is_being_written
-from protocol.recording import breaks_of, open_recording, read_session
+from protocol.recording import breaks_of, layout_version, open_recording, read_session
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +81,7 @@ class Summary:
     readings: int
     results: int
     size_bytes: int
+    layout: int  # version of the file's tables
     breaks: tuple[Break, ...] = ()
 
 
@@ -133,6 +134,7 @@ def summarise(path: Path) -> Summary:
             readings=counts[1],
             results=counts[2],
             size_bytes=path.stat().st_size,
+            layout=layout_version(path),
             breaks=tuple(_break(entry) for entry in breaks_of(meta)),
         )
 

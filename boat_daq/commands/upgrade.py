@@ -26,7 +26,9 @@ def upgrade(
     if as_json:
         emit_json(done)
     elif done.backup is None:
-        out.print(f"{file} has layout {done.version} already; nothing to do", highlight=False, markup=False)
+        out.print(
+            f"{file} has layout {done.version} already; nothing to do", highlight=False, markup=False, soft_wrap=True
+        )
     else:
         told = f"layout {done.version_before} became {done.version}; the file as it was is {done.backup}"
-        out.print(told, highlight=False, markup=False)
+        out.print(told, highlight=False, markup=False, soft_wrap=True)

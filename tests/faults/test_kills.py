@@ -98,7 +98,7 @@ def hosts() -> Iterator[subprocess.Popen[str]]:
 @pytest.mark.parametrize(
     "times",
     [
-        pytest.param(3, marks=pytest.mark.fault(18, how="a host killed with -9 under pressure, over a pty", times=3)),
+        pytest.param(2, marks=pytest.mark.fault(18, how="a host killed with -9 under pressure, over a pty", times=2)),
         pytest.param(
             200,
             marks=[

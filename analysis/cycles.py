@@ -28,6 +28,7 @@ LOW = 0.25  # what is this far from an extreme has left it
 EXTREME_SHARE = 0.02  # rows this near to an extreme belong to it
 TRUNCATED_SHARE = 0.10  # an end extreme this much short of its neighbour was cut off
 VENTED_KPA = 3.0  # a run that begins or ends this near to zero (or 5 % of its span) was vented there, not cut off
+LEAD = 0.4  # of the branches' time: the way from or to the vented state is a ramp, a branch has holds
 EXCURSION_SHARE = 0.10  # smaller reversals are not listed
 DROP_OUT_SHARE, MAX_DROP_OUT = 0.25, 50  # of the span in one sample, and back within so many
 MAX_DROPPED_SHARE = 0.05
@@ -235,6 +236,12 @@ def _assemble(smooth: FloatArray, groups: list[_Group], span: float) -> tuple[tu
             )
     if end - 1 > begin and _falls_short(groups, end - 1, span):
         end -= 1
+    if len(groups) > 3:  # where the plan itself ends at zero: the way from and to the vented state is no branch
+        usual = float(np.median([_transit(smooth, a, b) for a, b in itertools.pairwise(groups[1:-1])]))
+        if begin == 0 and _is_lead(smooth, groups[0], groups[1], span, usual):
+            begin = 1
+        if end == len(groups) and _is_lead(smooth, groups[-1], groups[-2], span, usual):
+            end -= 1
     cycles: list[Cycle] = []
     at = begin
     while at + 2 < end:
@@ -249,6 +256,18 @@ def _assemble(smooth: FloatArray, groups: list[_Group], span: float) -> tuple[tu
                 _stretch(smooth, groups[at].row, last, "the last cycle is incomplete: the run ends inside it")
             )
     return tuple(cycles), tuple(partial)
+
+
+def _is_lead(smooth: FloatArray, end: _Group, other: _Group, span: float, usual: float) -> bool:
+    """True where the run's end is vented and passed far quicker than its branches are."""
+    return _is_vented(end.level, span) and _transit(smooth, *sorted((end, other), key=lambda g: g.row)) < LEAD * usual
+
+
+def _transit(smooth: FloatArray, before: _Group, after: _Group) -> int:
+    """Rows from a tenth to nine tenths of the way between two extremes."""
+    share = (smooth[before.row : after.row + 1] - before.level) / (after.level - before.level)
+    left = np.flatnonzero(share < 0.1)
+    return int(np.argmax(share > 0.9) - (left[left < np.argmax(share > 0.9)][-1] if left.size else 0))
 
 
 def _falls_short(groups: list[_Group], at: int, span: float) -> bool:

@@ -32,6 +32,8 @@ NEAR_TARGET_KPA = 3.0  # a hold farther from a step's target is not that step's
 WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 MIN_COVERED = 0.15  # share of the run that a staircase stands still
 MIN_PASSED = 0.3  # share of its holds that lie between a lower and a higher one
+MIN_TOLD = 0.6  # of the holds found must be told from pieces of a ramp
+BY_NOISE = 4.0  # standard errors that noise may move the ends of a hold apart
 MIN_LEVELS = 3  # fewer distinct levels are turning points of a continuous run
 
 
@@ -86,7 +88,11 @@ def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSetting
     settings = settings or PlateauSettings()
     if recording.n < 20 or cycles.span_kpa <= 2 * settings.tolerance_kpa:
         return ()
-    holds = _best_holds(recording, cycles, settings)
+    found = _best_holds(recording, cycles, settings)
+    speed = _usual_speed(cycles, recording.n)
+    holds = [hold for hold in found if _told_from_a_ramp(hold, speed, cycles.noise_kpa)]
+    if len(holds) < MIN_TOLD * len(found):
+        return ()
     if sum(last - first + 1 for first, last in holds) < MIN_COVERED * recording.n:
         return ()
     holds = [part for hold in holds for part in _split_at_breaks(hold, recording)]
@@ -134,6 +140,18 @@ def _best_holds(recording: Recording, cycles: Cycles, settings: PlateauSettings)
     return max(enough, key=len, default=[])
 
 
+def _usual_speed(cycles: Cycles, n: int) -> float:
+    """How fast the pressure goes from extreme to extreme, kPa a sample; over the run where it has no cycle."""
+    rows = sum(c.last - c.first for c in cycles.complete)
+    return 2.0 * cycles.span_kpa * len(cycles.complete) / rows if rows else cycles.span_kpa / n
+
+
+def _told_from_a_ramp(hold: tuple[int, int], speed: float, noise: float) -> bool:
+    """True where a ramp at the run's usual speed would have shown over the noise: else a noisy ramp looks like this."""
+    count = hold[1] - hold[0] + 1
+    return count * speed > 2.0 * BY_NOISE * noise * float(np.sqrt(2.0 / max(count // 3, 1)))
+
+
 def _holds(sums: FloatArray, window: int, noise: float, tolerance: float, interval_s: float) -> list[tuple[int, int]]:
     """Stretches between edges that stay within tolerance of their median, rows (first, last)."""
     n = sums.size - 1
@@ -165,7 +183,7 @@ def _ramps(means: FloatArray, interval_s: float, noise: float, tolerance: float)
         return False
     third = count // 3
     moved = abs(float(means[-third:].mean() - means[:third].mean())) * count / (count - third)
-    by_noise = 4.0 * noise * np.sqrt(2.0 / third)
+    by_noise = BY_NOISE * noise * np.sqrt(2.0 / third)
     return bool(moved > tolerance * min(1.5, count * interval_s) + by_noise)
 
 

@@ -191,3 +191,36 @@ def test_real_data_cycles_are_ten(shared_data: Path) -> None:
         cycles = find_cycles(recording)
         assert len(cycles.used) == 10, name
         assert len(recording.gaps) == truth["gaps_gt_50ms"], name
+
+
+@pytest.mark.parametrize("noise_kpa", [3.0, 4.5])
+@pytest.mark.parametrize("shape", ["triangle", "sine"])
+def test_a_noisy_wave_is_no_staircase(shape: str, noise_kpa: float) -> None:
+    """Short pieces of a ramp under noise look like holds; where a ramp would not show over it they are none."""
+    phase = np.arange(16_001) / 2000.0
+    wave = np.abs(1.0 - 2.0 * (phase % 1.0)) if shape == "triangle" else 0.5 + 0.5 * np.cos(2 * np.pi * phase)
+    pressure = -40.0 + 90.0 * wave
+    loading = (phase % 1.0) >= 0.5
+    recording = Plant(pressure_noise_kpa=noise_kpa).run(pressure, loading, np.floor(phase) + 1)
+    cycles = find_cycles(recording)
+    assert len(cycles.complete) == 8
+    assert find_plateaus(recording, cycles) == ()
+
+
+@pytest.mark.parametrize("ends", [(50.0, 0.0), (0.0, 50.0), (0.0, -40.0), (-40.0, 0.0)])
+def test_a_plan_that_ends_at_zero_is_not_taken_for_the_vented_state(ends: tuple[float, float]) -> None:
+    """Four cycles between 0 and +50 or -40 kPa in steps of 10, vented before and after: four, with their holds."""
+    step = 10.0 if ends[1] > ends[0] else -10.0
+    way = np.arange(ends[0], ends[1] + step / 2, step)
+    levels = [way[0], *np.tile(np.concatenate([way[1:], way[::-1][1:]]), 4)]
+    parts, at = [np.zeros(300)], 0.0
+    for level in levels:
+        parts += [np.linspace(at, level, max(round(abs(level - at) * 5), 1), endpoint=False), np.full(200, level)]
+        at = float(level)
+    parts += [np.linspace(at, 0.0, 100), np.zeros(300)]
+    pressure = np.concatenate(parts)
+    recording = Plant().run(pressure, np.gradient(pressure) > 0, np.ones(pressure.size))
+    cycles = find_cycles(recording)
+    assert len(cycles.complete) == 4
+    inside = [p for p in find_plateaus(recording, cycles) if p.branch]
+    assert len(inside) == 1 + 8 * (way.size - 1)

@@ -104,13 +104,13 @@ def test_a_scatter_that_grew_is_a_difference() -> None:
 
 
 def test_false_alarms_come_at_the_stated_rate() -> None:
-    """Of 200 breaks that change nothing, no more are flagged than ALPHA allows (binomial, 0.1 % tail)."""
+    """Of 80 breaks that change nothing, no more are flagged than ALPHA allows (binomial, 0.1 % tail)."""
     rng = np.random.default_rng(5)
     alarms = sum(
         compared(1600 + rng.standard_normal(n), 1600 + rng.standard_normal(9)).verdict == "differs"
-        for n in rng.integers(3, 15, 200)
+        for n in rng.integers(3, 15, 80)
     )
-    assert alarms <= stats.binom.ppf(0.999, 200, ALPHA)
+    assert alarms <= stats.binom.ppf(0.999, 80, ALPHA)
 
 
 @pytest.mark.parametrize("sizes", [(1, 1), (0, 5), (5, 0)])

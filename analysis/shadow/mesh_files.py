@@ -27,6 +27,8 @@ from analysis.shadow.solver import Solution
 
 MAX_BYTES = 128 << 20  # a hundred thousand elements take 20 MB
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
+FLAT_SHARE = 1e-6
+"""Of the length: how far a node of a flat end may lie from it."""
 _TURNED = [0, 3, 2, 1, 7, 6, 5, 4]
 
 
@@ -138,7 +140,53 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
         raise FileError(f"{path.name} has a cavity, base or tip that is not on the mesh", "export the mesh again")
     mesh = replace(mesh, cavity=directed(mesh, path))
     check_quality(mesh)
+    check_ends(mesh, path)
+    check_chain(mesh, path)
     return mesh
+
+
+def check_ends(mesh: Mesh, path: Path) -> None:
+    """Refuse a base or a tip that is not the whole flat end: what is left out would be free where nobody frees it.
+
+    Raises
+    ------
+    FileError
+        Naming the end.
+    """
+    z = mesh.nodes[:, 1]
+    near = FLAT_SHARE * float(z.max())
+    for name, members, end in (("base", mesh.base, 0.0), ("tip", mesh.tip, float(z.max()))):
+        missing = len(np.setdiff1d(np.flatnonzero(np.abs(z - end) <= near), members))
+        astray = int((np.abs(z[members] - end) > near).sum())
+        if missing or astray:
+            raise FileError(
+                f"{path.name}: the {name} is not the mesh's flat end at z = {end:g} mm ({missing} of its nodes left "
+                f"out, {astray} elsewhere)",
+                "mark the whole lower end as base and the whole upper end as tip, r first and z second",
+            )
+
+
+def check_chain(mesh: Mesh, path: Path) -> None:
+    """Refuse a cavity that is not one chain of edges from base (or axis) to tip: its volume would be another one.
+
+    Raises
+    ------
+    FileError
+        Saying what is wrong with the chain.
+    """
+    nodes, times = np.unique(mesh.cavity[:, [0, 2]], return_counts=True)
+    ends = nodes[times == 1]
+    on_axis = np.flatnonzero(mesh.nodes[:, 0] <= FLAT_SHARE * mesh.nodes[:, 0].max())
+    closed = np.isin(ends, np.concatenate([mesh.base, mesh.tip, on_axis]))
+    if times.max() > 2 or len(np.unique(mesh.cavity[:, 1])) < len(mesh.cavity):
+        raise FileError(f"{path.name} has a wetted edge twice, or edges that fork", "mark each wetted edge once")
+    if len(ends) != 2 or not closed.all():
+        open_ends = int((~closed).sum())
+        raise FileError(
+            f"{path.name}: the cavity is not one chain of edges from base to tip ({len(ends)} ends, {open_ends} "
+            "of them neither on base, tip nor axis)",
+            "mark every edge between the pressure and the wall as cavity",
+        )
 
 
 def by_part(found: meshio.Mesh, path: Path) -> dict[str, Integers]:

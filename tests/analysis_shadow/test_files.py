@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import meshio
@@ -14,7 +15,8 @@ from analysis.errors import FileError, RequestError
 from analysis.shadow.calculix import calculix_deck, wetted_faces
 from analysis.shadow.element import EDGES
 from analysis.shadow.full_model import FullModel
-from analysis.shadow.mesh_files import from_meshio, read_mesh, to_meshio, write_state
+from analysis.shadow.mesh import Mesh
+from analysis.shadow.mesh_files import PARTS, from_meshio, read_mesh, to_meshio, write_state
 
 
 @pytest.mark.parametrize("kind", ["vtu", "msh"])
@@ -75,6 +77,51 @@ def test_what_is_no_mesh_is_refused(actuator: FullModel, tmp_path: Path) -> None
         from_meshio(fewer, tmp_path / "fewer.vtu")
     with pytest.raises(FileError, match="does not say"):
         from_meshio(meshio.Mesh(made.points, made.cells), tmp_path / "bare.vtu")
+
+
+def altered(mesh: Mesh, change: dict[int, Callable[[np.ndarray], np.ndarray]]) -> meshio.Mesh:
+    """The mesh as a file has it, with the cells of some parts changed."""
+    made = to_meshio(mesh)
+    cells, labels = [], []
+    for block, label in zip(made.cells, made.cell_data["part"], strict=True):
+        part = int(label[0])
+        data = change[part](block.data) if part in change else block.data
+        cells.append((block.type, data))
+        labels.append(np.full(len(data), part))
+    return meshio.Mesh(made.points, cells, cell_data={"part": labels})
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "said"),
+    [
+        ("cavity", lambda e: np.delete(e, len(e) // 2, axis=0), "not one chain of edges from base to tip .4 ends"),
+        ("cavity", lambda e: e[1:], "2 ends, 1 of them neither"),
+        ("cavity", lambda e: np.concatenate([e, e[:1]]), "wetted edge twice"),
+        ("base", lambda e: e[1:], "the base is not the mesh's flat end"),
+        ("tip", lambda e: e[:-1], "the tip is not the mesh's flat end"),
+    ],
+)
+def test_parts_that_are_not_whole_are_refused(
+    actuator: FullModel, part: str, change: Callable[[np.ndarray], np.ndarray], said: str
+) -> None:
+    """A cavity with a hole, an open end or an edge twice, ends in part: each moved the tip by 1 to 12 % in silence."""
+    with pytest.raises(FileError, match=said):
+        from_meshio(altered(actuator.mesh, {PARTS[part]: change}), Path("x.vtu"))
+
+
+def test_ends_the_wrong_way_round_are_refused(actuator: FullModel) -> None:
+    """Base for tip, and r for z, gave a tip of the other sign; metres put the guides outside the lattice."""
+    made = to_meshio(actuator.mesh)
+    exchange = np.array([0, 1, 2, 3, 5, 4])
+    swapped = meshio.Mesh(made.points, made.cells, cell_data={"part": [exchange[p] for p in made.cell_data["part"]]})
+    with pytest.raises(FileError, match="the base is not the mesh's flat end"):
+        from_meshio(swapped, Path("x.vtu"))
+    turned = meshio.Mesh(made.points[:, [1, 0, 2]], made.cells, cell_data=made.cell_data)
+    with pytest.raises(FileError, match="flat end"):
+        from_meshio(turned, Path("x.vtu"))
+    metres = from_meshio(meshio.Mesh(1e-3 * made.points, made.cells, cell_data=made.cell_data), Path("x.vtu"))
+    with pytest.raises(RequestError, match="guide"):
+        _ = FullModel(actuator.parameters, mesh=metres).guides
 
 
 def test_formats_and_folders_that_are_none(actuator: FullModel, tmp_path: Path) -> None:

@@ -1,0 +1,110 @@
+"""What a frame of the shadow's page costs while it moves, and a step of the optics' slider; against a screen's 60 a
+second.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+
+pytestmark = pytest.mark.benchmark_run
+
+BUDGET_MS = 1000 / 60
+FRAMES = 300
+
+
+@pytest.fixture
+def desk(qtbot, tmp_path):
+    """A desk with five minutes of signals, a calibration and the shadow."""
+    from boat_daq.engine.settings import UnitLibrary
+    from boat_daq.gui.app import make_application
+    from boat_daq.viewmodels.desk import Desk
+    from boat_daq.viewmodels.live import Elongation
+    from boat_daq.viewmodels.shadow_live import load_model
+
+    make_application()
+    made = Desk(RecordedSession(connected(), filled_ring(300.0)), tmp_path, tmp_path, UnitLibrary(tmp_path / "units"))
+
+    def inverse(signal_mv):
+        mm = (signal_mv.mean(axis=1) - 1638.0) / 40.0
+        return Elongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
+
+    made.live.inverse = inverse
+    made.shadow.model = load_model()
+    made.shadow.prepare = lambda: None
+    yield made
+    made.close()
+
+
+class Watch:
+    """Milliseconds of each step, by the clock and by the processor."""
+
+    def __init__(self):
+        self.wall, self.cpu = [], []
+
+    def __enter__(self):
+        self.began = time.perf_counter(), time.process_time()
+
+    def __exit__(self, *_):
+        self.wall.append(1000 * (time.perf_counter() - self.began[0]))
+        self.cpu.append(1000 * (time.process_time() - self.began[1]))
+
+
+def say(capsys, what, watch):
+    """Print median and 99th percentile, and how often the latter fits into a frame of the screen."""
+    wall, cpu = (np.percentile(values[20:], [50, 99]) for values in (watch.wall, watch.cpu))
+    with capsys.disabled():
+        print(
+            f"\n{what}: median {wall[0]:.2f} ms, 99th percentile {wall[1]:.2f} ms "
+            f"(processor {cpu[0]:.2f}, {cpu[1]:.2f}), {BUDGET_MS / wall[1]:.1f} x within 60/s"
+        )
+
+
+@pytest.mark.parametrize("quantity", ["displacement", "strain"])
+def test_frame_of_the_moving_shadow(qtbot, desk, capsys, quantity):
+    """Every frame another state: measured, solved by the reduced model, drawn and painted."""
+    from boat_daq.gui.shadow_pane import ShadowPane
+
+    pane = ShadowPane(desk)
+    qtbot.addWidget(pane)
+    pane.resize(440, 660)
+    pane.show()
+    qtbot.waitExposed(pane)
+    desk.shadow.quantity = quantity
+    ring, watch, drawn = filled_ring(300.0), Watch(), []
+    whole = ring.view()
+    for frame in range(FRAMES + 20):
+        at = 10 + 37 * frame
+        part = {name: values[at : at + 10] for name, values in whole.items()}
+        desk.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
+        with watch:
+            pane.draw()
+            pane.view.repaint()
+        drawn.append(pane.view.picture)
+    assert len({id(picture) for picture in drawn}) > FRAMES * 0.9  # nearly every frame is another picture
+    say(capsys, f"frame of the shadow, {quantity}", watch)
+
+
+def test_step_of_the_optics_slider(qtbot, desk, capsys):
+    """From one state to the next: four polylines of some thousand points drawn and painted."""
+    from boat_daq.gui.optics_page import OpticsPage
+    from boat_daq.viewmodels.optics import PAPER
+    from boat_daq.viewmodels.optics_work import trace_design
+
+    page = OpticsPage(desk)
+    qtbot.addWidget(page)
+    desk.optics.result = trace_design(PAPER, 250)
+    page.resize(1150, 660)
+    page.show()
+    qtbot.waitExposed(page)
+    page.refresh(desk.snapshot)
+    watch = Watch()
+    for step in range(150):
+        with watch:
+            page.slider.setValue(step % 15)
+            page.scene.view.grab()  # painted whole, into a picture
+    say(capsys, "step of the optics slider", watch)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from analysis.tradeoff.measure import Measured, Method, Point, Setting, choose, front_of, measure
 from analysis.tradeoff.methods import METHODS
-from analysis.tradeoff.report import report_json, write_report
+from analysis.tradeoff.report import measured_from, report_json, write_report
 
 __all__ = [
     "METHODS",
@@ -15,6 +15,7 @@ __all__ = [
     "choose",
     "front_of",
     "measure",
+    "measured_from",
     "report_json",
     "write_report",
 ]

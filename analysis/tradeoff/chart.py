@@ -1,13 +1,15 @@
 """One picture a method: what is paid for the next digit, which setting is the default, what its consumer notices.
 
-Rules: time to the right, error upwards, both logarithmic; lower left is better. The default has a ring, the rule's
-choice a square; the tolerance is a dashed line, and below the dotted one lies what the rule counts as good enough.
+Rules: time to the right, error upwards, both logarithmic; lower left is better. Bars reach over the repeats. The
+default has a ring, the rule's choice a square; the tolerance is a dashed line, and below the dotted one lies what the
+rule counts as good enough. A setting that gives no answer stands as a cross above the picture's line of refusal; an
+error of zero lies on the lower edge.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -15,19 +17,25 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from analysis import style
-from analysis.tradeoff.measure import MARGIN, Measured
+from analysis.tradeoff.measure import MARGIN, Measured, Point
 
-DATA, DEFAULT, CHOSEN = style.SENSORS[0], style.SENSORS[1], style.PRESSURE
+DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
+NAME_PX, LINE_PX, ABOVE_PX = 150.0, 12.0, 3.0
+"""Room of a setting's name on the picture: length, height, distance above its point."""
+DECADES_BELOW = 3.0
+"""Errors more than this far below the tolerance are drawn on the lower edge: no consumer tells them apart."""
 
 
 def method_chart(measured: Measured, where: str) -> Figure:
     """Draw one method; `where` names the machine and the date."""
-    figure = Figure(figsize=(7.2, 4.8), layout="constrained")
+    figure = Figure(figsize=(7.6, 5.0), layout="constrained")
     axes = figure.subplots()
     _draw(axes, measured, labels=True)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=4, fontsize=7.5)
-    figure.supxlabel(f"{measured.method.reference}\n{where}", fontsize=6.5, color=style.SOFT)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=4, fontsize=7.5)
+    kind = "independent" if measured.method.independent else "not independent"
+    text = f"reference ({kind}): {measured.method.reference}\nconsumer: {measured.method.consumer}\n{where}"
+    figure.supxlabel(text, fontsize=6.5, color=style.SOFT)
     return figure
 
 
@@ -43,26 +51,33 @@ def overview_chart(results: Sequence[Measured], where: str) -> Figure:
     entries: dict[str, Any] = {}
     for axes in grid[: len(results)]:
         entries |= {name: handle for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=len(entries))
+    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=len(entries), fontsize=7.5)
     figure.supxlabel(where, fontsize=7, color=style.SOFT)
     return figure
 
 
 def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
-    method = measured.method
-    shown = [p for p in measured.points if math.isfinite(p.error)]
-    smallest = min((p.error for p in shown if p.error > 0), default=method.tolerance)
-    floor = min(smallest, method.tolerance / MARGIN) / 3  # where an error of zero is drawn
-    at = {p.setting: (p.cpu_seconds, max(p.error, floor)) for p in shown}
+    method, points = measured.method, {p.setting: p for p in measured.points}
+    answered = {name: p for name, p in points.items() if math.isfinite(p.error)}
+    smallest = min((p.error for p in answered.values() if p.error > 0), default=method.tolerance)
+    floor = max(min(smallest, method.tolerance / MARGIN) / 3, method.tolerance / 10**DECADES_BELOW)
+    at = {name: (p.cpu_seconds, max(p.error, floor)) for name, p in answered.items()}
+    top = 3.0 * max([method.tolerance, *(y for _, y in at.values())])
     axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="what the consumer notices")
     axes.axhline(method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label="good enough")
-    axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=5, label="setting")
+    for name, (x, y) in at.items():
+        _bars(axes, points[name], x, y, floor)
+    if at:
+        axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=5, ls="", label="setting")
+    refused = {name: (p.cpu_seconds, top) for name, p in points.items() if name not in answered}
+    if refused:
+        axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=6, ls="", label="no answer")
     front = [at[name] for name in measured.front if name in at]
     axes.plot(*zip(*front, strict=True), "-", color=DATA, lw=1.2, label="front")
     if method.default in at:
         axes.plot(*at[method.default], "o", ms=12, mfc="none", mec=DEFAULT, mew=1.8, ls="", label="default")
     if measured.chosen in at:
-        axes.plot(*at[measured.chosen], "s", ms=15, mfc="none", mec=CHOSEN, mew=1.5, ls="", label="chosen by the rule")
+        axes.plot(*at[measured.chosen], "s", ms=16, mfc="none", mec=CHOSEN, mew=1.5, ls="", label="chosen by the rule")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.24 if labels else 0.14, 0.14)
@@ -73,5 +88,28 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
         axis.set_minor_formatter(NullFormatter())
     axes.set(title=method.title, xlabel=f"processor time {method.per}, s", ylabel=f"error, {method.unit}")
     if labels:
-        for name, place in at.items():
-            axes.annotate(name, place, xytext=(9, 4), textcoords="offset points", fontsize=7, color=style.INK)
+        _name(axes, at | refused, {name: level for level, name in method.in_code.items() if level != "normal"})
+
+
+def _bars(axes: Axes, point: Point, x: float, y: float, floor: float) -> None:
+    """Draw how far the repeats lie apart, half of it to each side."""
+    half_x, half_y = min(point.cpu_spread / 2, 0.9 * x), min(point.error_spread / 2, 0.9 * y)
+    if y <= floor:
+        half_y = 0.0
+    axes.errorbar(x, y, xerr=half_x, yerr=half_y or None, fmt="none", ecolor=DATA, elinewidth=0.7, alpha=0.5)
+
+
+def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str, str]) -> None:
+    """Write the settings beside their points, each name above those that it would lie on, and the level they are of."""
+    figure = axes.get_figure(root=True)
+    figure.draw_without_rendering()  # the layout is known only then
+    taken: list[tuple[float, float]] = []
+    for name, place in sorted(at.items(), key=lambda item: item[1][1]):
+        x, y = axes.transData.transform(place)
+        up = ABOVE_PX
+        while any(abs(x - a) < NAME_PX and abs(y + up - b) < LINE_PX for a, b in taken):
+            up += LINE_PX
+        taken.append((x, y + up))
+        offset = (9.0, 72.0 * up / figure.dpi)
+        text = f"{name} ({levels[name]})" if name in levels else name
+        axes.annotate(text, place, xytext=offset, textcoords="offset points", fontsize=6.5, color=style.INK)

@@ -11,7 +11,7 @@ import json
 import math
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,9 @@ import matplotlib as mpl
 from analysis import style
 from analysis.fidelity import LEVELS, MARGINS
 from analysis.tradeoff.chart import method_chart, overview_chart
-from analysis.tradeoff.measure import MARGIN, Measured, Point
+from analysis.tradeoff.measure import MARGIN, Measured, Method, Point
 
+NO_DATE: dict[str, dict[str, Any]] = {"png": {}, "svg": {"Date": None}}
 TIMING = (
     "seconds: median by the clock of a call, spread: greatest less smallest; cpu_seconds: median processor time, which "
     "front and choice compare, cpu_spread likewise; error: root mean square over the repeats; first_seconds: the first "
@@ -60,6 +61,21 @@ def report_json(results: Sequence[Measured], *, quick: bool) -> dict[str, Any]:
         "margins": MARGINS,
         "methods": [_method_json(m) for m in results],
     }
+
+
+def measured_from(content: Mapping[str, Any], methods: Mapping[str, Method]) -> list[Measured]:
+    """Return the results that a report was written from, judged by the methods as they are now.
+
+    Parameters
+    ----------
+    content : of tradeoff.json; methods that are unknown now are left out.
+    """
+    kept = [(methods[m["name"]], m["points"]) for m in content["methods"] if m["name"] in methods]
+    return [Measured.of(method, [_point_from(p) for p in points]) for method, points in kept]
+
+
+def _point_from(row: Mapping[str, Any]) -> Point:
+    return Point(**{k: math.inf if k in ("error", "error_spread") and v is None else v for k, v in row.items()})
 
 
 def _method_json(measured: Measured) -> dict[str, Any]:
@@ -111,7 +127,7 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
         for name, figure in charts.items():
             for kind in ("png", "svg"):
                 files.append(folder / f"{name}.{kind}")
-                figure.savefig(files[-1], dpi=150)
+                figure.savefig(files[-1], dpi=110, metadata=NO_DATE[kind])
     return files
 
 

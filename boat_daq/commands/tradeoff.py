@@ -74,11 +74,13 @@ def _writable(folder: Path) -> None:
     ------
     FileError : it cannot be made or written.
     """
+    import tempfile
+
     from analysis.errors import FileError
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "tradeoff.json").open("a").close()
+        tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise FileError(f"{folder} cannot be written: {error.strerror}", "Choose another --out.") from error
 

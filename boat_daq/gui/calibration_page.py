@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -15,6 +15,7 @@ from boat_daq.gui.figure_table import FigureTable
 from boat_daq.gui.files import ask_open
 from boat_daq.gui.plot import sensor_ink
 from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.room import Leaves
 from boat_daq.viewmodels.calibration import CalibrationModel, CurveShown, sensor_words
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.results import LoopSet, SensorResult
@@ -118,7 +119,7 @@ class CalibrationPage(QWidget):
         self.curves = [CurveCard(n) for n in range(1, SENSORS + 1)]
         self.loops, self.actuator = LoopCard(), ActuatorCard()
         self.table = FigureTable()
-        self.stack = QStackedWidget()
+        self.stack = Leaves()
         self.stack.addWidget(
             EmptyState(
                 "No run has been analysed yet",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFrame, QGridLayout, QScrollArea, QVBoxLayout, QWidget
 
 from boat_daq.gui import style, widgets
@@ -46,7 +45,11 @@ class FirstSteps(QScrollArea):
             inside.addWidget(self._step(str(number), title, words, *buttons))
         body = QWidget()
         layout = QVBoxLayout(body)
-        layout.addWidget(frame, 0, Qt.AlignmentFlag.AlignCenter)
+        across = widgets.row(None, frame, None)  # no alignment: a frame that is aligned does not wrap its words
+        across.setStretchFactor(frame, 100)
+        layout.addStretch(1)
+        layout.addLayout(across)
+        layout.addStretch(1)
         self.setWidgetResizable(True)
         self.setWidget(body)
 

@@ -6,7 +6,7 @@ import math
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -17,6 +17,7 @@ from boat_daq.gui.overlay_plots import OverlayPlots
 from boat_daq.gui.photograph_panel import PhotographPanel
 from boat_daq.gui.plan_form import PlanForm
 from boat_daq.gui.readings_panel import ReadingBar, ReadingsTable
+from boat_daq.gui.room import Leaves
 from boat_daq.gui.sequence_panel import SequencePanel
 from boat_daq.gui.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
@@ -81,7 +82,7 @@ class LivePage(QWidget):
         self.sequence = SequencePanel(desk)
         self.reading = ReadingBar(desk)
         self.pane = self._pane()
-        self.middle = QStackedWidget()
+        self.middle = Leaves()
         self.first_steps, self.overlay = FirstSteps(desk), OverlayPlots(desk.overlay)
         for widget in (self.first_steps, self.plots, self.overlay):
             self.middle.addWidget(widget)

@@ -94,8 +94,7 @@ class PlanForm(QScrollArea):
         self.desk.sequence.choose(str(self.choice.currentData()))
 
     def _set_wait(self, on: bool) -> None:
-        self.desk.sequence.wait_for_reading = on
-        self._revision = -1
+        self.desk.sequence.ask_readings(on)
 
     def open(self) -> None:
         """Ask for a plan's file."""
@@ -125,6 +124,7 @@ class PlanForm(QScrollArea):
         if model.revision == self._revision:
             return
         self._revision = model.revision
+        self.ask_readings.setChecked(model.wait_for_reading)
         self.choice.setCurrentIndex(self.choice.findData(model.plan.name))
         for key, field in self.fields.items():
             widgets.set_text(field, model.value(key))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtWidgets import QGridLayout, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QTabWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -13,6 +13,7 @@ from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.figure_table import FigureTable
 from boat_daq.gui.plot import Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.room import Leaves
 from boat_daq.viewmodels.calibration import sensor_words
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.repeatability import GROUPS
@@ -82,7 +83,7 @@ class RepeatPage(QWidget):
         words.setContentsMargins(0, style.GAP, 0, 0)
         self.breaks.setLayout(words)
         self.break_lines: list[tuple[PerCycle, Any]] = []
-        self.stack = QStackedWidget()
+        self.stack = Leaves()
         self.stack.addWidget(
             EmptyState(
                 "No run of many cycles yet",

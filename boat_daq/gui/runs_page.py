@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QMenu,
     QPushButton,
-    QStackedWidget,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QTableWidgetItem,
@@ -27,6 +26,7 @@ from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.files import ask_save
 from boat_daq.gui.plot import Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.room import Leaves
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.closed_run import ClosedRun
 from boat_daq.viewmodels.desk import Desk
@@ -90,7 +90,7 @@ class RunsPage(QWidget):
         self.ages = [plot.points(f"Sensor {n}", sensor_ink(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
         self.compare_card = PlotCard("Comparison: this run's curve less the first one's")
         self.differences = self._comparison_plots()
-        self.stack = QStackedWidget()
+        self.stack = Leaves()
         self.stack.addWidget(self._empty())
         self.stack.addWidget(self._filled())
         widgets.page_layout(self).addWidget(self.stack)

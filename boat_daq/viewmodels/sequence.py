@@ -162,6 +162,16 @@ class SequenceModel:
         """Take one of the plans by name."""
         self._replace(self.plans[name], f"choice of plan {name}")
 
+    def ask_readings(self, wanted: bool) -> None:
+        """Wait for a reading at each plateau, or not."""
+        if wanted != self.wait_for_reading:
+            words = "waiting for readings" if wanted else "going on without readings"
+            self._changes.push(Change(words, lambda: self._wait(wanted), lambda: self._wait(not wanted)))
+
+    def _wait(self, wanted: bool) -> None:
+        self.wait_for_reading = wanted
+        self.revision += 1
+
     def take(self, plan: Plan) -> None:
         """Take the plan of a run that goes on."""
         self._replace(plan, f"choice of plan {plan.name}")

@@ -152,6 +152,21 @@ def test_an_edit_of_the_plan_can_be_undone(live):
     assert field.text() == "5"
 
 
+def test_waiting_for_readings_can_be_undone(live):
+    """The check box is a change like any other: undo brings it back, in the model and in the form."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    live.refresh()
+    box = live.live.plan.ask_readings
+    box.click()
+    assert live.desk.sequence.wait_for_reading is False
+    live.undo.stack.undo()
+    live.refresh()
+    assert (live.desk.sequence.wait_for_reading, box.isChecked()) == (True, True)
+    live.undo.stack.redo()
+    live.refresh()
+    assert (live.desk.sequence.wait_for_reading, box.isChecked()) == (False, False)
+
+
 def test_the_palette_finds_and_does(live):
     """Typing a few letters finds a command, Enter does it."""
     live.show_palette()

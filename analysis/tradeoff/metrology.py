@@ -196,8 +196,8 @@ def _resamples(count: int) -> str:
 
 
 INVERSE = Method(
-    "inverse", "Inverse: mV to mm", "the x that the signals of a cubic and a quintic were made from, in extended precision",
-    True,
+    "inverse", "Inverse: mV to mm",
+    "the x that the signals of a cubic and a quintic were made from, in extended precision", True,
     "replay and export, to which a round trip to 1e-10 mm is promised", ROUND_TRIP_MM, "mm", "a value",
     lambda level: NEWTON, inverse_settings,
 )  # fmt: skip

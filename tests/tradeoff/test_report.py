@@ -48,12 +48,3 @@ def test_a_failed_setting_is_null(inverse: Measured) -> None:
     """JSON has no infinity: the error of a setting that failed is null."""
     failed = replace(inverse, points=(replace(inverse.points[0], error=float("inf")),))
     assert report_json([failed], quick=True)["methods"][0]["points"][0]["error"] is None
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", METHODS)
-def test_the_default_is_measured_and_justified(name: str) -> None:
-    """Each default is among the points; where the rule chooses another one, the report says so."""
-    found = measure(METHODS[name], quick=True)
-    assert METHODS[name].default in {p.setting for p in found.points}
-    assert found.default_is_chosen or METHODS[name].default in found.verdict

@@ -1,4 +1,4 @@
-"""The rule on made fronts whose answer is known: margins, ties, levels, and what happens where nothing is good enough."""
+"""The rule on made fronts whose answer is known: margins, ties, levels, and where nothing is good enough."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FRONT = [point(f"{n}", float(n), 4.0 / n) for n in (1, 2, 4, 8, 16, 32, 64)]
 
 
 def test_each_level_is_the_cheapest_below_its_own_margin() -> None:
-    """Error 4 / n against 1 mm: a draft may err by 2 mm (n = 2), normal by 0.5 (8), reference by 0.1 (64, as 32 errs 0.125)."""
+    """Error 4 / n against 1 mm: a draft may err by 2 mm (n = 2), normal by 0.5 (8), reference by 0.1 (64)."""
     assert MARGINS == {"draft": 0.5, "normal": 2.0, "reference": 10.0}
     assert choose_levels(FRONT, method()) == {"draft": "2", "normal": "8", "reference": "64"}
 
@@ -52,7 +52,7 @@ def test_failures_only_leave_the_level_as_it_is() -> None:
 def test_the_choice_is_good_enough_and_nothing_good_enough_is_cheaper(
     rows: list[tuple[float, float]], tolerance: float
 ) -> None:
-    """Against the definition, word for word; the front is what no other point beats, and holds the choice or its like."""
+    """Against the definition, word for word; the front is what no other point beats."""
     points = [point(str(i), cost, error) for i, (cost, error) in enumerate(rows)]
     chosen = choose(points, tolerance)
     good = {p.setting: p for p in points if 2.0 * p.error <= tolerance}
@@ -60,18 +60,9 @@ def test_the_choice_is_good_enough_and_nothing_good_enough_is_cheaper(
         assert not good
     else:
         assert good[chosen].cpu_seconds == min(p.cpu_seconds for p in good.values())
-    beaten = {
-        p.setting
-        for p in points
-        for q in points
-        if q.cpu_seconds <= p.cpu_seconds
-        and q.error <= p.error
-        and (q.cpu_seconds, q.error) != (p.cpu_seconds, p.error)
-    }
-    assert not beaten & set(front_of(points))
-    assert {(p.cpu_seconds, p.error) for p in points if p.setting not in beaten} == {
-        (p.cpu_seconds, p.error) for p in points if p.setting in front_of(points)
-    }
+    place = {p.setting: (p.cpu_seconds, p.error) for p in points}
+    unbeaten = {a for a in place.values() if not any(b[0] <= a[0] and b[1] <= a[1] and a != b for b in place.values())}
+    assert {place[name] for name in front_of(points)} == unbeaten
 
 
 def test_a_stricter_margin_never_chooses_a_cheaper_setting() -> None:
@@ -106,7 +97,7 @@ def test_finer_levels_are_nowhere_coarser() -> None:
 
 
 def test_the_normal_level_is_what_the_program_does_unasked() -> None:
-    """Defaults that are written elsewhere (the sampler's, the bootstrap's, the shadow's, the live plot's) are normal's."""
+    """Defaults written elsewhere (sampler, bootstrap, shadow, live plot) are normal's."""
     from analysis.optics.parameters import Light
     from analysis.posterior import MAX_STEPS
     from analysis.shadow.fidelity import actuator, table_settings

@@ -20,7 +20,7 @@ from boat_daq.gui import style, widgets
 from boat_daq.gui.commands import Command, Registry
 from boat_daq.viewmodels.matching import ranked
 
-SHEET = (("Session", "Edit", "Go", "Help"), ("View",), ("Sequence", "Runs"))  # the menus in columns
+SHEET = (("Session", "Edit", "Go", "Help"), ("View", "Models"), ("Sequence", "Runs"))  # the menus in columns
 
 
 class Palette(QDialog):

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.gui.commands import Command, Registry
+from boat_daq.gui.model_commands import models
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.run_commands import bug_report, calibration, recordings
-from boat_daq.viewmodels.desk import FIDELITIES, PAGES
+from boat_daq.viewmodels.desk import PAGES
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 def register(registry: Registry, window: MainWindow) -> None:
     """Add every command of `window`."""
-    makers = (session, edit, view, sequence, calibration, recordings, pages, help_)
+    makers = (session, edit, view, sequence, calibration, recordings, models, pages, help_)
     for command in (command for make in makers for command in make(window)):
         registry.add(command)
 
@@ -87,13 +88,7 @@ def view(window: MainWindow) -> list[Command]:
         Command("View", "Follow the system's theme", "Ctrl+Alt+S", lambda: window.choose_theme("system"), apart=True),
         Command("View", "Light", "Ctrl+Alt+L", lambda: window.choose_theme("light")),
         Command("View", "Dark", "Ctrl+Alt+D", lambda: window.choose_theme("dark")),
-        *(
-            Command(
-                "View", f"Compute: {level}", f"Ctrl+Alt+{i}", partial(window.desk.set_fidelity, level), apart=i == 1
-            )
-            for i, level in enumerate(FIDELITIES, 1)
-        ),
-        Command("View", "Full screen", "F11", window.toggle_full_screen, apart=True),
+        Command("View", "Full screen", "F11", window.toggle_full_screen),
     ]
 
 

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu
 
-MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Go", "Help")
+MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Models", "Go", "Help")
 
 
 @dataclass(frozen=True, slots=True)

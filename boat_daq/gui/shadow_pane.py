@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
+
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
+from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QGuiApplication, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
+from PySide6.QtSvg import QSvgGenerator
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QMenu, QToolButton, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
+from boat_daq.gui.files import ask_save
 from boat_daq.gui.style import Theme
+from boat_daq.viewmodels import tables
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.shadow_live import LEVELS, SCALES, ShadowPicture
 
@@ -135,7 +141,7 @@ class ShadowPane(QWidget):
         self.cost.setToolTip("Show what a frame of the shadow costs")
         self.cost.toggled.connect(self._show_cost)
         frame, inside = widgets.card()
-        inside.addLayout(widgets.row(self.quantity, None, self.cost))
+        inside.addLayout(widgets.row(self.quantity, None, self.cost, self._menu_button()))
         inside.addWidget(self.view, 1)
         grid = QGridLayout()
         grid.setVerticalSpacing(2)
@@ -154,12 +160,69 @@ class ShadowPane(QWidget):
 
     def _choose(self, quantity: str) -> None:
         self.desk.shadow.quantity = quantity
+        self._follow()
+
+    def _follow(self) -> None:
+        """Show what the model is set to, wherever it was set."""
+        quantity = self.desk.shadow.quantity
         full, unit, _ = SCALES[quantity]
-        self.view.scale_words = ("0", f"{quantity} {full:g} {unit} or more")
-        self.view.update()
+        words = ("0", f"{quantity} {full:g} {unit} or more")
+        if self.view.scale_words != words:
+            self.view.scale_words = words
+            self.view.update()
+        self.quantity.setCurrentIndex(self.quantity.findData(quantity))
+        self.cost.setChecked(self.desk.shadow.show_cost)
 
     def _show_cost(self, on: bool) -> None:
         self.desk.shadow.show_cost = on
+
+    def _menu_button(self) -> QToolButton:
+        tool = QToolButton()
+        tool.setText("\u22ef")
+        tool.setToolTip("Copy or save this picture")
+        tool.setAccessibleName("Copy or save: the shadow")
+        tool.setProperty("role", "quiet")
+        tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
+        tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        menu = QMenu(tool)
+        menu.addAction("Copy picture", lambda: QGuiApplication.clipboard().setPixmap(self.view.grab()))
+        for kind in ("png", "svg", "csv"):
+            menu.addAction(f"Save {kind.upper()} \u2026", partial(self._ask_save, kind))
+        tool.setMenu(menu)
+        tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        return tool
+
+    def _ask_save(self, suffix: str) -> None:
+        ask_save(self, self.desk, "shadow", suffix, self.save)
+
+    def save(self, path: Path) -> None:
+        """Save the picture as .png or .svg, or the guides and tracked points, (x, z) mm, as .csv.
+
+        Raises
+        ------
+        OSError : the path cannot be written.
+        """
+        if path.suffix == ".csv":
+            tables.save_csv(path, self.columns())
+        elif path.suffix == ".svg":
+            generator = QSvgGenerator()
+            generator.setFileName(str(path))
+            generator.setSize(self.view.size())
+            generator.setViewBox(self.view.rect())
+            generator.setTitle("Shadow of the actuator")
+            painter = QPainter(generator)
+            if not painter.isActive():
+                raise OSError(f"{path} cannot be written")
+            self.view.render(painter, QPoint(0, 0))
+            painter.end()
+        elif not self.view.grab().save(str(path), "PNG"):
+            raise OSError(f"{path} cannot be written")
+
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """Return the guides and the tracked points as they are drawn, mm."""
+        picture = self.desk.shadow.picture()
+        named = {f"guide {i}": guide for i, guide in enumerate(picture.guides, 1)} | {"tracked": picture.tracked}
+        return {f"{name}, {axis} (mm)": points[:, k] for name, points in named.items() for k, axis in enumerate("xz")}
 
     def draw(self) -> None:
         """Draw one frame."""
@@ -168,6 +231,7 @@ class ShadowPane(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the figures under the picture."""
+        self._follow()
         lines = self.desk.shadow.picture().lines
         for i in range(LINES):
             name, value, state = lines[i] if i < len(lines) else ("", "", "")

@@ -85,6 +85,27 @@ def test_a_state_outside_the_table_is_said(ring, model):
     assert picture.lines[-1] == ("Shadow", "\u25b2 this state is outside the model's table", "warning")
 
 
+def test_nan_from_the_calibration_is_said(ring, model):
+    """Outside the calibration the nominal actuator is drawn, and the pane says why; sensors that part are said too."""
+
+    def nowhere(signal_mv):
+        n = len(signal_mv)
+        return Elongation(np.full(n, np.nan), np.full(n, np.nan), np.ones(n, bool))
+
+    picture = pane_on(ring, model, nowhere).picture()
+    assert picture.lines[0] == ("Measured", "\u25b2 outside the calibration", "warning")
+    assert ("Sensors", "\u25b2 contradict each other", "warning") in picture.lines
+    assert picture.corners.size > 0
+    assert np.isnan(picture.measured_mm)
+
+
+def test_the_loop_is_drawn_through_pairs(ring, model):
+    """Pressure and elongation of the last minute are means of the same samples, so that they lie on the curve."""
+    pressure, mm = pane_on(ring, model, Straight()).trace()
+    assert 600 < pressure.size <= 1300
+    assert np.abs(mm - (46.4 * pressure * 0.072 - 2.7 * (pressure * 0.072) ** 2) / MV_PER_MM).max() < 0.15
+
+
 def test_before_the_model_has_come_the_outline_is_drawn(ring):
     """The pane never waits."""
     picture = pane_on(ring, None, Straight()).picture()

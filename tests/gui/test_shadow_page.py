@@ -87,3 +87,21 @@ def test_a_cycle_that_cannot_be_judged_is_said_and_the_next_one_counts(page):
     page.desk.tick()
     assert any("leak since cycle 13" in notice.cause for notice in page.desk.notices.history)
     assert [m.cycle for m in page.desk.monitor.marks][-2:] == [13, 15]
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "csv"])
+def test_the_picture_of_the_shadow_is_saved(page, tmp_path, suffix):
+    """PNG and SVG hold the picture, CSV the guides and the tracked points."""
+    path = tmp_path / f"shadow.{suffix}"
+    page.pane.save(path)
+    start = {"png": b"\x89PNG", "svg": b"<?xml", "csv": b'"tracked, x (mm)"'}[suffix]
+    assert path.read_bytes().startswith(start)
+
+
+def test_what_a_command_sets_is_seen_in_the_pane(page):
+    """Colour and cost are the model's: both panes follow, scale and all."""
+    page.desk.shadow.quantity, page.desk.shadow.show_cost = "strain", True
+    page.refresh(page.desk.snapshot)
+    assert page.pane.quantity.currentData() == "strain"
+    assert page.pane.cost.isChecked()
+    assert page.pane.view.scale_words[1] == "strain 20 % or more"

@@ -43,12 +43,10 @@ def models(window: MainWindow) -> list[Command]:
     ]
     return [
         *fidelities,
-        Command(MENU, "Sweep all designs, or stop", "Ctrl+Alt+W", on("Optics", desk.optics.toggle_sweep), apart=True),
-        Command(MENU, "Optimise beyond the grid, or stop", "Ctrl+Alt+O", on("Optics", desk.optics.toggle_search)),
-        Command(MENU, "Colour the shadow by the next quantity", "Ctrl+Alt+C", next_colour, apart=True),
-        Command(MENU, "Show what a frame of the shadow costs", "Ctrl+Alt+F", show_cost),
-        Command(
-            MENU, "Measure the trade-off, or stop", "Ctrl+Alt+M", on("Trade-off", desk.tradeoff.toggle), apart=True
-        ),
-        Command(MENU, "Sweep where the method fails, or stop", "Ctrl+Alt+A", on("Trade-off", sweep_map)),
+        Command(MENU, "Sweep all designs, or stop", "F9", on("Optics", desk.optics.toggle_sweep), apart=True),
+        Command(MENU, "Optimise beyond the grid, or stop", "Shift+F9", on("Optics", desk.optics.toggle_search)),
+        Command(MENU, "Colour the shadow by the next quantity", "Ctrl+F9", next_colour, apart=True),
+        Command(MENU, "Show what a frame of the shadow costs", "Ctrl+Shift+F9", show_cost),
+        Command(MENU, "Measure the trade-off, or stop", "F12", on("Trade-off", desk.tradeoff.toggle), apart=True),
+        Command(MENU, "Sweep where the method fails, or stop", "Shift+F12", on("Trade-off", sweep_map)),
     ]

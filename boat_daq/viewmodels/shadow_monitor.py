@@ -188,7 +188,7 @@ class ShadowMonitor:
             alarm.illness.capitalize(),
             f"cycle {since.cycle}, {duration(since.begin_s)}",
             f"cycle {found.cycle}, {later} later" if later else f"cycle {found.cycle}, at once",
-            f"{number(min(alarm.healthy_cycles, 1e9), 0)} cycles",
+            f"{number(min(alarm.healthy_cycles, 1e9), 0)} cycles{'' if alarm.independent else ' or fewer'}",
             f"{alarm.figure} {size}{may}".replace("-", MINUS),
         )
 

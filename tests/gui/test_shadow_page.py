@@ -56,6 +56,9 @@ def test_each_figure_of_the_cycles_can_be_drawn(page):
 
 def test_no_alarm_is_said_too(page):
     """A healthy run says so, with the rate of false alarms that is allowed."""
+    doubtful = Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, (), independent=False)
+    page.desk.monitor.alarms = [doubtful]
+    assert page.desk.monitor.rows()[0].sure == "2\u2009500 cycles or fewer"
     page.desk.monitor.alarms = []
     page.desk.monitor.revision += 1
     page.refresh(page.desk.snapshot)

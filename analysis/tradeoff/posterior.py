@@ -63,7 +63,7 @@ def posterior_settings(quick: bool) -> list[Setting]:
 
     steps = (500, MAX_STEPS) if quick else (250, 500, 1_000, MAX_STEPS)
     pairs = [(WALKERS, n) for n in steps]
-    pairs += [] if quick else [(WALKERS // 2, MAX_STEPS), (2 * WALKERS, MAX_STEPS)]
+    pairs += [] if quick else [(2 * WALKERS, MAX_STEPS)]
     found = [Setting(_name(w, n), _sampler(w, n), error, work=2) for w, n in pairs]
     return [Setting(CLOSED, _closed_form, error), *found]
 

@@ -39,7 +39,9 @@ def qualify(
     Example: boat-daq qualify --out qualification
     """
     from boat_daq.engine.drills import available, run_drill
+    from boat_daq.engine.log import start_log
 
+    start_log("qualify")
     drills = chosen(available(), only)
     begun = datetime.now().astimezone()
     work = out / f"qualification_{begun:%Y-%m-%d_%H%M%S}"

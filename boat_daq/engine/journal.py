@@ -27,6 +27,7 @@ class Journal:
 
     def __init__(self) -> None:
         self.recorder: Recorder | None = None
+        self.broken: BrokenRun | None = None  # the run in whose recording this one goes on
         self.messages: deque[Message] = deque(maxlen=MESSAGES)
         self.steps: dict[int, StepMark] = {}
         self.readings: list[Reading] = []
@@ -35,7 +36,7 @@ class Journal:
 
     def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
         """Begin a recording, or go on in that of a broken run; steps and readings of another one are its own."""
-        self.recorder, self.ended = recorder, ""
+        self.recorder, self.ended, self.broken = recorder, "", broken
         self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
         self.readings = list(broken.readings) if broken else []
 

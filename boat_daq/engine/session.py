@@ -292,14 +292,19 @@ class Session:
 
         Raises
         ------
-        OperatorError : outside limits, a fault is latched, a run goes on, the link cannot command.
+        OperatorError : outside limits, a fault is latched, a run goes on, the link cannot command; in the recording of
+            a broken run, another plan than its own, or beginning anew.
         """
         with self._core.acting() as control:
+            recorder, broken = self._core.journal.recorder, self._core.journal.broken
+            if recorder is not None and broken is not None:
+                broken.check_plan(plan)
+                if not go_on:
+                    raise OperatorError(f"{broken.path.name} goes on with its broken run", "or begin a new recording")
             first, complete = resume_point(plan, control.sequencer.marks) if go_on else (1, 0)
             if complete >= plan.cycles:
                 raise OperatorError("the run has all its cycles", "begin a new one")
             control.arm(plan, wait_for_reading=wait_for_reading, first_cycle=first, complete_cycles=complete)
-            recorder = self._core.journal.recorder
             self._goes_on = (first, complete) if go_on else None
             if recorder is not None and not go_on:
                 limits = control.interlock.limits

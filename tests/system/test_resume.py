@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import sqlite3
@@ -20,7 +21,11 @@ from analysis.cycles import find_cycles
 from boat_daq.commands.info import info
 from boat_daq.commands.record import record
 from boat_daq.engine.board_server import BoardSettings, ServedBoard, serve
-from boat_daq.engine.resumption import read_broken_run
+from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.resumption import prepare_resumption, read_broken_run
+from boat_daq.engine.session import Session
+from boat_daq.engine.settings import Settings, UnitLibrary
+from boat_daq.engine.summary import summarise
 from boat_daq.engine.verify import verify_recording
 from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
 from protocol.recording import open_recording
@@ -160,3 +165,34 @@ def test_a_finished_run_has_nothing_to_go_on_with() -> None:
     """Refused with the reason, before any port is opened."""
     with pytest.raises(OperatorError, match="all its 2 cycles"):
         read_broken_run(ROOT / "recordings" / "simulated_SA1_two_cycles.boat")
+
+
+def test_a_window_goes_on_in_a_session_that_is_connected(tmp_path: Path) -> None:
+    """`resume_recording` beside samples that flow: earlier steps are there, another plan and a run from the start are
+    refused, and the run is armed at its next whole cycle.
+    """
+    run = tmp_path / "run.boat"
+    plan = dataclasses.replace(built_in_plans()["repeatability"], cycles=CYCLES, ramp_kpa_per_s=40.0)
+    with serve(BoardSettings(speed=SPEED), in_thread=True) as board:
+        session = Session(Settings(), UnitLibrary(tmp_path))
+        session.connect(board.url, record_to=run)
+        session.wait_connected()
+        session.arm(plan)
+        session.start()
+        session.wait(lambda s: s.progress is not None and s.progress.cycle == 2, 30)
+        session.stop_recording()
+        broken = prepare_resumption(run)
+        session.resume_recording(broken)
+        assert [step.number for step in session.steps()] == [mark.number for mark in broken.marks]
+        with pytest.raises(OperatorError, match="cycles 8, not 9"):
+            session.arm(dataclasses.replace(plan, cycles=9), go_on=True)
+        with pytest.raises(OperatorError, match="goes on with its broken run"):
+            session.arm(plan)
+        session.arm(plan, go_on=True)
+        session.start()
+        seen = session.wait(lambda s: s.progress is not None and s.progress.cycle == broken.first_cycle, 30)
+        session.close()
+    assert seen.progress is not None
+    assert seen.progress.complete_cycles == broken.complete_cycles
+    assert [found.first_cycle for found in summarise(run).breaks] == [broken.first_cycle]
+    assert verify_recording(run).difference == ""

@@ -131,10 +131,10 @@ def test_a_bad_line_loses_frames_and_nothing_else(tmp_path: Path) -> None:
 def test_a_line_that_does_everything_wrong(tmp_path: Path) -> None:
     """Garbage skipped, repeats dropped, gaps exact, absurd values kept and flagged, time monotone; nothing spliced."""
     gaps = (1, 7, 255, 256)
-    faults = [f"index_gap@{48 + 4 * number}:{lost}" for number, lost in enumerate(gaps)]
-    faults += ["garbage@42:5000", "boot_text@43:20", "duplicate@44:5", "reorder@45:5", "absurd_value@46:3"]
-    with drill(tmp_path, *faults, "clock_wrap@47") as found:
-        found.wait(lambda s: s.recorded_s > 68)
+    faults = [f"index_gap@{108 + 4 * number}:{lost}" for number, lost in enumerate(gaps)]
+    faults += ["garbage@102:5000", "boot_text@103:20", "duplicate@104:5", "reorder@105:5", "absurd_value@106:3"]
+    with drill(tmp_path, *faults, "clock_wrap@107") as found:  # 2 s of ours: connected by then
+        found.wait(lambda s: s.recorded_s > 130)
         n = check_samples(found)
     run = found.rows("SELECT value FROM event WHERE kind = 'gap' ORDER BY id")
     assert [lost for (lost,) in run][-4:] == list(gaps)
@@ -232,8 +232,8 @@ def test_a_board_that_falls_silent_is_vented(tmp_path: Path) -> None:
 @pytest.mark.fault(23, how="`ambient_step` of 300 mV and `flicker` of 20 mV in a run, over a pty", times=2)
 def test_a_frozen_channel_and_a_lamp(tmp_path: Path) -> None:
     """One sensor stands still: an alarm with its number. A lamp shows in the dark counts, not in the signal."""
-    with drill(tmp_path, "ambient_step@70:300", "flicker@70:20", "frozen_channel@90:1") as found:
-        found.start(LONG)
+    with drill(tmp_path, "ambient_step@100:300", "flicker@100:20", "frozen_channel@120:1") as found:
+        found.start(dataclasses.replace(SHORT, cycles=6))
         seen = found.wait(lambda s: s.state in OVER)
         run, truth = found.close(), found.truth()
     assert (seen.state, seen.run_ended) == (SessionState.IDLE, "finished")
@@ -305,8 +305,8 @@ def test_a_target_that_is_never_reached(tmp_path: Path, fault: str) -> None:
 @pytest.mark.fault(22, how="`saturate` of sensor 1, recorded over a pty", times=1)
 def test_a_saturated_sensor_is_flagged_and_left_out(tmp_path: Path) -> None:
     """Flagged in the file, left out of every figure, and counted."""
-    with drill(tmp_path, "saturate@50:1") as found:
-        found.wait(lambda s: s.recorded_s > 60)
+    with drill(tmp_path, "saturate@100:1") as found:
+        found.wait(lambda s: s.recorded_s > 110)
         run = found.close()
     saturated = (run.flags & int(SampleFlag.SATURATED)) != 0
     assert not saturated[0]

@@ -29,7 +29,7 @@ def calibration(window: MainWindow) -> list[Command]:
         window.desk.notices.attempt(model.sample)
 
     def acceptable() -> bool:
-        return not model.obstacle() and model.accepted is None
+        return window.page == "Calibrate" and not model.obstacle() and model.accepted is None
 
     def analyse() -> None:
         window.go("Calibrate")

@@ -294,7 +294,7 @@ class _Target:
         size = self.calibration.degree + 2
         spread = np.full(size, start_sd)
         spread[-1] = min(start_sd / np.sqrt(2.0 * self.calibration.dof), WIDEST_NOISE)
-        start = rng.standard_normal((walkers, size)) * spread
+        start: FloatArray = rng.standard_normal((walkers, size)) * spread
         for _ in range(200):
             bad = ~np.isfinite(self.log_probability(start))
             if not bad.any():

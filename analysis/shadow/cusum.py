@@ -57,7 +57,7 @@ def sight(history: int, threshold: float, reference: float = REFERENCE) -> float
     wanted = (threshold + 1.166) / (history - SPENT)
 
     def short(d: float) -> float:
-        return d * np.log(d / reference) - d + reference - wanted
+        return float(d * np.log(d / reference) - d + reference - wanted)
 
     return float(optimize.brentq(short, reference, 1e6))
 

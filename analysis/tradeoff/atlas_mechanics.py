@@ -90,7 +90,7 @@ def out_of_balance(model: FullModel, found: Solution) -> float:
     volume_gradient(model.mesh.nodes, found.displacement_mm, model.mesh.cavity, load)
     inner = oracle(model).internal_force(found.displacement_mm)
     force = model.problem.gather(inner - found.pressure_kpa * load)
-    return float(np.linalg.norm(force) / max(np.linalg.norm(inner), 1e-12))
+    return float(np.linalg.norm(force)) / max(float(np.linalg.norm(inner)), 1e-12)
 
 
 def limit(pressure_kpa: float, wall_mm: float) -> Answer:

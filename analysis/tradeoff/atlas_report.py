@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from PIL import Image
 
 from analysis import style
 from analysis.tradeoff.atlas import Map, Outcome
@@ -15,6 +16,8 @@ from analysis.tradeoff.atlas_chart import WORDS, method_atlas
 from analysis.tradeoff.report import machine
 
 DPI = 110
+COLOURS = 64
+"""Of a PNG: the maps need no more, and such a file is a third as large."""
 HATCH = {"hatch.linewidth": 0.3}
 
 
@@ -40,4 +43,11 @@ def write_atlas(maps: Sequence[Map], folder: Path) -> list[Path]:
             for kind in ("png", "svg"):
                 files.append(folder / f"{method}.{kind}")
                 figure.savefig(files[-1], dpi=DPI, metadata={"Date": None} if kind == "svg" else None)
+            _reduce(folder / f"{method}.png")
     return files
+
+
+def _reduce(picture: Path) -> None:
+    with Image.open(picture) as full:
+        small = full.convert("RGB").quantize(COLOURS)
+    small.save(picture, optimize=True)

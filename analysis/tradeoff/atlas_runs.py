@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.pipeline import Analysis, Options, analyse
 from analysis.polynomial import FloatArray
-from analysis.recording import Recording
+from analysis.recording import IntArray, Recording
 from analysis.statistics import Figure
 from analysis.tradeoff.atlas import Answer, joined
 from analysis.tradeoff.atlas_fit import NOISE_MV, cubic
@@ -123,7 +123,7 @@ class Stairs:
             "system_hysteresis_percent_fso": wide,
         }
 
-    def recording(self, kept: FloatArray | None = None) -> Recording:
+    def recording(self, kept: IntArray | None = None) -> Recording:
         """The run; `kept` are the samples that arrived, all by default."""
         time, pressure, signal = self.columns
         rows = np.arange(time.size) if kept is None else kept

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from analysis.polynomial import FloatArray
+from analysis.recording import BoolArray
 from analysis.tradeoff.atlas import Answer, Axis, Study
 from analysis.tradeoff.atlas_runs import Stairs, judged_run
 
@@ -40,13 +40,13 @@ def small(span_kpa: float, noise_kpa: float) -> Answer:
     return judged_run(Stairs(span_kpa=span_kpa, pressure_noise_kpa=noise_kpa), readings=False)
 
 
-def _holes(samples: int, share_percent: float, length: float) -> FloatArray:
+def _holes(samples: int, share_percent: float, length: float) -> BoolArray:
     """Mark holes of `length` samples at random places, `share_percent` of all samples."""
     rng, found = np.random.default_rng(5), np.zeros(samples, dtype=bool)
     count = round(share_percent / 100.0 * samples / length)
     for first in rng.integers(0, samples - int(length), count):
         found[first : first + int(length)] = True
-    return np.asarray(found)
+    return found
 
 
 _NOISE = Axis("noise of the pressure, sd", "kPa", (0.0, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0))

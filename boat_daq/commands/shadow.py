@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -93,7 +93,7 @@ def solve(
     level = level_of(fidelity)
     full, solution, answered, seconds = answer(pressure, elongation, model, parameters, mesh, level)
     limit = full.vacuum_limit
-    result = {
+    result: dict[str, Any] = {
         "pressure_kpa": solution.pressure_kpa,
         "elongation_mm": solution.elongation_mm,
         "lowest_eigenvalue": full.stability.lowest_eigenvalue(solution),
@@ -103,9 +103,9 @@ def solve(
         "model": answered,
         "tip_force_mn": solution.tip_force_mn,
         "critical_pressure_kpa": limit.pressure_kpa,
-        "notes": full.reservations,
     }
-    for note in full.reservations:
+    result["notes"] = notes = [*full.reservations, *unstable(result["lowest_eigenvalue"])]
+    for note in notes:
         say(note)
     if plot is not None:
         draw(solution, parameters, plot, level)
@@ -120,6 +120,13 @@ def solve(
             f"lowest eigenvalue {result['lowest_eigenvalue']:.3f} (1 at rest, 0 at the critical pressure of "
             f"{limit.pressure_kpa:.1f} kPa)"
         )
+
+
+def unstable(lowest_eigenvalue: float) -> tuple[str, ...]:
+    """What to say of a state with both pressure and elongation imposed, which no critical pressure judges."""
+    if lowest_eigenvalue > 0.0:
+        return ()
+    return ("this state is in balance but not stable: an actuator brought there would buckle",)
 
 
 def answer(

@@ -139,3 +139,11 @@ def test_every_command_shows_an_example() -> None:
         assert f"Example: boat-daq shadow {command}" in " ".join(
             CliRunner().invoke(app, [command, "--help"]).output.split()
         )
+
+
+def test_a_state_held_beyond_its_stability_is_told() -> None:
+    """-44 kPa is short of the critical pressure, but not with the tip pulled to +7 mm; at -3 mm nothing is said."""
+    for elongation, notes in (("7", ["this state is in balance but not stable"]), ("-3", [])):
+        result = answer("solve", "--pressure", "-44", "--elongation", elongation)
+        assert (result["lowest_eigenvalue"] < 0) == bool(notes)
+        assert [n.split(":")[0] for n in result["notes"]] == notes

@@ -17,6 +17,7 @@ from analysis.shadow.element import EDGES
 from analysis.shadow.full_model import FullModel
 from analysis.shadow.mesh import Mesh
 from analysis.shadow.mesh_files import PARTS, from_meshio, read_mesh, to_meshio, write_state
+from analysis.shadow.parameters import ActuatorParameters
 
 
 @pytest.mark.parametrize("kind", ["vtu", "msh"])
@@ -155,3 +156,26 @@ def test_calculix_finds_the_same_state(actuator: FullModel, tmp_path: Path, pres
     found = np.array([[float(v) for v in line[1:3]] for line in lines if len(line) == 4 and line[0].isdigit()])
     assert found[actuator.mesh.tip[0], 1] == pytest.approx(state.elongation_mm, rel=1e-3)
     assert np.abs(found - state.displacement_mm).max() < 2e-3 * abs(state.elongation_mm)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("values", "pressure"),
+    [
+        ({"wall_mm": 1.8, "neck_radius_mm": 4.76}, 30.0),
+        ({"wall_mm": 2.6, "cells": 3}, -50.0),
+        ({"lattice_modulus_kpa": 10.0, "lattice_poisson": 0.1, "wall_poisson": 0.4}, 40.0),
+        ({"axial_elements": 12, "wall_elements": 3, "lattice_elements": 6, "wall_poisson": 0.499}, -30.0),
+    ],
+)
+def test_calculix_agrees_for_other_actuators(values: dict[str, float], pressure: float, tmp_path: Path) -> None:
+    """Other walls, moduli, Poisson's ratios and meshes: tip within 1 % of CalculiX on the exported deck."""
+    if shutil.which("ccx") is None:
+        pytest.skip("CalculiX (ccx, Debian's calculix-ccx) is not installed")
+    model = FullModel(ActuatorParameters(**values))  # type: ignore[arg-type]
+    state = model.solve(pressure_kpa=pressure)
+    write_state(model, state, tmp_path / "deck.inp", "inp")
+    subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True, timeout=600)
+    lines = [line.split() for line in (tmp_path / "deck.dat").read_text().splitlines()]
+    found = np.array([[float(v) for v in line[1:3]] for line in lines if len(line) == 4 and line[0].isdigit()])
+    assert found[model.mesh.tip[0], 1] == pytest.approx(state.elongation_mm, rel=1e-2)

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.csv_hints import listed, map_by_hand, runs_like_time, words_in
 from analysis.csv_table import Table, line_of_row, read_table
 from analysis.errors import DataError, FileError, RequestError
 from analysis.recording import FloatArray, Recording
@@ -132,6 +133,11 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> Colum
             continue  # signals were mapped by hand: no others are added
         chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), notes)
         taken.add(position)
+    if "time_s" not in chosen and not table.dialect.header:
+        found = next((i for i in range(len(table.names)) if i not in taken and runs_like_time(table, i)), None)
+        if found is not None:
+            notes.append(f"no header: column {found + 1} never falls, taken as time")
+            chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], notes)
     return ColumnMap(dict(sorted(chosen.items(), key=lambda item: item[1].position)), tuple(notes))
 
 
@@ -284,20 +290,15 @@ def _missing(mapping: ColumnMap) -> list[str]:
     return missing
 
 
-def _words_in(table: Table, position: int) -> str:
-    first = next((cell for cell in table.text[position] if cell), "")
-    return f"column {table.names[position]!r} holds text like {first[:30]!r}, not numbers"
-
-
 def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None) -> Recording:
     missing = [name for name in _missing(mapping) if name != "time_s" or rate_hz is None]
     if missing:
-        listed = ", ".join(f"{i + 1} {name}" for i, name in enumerate(table.names[:20]))
-        remedy = "Give --rate HZ" if missing == ["time_s"] else f"Map it by hand: --map {missing[0]}=COLUMN[:UNIT]"
-        words = [_words_in(table, i) for i in table.text if _recognise(table.names[i]) in missing]
+        by_hand = f"Map it by hand, with the numbers of its columns: {map_by_hand(missing, mapping)}"
+        remedy = "Give --rate HZ, or --map time_s=COLUMN:ms" if missing == ["time_s"] else by_hand
+        words = [words_in(table, i) for i in table.text if _recognise(table.names[i]) in missing]
         raise RequestError(
             "; ".join([f"{path.name}: no column was recognised as {', '.join(missing)}", *words]),
-            f"{remedy}. Columns: {listed}.",
+            f"{remedy}. Columns: {listed(table)}.",
         )
     meta = _meta(table, mapping, path)
     if "time_s" not in mapping.columns:

@@ -19,7 +19,7 @@ import numpy as np
 from analysis.batch import Progress, readings_beside, runs_in
 from analysis.calibration import Calibration
 from analysis.comparison import unit_of
-from analysis.errors import AnalysisError, DataError
+from analysis.errors import DataError
 from analysis.pipeline import Analysis, analyse
 from analysis.recording import FloatArray
 
@@ -109,8 +109,11 @@ def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: P
             progress(done, len(files))
         try:
             analysis = analyse(path, readings_beside(path), seed=seed, mcmc=False)
-        except AnalysisError as error:
-            left_out.append({"run": path.name, "reason": error.cause})
+        except Exception as error:
+            cause = getattr(error, "cause", None)  # the file's own errors are another family's, with a cause as well
+            if cause is None:
+                raise
+            left_out.append({"run": path.name, "reason": cause})
             continue
         units.add(unit_of(analysis))
         if unit_of(analysis) == unit:

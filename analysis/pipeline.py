@@ -19,13 +19,15 @@ import numpy as np
 
 from analysis import metrics
 from analysis.break_comparison import Break, compare_breaks, of_cycles, parts_of
-from analysis.calibration import Calibration, fit_calibration, reservations
-from analysis.cycles import Cycles, disagreements_with_marks, find_cycles
+from analysis.calibration import Calibration, fit_calibration
+from analysis.cycles import Cycles, find_cycles
 from analysis.elongation import Elongations, elongations_of
 from analysis.errors import AnalysisError
 from analysis.fidelity import Level, fidelity
-from analysis.loops import MAX_DAMAGED_CYCLE, Loops, continuous_loops, loop_width, staircase_loops
-from analysis.losses import LossCounter, Losses
+from analysis.figure_windows import with_losses
+from analysis.flags import flags_of
+from analysis.loops import Loops, continuous_loops, loop_width, staircase_loops
+from analysis.losses import LossCounter
 from analysis.plateaus import Plateau, PlateauSettings, find_plateaus
 from analysis.posterior import Posterior, sample_posterior
 from analysis.recording import BoolArray, FloatArray, Recording, load_recording
@@ -33,14 +35,6 @@ from analysis.signal_faults import mask_faulty_signals
 from analysis.statistics import Figure, resampling_weights
 
 Progress = Callable[[float, float], None]
-
-NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
-
-OF_POINTS = (  # figures of the calibration's points; the others are those of the loops
-    "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm",
-    "sensor_hysteresis_percent_fso",
-)  # fmt: skip
-BREAK_FLAGS = {"same": "break", "differs": "differs_over_break", "untested": "untested_break"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +209,7 @@ def analyse(
     actuator, actuator_cycles = _actuator_hysteresis(run)
     return Analysis(
         recording, options, cycles, plateaus, elongations, loops, tuple(sensors), _system_sensitivity(sensors),
-        actuator, actuator_cycles, _flags(run, sensors), run.reading_sd_mm, breaks,
+        actuator, actuator_cycles, flags_of(run, sensors), run.reading_sd_mm, breaks,
         tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
     )  # fmt: skip
 
@@ -289,35 +283,12 @@ def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
     figures["combined_error_percent_fso"] = metrics.combined_error(
         [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
     )
-    figures = _with_losses(run, sensor, figures)
+    figures = with_losses(run, sensor, figures)
     return SensorAnalysis(
         run.recording.sensor_names[sensor], calibration, reason, posterior, figures, abscissa,
         per_cycle if calibration is not None else system_per_cycle, system_per_cycle, levels,
         points.astype(np.float64), cycle_of,
     )  # fmt: skip
-
-
-def _with_losses(run: _Run, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """Say of every figure what its window lost; void it above the limit, or where the losses left it nothing."""
-    counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
-    if run.plateaus:
-        holds = [p for p in run.plateaus if p.cycle in chosen and p.branch]
-        of_loops = counter.of_windows([slice(p.settled_first, p.last + 1) for p in holds])
-        read = set() if run.elongations is None else set(np.flatnonzero(run.elongations.known).tolist())
-        points = [p for i, p in enumerate(run.plateaus) if i in read and p.cycle in chosen and p.branch]
-        of_points = counter.of_windows([slice(p.settled_first, p.last + 1) for p in points])
-    else:
-        of_loops = of_points = counter.of_windows([c.rows for c in run.cycles.used])
-    return {name: _over(figure, of_points if name in OF_POINTS else of_loops) for name, figure in figures.items()}
-
-
-def _over(figure: Figure, window: Losses) -> Figure:
-    void = window.void()
-    if void and not figure.void:
-        return replace(figure, value=float("nan"), low=float("nan"), high=float("nan"), void=void, window=window)
-    if figure.void and window.void(MAX_DAMAGED_CYCLE):
-        return replace(figure, void=f"{figure.void}: {window.void(MAX_DAMAGED_CYCLE)}", window=window)
-    return replace(figure, window=window)
 
 
 def _calibrate(run: _Run, sensor: int, points: np.ndarray[Any, Any]) -> Calibration:
@@ -401,88 +372,6 @@ def _system_sensitivity(sensors: list[SensorAnalysis]) -> Figure:
     low = sum(p.value - p.low for p in parts) / n
     high = sum(p.high - p.value for p in parts) / n
     return Figure(value, "mV/mm", parts[0].n, value - low, value + high, definition=definition)
-
-
-def _flags(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ...]:
-    recording = run.recording
-    flags: list[tuple[str, str]] = []
-    if recording.simulated:
-        flags.append(("simulated", "recorded from the virtual board: SIMULATED"))
-    if recording.gaps:
-        flags.append(("gaps", f"{recording.lost} samples lost in {len(recording.gaps)} gaps"))
-    if recording.meta.get("crc_errors"):
-        text = f"{recording.meta['crc_errors']} frames failed their CRC; their samples count as lost"
-        flags.append(("crc_errors", text))
-    flags += [
-        (name, f"{count} samples masked: {name.replace('_', ' ')}") for name, count in recording.masked.items() if count
-    ]
-    if recording.meta.get("damaged_blocks"):
-        flags.append(("damaged", f"{recording.meta['damaged_blocks']} blocks of the file are damaged and left out"))
-    if run.cycles.noise_kpa > NOISY_SHARE * run.cycles.span_kpa > 0:
-        share = run.cycles.noise_kpa / run.cycles.span_kpa
-        text = f"the pressure's noise of {run.cycles.noise_kpa:.2g} kPa is {share:.1%} of its span: holds are uncertain"
-        flags.append(("noisy_pressure", text))
-    if not run.cycles.used:
-        flags.append(("no_cycle", f"no complete cycle, {run.cycles.as_json()['partial']} partial"))
-    flags += [(BREAK_FLAGS[found.verdict], found.sentence) for found in run.breaks]
-    flags += [("partial_cycle", part.reason) for part in run.cycles.partial]
-    flags += [("cycle_left_out", f"cycle {c.number}: {c.left_out}") for c in run.cycles.complete if c.left_out]
-    flags += [
-        (
-            "excursion_left_out",
-            f"{recording.time_s[e.first]:.1f} s: {e.low_kpa:+.1f} to {e.high_kpa:+.1f} kPa: {e.reason}",
-        )
-        for e in run.cycles.excursions
-    ]
-    flags += [("void", reason) for reason in run.loops.void]
-    flags += [("marks_disagree", said) for said in disagreements_with_marks(run.cycles, recording)]
-    for sensor in sensors:
-        flags += [(code, f"{sensor.name}: {text}") for code, text in _sensor_flags(sensor, run)]
-    return tuple({"code": code, "text": text} for code, text in flags)
-
-
-def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
-    flags: list[tuple[str, str]] = []
-    number = run.recording.sensor_names.index(sensor.name)
-    standing = LossCounter.of(run.recording, number).of_windows([slice(0, run.recording.n)]).standing
-    if standing:
-        share = f"{standing / run.recording.n:.1%}"
-        text = f"{standing} samples ({share}) are clipped, frozen or dropped out though nothing flagged them: left out"
-        flags.append(("flat", text))
-    if sensor.figures["snr_db"].note.startswith("the full-scale output"):
-        flags.append(("no_span", sensor.figures["snr_db"].note))
-    for name, abscissa in (("sensor", "elongation"), ("system", "pressure")):
-        figure = sensor.figures.get(f"{name}_hysteresis_percent_fso")
-        if figure is not None and figure.note.startswith(metrics.BOUND):
-            flags.append(("hysteresis_is_a_bound", f"the hysteresis over {abscissa} is {figure.note}"))
-        elif figure is not None and metrics.IN_PART in figure.note:
-            flags.append(("hysteresis_in_part", f"the hysteresis over {abscissa}: {figure.note}"))
-    calibration, posterior = sensor.calibration, sensor.posterior
-    if calibration is None:
-        return [*flags, ("no_calibration", sensor.calibration_void)] if run.plateaus else flags
-    if not calibration.monotone:
-        inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
-        where = ", ".join(f"{t:.2f}" for t in inside)
-        flags.append(("not_monotone", f"the curve turns at {where} mm: its inverse is refused"))
-    flags += [("calibration", text) for text in reservations(calibration)]
-    if posterior is None and run.options.mcmc:
-        flags.append(("no_posterior", sensor.calibration_void))
-    flags += [("posterior", text) for text in (posterior.reservations if posterior is not None else ())]
-    if posterior is not None and not posterior.converged:
-        flags.append(
-            ("not_converged", f"the posterior is not converged: {posterior.steps} steps, tau {posterior.tau:.0f}")
-        )
-    low, high = calibration.x_range
-    by_reading = run.reading_sd_mm * calibration.full_scale / (high - low)
-    if by_reading > 2.0 * calibration.residual_sd:
-        flags.append(
-            (
-                "reading_error_overstated",
-                f"the readings scatter less than a reading error of {run.reading_sd_mm:.2f} mm would make them: "
-                "posterior and uncertainty are too wide; give --x-resolution",
-            )
-        )
-    return flags
 
 
 def _sensor_json(sensor: SensorAnalysis) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.errors import DataError, FileError
+from analysis.errors import DataError, FileError, RequestError
 from protocol.recording import NOT_FOR_FIGURES, SUFFIX, SampleFlag
 
 FloatArray = npt.NDArray[np.float64]
@@ -219,7 +219,7 @@ def load_recording(path: str | Path, **import_options: Any) -> Recording:
 
     Raises
     ------
-    FileError : the file is not there, or is not what it was taken for.
+    FileError : the file is not there, or is not what it was taken for. RequestError : a map for a recording.
     """
     path = Path(path)
     if not path.is_file():
@@ -227,6 +227,8 @@ def load_recording(path: str | Path, **import_options: Any) -> Recording:
     from analysis import boat_file, csv_import  # here, so that neither door needs the other's imports
 
     if boat_file.is_boat_file(path):
+        if any(value is not None for value in import_options.values()):
+            raise RequestError(f"{path.name} is a recording: its columns are known", "Leave --map and --rate out.")
         return boat_file.read_boat_file(path)
     if path.suffix == SUFFIX:
         raise FileError(f"{path.name} is not a recording: it holds no SQLite database", "Was it cut off when copied?")

@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 def analyze(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A .boat file, or a CSV that `import` understands.")],
     elongation: Annotated[Path | None, typer.Option(help="CSV of read elongations, by plateau.")] = None,
+    mapping: Annotated[
+        list[str] | None,
+        typer.Option("--map", metavar="NAME=COLUMN[:UNIT]", help="Of a CSV, as `import` takes it."),
+    ] = None,
+    rate: Annotated[float | None, typer.Option(min=0.001, metavar="HZ", help="Of a CSV without time.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the intervals and the posterior.")] = 0,
     no_mcmc: Annotated[bool, typer.Option("--no-mcmc", help="Leave the posterior out.")] = False,
     x_resolution: Annotated[
@@ -36,15 +41,17 @@ def analyze(
 
         boat-daq analyze run.boat --elongation readings.csv --seed 1 --json
     """
-    from analysis import Options, PlateauSettings, analyse
+    from analysis import Options, PlateauSettings, analyse, load_recording
     from analysis.results import store_analysis
+    from boat_daq.commands.importing import column_map
 
     options = Options(
         seed=seed, mcmc=not no_mcmc, x_resolution_mm=x_resolution, plateau=PlateauSettings(tolerance, settling),
         fidelity=level_of(fidelity),
     )  # fmt: skip
     with progress_bar("Analysing") as advance:
-        analysis = analyse(run, elongation, options=options, progress=advance)
+        source = load_recording(run, columns=column_map(mapping), rate_hz=rate) if mapping or rate else run
+        analysis = analyse(source, elongation, options=options, progress=advance)
     if not no_store:
         said = store_analysis(run, analysis, elongation)
         if said:
@@ -91,12 +98,14 @@ def _print(analysis: Analysis) -> None:
         f"{cycles['complete']} complete cycles, {cycles['partial']} partial, {content['lost_samples']} samples lost",
         highlight=False,
     )
-    table = Table(box=None, pad_edge=False)
-    table.add_column("figure (95 % interval)")
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("figure [95 % interval]", no_wrap=True)
     for sensor in analysis.sensors:
-        table.add_column(sensor.name, justify="right")
-    for name in analysis.sensors[0].figures:
-        table.add_row(name, *(with_interval(sensor.figures[name]) for sensor in analysis.sensors))
+        table.add_column(sensor.name, justify="right", no_wrap=True)
+    for name, first in analysis.sensors[0].figures.items():  # the unit stands in the name
+        table.add_row(
+            name, *(with_interval(sensor.figures[name]).removesuffix(f" {first.unit}") for sensor in analysis.sensors)
+        )
     out.print(table)
     for sensor in analysis.sensors:
         if sensor.calibration is not None:

@@ -35,7 +35,7 @@ def import_csv(
     from analysis import csv_import as importer
 
     columns = importer.load_profile(profile) if profile else {}
-    columns |= dict(_pair(text) for text in mapping or ())
+    columns |= column_map(mapping)
     if save_profile is not None:
         from analysis.csv_table import read_table
 
@@ -59,6 +59,11 @@ def import_csv(
                    "masked": dict(recording.masked), "gaps": len(recording.gaps)})  # fmt: skip
     else:
         say(f"wrote {to}: {recording.n} samples, {recording.n_sensors} sensors, {recording.duration_s:.1f} s")
+
+
+def column_map(mapping: list[str] | None) -> dict[str, str]:
+    """Return what `--map NAME=COLUMN[:UNIT]` says, NAME -> COLUMN[:UNIT]."""
+    return dict(_pair(text) for text in mapping or ())
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analysis.report_content import Report
-    from boat_daq.engine.drills import Drill, Outcome
+    from boat_daq.engine.drill_bench import Outcome
+    from boat_daq.engine.drills import Drill
 
 _PACKAGES = ("numpy", "pyserial", "cobs", "scipy", "pandas")
 
@@ -160,8 +161,8 @@ def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
     from analysis.report_content import Report, Section, Table
 
     short = Table(
-        ("Drill", "Injected", "Lost", "Result"),
-        tuple((o.name, o.injected, o.lost, "passed" if o.passed else "FAILED") for o in outcomes),
+        ("Drill", "Result", "Lost", "Injected"),
+        tuple((o.name, "passed" if o.passed else "FAILED", o.lost, o.injected) for o in outcomes),
         "What was injected into the virtual board, what the recording lacks, and whether every criterion was kept.",
         numeric=False,
     )

@@ -61,7 +61,7 @@ def loss(bench: Bench) -> Outcome:
         session.wait(lambda s: s.last is not None and s.last.time_s > 30, WAIT_S)
     found = compare(bench)
     criteria = (loss_is_exact(found), nothing_wrong(found), _happened(found.missing >= 273, found), identical(bench))
-    injected = "frames lost on the way (1, 7, 255), 10 dropped by the board, one byte in 2,000 lost"
+    injected = "1, 7 and 255 frames, one byte in 2,000, 10 dropped by the board"
     return Outcome("loss", injected, criteria, lost(found), counts(found))
 
 

@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 from boat_daq.cli import app
 from boat_daq.commands.qualify import result
 from boat_daq.engine import drills
-from boat_daq.engine.drills import Bench, Criterion, Outcome, available, run_drill
+from boat_daq.engine.drill_bench import Bench, Criterion, Outcome
+from boat_daq.engine.drills import available, run_drill
 from boat_daq.engine.recorder import Recorder
 from protocol import framing
 

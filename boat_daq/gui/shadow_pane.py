@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -218,7 +219,7 @@ class ShadowPane(QWidget):
         elif not self.view.grab().save(str(path), "PNG"):
             raise OSError(f"{path} cannot be written")
 
-    def columns(self) -> dict[str, NDArray[np.float64]]:
+    def columns(self) -> dict[str, Any]:
         """Return the guides and the tracked points as they are drawn, mm."""
         picture = self.desk.shadow.picture()
         named = {f"guide {i}": guide for i, guide in enumerate(picture.guides, 1)} | {"tracked": picture.tracked}

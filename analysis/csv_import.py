@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.csv_hints import listed, map_by_hand, runs_like_time, words_in
+from analysis.csv_hints import guess_unit, listed, map_by_hand, time_without_header, words_in
 from analysis.csv_table import Table, line_of_row, read_table
 from analysis.errors import DataError, FileError, RequestError
 from analysis.recording import FloatArray, Recording
@@ -133,11 +133,10 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> Colum
             continue  # signals were mapped by hand: no others are added
         chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), notes)
         taken.add(position)
-    if "time_s" not in chosen and not table.dialect.header:
-        found = next((i for i in range(len(table.names)) if i not in taken and runs_like_time(table, i)), None)
-        if found is not None:
-            notes.append(f"no header: column {found + 1} never falls, taken as time")
-            chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], notes)
+    found = time_without_header(table) if columns and "time_s" not in chosen else None
+    if found is not None and found not in taken:
+        notes.append(f"no header: column {found + 1} never falls, taken as time")
+        chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], notes)
     return ColumnMap(dict(sorted(chosen.items(), key=lambda item: item[1].position)), tuple(notes))
 
 
@@ -266,20 +265,9 @@ def _with_unit(table: Table, name: str, position: int, unit: str, notes: list[st
             f"unit {unit!r} of column {table.names[position]!r} is not known for {name}",
             f"Map it by hand: --map {name}={position + 1}:UNIT with one of {', '.join(known)}.",
         )
-    guessed = _guess_unit(name, table.columns[position])
+    guessed = guess_unit(name, table.columns[position])
     notes.append(f"column {table.names[position]!r} has no unit: taken as {guessed}")
     return Column(position, guessed, known[guessed.lower()])
-
-
-def _guess_unit(name: str, values: FloatArray) -> str:
-    finite = values[np.isfinite(values)]
-    if name == "time_s":
-        step = float(np.median(np.abs(np.diff(finite)))) if finite.size > 1 else 0.0
-        return "s" if step < 2 else ("ms" if step < 1500 else "us")
-    if name.endswith("_mv"):
-        return "V" if finite.size and np.abs(finite).max() <= 10 else "mV"
-    largest = float(np.abs(finite).max()) if finite.size else 0.0
-    return "kPa" if largest < 1000 else "Pa"
 
 
 def _missing(mapping: ColumnMap) -> list[str]:
@@ -293,7 +281,7 @@ def _missing(mapping: ColumnMap) -> list[str]:
 def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None) -> Recording:
     missing = [name for name in _missing(mapping) if name != "time_s" or rate_hz is None]
     if missing:
-        by_hand = f"Map it by hand, with the numbers of its columns: {map_by_hand(missing, mapping)}"
+        by_hand = f"Map it by hand, with the numbers of its columns: {map_by_hand(missing, mapping, table)}"
         remedy = "Give --rate HZ, or --map time_s=COLUMN:ms" if missing == ["time_s"] else by_hand
         words = [words_in(table, i) for i in table.text if _recognise(table.names[i]) in missing]
         raise RequestError(

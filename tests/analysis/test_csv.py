@@ -67,8 +67,11 @@ def test_without_a_header_columns_are_mapped_by_number_and_the_map_is_kept(tmp_p
     """A map by number is saved as a profile and gives the same run again; without it the refusal lists the columns."""
     path, profile = tmp_path / "a.csv", tmp_path / "lab.json"
     path.write_text(text(header=None))
-    with pytest.raises(AnalysisError, match="no column was recognised as time_s"):
+    with pytest.raises(AnalysisError, match="no column was recognised as time_s") as refused:
         import_csv(path)
+    assert "--map time_s=1:" in refused.value.remedy
+    by_itself = import_csv(path, columns={"pressure_kpa": "2:bar", "s1_mv": "3:V"})
+    assert any("taken as time" in note for note in by_itself.meta["import_notes"])
     columns = {"time_s": "1:ms", "pressure_kpa": "2:bar", "s1_mv": "3:V"}
     table = read_table(path)
     save_profile(profile, map_columns(table, columns), table)

@@ -138,8 +138,10 @@ def _crc_failures(db: sqlite3.Connection, clock: _Clock) -> list[_Failed]:
         whole = all(a >= b for a, b in zip(after, before, strict=True))
         frames, samples, failed = (a - b if whole else a for a, b in zip(after, before, strict=True))
         if failed > 0:
-            ends = (clock.seconds(int(segment or 0), float("nan") if t is None else t) for t in (before_us, after_us))
-            found.append(_Failed(*ends, failed, max(samples / frames, 1.0) if frames else 1.0))
+            begin, end = (
+                clock.seconds(int(segment or 0), float("nan") if t is None else t) for t in (before_us, after_us)
+            )
+            found.append(_Failed(begin, end, failed, max(samples / frames, 1.0) if frames else 1.0))
     return found
 
 

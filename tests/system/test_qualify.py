@@ -16,7 +16,7 @@ from boat_daq.engine import drills
 from boat_daq.engine.drill_bench import Bench, Criterion, Outcome
 from boat_daq.engine.drills import available, run_drill
 from boat_daq.engine.recorder import Recorder
-from protocol import framing
+from protocol import Samples, framing
 
 
 def broken(outcome: Outcome) -> set[str]:
@@ -32,18 +32,18 @@ def test_losses_are_held_against_the_boards_truth(tmp_path: Path) -> None:
 
 
 def test_a_recorder_that_loses_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A block in fifty is thrown away without a word: its own bytes still verify, the board's truth does not agree."""
+    """A block of samples in ten is thrown away without a word: the board's truth does not agree."""
     take, seen = Recorder.__call__, [0]
 
     def careless(recorder: Recorder, block: Any) -> None:
-        seen[0] += 1
-        if seen[0] % 50 or not block.raw:
+        seen[0] += any(isinstance(event, Samples) for event in block.events)
+        if seen[0] % 10 != 5:
             take(recorder, block)
 
     monkeypatch.setattr(Recorder, "__call__", careless)
     outcome = run_drill(drills.ambient_flash, tmp_path / "flash")
     assert not outcome.passed
-    assert "no sample is lost" in broken(outcome)
+    assert "no sample is lost" in broken(outcome), outcome
 
 
 @pytest.mark.nightly

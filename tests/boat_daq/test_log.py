@@ -148,3 +148,18 @@ def test_without_a_folder_there_is_no_log_and_no_error(tmp_path: Path, monkeypat
     monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path / "file"))
     assert log.start_log() is None
     log.note("error", "nowhere")
+
+
+def test_the_command_says_what_it_packed(place: Path, tmp_path: Path) -> None:
+    """Names of the files inside; a second report of that name is refused, exit 1 by the error's family."""
+    from typer.testing import CliRunner
+
+    from boat_daq.cli import app
+
+    run = CliRunner().invoke(app, ["bugreport", "--out", str(tmp_path / "bug.zip"), "--json"])
+    assert run.exit_code == 0
+    told = json.loads(run.stdout)
+    assert told["contents"] == list(contents(tmp_path / "bug.zip"))
+    assert told["personal"] is False
+    again = CliRunner().invoke(app, ["bugreport", "--out", str(tmp_path / "bug.zip")])
+    assert isinstance(again.exception, OperatorError)

@@ -339,3 +339,18 @@ def test_the_sample_recordings_readings_are_edited_from_the_runs_page(make, tmp_
     page.readings.close()
     window.refresh()
     assert page.readings is None
+
+
+def test_waiting_for_readings_can_be_undone(live):
+    """The check box is a change like any other: undo brings it back, in the model and in the form."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    live.refresh()
+    box = live.live.plan.ask_readings
+    box.click()
+    assert live.desk.sequence.wait_for_reading is False
+    live.undo.stack.undo()
+    live.refresh()
+    assert (live.desk.sequence.wait_for_reading, box.isChecked()) == (True, True)
+    live.undo.stack.redo()
+    live.refresh()
+    assert (live.desk.sequence.wait_for_reading, box.isChecked()) == (False, False)

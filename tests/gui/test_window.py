@@ -152,21 +152,6 @@ def test_an_edit_of_the_plan_can_be_undone(live):
     assert field.text() == "5"
 
 
-def test_waiting_for_readings_can_be_undone(live):
-    """The check box is a change like any other: undo brings it back, in the model and in the form."""
-    live.live.pane.setCurrentWidget(live.live.plan)
-    live.refresh()
-    box = live.live.plan.ask_readings
-    box.click()
-    assert live.desk.sequence.wait_for_reading is False
-    live.undo.stack.undo()
-    live.refresh()
-    assert (live.desk.sequence.wait_for_reading, box.isChecked()) == (True, True)
-    live.undo.stack.redo()
-    live.refresh()
-    assert (live.desk.sequence.wait_for_reading, box.isChecked()) == (False, False)
-
-
 def test_the_palette_finds_and_does(live):
     """Typing a few letters finds a command, Enter does it."""
     live.show_palette()
@@ -294,17 +279,6 @@ def test_a_photograph_gives_a_reading(make, tmp_path):
     assert session.kept[-1].resolution_mm < 1.0
     with pytest.raises(OperatorError, match="no picture"):
         panel.load(tmp_path / "nothing.png")
-
-
-def test_a_marker_is_kept_with_its_note(live):
-    """M asks for a note, Enter puts it at the newest sample, in the session and in the picture."""
-    live.live.ask_marker()
-    QTest.keyClicks(live.live.note, "tapped the tube")
-    QTest.keyClick(live.live.note, Qt.Key.Key_Return)
-    live.refresh()
-    assert "mark" in live.desk.session.asked
-    assert [marker.note for marker in live.desk.live.markers] == ["tapped the tube"]
-    assert len(live.live.plots._markers) == 1
 
 
 def test_the_end_of_a_run_offers_the_next_step(make):

@@ -20,7 +20,7 @@ from boat_daq.commands.history import history
 from boat_daq.commands.importing import import_csv
 from boat_daq.commands.report import report
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, write_boat
-from tests.analysis.test_calibration import certified, digits
+from tests.analysis.test_calibration import DIGITS, certified, digits
 
 app = typer.Typer()
 for name, command in {
@@ -50,13 +50,16 @@ def stairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return write_boat(folder / "run.boat", plan.recording()), folder / "e.csv"
 
 
-def test_fit_meets_certified_digits_and_gives_bands(shared_data: Path, tmp_path: Path) -> None:
-    """Pontius through the command: 10 digits, the keys of the surface, bands where asked for."""
-    x, y, coefficients, _ = certified(shared_data / "nist_strd" / "Pontius.dat")
+@pytest.mark.parametrize("name", DIGITS)
+def test_fit_meets_certified_digits_and_gives_bands(shared_data: Path, tmp_path: Path, name: str) -> None:
+    """NIST's sets through the command: the digits of the fit itself, the keys of the surface, bands where asked for."""
+    x, y, coefficients, deviations = certified(shared_data / "nist_strd" / f"{name}.dat")
     pd.DataFrame({"load": x, "deflection": y}).to_csv(tmp_path / "p.csv", index=False)
-    found = run("fit", tmp_path / "p.csv", "--x", "load", "--y", "deflection", "--degree", "2", "--bands")
+    degree = str(coefficients.size - 1)
+    found = run("fit", tmp_path / "p.csv", "--x", "load", "--y", "deflection", "--degree", degree, "--bands")
     assert set(found) >= FIT_KEYS
-    assert digits(np.asarray(found["coefficients"]), coefficients) >= 10
+    assert digits(np.asarray(found["coefficients"]), coefficients) >= DIGITS[name]
+    assert digits(np.asarray(found["std_errors"]), deviations) >= 5.0
     assert len(found["bands"]["curve_95"][0]) == len(found["bands"]["x"])
 
 
@@ -77,18 +80,18 @@ def test_fit_masks_what_is_missing_and_refuses_what_cannot_be(tmp_path: Path) ->
 def test_analyze_export_import_and_report(stairs: tuple[Path, Path], tmp_path: Path) -> None:
     """One run through all of them; the export, imported again, gives the same figures."""
     boat, readings = stairs
-    first = run("analyze", boat, "--elongation", readings, "--no-mcmc", "--no-store")
+    first = run("analyze", "--no-shadow", boat, "--elongation", readings, "--no-mcmc", "--no-store")
     assert first["cycles"]["complete"] == 2
     assert first["simulated"] is True
     assert run("export", boat, "--format", "csv", "--out", tmp_path / "r.csv")["samples"] == first["samples"]
     imported = run("import", tmp_path / "r.csv", "--out", tmp_path / "again.boat")
     assert imported["samples"] == first["samples"]
-    again = run("analyze", tmp_path / "again.boat", "--elongation", readings, "--no-mcmc")
+    again = run("analyze", "--no-shadow", tmp_path / "again.boat", "--elongation", readings, "--no-mcmc")
     assert again["simulated"] is True
     for a, b in zip(first["sensors"], again["sensors"], strict=True):
         np.testing.assert_allclose(a["calibration"]["coefficients"], b["calibration"]["coefficients"], rtol=1e-9)
     wrote = run(
-        "report", boat, "--elongation", readings, "--no-mcmc", "--out", tmp_path / "r.html", "--limit", "snr=40"
+        "report", "--no-shadow", boat, "--elongation", readings, "--no-mcmc", "--out", tmp_path / "r.html", "--limit", "snr=40"
     )
     assert "PASSES" in wrote["verdict"]
     assert run("import", tmp_path / "r.csv", "--preview")["missing"] == []

@@ -21,9 +21,11 @@ from analysis.tradeoff.measure import MARGIN, Measured, Point
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
+MOST_NAMES = 14
+"""Of more settings only those are named that the front, the code or the rule holds."""
 NAME_PX, LINE_PX, ABOVE_PX = 150.0, 12.0, 3.0
 """Room of a setting's name on the picture: length, height, distance above its point."""
-DECADES_BELOW = 3.0
+DECADES_BELOW = 4.5
 """Errors more than this far below the tolerance are drawn on the lower edge: no consumer tells them apart."""
 
 
@@ -88,7 +90,9 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
         axis.set_minor_formatter(NullFormatter())
     axes.set(title=method.title, xlabel=f"processor time {method.per}, s", ylabel=f"error, {method.unit}")
     if labels:
-        _name(axes, at | refused, {name: level for level, name in method.in_code.items() if level != "normal"})
+        told = {method.default, measured.chosen, *measured.front, *method.in_code.values(), *refused}
+        shown = {name: place for name, place in (at | refused).items() if name in told or len(points) <= MOST_NAMES}
+        _name(axes, shown, {name: level for level, name in method.in_code.items() if level != "normal"})
 
 
 def _bars(axes: Axes, point: Point, x: float, y: float, floor: float) -> None:

@@ -48,8 +48,10 @@ def save(figure: Figure, path: Path) -> None:
     """
     try:
         figure.savefig(path, dpi=DPI)
-    except (OSError, ValueError) as error:
-        raise FileError(f"{path} cannot be written: {error}", "name a file ending in .png, .svg or .pdf") from error
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another --out") from error
+    except ValueError as error:
+        raise FileError(f"{path}: its ending names no picture", "name a file ending in .png, .svg or .pdf") from error
 
 
 def _figure(width: float, height: float) -> Figure:

@@ -41,7 +41,7 @@ PATIENCE, BETTER = 8, 0.01
 """Generations without a design better by that part, after which the search has settled."""
 PHASES = (-0.31, 0.27)
 """Turns of the fan, in its own steps, at which the winners are judged again."""
-_CHECK, _GLANCE, _FINALISTS = 10, 2, 6
+_CHECK, _GLANCE, _FINALISTS, _FEW = 10, 2, 6, 2
 _LOOK, _SEARCH = 0.45, 0.8
 """Parts of the time after which the look through the grid and the search itself are cut short."""
 
@@ -148,7 +148,7 @@ def optimise(
         search = _Search(frames, guide, rays, pool, _watch(began, seconds, progress))
         ranked = search.through_grid(first_face, seed)
         found = search.beyond([design for _, design in ranked[:POPULATION]], seed)
-        return _judged(search, ranked[:_FINALISTS], found, began)
+        return _judged(search, ranked, found, began)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -248,10 +248,11 @@ def _best(scored: Sequence[Scored]) -> list[Scored]:
 
 
 def _judged(search: _Search, grid: Sequence[Scored], found: OptimizeResult, began: float) -> Optimum:
-    """The grid's and the search's best with ten times the rays, and again with the fan turned."""
-    rays = _CHECK * search.rays
+    """The grid's and the search's best with ten times the rays, and again with the fan turned; few if it is late."""
+    rays, most = _CHECK * search.rays, _FEW if search.late(1.0) else _FINALISTS
+    grid = grid[:most]
     careful = PowerMerit(search.frames, search.guide, rays)
-    searched = _best([(p, design) for design, p in list(search.seen.items())])[:_FINALISTS]
+    searched = _best([(p, design) for design, p in list(search.seen.items())])[:most]
     last = design_at(found.x)
     finalists = dict.fromkeys([*(d for _, d in grid), *(d for _, d in searched), last, PAPER_OPTIMUM])
     able = [design for design in finalists if careful.fits(design)]

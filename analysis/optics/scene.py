@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.errors import DataError
+from analysis.errors import DataError, RequestError
 from analysis.optics.compiled import Floats
 from analysis.optics.frame import NOTHING, RECEIVER, Frame, check_row
 from analysis.optics.geometry import geometry_of
@@ -26,6 +26,7 @@ _PER_MM = 15.0
 _DEPTH = 20_000
 _BEFORE_FACE_MM = 1e-3
 _SOURCE_STEPS = 500
+_MOST_SINGLE = 20_000
 _ARC_POINTS = 9
 
 
@@ -239,6 +240,10 @@ def _sources(frame: Frame, light: Light) -> list[dict[str, Any]]:
                 "symmetric": True,
             }
         ]
+    if light.rays > _MOST_SINGLE:
+        raise RequestError(
+            f"{light.rays} rays would be written one by one", f"choose {_MOST_SINGLE} or fewer, or a uniform emitter"
+        )
     rays = [released(fan, i) for i in range(light.rays)]
     return [
         {"type": "SingleRay", **_ends(np.array([[r.x, r.y], [r.x + r.dx, r.y + r.dy]])), "brightness": 1.0}

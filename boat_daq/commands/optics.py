@@ -198,7 +198,8 @@ def trace(
         emit_json(result)
         return
     typer.echo(
-        f"state {number}: NDR {outcome.ndr:.1f} +- {outcome.ndr_sd:.1f} of 250, power {outcome.power:.4f}, "
+        f"state {number}: NDR {outcome.ndr:.1f}{f' +- {outcome.ndr_sd:.1f}' if rays > 1 else ''} of 250, "
+        f"power {outcome.power:.4f}, "
         f"{outcome.hits} hits"
     )
     typer.echo("rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()))
@@ -233,7 +234,6 @@ def scene(
     """
     import json as codec
 
-    from analysis.errors import FileError
     from analysis.optics.scene import ray_optics_scene
 
     design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, 0.0, receiver)
@@ -244,10 +244,7 @@ def scene(
         emit_json(built)
         return
     path = out or Path("scene.json")
-    try:
-        path.write_text(codec.dumps(built, indent=1), encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another --out") from error
+    _write(path, codec.dumps(built, indent=1))
     if json:
         emit_json({**_described(design, number), "file": str(path), "objects": len(built["objs"])})
     else:
@@ -327,6 +324,8 @@ def optimise(
     from analysis.optics.report import optimum_json, optimum_text
 
     _light(rays, 0, "time", "uniform")
+    if out is not None:
+        _make(out)
     with progress_bar("search") as advance:
         found = search(
             _guide(index, thickness, attenuation, None),
@@ -339,8 +338,7 @@ def optimise(
         )
     result = optimum_json(found)
     if out is not None:
-        _make(out)
-        (out / "optimum.json").write_text(codec.dumps(result, indent=1), encoding="utf-8")
+        _write(out / "optimum.json", codec.dumps(result, indent=1))
         say(f"wrote {out / 'optimum.json'}")
     if json:
         emit_json(result)
@@ -352,9 +350,21 @@ def _numbers(text: str) -> list[int]:
     from analysis.errors import RequestError
 
     try:
-        return [int(part) for part in text.split(",")]
+        found = [int(part) for part in text.split(",")]
     except ValueError as error:
         raise RequestError(f"'{text}' is not a list of numbers of cavities", "write it as 3,5,7") from error
+    if min(found) < 1:
+        raise RequestError(f"a sweep over {min(found)} cavities", "name numbers of 1 or more, as 3,5,7")
+    return list(dict.fromkeys(found))
+
+
+def _write(path: Path, text: str) -> None:
+    from analysis.errors import FileError
+
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another --out") from error
 
 
 def _make(folder: Path) -> None:

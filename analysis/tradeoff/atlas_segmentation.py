@@ -41,9 +41,9 @@ def small(span_kpa: float, noise_kpa: float) -> Answer:
 
 
 def _holes(samples: int, share_percent: float, length: float) -> BoolArray:
-    """Mark holes of `length` samples at random places, `share_percent` of all samples."""
+    """Mark holes of `length` samples at random places, `share_percent` of all samples, one at least."""
     rng, found = np.random.default_rng(5), np.zeros(samples, dtype=bool)
-    count = round(share_percent / 100.0 * samples / length)
+    count = max(round(share_percent / 100.0 * samples / length), int(share_percent > 0))
     for first in rng.integers(0, samples - int(length), count):
         found[first : first + int(length)] = True
     return found

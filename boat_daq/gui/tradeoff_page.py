@@ -117,6 +117,7 @@ class TradeoffPage(ReflowingPage):
         super().__init__()
         self.desk, self.model = desk, desk.tradeoff
         self._revision = (-1, -1)
+        self.model.measurer = "boat_daq.gui.tradeoff_measuring:measure_methods"
         self.methods = MethodList(desk)
         self.chart, self.table = TradeoffCard(), SettingsTable()
         self.atlas = AtlasCard(desk.atlas, desk.notices.attempt)

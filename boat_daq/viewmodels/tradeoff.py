@@ -48,6 +48,7 @@ class TradeoffModel:
 
     def __init__(self, bench: Bench, folder: Path, preferences: Preferences) -> None:
         self.bench, self.path, self.preferences = bench, folder / FILE, preferences
+        self.measurer = "boat_daq.viewmodels.tradeoff_work:measure_methods"  # the window has one that paints, too
         self.problem = ""
         self.revision = 0
         self.content: dict[str, Any] | None = None
@@ -118,9 +119,8 @@ class TradeoffModel:
             return
         if not self.chosen:
             raise OperatorError("no method is chosen to be measured", "Tick one or more in the list of methods.")
-        name = "boat_daq.viewmodels.tradeoff_work:measure_methods"
         label = f"Measuring {count(len(self.chosen), 'method')}"
-        self.bench.start("tradeoff", Work(label, name, self.chosen, self.quick, report=True), self._measured)
+        self.bench.start("tradeoff", Work(label, self.measurer, self.chosen, self.quick, report=True), self._measured)
         self.problem = ""
         self.revision += 1
 

@@ -5,22 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from analysis.tradeoff import METHODS, measure
+from analysis.tradeoff import METHODS, Method, measure
 from analysis.tradeoff.report import report_json
 from boat_daq.viewmodels.tradeoff_decimation import DECIMATION
 
 Progress = Callable[[float, float], None]
 
 
-def measure_methods(names: Sequence[str], quick: bool, *, progress: Progress | None = None) -> dict[str, Any]:
+def measure_methods(
+    names: Sequence[str], quick: bool, live_plot: Method = DECIMATION, *, progress: Progress | None = None
+) -> dict[str, Any]:
     """Measure methods one after the other; return what `boat-daq tradeoff --json` prints.
 
     Parameters
     ----------
     names : of methods, as the command takes them.
     quick : fewer settings and repeats.
+    live_plot : the method of the live plot; by default without its painting, which is the window's.
     """
-    known = METHODS | {DECIMATION.name: DECIMATION}
+    known = METHODS | {live_plot.name: live_plot}
     results = []
     for done, name in enumerate(names):
 

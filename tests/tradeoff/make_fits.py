@@ -29,7 +29,7 @@ def fitted(mesh: tuple[int, int, int]) -> tuple[float, float, float]:
 if __name__ == "__main__":
     target = Path(sys.argv[1] if len(sys.argv) > 1 else "analysis/tradeoff/references/fits.json")
     content = {
-        "method": "analysis.shadow.fit.fit_geometry on each mesh, and where that actuator loses its stability under vacuum",
+        "method": "analysis.shadow.fit.fit_geometry on each mesh; where that actuator loses its stability under vacuum",
         "columns": ["axial", "wall", "lattice", "wall_modulus_kpa", "neck_radius_mm", "critical_kpa"],
     }
     rows = [[*mesh, *fitted(mesh)] for mesh in MESHES]

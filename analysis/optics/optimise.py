@@ -218,7 +218,7 @@ class _Search:
                 self.seen[design] = self.judge.p(design)
             return -self.seen[design]
 
-        def settled(intermediate_result: OptimizeResult) -> bool:
+        def settled(intermediate_result: Any) -> Any:
             nonlocal best, waited
             now = float(intermediate_result.fun)
             waited = 0 if now < best - BETTER * abs(best) or not np.isfinite(best) else waited + 1

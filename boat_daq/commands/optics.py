@@ -197,11 +197,8 @@ def trace(
     if json:
         emit_json(result)
         return
-    typer.echo(
-        f"state {number}: NDR {outcome.ndr:.1f}{f' +- {outcome.ndr_sd:.1f}' if rays > 1 else ''} of 250, "
-        f"power {outcome.power:.4f}, "
-        f"{outcome.hits} hits"
-    )
+    spread = f" +- {outcome.ndr_sd:.1f}" if math.isfinite(outcome.ndr_sd) else ""  # one ray has no neighbour
+    typer.echo(f"state {number}: NDR {outcome.ndr:.1f}{spread} of 250, power {outcome.power:.4f}, {outcome.hits} hits")
     typer.echo("rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()))
     typer.echo("power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()))
 

@@ -45,7 +45,10 @@ def load_overview(path: str | Path) -> Overview:
     if not rows:
         raise FileError(f"{path.name} holds no overview", "Load it whole: it is short.")
     numbers = np.asarray([[np.nan if v is None else v for v in row[:5]] for row in rows], dtype=np.float64)
-    low, high = (np.asarray([json.loads(row[k]) for row in rows], dtype=np.float64) for k in (5, 6))
+    try:
+        low, high = (np.asarray([json.loads(row[k]) for row in rows], dtype=np.float64) for k in (5, 6))
+    except (ValueError, TypeError, RecursionError) as error:
+        raise FileError(f"{path.name} has an overview that cannot be read: {error}", "Load it whole.") from error
     return Overview(
         numbers[:, 0] / 1e6, numbers[:, 1] / 1e6, int(numbers[:, 2].sum()), numbers[:, 3], numbers[:, 4], low, high
     )

@@ -24,6 +24,7 @@ from analysis.elongation import read_elongation_file
 from analysis.errors import AnalysisError
 from analysis.optics.curve_file import read_curves
 from analysis.optics.sweep_file import SweepFile
+from analysis.overview import load_overview
 from analysis.recording import Recording, load_recording
 from analysis.shadow.mesh_files import read_mesh
 from analysis.shadow.modulus import effective_modulus, read_compression_test
@@ -175,7 +176,7 @@ def recording(data: bytes) -> None:
     """A file that says it is a recording, through every door that opens one."""
     path = kept(data, "run.boat")
     before = path.read_bytes()
-    for read in (load_recording, summarise, verify_recording):
+    for read in (load_recording, load_overview, summarise, verify_recording):
         attempt(lambda read=read: read(path))
     find_interrupted(path.parent)
     assert path.read_bytes() == before

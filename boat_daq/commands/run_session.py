@@ -21,9 +21,11 @@ from boat_daq.engine.settings import load_settings
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.engine.summary import Summary, summarise
 from boat_daq.errors import BoatDaqError
+from protocol.recording import BoardState
 
 LOOK_S = 0.1
 CLEARING_S = 3.0
+VENTING_S = 20.0
 ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 
@@ -85,6 +87,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
             say("SIMULATED: this is the virtual board")
         if request.plan is not None:
             told = clear_what_an_earlier_host_left(session, seen)
+            vent_what_an_earlier_host_left(session)
             run_plan(session, request.plan, told=told, go_on=request.broken is not None)
         else:
             listen(session, request.duration_s)
@@ -117,6 +120,16 @@ def clear_what_an_earlier_host_left(session: Session, seen: SessionSnapshot) -> 
     say(f"warning: {seen.latched}; the fault is cleared")
     session.wait(lambda s: not s.latched, CLEARING_S)
     return seen.messages[-1].number if seen.messages else 0
+
+
+def vent_what_an_earlier_host_left(session: Session) -> None:
+    """A host that died a moment ago may have left the unit under pressure: vent it, and say so."""
+    last = session.snapshot().last
+    if last is None or last.state not in (BoardState.RAMPING, BoardState.HOLDING):
+        return
+    say(f"warning: the unit was under pressure ({last.pressure_kpa:.1f} kPa); it is vented before the run")
+    session.vent()
+    session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
 
 
 def run_plan(session: Session, plan: Plan, *, told: int = 0, go_on: bool = False) -> None:

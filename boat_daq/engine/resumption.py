@@ -28,7 +28,14 @@ from boat_daq.engine.sequencer import resume_point
 from boat_daq.engine.snapshot import Reading, StepMark
 from boat_daq.engine.upgrade import upgrade
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import breaks_of, open_recording, read_session
+from protocol.recording import (
+    SCHEMA_VERSION,
+    breaks_of,
+    layout_version,
+    open_recording,
+    read_session,
+    refuse_newer,
+)
 
 RESUMED = "resumed after a break"  # reason of the segment behind it
 _STEP_COLUMNS = (
@@ -128,11 +135,13 @@ def read_broken_run(path: Path) -> BrokenRun:
 
     Raises
     ------
-    RecordingError : not a recording.
-    OperatorError : it has no plan, or all its cycles. StorageError : a living program writes it.
+    RecordingError : not a recording, or one of a newer program.
+    OperatorError : it has no plan, all its cycles, or an older program's layout.
+    StorageError : a living program writes it.
     """
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "let that program close it first")
+    refuse_newer(path)
     with closing(open_recording(path)) as db:
         meta = read_session(db)
         if not isinstance(meta["plan"], dict):
@@ -147,6 +156,8 @@ def read_broken_run(path: Path) -> BrokenRun:
     first_cycle, complete = resume_point(plan, list(marks))
     if complete >= plan.cycles:
         raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "there is nothing to go on with")
+    if layout_version(path) < SCHEMA_VERSION:
+        raise OperatorError(f"{path.name} has the layout of an older program", f"boat-daq upgrade {path}")
     cause = "interrupted" if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
     return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, cause)
 

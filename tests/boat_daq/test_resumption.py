@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
+import sqlite3
 import time
 from contextlib import closing
 from datetime import datetime
@@ -191,6 +192,12 @@ def test_what_cannot_be_gone_on_with_is_refused_and_not_touched(left: Path, tmp_
     with pytest.raises(OperatorError, match="no run to go on with"):
         read_broken_run(tmp_path / "live.boat")
     recover(left)
+    for version, refused, words in ((1, OperatorError, "older program"), (99, RecordingError, "layout 99")):
+        other = shutil.copy(left, tmp_path / f"version{version}.boat")
+        with closing(sqlite3.connect(other)) as db:
+            db.execute(f"PRAGMA user_version={version}")
+        with pytest.raises(refused, match=words):
+            prepare_resumption(Path(other))
     content = bytearray(left.read_bytes())
     with closing(open_recording(left)) as db:
         raw = bytes(db.execute("SELECT raw FROM chunk WHERE direction = 0 AND length(raw) > 200").fetchone()[0])

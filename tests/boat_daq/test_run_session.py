@@ -8,12 +8,14 @@ import time
 from pathlib import Path
 
 import pytest
+import serial
 
 from boat_daq.commands.run_session import SessionRequest, run_session, why_failed
 from boat_daq.engine.board_server import BoardSettings, serve
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
+from protocol import Connection, Identify, SetLimits, SetPressure, Start
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -45,3 +47,17 @@ def test_a_lost_link_is_reported_with_its_cause() -> None:
     gone = "/dev/ttyX is gone"
     seen = SessionSnapshot(SessionState.FAULT, LinkState.LOST, latched=gone)
     assert why_failed(seen, PLAN) == gone
+
+
+def test_a_unit_left_under_pressure_is_vented_and_then_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The host died a moment ago and the board's watchdog has not struck: said, vented, and the run goes as asked."""
+    with serve(BoardSettings(speed=5.0)) as board:
+        port = serial.Serial(board.url, timeout=0.1)
+        link = Connection()
+        for command in (Identify(), SetLimits(-40_000, 50_000), Start(100), SetPressure(30_000, 0)):
+            port.write(link.send(command, time.monotonic_ns()))
+            time.sleep(0.2)
+        port.close()
+        _, failure = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
+    assert failure == ""
+    assert "was under pressure" in capsys.readouterr().err

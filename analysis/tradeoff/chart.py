@@ -21,7 +21,7 @@ from analysis.tradeoff.measure import MARGIN, Measured, Point
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
-MOST_NAMES = 14
+MOST_NAMES = 16
 """Of more settings only those are named that the front, the code or the rule holds."""
 NAME_PX, LINE_PX, ABOVE_PX = 150.0, 12.0, 3.0
 """Room of a setting's name on the picture: length, height, distance above its point."""

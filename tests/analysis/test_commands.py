@@ -91,7 +91,16 @@ def test_analyze_export_import_and_report(stairs: tuple[Path, Path], tmp_path: P
     for a, b in zip(first["sensors"], again["sensors"], strict=True):
         np.testing.assert_allclose(a["calibration"]["coefficients"], b["calibration"]["coefficients"], rtol=1e-9)
     wrote = run(
-        "report", "--no-shadow", boat, "--elongation", readings, "--no-mcmc", "--out", tmp_path / "r.html", "--limit", "snr=40"
+        "report",
+        "--no-shadow",
+        boat,
+        "--elongation",
+        readings,
+        "--no-mcmc",
+        "--out",
+        tmp_path / "r.html",
+        "--limit",
+        "snr=40",
     )
     assert "PASSES" in wrote["verdict"]
     assert run("import", tmp_path / "r.csv", "--preview")["missing"] == []

@@ -106,6 +106,8 @@ def _bars(axes: Axes, point: Point, x: float, y: float, floor: float) -> None:
 def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str, str]) -> None:
     """Write the settings beside their points, each name above those that it would lie on, and the level they are of."""
     figure = axes.get_figure(root=True)
+    if figure is None:  # axes without a figure have nowhere to be drawn
+        return
     figure.draw_without_rendering()  # the layout is known only then
     taken: list[tuple[float, float]] = []
     for name, place in sorted(at.items(), key=lambda item: item[1][1]):

@@ -106,13 +106,17 @@ class Held:
         """Return pressures, elongations (n,) and tracked points (n, 7, 2)."""
         table, model = _table(5, 2), FullModel()
         rng = np.random.default_rng(20260101)
-        p = np.sort(rng.uniform(*table.pressure_range_kpa, self.count))
-        x = rng.uniform(*table.elongation_range_mm, self.count)
+        p = np.sort(_between(rng, table.pressure_range_kpa, self.count))
+        x = _between(rng, table.elongation_range_mm, self.count)
         tracked, state = [], None
         for pressure, elongation in zip(p, x, strict=True):
             state = _held(model, float(pressure), float(elongation), state)
             tracked.append(model.tracked(state))
         return p, x, np.array(tracked)
+
+
+def _between(rng: np.random.Generator, ends: Floats, count: int) -> Floats:
+    return rng.uniform(float(ends[0]), float(ends[1]), count)
 
 
 def _held(model: FullModel, pressure: float, elongation: float, start: Solution | None) -> Solution:
@@ -144,7 +148,7 @@ def _batch(made: Callable[[], ReducedModel]) -> Callable[[int], ReducedModel]:
     @cache
     def states() -> tuple[Floats, Floats]:
         rng, table = np.random.default_rng(1), made()
-        return rng.uniform(*table.pressure_range_kpa, STATES), rng.uniform(*table.elongation_range_mm, STATES)
+        return _between(rng, table.pressure_range_kpa, STATES), _between(rng, table.elongation_range_mm, STATES)
 
     def call(_: int) -> ReducedModel:
         made().tracked(*states())

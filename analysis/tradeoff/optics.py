@@ -118,7 +118,9 @@ def _p(patterns: Floats, light: Light) -> Floats:
     counts, _, _ = run_item(
         stacked(_frames()), rules_of(guide, light, frame), fan_of(light, frame), light.secondary, patterns
     )
-    return merit(PAPER_RAYS / light.rays * counts[..., DETECTED], resolution(light.rays)).p
+    return merit(
+        np.asarray(PAPER_RAYS / light.rays * counts[..., DETECTED], dtype=np.float64), resolution(light.rays)
+    ).p
 
 
 TRACER = Method(

@@ -75,7 +75,10 @@ def measured_from(content: Mapping[str, Any], methods: Mapping[str, Method]) -> 
 
 
 def _point_from(row: Mapping[str, Any]) -> Point:
-    return Point(**{k: math.inf if k in ("error", "error_spread") and v is None else v for k, v in row.items()})
+    content: dict[str, Any] = {**row}
+    for name in ("error", "error_spread"):
+        content[name] = math.inf if row[name] is None else row[name]
+    return Point(**content)
 
 
 def _method_json(measured: Measured) -> dict[str, Any]:

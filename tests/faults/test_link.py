@@ -154,8 +154,8 @@ def test_a_line_that_does_everything_wrong(tmp_path: Path) -> None:
 @pytest.mark.fault(5, how="`index_gap` of 70,000 samples, recorded over a pty", times=1)
 def test_a_gap_of_seventy_thousand(tmp_path: Path) -> None:
     """More than the index's low half: exact to the sample."""
-    with drill(tmp_path, "index_gap@3:70000", speed=200.0) as found:
-        found.wait(lambda s: s.recorded_s > 710.0, 120)
+    with drill(tmp_path, "index_gap@600:70000", speed=200.0) as found:
+        found.wait(lambda s: s.recorded_s > 1400.0, 120)
         found.close()
     assert found.rows("SELECT value FROM event WHERE kind = 'gap'") == [(70_000.0,)]
 

@@ -107,7 +107,11 @@ class CalibrationModel:
         self.last_path, self.result, self.posterior, self.failure, self.accepted = path, None, (), None, None
         self.before, self.agreements = None, ()
         self.revision += 1
-        self.bench.start("analysis", Work(f"Analysing {path.name}", ANALYSIS, str(path), report=True), self._analysed)
+        self.bench.start(
+            "analysis",
+            Work(f"Analysing {path.name}", ANALYSIS, str(path), level=self.fidelity.level, report=True),
+            self._analysed,
+        )
 
     def _analysed(self, work: Work) -> None:
         self.failure = work.failure

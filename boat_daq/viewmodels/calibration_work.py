@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from analysis.break_comparison import Break, Comparison
+from analysis.fidelity import Level
 from analysis.loops import Loops
 from analysis.pipeline import Analysis, Options, SensorAnalysis, analyse
 from analysis.posterior import MAX_STEPS, sample_posterior
@@ -27,8 +28,8 @@ Progress = Callable[[float, float], None]
 GRID = 161
 
 
-def analyse_run(path: str, *, seed: int = 0, progress: Progress | None = None) -> RunResult:
-    """Return all figures and curves of a recording, without the posterior.
+def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: Progress | None = None) -> RunResult:
+    """Return all figures and curves of a recording, without the posterior, at a level of fidelity.
 
     Raises
     ------
@@ -39,7 +40,7 @@ def analyse_run(path: str, *, seed: int = 0, progress: Progress | None = None) -
         progress(1, 4)
     found = analyse(
         recording,
-        options=Options(seed=seed, mcmc=False),
+        options=Options(seed=seed, mcmc=False, fidelity=level),
         progress=lambda done, total: _tell(progress, 1 + done, 1 + total),
     )
     meta = recording.meta

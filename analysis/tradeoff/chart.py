@@ -23,7 +23,7 @@ DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESS
 COLUMNS = 3
 MOST_NAMES = 16
 """Of more settings only those are named that the front, the code or the rule holds."""
-NAME_PX, LINE_PX, ABOVE_PX = 150.0, 12.0, 3.0
+NAME_PX, LINE_PX, ABOVE_PX = 110.0, 11.0, 4.0
 """Room of a setting's name on the picture: length, height, distance above its point."""
 DECADES_BELOW = 4.5
 """Errors more than this far below the tolerance are drawn on the lower edge: no consumer tells them apart."""
@@ -92,7 +92,8 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
     if labels:
         told = {method.default, measured.chosen, *measured.front, *method.in_code.values(), *refused}
         shown = {name: place for name, place in (at | refused).items() if name in told or len(points) <= MOST_NAMES}
-        _name(axes, shown, {name: level for level, name in method.in_code.items() if level != "normal"})
+        levels = {name: level for level, name in method.in_code.items() if name != method.default}
+        _name(axes, shown, levels, measured.front)
 
 
 def _bars(axes: Axes, point: Point, x: float, y: float, floor: float) -> None:
@@ -103,19 +104,23 @@ def _bars(axes: Axes, point: Point, x: float, y: float, floor: float) -> None:
     axes.errorbar(x, y, xerr=half_x, yerr=half_y or None, fmt="none", ecolor=DATA, elinewidth=0.7, alpha=0.5)
 
 
-def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str, str]) -> None:
-    """Write the settings beside their points, each name above those that it would lie on, and the level they are of."""
+def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str, str], front: Sequence[str]) -> None:
+    """Write the settings beside their points: the front's to the left, where nothing is, all others to the right."""
     figure = axes.get_figure(root=True)
     if figure is None:  # axes without a figure have nowhere to be drawn
         return
     figure.draw_without_rendering()  # the layout is known only then
-    taken: list[tuple[float, float]] = []
+    taken: list[tuple[bool, float, float]] = []
     for name, place in sorted(at.items(), key=lambda item: item[1][1]):
+        left = name in front
         x, y = axes.transData.transform(place)
-        up = ABOVE_PX
-        while any(abs(x - a) < NAME_PX and abs(y + up - b) < LINE_PX for a, b in taken):
+        up = -ABOVE_PX if left else ABOVE_PX
+        while any(left == side and abs(x - a) < NAME_PX and abs(y + up - b) < LINE_PX for side, a, b in taken):
             up += LINE_PX
-        taken.append((x, y + up))
-        offset = (9.0, 72.0 * up / figure.dpi)
+        taken.append((left, x, y + up))
         text = f"{name} ({levels[name]})" if name in levels else name
-        axes.annotate(text, place, xytext=offset, textcoords="offset points", fontsize=6.5, color=style.INK)
+        offset = (-10.0 if left else 9.0, 72.0 * up / figure.dpi)
+        axes.annotate(
+            text, place, xytext=offset, textcoords="offset points", fontsize=6.5, color=style.INK,
+            ha="right" if left else "left", va="center",
+        )  # fmt: skip

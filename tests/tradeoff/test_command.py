@@ -162,7 +162,7 @@ def test_the_kept_references_are_what_their_scripts_make() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_calculix_again_on_a_small_mesh(tmp_path: Path) -> None:
-    """The script that made CalculiX's table, on the default mesh: every elongation is ours to 1e-4 mm."""
+    """The script that made CalculiX's table, on the default mesh: every elongation is ours to 0.1 %."""
     import shutil
 
     if shutil.which("ccx") is None:
@@ -178,4 +178,4 @@ def test_calculix_again_on_a_small_mesh(tmp_path: Path) -> None:
     pressures, elongations = table["pressures_kpa"], table["elongations_mm"]
     assert isinstance(pressures, list)
     ours = [model.solve(pressure_kpa=p).elongation_mm for p in pressures]
-    np.testing.assert_allclose(elongations, ours, atol=1e-4)
+    np.testing.assert_allclose(elongations, ours, rtol=1e-3)

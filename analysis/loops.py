@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from analysis.calibration import Calibration
 from analysis.cycles import Cycles
 from analysis.losses import LossCounter
 from analysis.plateaus import Plateau, branch_members
@@ -209,6 +210,18 @@ def loop_width(abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) 
     shared = float((grid[-1] - grid[0]) / np.ptp(abscissa[known]))
     most = float(np.abs(means[1] - means[0]).max())
     return LoopWidth(per_cycle, most, replicates, grid, means[0], means[1], shared=shared)
+
+
+def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None, weights: FloatArray) -> LoopWidth:
+    """Measure the loop of a sensor's signal over elongation, mV; `weights` as `loop_width` takes them.
+
+    The actuator's loop sets the branches' points apart, and a chord between two points is off a curved sensor by
+    y'' d^2 / 8. So what the points leave of the calibration is interpolated: the curve is common to both branches and
+    drops out of their difference. Without a calibration the points themselves are.
+    """
+    assert loops.elongation_mm is not None
+    x, signal = loops.elongation_mm, loops.signal_mv[sensor]
+    return loop_width(x, signal if calibration is None else signal - calibration.predict(x), weights)
 
 
 def _shared_grid(abscissa: FloatArray, known: BoolArray) -> FloatArray:

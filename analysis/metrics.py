@@ -181,7 +181,7 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
     figure = replace(figure, low=min(figure.low, max(figure.value - floor, 0.0)))
     if not floor > share * figure.value:
         return figure
-    said = f"{BOUND}: {by} alone makes up to about {floor:.1f} {figure.unit} of it"
+    said = f"{BOUND}: {by} alone makes up to about {floor:.2g} {figure.unit} of it"
     return replace(figure, note=f"{said}; {figure.note}" if figure.note else said)
 
 

@@ -26,7 +26,7 @@ from analysis.errors import AnalysisError
 from analysis.fidelity import Level, fidelity
 from analysis.figure_windows import with_losses
 from analysis.flags import flags_of
-from analysis.loops import Loops, continuous_loops, loop_width, staircase_loops
+from analysis.loops import Loops, continuous_loops, loop_width, sensor_loop_width, staircase_loops
 from analysis.losses import LossCounter
 from analysis.plateaus import Plateau, PlateauSettings, find_plateaus
 from analysis.posterior import Posterior, sample_posterior
@@ -276,7 +276,8 @@ def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
     if calibration is not None and resampled is not None:
         figures |= metrics.sensitivities(calibration, resampled)
         figures["nonlinearity_percent_fso"] = metrics.nonlinearity(calibration, resampled)
-    loops_figures, per_cycle, system_per_cycle, levels = _loop_figures(run, sensor, figures["fso_mv"].value)
+    fso = figures["fso_mv"].value
+    loops_figures, per_cycle, system_per_cycle, levels = _loop_figures(run, sensor, calibration, fso)
     figures = loops_figures | figures
     abscissa = "elongation_mm" if calibration is not None else "pressure_kpa"
     chosen = "sensor_hysteresis_percent_fso" if calibration is not None else "system_hysteresis_percent_fso"
@@ -303,7 +304,7 @@ def _calibrate(run: _Run, sensor: int, points: np.ndarray[Any, Any]) -> Calibrat
 
 
 def _loop_figures(
-    run: _Run, sensor: int, fso: float
+    run: _Run, sensor: int, calibration: Calibration | None, fso: float
 ) -> tuple[dict[str, Figure], tuple[float, ...], tuple[float, ...], FloatArray]:
     loops, n = run.loops, run.loops.n_cycles
     figures: dict[str, Figure] = {}
@@ -313,7 +314,7 @@ def _loop_figures(
     )
     per_cycle: tuple[float, ...] = ()
     if loops.elongation_mm is not None:
-        own = loop_width(loops.elongation_mm, loops.signal_mv[sensor], run.weights)
+        own = sensor_loop_width(loops, sensor, calibration, run.weights)
         figures["sensor_hysteresis_percent_fso"] = metrics.hysteresis(
             own, fso, n, "max over x of |loading - unloading| / FSO, mean loop"
         )

@@ -21,7 +21,7 @@ from scipy import stats
 from analysis.comparison import between_runs_mm
 from analysis.errors import DataError
 from analysis.inverse import Fusion, Inverse
-from analysis.loops import loop_width
+from analysis.loops import sensor_loop_width
 from analysis.pipeline import Analysis
 from analysis.polynomial import FloatArray
 
@@ -244,7 +244,7 @@ def _hysteresis(analysis: Analysis, sensor: int) -> float:
     if calibration is None or x is None:
         return 0.0
     ones = np.ones((1, analysis.loops.n_cycles))
-    width = loop_width(x, analysis.loops.signal_mv[sensor], ones)
+    width = sensor_loop_width(analysis.loops, sensor, calibration, ones)
     if width.void:
         return 0.0
     half = 0.5 * (width.loading - width.unloading)

@@ -288,6 +288,24 @@ def test_the_reading_error_is_in_the_intervals_of_the_curve(tmp_path: Path) -> N
     assert without <= 8
 
 
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_curved_sensor_without_a_loop_has_no_hysteresis(tmp_path: Path, every: int) -> None:
+    """The actuator's loop sets the branches' points apart, so chords between them are off a cubic by up to 1 % FSO."""
+    levels = np.arange(50, -41, -10)[::every]
+    path = [*levels, *levels[::-1][1:]]
+    loading = np.repeat(np.arange(len(path)) >= levels.size, 300)
+    plant = Plant(noise_mv=(1e-6, 1e-6), loop_mm=LOOP, pressure_noise_kpa=0.0)
+    pressure = np.repeat(np.asarray(path, float), 300)
+    table = tmp_path / "elongation.csv"
+    x = plant.elongation(np.asarray(path, float), np.arange(len(path)) >= levels.size)
+    table.write_text("pressure_kpa,elongation_mm\n" + "\n".join(f"{p},{e:.9f}" for p, e in zip(path, x, strict=True)))
+    analysis = analyse(plant.run(pressure, loading, np.ones(pressure.size)), table, options=QUICK)
+    for sensor in analysis.sensors:
+        assert sensor.figures["sensor_hysteresis_percent_fso"].value < 1e-3
+        assert max(sensor.hysteresis_per_cycle) < 1e-3
+        assert sensor.figures["system_hysteresis_percent_fso"].value > 3.0
+
+
 def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
     """The link's counter over two connections grows by 3 and by 2: five frames; 7 from before do not count."""
     path = write_boat(tmp_path / "a.boat", Staircase(cycles=1).recording())

@@ -61,7 +61,8 @@ def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) ->
 
 def _corrected_since(run: Path, result_id: int) -> bool:
     with opened(run) as db:
-        query = "SELECT count(*) FROM reading WHERE utc > (SELECT utc FROM result WHERE id = ?)"
+        # as instants, to the millisecond: readings are in local time with its offset, results in UTC
+        query = "SELECT count(*) FROM reading WHERE julianday(utc) > (SELECT julianday(utc) FROM result WHERE id = ?)"
         return bool(db.execute(query, (result_id,)).fetchone()[0])
 
 

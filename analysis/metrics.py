@@ -347,6 +347,21 @@ def noise_and_snr(
     return noise_figure, _figure(value, snr_replicates, "dB", len(numbers), definition)
 
 
+def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
+    """Widen the interval of a figure in dB or % FSO by that of its full scale, as of independent parts."""
+    ends = np.asarray([full_scale.low, full_scale.high])
+    if figure.unit == "mV" or not np.isfinite([figure.value, figure.low, figure.high, *ends]).all() or not ends[0] > 0:
+        return figure
+    ratio = ends / full_scale.value
+    if figure.unit == "dB":
+        down, up = np.abs(20.0 * np.log10(ratio))
+    else:
+        up, down = np.abs(figure.value * (1.0 / ratio - 1.0))
+        down, up = (up, down) if figure.value < 0 else (down, up)
+    low = figure.value - float(np.hypot(figure.value - figure.low, down))
+    return replace(figure, low=low, high=figure.value + float(np.hypot(figure.high - figure.value, up)))
+
+
 def combined_error(parts: list[Figure]) -> Figure:
     """Root sum of squares of non-linearity, hysteresis and repeatability, % FSO (ISA-S37.1, static error)."""
     definition = "sqrt(non-linearity^2 + hysteresis^2 + repeatability^2)"

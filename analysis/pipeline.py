@@ -278,6 +278,8 @@ def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
         figures["nonlinearity_percent_fso"] = metrics.nonlinearity(calibration, resampled)
     fso = figures["fso_mv"].value
     loops_figures, per_cycle, system_per_cycle, levels = _loop_figures(run, sensor, calibration, fso)
+    if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
+        loops_figures = {name: metrics.with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
     figures = loops_figures | figures
     abscissa = "elongation_mm" if calibration is not None else "pressure_kpa"
     chosen = "sensor_hysteresis_percent_fso" if calibration is not None else "system_hysteresis_percent_fso"
@@ -359,7 +361,7 @@ def _actuator_hysteresis(run: _Run) -> tuple[Figure, tuple[float, ...]]:
     width = loop_width(run.loops.pressure_kpa, x, run.weights)
     figure = metrics.hysteresis(width, span, run.loops.n_cycles, definition)
     per_cycle = tuple((100.0 / span * width.per_cycle).tolist()) if span > 0 else ()
-    return Figure(figure.value, "%", figure.n, figure.low, figure.high, figure.void, figure.note, definition), per_cycle
+    return _limited_by_reading(replace(figure, unit="%"), run.reading_sd_mm, x), per_cycle
 
 
 def _system_sensitivity(sensors: list[SensorAnalysis]) -> Figure:

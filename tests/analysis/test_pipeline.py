@@ -306,6 +306,25 @@ def test_a_curved_sensor_without_a_loop_has_no_hysteresis(tmp_path: Path, every:
         assert sensor.figures["system_hysteresis_percent_fso"].value > 3.0
 
 
+def test_readings_on_a_millimetre_grid_widen_whatever_they_enter(tmp_path: Path) -> None:
+    """The actuator's loop of 0.25 mm reads as 1 mm, the full scale 1 % too wide: the intervals hold the truth."""
+    stairs = Staircase(Plant(loop_mm=LOOP, noise_mv=(0.2, 0.2)), cycles=3)
+    table = stairs.elongations()
+    table["elongation_mm"] = table["elongation_mm"].round()
+    table.to_csv(tmp_path / "grid.csv", index=False)
+    analysis = analyse(stairs.recording(), tmp_path / "grid.csv", options=Options(mcmc=False, x_resolution_mm=1.0))
+    actuator = analysis.actuator_hysteresis
+    assert actuator.value > 10
+    assert actuator.low <= 100 * LOOP / 6.5 <= actuator.high
+    assert "reading error of 0.29 mm" in actuator.note
+    for sensor, cubic in zip(analysis.sensors, PAPER, strict=True):
+        hysteresis, fso = true_hysteresis(cubic)
+        for name, truth in (("snr_db", 20 * np.log10(fso / 0.2)), ("system_hysteresis_percent_fso", hysteresis)):
+            figure = sensor.figures[name]
+            assert figure.low <= truth <= figure.high
+        assert sensor.figures["noise_mv"].high < 0.21
+
+
 def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
     """The link's counter over two connections grows by 3 and by 2: five frames; 7 from before do not count."""
     path = write_boat(tmp_path / "a.boat", Staircase(cycles=1).recording())

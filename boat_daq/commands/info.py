@@ -51,7 +51,7 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
         "samples",
         f"{summary.samples} in {summary.duration_s:.2f} s, {rate} (asked: {summary.rate_asked_hz or '-'} Hz)",
     )
-    yield "lost", f"{summary.lost_samples} samples in {summary.gaps} gaps, {summary.crc_errors} damaged frames"
+    yield "lost", f"{summary.lost_samples} samples in {summary.gaps} gaps, {summary.damaged_frames} damaged frames"
     if summary.pressure_min_kpa is not None and summary.pressure_max_kpa is not None:
         yield "pressure", f"{summary.pressure_min_kpa:.1f} to {summary.pressure_max_kpa:.1f} kPa"
     for segment in summary.segments:

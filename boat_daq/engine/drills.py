@@ -263,5 +263,5 @@ def run_drill(drill: Drill, folder: Path) -> Outcome:
 
 def _happened(seen: bool, found: Comparison) -> Criterion:
     """A drill in which the fault did not strike says nothing."""
-    text = f"{found.missing} missing, {found.summary.crc_errors} damaged frames"
+    text = f"{found.missing} missing, {found.summary.damaged_frames} damaged frames"
     return Criterion("the fault has struck", text, seen)

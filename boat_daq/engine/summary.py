@@ -73,6 +73,7 @@ class Summary:
     gaps: int
     lost_samples: int
     crc_errors: int
+    damaged_frames: int  # these, the malformed and the oversize ones
     pressure_min_kpa: float | None
     pressure_max_kpa: float | None
     segments: tuple[SegmentSummary, ...]
@@ -125,7 +126,8 @@ def summarise(path: Path) -> Summary:
             samples=samples,
             gaps=gaps,
             lost_samples=int(lost),
-            crc_errors=_one(db, "SELECT coalesce(max(crc_errors), 0) FROM health")[0],
+            crc_errors=_counted(db, "crc_errors"),
+            damaged_frames=_counted(db, "crc_errors + malformed + oversize"),
             pressure_min_kpa=low,
             pressure_max_kpa=high,
             segments=segments,
@@ -145,6 +147,13 @@ def _break(entry: dict[str, Any]) -> Break:
 
 def _one(db: sqlite3.Connection, sql: str, values: tuple[Any, ...] = ()) -> Any:
     return db.execute(sql, values).fetchone()
+
+
+def _counted(db: sqlite3.Connection, counter: str) -> int:
+    """Return the sum of a link counter of table `health` over all links of a recording; each begins at zero."""
+    sql = f"""
+        SELECT {counter}, bytes <= lead(bytes) OVER (ORDER BY id) AS goes_on FROM health ORDER BY id"""  # noqa: S608
+    return sum(count for count, goes_on in db.execute(sql) if not goes_on)
 
 
 def _segments(db: sqlite3.Connection) -> list[SegmentSummary]:

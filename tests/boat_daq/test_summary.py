@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
+from contextlib import closing
 
 import pytest
 
@@ -72,6 +74,23 @@ def test_cycles_are_complete_when_all_their_steps_were_reached(tmp_path):
     summary = summarise(tmp_path / "run.boat")
     assert (summary.cycles.complete, summary.cycles.partial) == (2, 2)
     assert summary.steps == 12
+
+
+def test_damaged_frames_are_those_of_every_link(tmp_path):
+    """The counters begin at zero with each link: what the links before counted is added, of whatever kind it is."""
+    recorder, source = begun(tmp_path / "run.boat")
+    recorder(source.next(1_000_000))
+    recorder.close("finished")
+    rows = [(500, 1, 0, 0), (900, 3, 1, 0), (900, 3, 1, 0), (400, 0, 0, 2), (800, 2, 5, 2)]  # bytes, kinds of damage
+    with closing(sqlite3.connect(tmp_path / "run.boat")) as db, db:
+        db.execute("DELETE FROM health")
+        db.executemany(
+            "INSERT INTO health (host_ns, bytes, frames, samples, lost, crc_errors, malformed, oversize, duplicates,"
+            " unknown) VALUES (0, ?, 0, 0, 0, ?, ?, ?, 0, 0)",
+            rows,
+        )
+    summary = summarise(tmp_path / "run.boat")
+    assert (summary.crc_errors, summary.damaged_frames) == (3 + 2, 3 + 1 + 2 + 5 + 2)
 
 
 def test_a_recording_without_a_sample_has_no_rate(tmp_path):

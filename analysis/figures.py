@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -115,7 +116,7 @@ def loop_difference(analysis: Analysis) -> Draw:
                 ax.plot(width.grid, apart, color=style.sensor_colour(i), label=f"sensor {i + 1}")
         ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
         ax.set(xlabel="pressure, kPa", ylabel="loading - unloading, % FSO", title="Hysteresis of the mean loop")
-        ax.legend()
+        _legend(ax)
 
     return draw
 
@@ -133,7 +134,7 @@ def actuator_loop(analysis: Analysis) -> Draw:
                     markerfacecolor=fill, markeredgewidth=0.6, label=("unloading", "loading")[b] if k == 0 else None,
                 )  # fmt: skip
         ax.set(xlabel="pressure, kPa", ylabel="elongation, mm", title="Actuator: elongation over pressure")
-        ax.legend(loc="upper left")
+        _legend(ax, loc="upper left")
 
     return draw
 
@@ -156,8 +157,7 @@ def drift_of_levels(analysis: Analysis, sensor: int) -> Draw:
                 ax.plot(loops.numbers, moved, color=colour, lw=0.9, label=f"{loops.level_kpa[g]:+.0f} kPa")
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="cycle", ylabel="from its mean, % FSO", title=f"Sensor {sensor + 1}: drift of the levels")
-        if ax.get_lines():
-            ax.legend(ncols=2, loc="best")
+        _legend(ax, ncols=2, loc="best")
 
     return draw
 
@@ -178,7 +178,7 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str) -> D
             ax.axvspan(0.5, warm + 0.5, color=style.LINE, alpha=0.5, linewidth=0, label=f"warm-up: {warm} cycles")
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="cycle", ylabel=label, title=title)
-        ax.legend()
+        _legend(ax)
 
     return draw
 
@@ -233,8 +233,7 @@ def side_by_side(analyses: Sequence[Analysis], name: str, label: str) -> Draw:
         ax.set_xticks(range(len(order)), names)
         ax.set_xlim(-0.6, len(order) - 0.4)
         ax.set(xlabel="unit and number of the run", ylabel=label)
-        if ax.get_legend_handles_labels()[0]:
-            ax.legend(loc="best")
+        _legend(ax, loc="best")
 
     return draw
 
@@ -291,6 +290,12 @@ def envelope(time: FloatArray, values: FloatArray, buckets: int) -> tuple[FloatA
     high = np.maximum.reduceat(np.where(known, values, -np.inf), starts)
     good = np.isfinite(low) & np.isfinite(high)
     return time[starts][good], low[good], high[good]
+
+
+def _legend(ax: Axes, **placed: Any) -> None:
+    """Draw a legend where there is anything to name: a void figure draws no line."""
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(**placed)
 
 
 def _branch_points(ax: Axes, analysis: Analysis, sensor: int, x: FloatArray, y: FloatArray) -> None:

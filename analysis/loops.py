@@ -220,8 +220,11 @@ def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None
     drops out of their difference. Without a calibration the points themselves are.
     """
     assert loops.elongation_mm is not None
-    x, signal = loops.elongation_mm, loops.signal_mv[sensor]
-    return loop_width(x, signal if calibration is None else signal - calibration.predict(x), weights)
+    x, signal = loops.elongation_mm, loops.signal_mv[sensor].copy()
+    if calibration is not None:
+        known = np.isfinite(x)
+        signal[known] -= calibration.predict(x[known])
+    return loop_width(x, signal, weights)
 
 
 def _shared_grid(abscissa: FloatArray, known: BoolArray) -> FloatArray:

@@ -93,7 +93,8 @@ def resample_fit(
     ends = np.asarray([[x.min(initial=np.inf), x.max(initial=-np.inf)] for x in own])
     drawn = weights > 0
     low, high = (np.where(drawn, sign * ends[:, side], np.inf).min(axis=1) * sign for side, sign in ((0, 1), (1, -1)))
-    return ResampledFit(calibration, coefficients, cycles, np.stack([low, high], axis=1))
+    drawn_ends = np.stack([low, high], axis=1)  # infinite where only cycles without readings were drawn
+    return ResampledFit(calibration, coefficients, cycles, np.where(np.isfinite(drawn_ends), drawn_ends, np.nan))
 
 
 def full_scale(

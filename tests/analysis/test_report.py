@@ -8,9 +8,10 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from analysis import Analysis, AnalysisError, Options, analyse
+from analysis import Analysis, AnalysisError, Options, analyse, figures
 from analysis.repeatability import judge, per_cycle
 from analysis.report import build_report
 from analysis.report_content import Table, aligned
@@ -148,6 +149,21 @@ def test_a_run_without_cycles_still_makes_a_report(tmp_path: Path) -> None:
     for ending in ("html", "pdf"):
         write_report([analysis], tmp_path / f"r.{ending}")
         assert (tmp_path / f"r.{ending}").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("vented", [False, True])
+def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_path: Path, vented: bool) -> None:
+    """No full scale, or no cycle at all: no curve, so nothing that a legend could name."""
+    pressure, loading, cycle = triangle(4, 10)
+    recording = Plant(cubics=((1650.0,),) * 2).run(0.0 * pressure if vented else pressure, loading, cycle)
+    from analysis import Recording
+
+    signal = np.full_like(recording.signal_mv, 1650.0)
+    analysis = analyse(Recording.from_arrays(recording.time_s, recording.pressure_kpa, signal), mcmc=False)
+    for draw in (figures.loop_difference(analysis), figures.drift_of_levels(analysis, 0)):
+        assert figures.as_svg([draw]).startswith("<svg")
+    write_report([analysis], tmp_path / "r.html")
+    assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
 def test_columns_meet_at_the_decimal_point() -> None:

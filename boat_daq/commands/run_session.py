@@ -6,6 +6,7 @@ Used by `record` and `demo`. The session decides and acts; this file waits, show
 from __future__ import annotations
 
 import dataclasses
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from boat_daq.errors import BoatDaqError
 from protocol.recording import BoardState
 
 LOOK_S = 0.1
+NUMBER = re.compile(r"[\d.]+")
 CLEARING_S = 3.0
 VENTING_S = 20.0
 ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
@@ -142,11 +144,11 @@ def run_plan(session: Session, plan: Plan, *, told: int = 0, go_on: bool = False
     """
     session.arm(plan, go_on=go_on)
     session.start()
-    shown = told
+    tell = Teller(told)
     with progress_bar(plan.name) as advance:
         while True:
             seen = session.snapshot()
-            shown = tell_new_messages(seen, shown)
+            tell(seen)
             if seen.progress is not None:
                 advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
             if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
@@ -157,11 +159,11 @@ def run_plan(session: Session, plan: Plan, *, told: int = 0, go_on: bool = False
 def listen(session: Session, duration_s: float | None) -> None:
     """Record until `duration_s` of board time, or until the port is gone."""
     begun = session.snapshot().recorded_s
-    shown = 0
+    tell = Teller()
     with progress_bar("recording") as advance:
         while True:
             seen = session.snapshot()
-            shown = tell_new_messages(seen, shown)
+            tell(seen)
             elapsed = seen.recorded_s - begun
             if duration_s is not None:
                 advance(min(elapsed, duration_s), duration_s)
@@ -172,12 +174,24 @@ def listen(session: Session, duration_s: float | None) -> None:
             time.sleep(LOOK_S)
 
 
-def tell_new_messages(seen: SessionSnapshot, shown: int) -> int:
-    """Print warnings and errors newer than number `shown`; return the newest number."""
-    for message in seen.messages:
-        if message.number > shown and message.level != "info":
-            say(f"{message.level}: {message.cause}" + (f"\n  try: {message.remedy}" if message.remedy else ""))
-    return max([shown, *(message.number for message in seen.messages)])
+class Teller:
+    """Prints what is new in a session: warnings and errors newer than number `told`, and each doubt about the link."""
+
+    def __init__(self, told: int = 0) -> None:
+        self._shown = told
+        self._doubts: set[str] = set()
+
+    def __call__(self, seen: SessionSnapshot) -> None:
+        """Print what is new."""
+        for message in seen.messages:
+            if message.number > self._shown and message.level != "info":
+                say(f"{message.level}: {message.cause}" + (f"\n  try: {message.remedy}" if message.remedy else ""))
+        self._shown = max([self._shown, *(message.number for message in seen.messages)])
+        for doubt in seen.health.warnings if seen.health is not None else ():
+            kind = NUMBER.sub("", doubt)  # its numbers change from look to look
+            if kind not in self._doubts and not doubt.startswith("no data"):  # silence has a message of its own
+                say(f"warning: {doubt}")
+            self._doubts.add(kind)
 
 
 def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:

@@ -6,11 +6,12 @@ import dataclasses
 import os
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import serial
 
-from boat_daq.commands.run_session import SessionRequest, run_session, why_failed
+from boat_daq.commands.run_session import SessionRequest, Teller, run_session, why_failed
 from boat_daq.engine.board_server import BoardSettings, serve
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
@@ -40,6 +41,29 @@ def test_a_fault_left_behind_is_said_once(tmp_path: Path, capsys: pytest.Capture
     assert failure == ""
     assert told.count("latched a fault") == 1
     assert "error:" not in told
+
+
+@pytest.mark.fault(9, how="`slow_rate` of 62 Hz, `record` in a terminal", times=1)
+def test_a_doubt_about_the_link_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """62 Hz come where 100 were asked for: said on the terminal, once."""
+    with serve(BoardSettings(speed=5.0, faults=("slow_rate@0:62",))) as board:
+        run_session(SessionRequest(board.url, tmp_path / "run.boat", duration_s=10.0))
+    assert capsys.readouterr().err.count("100 were asked for") == 1
+
+
+@pytest.mark.fault(8, how="a link in doubt of the board's clock, told in a terminal", times=1)
+def test_a_doubt_is_told_again_only_if_another(capsys: pytest.CaptureFixture[str]) -> None:
+    """New numbers are the same doubt, a drift beside it is another; silence is the session's own to tell."""
+    tell = Teller()
+    for warnings in (
+        ("no data for 2 s",),
+        ("3 samples lost",),
+        ("17 samples lost", "the board's clock is 0.9 % fast"),
+        (),
+    ):
+        tell(SessionSnapshot(SessionState.IDLE, LinkState.UP, health=SimpleNamespace(warnings=warnings)))
+    told = capsys.readouterr().err.splitlines()
+    assert told == ["warning: 3 samples lost", "warning: the board's clock is 0.9 % fast"]
 
 
 def test_a_lost_link_is_reported_with_its_cause() -> None:

@@ -2,7 +2,7 @@
 
 Strategy: a cycle is boiled down to six figures, each the signature of an illness:
 
-    loss        % a minute by which the elongation's pressure p_nom(x) falls behind the gauge    leak
+    loss        % a minute by which the elongation's pressure p_nom(x) falls behind the gauge    leak (leak.py)
     fade        % a minute by which the gauge itself falls in a hold (pumps off)                 leak
     gain        slope of elongation against nominal elongation                                   softening, stiffening
     offset      elongation where the nominal one is zero, mm                                     drift
@@ -12,11 +12,11 @@ Strategy: a cycle is boiled down to six figures, each the signature of an illnes
 Each figure is compared with its own healthy history by the self-starting CUSUM of cusum.py. A healthy unit's constant
 deviation (its own calibration, its own hysteresis, its creep) is history, not illness. One illness moves several
 figures: a leak also shifts the offset, a sensor that drifts also bends the gain; such an alarm says what it may follow
-from.
+from, be it that the other one stands already or that its sum is halfway there.
 
 Rules: arrays only, time in s, pressure in kPa, elongations in mm, NaN where a value is unknown. A cycle without holds
-has no fade, one sensor has no difference: that figure is NaN and waits. False alarms: one in 1,000 healthy cycles over
-all alarms together, for cycles whose figures scatter independently.
+has no fade, one sensor has no difference, the run-in no loss: that figure is NaN and waits. False alarms: one in 1,000
+healthy cycles over all alarms together, for cycles whose figures scatter independently.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ import numpy as np
 from analysis.errors import DataError, RequestError
 from analysis.shadow.arrays import Booleans, Floats
 from analysis.shadow.cusum import SelfStartingCusum, cycles_between_alarms, sight, threshold_for
+from analysis.shadow.leak import LeakWatch, second_branch
 from analysis.shadow.reduced import ReducedModel
 
 Illness = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
@@ -50,9 +51,12 @@ _CHANNELS: tuple[tuple[str, float, str, Illness | None, Illness | None], ...] = 
 """Figure, floor of its spread (the change nobody cares about), unit, and what a rise or a fall of it means."""
 _BRINGS: dict[Illness, tuple[Illness, ...]] = {
     "leak": ("drift", "stiffening"),
-    "sensor disagreement": ("softening", "stiffening", "drift"),
+    "stiffening": ("leak",),
+    "sensor disagreement": ("softening", "stiffening", "drift", "leak"),
 }
 """What an illness also moves."""
+LIKELY = 0.5
+"""An illness whose sum is above this share of the alarm's is named as what another alarm may follow from."""
 
 
 NOT_INDEPENDENT = "more often if its cycles follow one another, which those before do or are too few to tell"
@@ -81,7 +85,7 @@ class Alarm:
     shift : how far the figure has moved from its healthy history, in `unit`.
     since_cycle, cycle : first cycle of the change, and the cycle in which it was found (from 1).
     healthy_cycles : a healthy actuator comes this far once in so many cycles.
-    may_follow_from : other illnesses now standing that would also move this figure.
+    may_follow_from : other illnesses, standing or halfway there, that would also move this figure.
     independent : whether the cycles before could be taken for independent, as `healthy_cycles` asks.
     """
 
@@ -170,24 +174,6 @@ def fade_percent_per_min(time_s: Floats, pressure_kpa: Floats) -> float:
     return 6000.0 * total / weights if weights > 0.0 else np.nan
 
 
-def loss_percent_per_min(time_s: Floats, pressure_kpa: Floats, residual_kpa: Floats) -> float:
-    """Return the leak behind the gauge, % of the pressure a minute; NaN where the cycle does not determine it.
-
-    A leak fills the residual r = p - p_nom(x) at r' = loss p, so over a cycle r = c + g p + loss (integral of p dt); c
-    and g take up offset and gain. Half a cycle under one sign of pressure tells more than any single hold.
-    """
-    known = np.isfinite(residual_kpa) & np.isfinite(pressure_kpa)
-    if known.sum() < 10:
-        return np.nan
-    t, p, r = time_s[known], pressure_kpa[known], residual_kpa[known]
-    integral = np.concatenate([[0.0], np.cumsum(np.diff(t) * (p[1:] + p[:-1]) / 2.0)])
-    design = np.stack([np.ones_like(p), p, integral], axis=1)
-    size = np.linalg.norm(design, axis=0)
-    if not (size > 0.0).all() or np.linalg.cond(design / size) > 1e4:
-        return np.nan
-    return 6000.0 * float(np.linalg.lstsq(design / size, r, rcond=None)[0][2] / size[2])
-
-
 def branch_means(pressure_kpa: Floats, *columns: Floats) -> list[Floats]:
     """Average columns over equal steps of pressure on each branch of a cycle, so that waiting does not weigh.
 
@@ -197,9 +183,8 @@ def branch_means(pressure_kpa: Floats, *columns: Floats) -> list[Floats]:
     p = pressure_kpa[known]
     if not len(p) or np.ptp(p) == 0.0:
         return [np.empty(0) for _ in columns]
-    turn = int(np.argmin(p) if p[0] > (p.min() + p.max()) / 2.0 else np.argmax(p))
     step = np.minimum(((p - p.min()) / np.ptp(p) * PRESSURE_STEPS).astype(int), PRESSURE_STEPS - 1)
-    place = step + PRESSURE_STEPS * (np.arange(len(p)) > turn)
+    place = step + PRESSURE_STEPS * second_branch(p)
     count = np.bincount(place, minlength=2 * PRESSURE_STEPS)
     return [np.bincount(place, c[known], 2 * PRESSURE_STEPS)[count > 0] / count[count > 0] for c in columns]
 
@@ -213,7 +198,9 @@ def line(x: Floats, y: Floats) -> tuple[float, float]:
     return float(value), float(slope)
 
 
-def cycle_figures(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats) -> CycleFigures:
+def cycle_figures(
+    table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats, leak: LeakWatch | None = None
+) -> CycleFigures:
     """Boil one cycle down.
 
     Parameters
@@ -221,6 +208,7 @@ def cycle_figures(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elo
     table : the nominal actuator.
     time_s, pressure_kpa : shape (n,), one whole cycle.
     elongations_mm : shape (n,) or (n, sensors), elongation by each sensor's calibration; NaN where it has none.
+    leak : knows the cycles before; without it the loss is NaN, for one cycle cannot tell a leak from hysteresis.
 
     Raises
     ------
@@ -243,7 +231,7 @@ def cycle_figures(table: ReducedModel, time_s: Floats, pressure_kpa: Floats, elo
     mean = np.where(known.any(axis=1), np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
     offset, gain = line(*branch_means(p, table.nominal_elongation(p)[0], mean))
     apart = line(*branch_means(p, mean, x[:, 0] - x[:, 1])) if x.shape[1] > 1 else (np.nan, np.nan)
-    loss = loss_percent_per_min(t, p, p - table.nominal_pressure(mean))
+    loss = leak.take(t, p, p - table.nominal_pressure(mean)) if leak is not None else np.nan
     return CycleFigures(loss, fade_percent_per_min(t, p), gain, offset, *apart)
 
 
@@ -265,10 +253,15 @@ class Monitor:
         self.cycles = 0
         self._cusum = SelfStartingCusum(np.array([floor for _, floor, _, _, _ in _CHANNELS]))
         self._open: set[tuple[int, int]] = set()
+        self._leak = LeakWatch(RUN_IN_CYCLES)
+
+    def figures(self, time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats) -> CycleFigures:
+        """Boil the run's next whole cycle down (see `cycle_figures`); once each, in order, before `take`."""
+        return cycle_figures(self.table, time_s, pressure_kpa, elongations_mm, self._leak)
 
     def watch(self, time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats) -> list[Alarm]:
         """Take one whole cycle as arrays (see `cycle_figures`); return the alarms that it raises for the first time."""
-        return self.take(cycle_figures(self.table, time_s, pressure_kpa, elongations_mm))
+        return self.take(self.figures(time_s, pressure_kpa, elongations_mm))
 
     def take(self, figures: CycleFigures) -> list[Alarm]:
         """Take one cycle's figures; return the alarms that it raises for the first time, causes before effects."""
@@ -308,7 +301,9 @@ class Monitor:
         name, _, unit, _, _ = _CHANNELS[channel]
         sums, length, shift = (a[channel, side] for a in (self._cusum.sums, self._cusum.length, self._cusum.shift))
         once = float(cycles_between_alarms(sums)) / int(self.watched.sum())
-        causes = {other for key in self._open if (other := self._illness(*key)) and illness in _BRINGS.get(other, ())}
+        likely = (self._cusum.sums > LIKELY * self.threshold) & self.watched
+        causes = {other for i, j in np.argwhere(likely) if (other := self._illness(int(i), int(j)))}
+        causes = {other for other in causes if illness in _BRINGS.get(other, ())}
         independent = not bool(self._cusum.dependent()[channel, side])
         since = self.cycles - int(length) + 1
         return Alarm(illness, name, unit, float(shift), since, self.cycles, once, tuple(sorted(causes)), independent)

@@ -16,7 +16,7 @@ from scipy import stats
 
 from analysis.errors import DataError
 from analysis.shadow.arrays import Floats
-from analysis.shadow.monitor import Alarm, CycleFigures, Monitor, cycle_figures, deviation_mm, pressure_residual_kpa
+from analysis.shadow.monitor import Alarm, CycleFigures, Monitor, deviation_mm, pressure_residual_kpa
 from analysis.shadow.reduced import ReducedModel
 
 FEWEST_FOR_DRIFT = 3
@@ -123,7 +123,7 @@ def replay(
     figures, alarms, starts, levels, left_out = [], [], [], [], []
     for number, rows in enumerate(cycles, 1):
         try:
-            one = cycle_figures(table, t[rows], p[rows], x[rows])
+            one = monitor.figures(t[rows], p[rows], x[rows])
         except DataError as error:
             left_out.append(f"cycle {number}: {error.cause}")
             continue

@@ -128,12 +128,12 @@ class ShadowMonitor:
         self, shadow: Shadow, conversion: Conversion, number: int, cycle: dict[str, Array]
     ) -> tuple[CycleMark, list[Alarm]]:
         # loaded here, on the helper thread, and not with the window
-        from analysis.shadow.monitor import Monitor, cycle_figures, deviation_mm
+        from analysis.shadow.monitor import Monitor, deviation_mm
 
         if self._monitor is None:
             self._monitor = Monitor(shadow.table)
         each = conversion.each(signals(cycle))
-        figures = cycle_figures(shadow.table, cycle["time_s"], cycle["pressure_kpa"], each)
+        figures = self._monitor.figures(cycle["time_s"], cycle["pressure_kpa"], each)
         apart = deviation_mm(shadow.table, cycle["pressure_kpa"], conversion(signals(cycle)).mm)
         known = apart[np.isfinite(apart)]
         deviation = float(known.mean()) if known.size else np.nan

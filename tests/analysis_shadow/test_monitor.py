@@ -7,6 +7,7 @@ import pytest
 
 from analysis.errors import DataError, RequestError
 from analysis.shadow.cusum import SelfStartingCusum, cycles_between_alarms, threshold_for
+from analysis.shadow.leak import Loop, loss_percent_per_min
 from analysis.shadow.monitor import (
     Alarm,
     CycleFigures,
@@ -15,7 +16,6 @@ from analysis.shadow.monitor import (
     deviation_mm,
     fade_percent_per_min,
     find_holds,
-    loss_percent_per_min,
     pressure_residual_kpa,
     running_level,
 )

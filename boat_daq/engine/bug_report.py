@@ -1,7 +1,7 @@
 """A bug report: log, settings, versions and the last recording in short, in one ZIP; nothing personal without asking.
 
 Rules: no sample and no byte of a board goes in. What is personal is taken out of every text before it is packed: names
-of operators, notes, the names of this computer and its user, and every path but a file's ending. What is left out
+of operators, notes, the names of computers and of this one's user, and every path but a file's ending. What is left out
 is replaced by a word in brackets, so that a reader sees that something stood there.
 """
 
@@ -32,9 +32,12 @@ LOG_BYTES = 2_000_000  # of each, the newest end
 _PACKAGES = ("numpy", "scipy", "pandas", "pyserial", "PySide6-Essentials", "pyqtgraph", "numba", "typer", "matplotlib")
 _PERSONAL_KEYS = ("operator", "note", "recordings", "profile", "reader")
 _OPERATOR, _NOTE = "[operator]", "[note]"
-_PATH = re.compile(r"(?:[A-Za-z]:)?(?:[\\/]{1,2}[^\\/\s'\"`,;:()<>|]+)+")
-_RECORDING = re.compile(r"(?:[A-Za-z]:)?[\\/][^\n'\"]*?\.(boat|csv|toml|pdf|html)\b")
-_DEVICE = re.compile(r"/dev/(tty|pts|cu)")
+_PATH = re.compile(r"(?:\b[A-Za-z]:)?(?:[\\/]{1,2}[^\\/\s'\"`,;:()<>|]+)+")
+_RECORDING = re.compile(r"(?:\b[A-Za-z]:)?[\\/][^\n'\"]*?\.(boat|csv|toml|pdf|html)\b")
+_NAMED = re.compile(r"(?<=\] )[^\n\[\]'\"]*?\.boat\b")  # a message that begins with a recording's name
+_HERE = ("127.0.0.1", "localhost", "[::1]")
+_HOST = re.compile(r"socket://(\[[^\]\s]+\]|[^\s:/]+)")
+_KEPT = re.compile(r"/dev/(tty|pts|cu)|//(127\.0\.0\.1|localhost|\[)")
 _BEGUN = re.compile(r"recording (?:begins|goes on) in (.+\.boat)\s*$", re.MULTILINE)
 _MARKED = re.compile(r"(marked|mark): .*")
 
@@ -96,6 +99,10 @@ class Redaction:
         words |= dict.fromkeys(_values(texts.values(), "operator"), _OPERATOR)
         words |= dict.fromkeys(_values(texts.values(), "reader"), _OPERATOR)
         words |= dict.fromkeys(_values(texts.values(), "note"), _NOTE)
+        begun = [name for text in texts.values() for name in _BEGUN.findall(text)]
+        words |= dict.fromkeys([*begun, *(Path(name).name for name in begun)], "[path].boat")
+        hosts = {host for text in texts.values() for host in _HOST.findall(text)}
+        words |= dict.fromkeys(hosts.difference(_HERE), "[host]")
         # the longest first: a name within another must not leave a part of it
         self._words = [(w, words[w]) for w in sorted(words, key=len, reverse=True) if len(w) > 1]
 
@@ -106,8 +113,8 @@ class Redaction:
             text = re.sub(rf'^(\s*"?{key}"?\s*[=:]\s*)"(?:[^"\\]|\\.)+"', rf'\1"[{key}]"', text, flags=re.MULTILINE)
         for word, stands in self._words:
             text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", stands, text, flags=re.IGNORECASE)
-        text = _RECORDING.sub(r"[path].\1", text)
-        return _PATH.sub(lambda found: found[0] if _DEVICE.match(found[0]) else "[path]", text)
+        text = _NAMED.sub("[path].boat", _RECORDING.sub(r"[path].\1", text))
+        return _PATH.sub(lambda found: found[0] if _KEPT.match(found[0]) else "[path]", text)
 
 
 def _values(texts: Iterable[str], key: str) -> set[str]:

@@ -77,6 +77,37 @@ def test_a_session_is_logged_and_its_report_has_nothing_personal(place: Path, tm
         assert NOTE in archive.read("recording.json").decode()
 
 
+def test_names_of_recordings_and_of_other_computers_stay_here(place: Path, tmp_path: Path) -> None:
+    """A relative name with spaces, of a recording that is not the report's own, and the computer of a TCP board: gone
+    from every line that names them; a board on this computer and the rest of the line stay.
+    """
+    log.start_log()
+    for name in ("Mary Somerville 3.boat", "runs of Ada/mary.s@lab.example #1.boat", "x.boat"):
+        log.note("info", f"recording begins in {name}")
+        log.note("info", f"recording ended, stopped: {name}")
+    log.note("error", "no room on the disk of mary.s@lab.example #1.boat, it ends")
+    log.note("error", "Caroline Herschel.boat was recorded with board 7; now it is 8 (try: another)")
+    log.note("info", "connecting to socket://mary-laptop.lab.example:4711, profile none")
+    log.note("error", "mary-laptop.lab.example is not this machine")
+    log.note("info", "connecting to socket://127.0.0.1:40549, profile none")
+    log.stop_log()
+    out = write_bug_report(tmp_path / "bug.zip")
+    with zipfile.ZipFile(out) as archive:
+        whole = "\n".join(archive.read(name).decode() for name in archive.namelist())
+    for secret in ("Mary", "Somerville", "Ada", "mary", "lab.example", "Herschel", "Caroline"):
+        assert secret not in whole, secret
+    for kept in (
+        "recording begins in [path].boat\n",
+        "recording ended, stopped: [path].boat\n",
+        "no room on the disk of [path].boat, it ends",
+        "[path].boat was recorded with board 7; now it is 8",
+        "connecting to socket://[host]:4711, profile none",
+        "[host] is not this machine",
+        "connecting to socket://127.0.0.1:40549, profile none",
+    ):
+        assert kept in whole, kept
+
+
 def test_the_log_is_bounded(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However much is noted, a process keeps three files of the size set, and the folder what fits beside them."""
     monkeypatch.setattr(log, "FILE_BYTES", 20_000)

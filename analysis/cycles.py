@@ -125,7 +125,7 @@ def smooth_pressure(pressure_kpa: FloatArray, usable: BoolArray) -> tuple[FloatA
     good = np.asarray(usable, dtype=bool)
     if not good.any():
         return np.zeros_like(pressure_kpa), 0.0
-    whole = pressure_kpa if good.all() else np.interp(rows, rows[good], pressure_kpa[good])
+    whole = _bridged(pressure_kpa, good)
     noise = white_noise_sd(whole)
     middle = ndimage.median_filter(whole, 5, mode="nearest")
     span = float(np.ptp(np.percentile(middle, [0.5, 99.5])))
@@ -138,6 +138,26 @@ def smooth_pressure(pressure_kpa: FloatArray, usable: BoolArray) -> tuple[FloatA
     window = 1 if span <= 0 else int(np.ceil((noise / (0.01 * span)) ** 2))
     window = min(window | 1, MAX_WINDOW, max(1, (whole.size // 20) | 1))
     return (ndimage.uniform_filter1d(quiet, window, mode="nearest") if window > 1 else quiet), noise
+
+
+def pressure_drop_outs(pressure_kpa: FloatArray, usable: BoolArray) -> BoolArray:
+    """Rows [n] at which the pressure had dropped out, as `smooth_pressure` takes them out."""
+    good = np.asarray(usable, dtype=bool)
+    if not good.any():
+        return np.zeros_like(good)
+    whole = _bridged(pressure_kpa, good)
+    return _drop_outs(whole, _jump(whole)) & good
+
+
+def _bridged(pressure_kpa: FloatArray, good: BoolArray) -> FloatArray:
+    rows = np.arange(pressure_kpa.size)
+    return pressure_kpa if good.all() else np.interp(rows, rows[good], pressure_kpa[good])
+
+
+def _jump(whole_kpa: FloatArray) -> float:
+    """The least jump of a drop-out: a share of the span, and well above the noise."""
+    span = float(np.ptp(np.percentile(ndimage.median_filter(whole_kpa, 5, mode="nearest"), [0.5, 99.5])))
+    return max(DROP_OUT_SHARE * span, 8.0 * white_noise_sd(whole_kpa))
 
 
 def _drop_outs(pressure_kpa: FloatArray, jump_kpa: float) -> BoolArray:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from analysis.pipeline import SensorAnalysis, _Run
 
 NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
+MOST_SAID = 5  # remarks of an import; the preview has them all
 BREAK_FLAGS = {"same": "break", "differs": "differs_over_break", "untested": "untested_break"}
 
 
@@ -24,6 +25,10 @@ def flags_of(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], 
         flags.append(("simulated", "recorded from the virtual board: SIMULATED"))
     if recording.gaps:
         flags.append(("gaps", f"{recording.lost} samples lost in {len(recording.gaps)} gaps"))
+    said = [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
+    flags += [("import", str(text)) for text in said[:MOST_SAID]]
+    if len(said) > MOST_SAID:
+        flags.append(("import", f"and {len(said) - MOST_SAID} more: see `boat-daq import --preview`"))
     if recording.meta.get("crc_errors"):
         text = f"{recording.meta['crc_errors']} frames failed their CRC; their samples count as lost"
         flags.append(("crc_errors", text))

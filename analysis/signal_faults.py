@@ -3,7 +3,8 @@
 A board flags its saturated samples; a CSV cannot. What is told here from the signal and the pressure alone:
     frozen     exactly one value while the pressure moves by more than a tenth of its span
     clipped    the signal's highest or lowest value, held far longer than the signal ever holds another
-    dropped    a jump away and back, of more than a quarter of the span each, while the pressure does not jump
+    dropped    a jump away and back, of more than a quarter of the span each, while the pressure does not jump;
+               or such a jump of the pressure itself
 
 Rules: a signal that never changes is left alone: it has no span, and its figures say so. Only `usable` and `masked` of
 the recording change; no column does.
@@ -15,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from analysis.cycles import pressure_drop_outs
 from analysis.recording import BoolArray, FloatArray, IntArray, Recording
 
 FROZEN_SHARE = 0.1  # of the span of the pressure
@@ -29,6 +31,7 @@ def mask_faulty_signals(recording: Recording, smooth_kpa: FloatArray) -> Recordi
     ----------
     smooth_kpa : [n] pressure free of noise and spikes (`cycles.smooth_pressure`).
     """
+    recording = _without_drop_outs_of_pressure(recording)
     usable = recording.usable.copy()
     rows = {name: np.zeros(recording.n, dtype=bool) for name in ("clipped", "frozen", "dropped_out")}
     for sensor in range(recording.n_sensors):
@@ -40,6 +43,17 @@ def mask_faulty_signals(recording: Recording, smooth_kpa: FloatArray) -> Recordi
         return replace(recording, masked={**recording.masked, **counts})
     usable.flags.writeable = False
     return replace(recording, usable=usable, masked={**recording.masked, **counts})
+
+
+def _without_drop_outs_of_pressure(recording: Recording) -> Recording:
+    """Rows whose pressure jumps away and back are left out like rows without one: they would cut a hold in two."""
+    dropped = pressure_drop_outs(recording.pressure_kpa, recording.pressure_usable)
+    masked = {**recording.masked, "pressure_dropped_out": int(dropped.sum())}
+    if not dropped.any():
+        return replace(recording, masked=masked)
+    pressure_usable, usable = recording.pressure_usable & ~dropped, recording.usable & ~dropped[:, None]
+    pressure_usable.flags.writeable = usable.flags.writeable = False
+    return replace(recording, pressure_usable=pressure_usable, usable=usable, masked=masked)
 
 
 def _faults(y: FloatArray, usable: BoolArray, p: FloatArray) -> dict[str, BoolArray]:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis import AnalysisError, load_recording
+from analysis import AnalysisError, analyse, load_recording
 from analysis.boat_writer import write_boat_file
 from analysis.csv_import import import_csv, load_profile, map_columns, preview, save_profile
 from analysis.csv_table import read_table
@@ -252,6 +252,18 @@ def test_a_column_of_text_is_named(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", "time,pressure_kpa,s1_mv", lambda i: f"10:00:{i:02d},{i}.5,{1600 + i}")
     with pytest.raises(AnalysisError, match="column 'time' holds text like '10:00:00'"):
         import_csv(path)
+
+
+def test_what_an_import_left_out_is_a_flag_of_the_figures(tmp_path: Path) -> None:
+    """Who analyses a CSV never sees the import's own messages: seven ragged rows, five said and the rest counted."""
+    path = written(tmp_path / "a.csv", "time_s,pressure_kpa,s1_mv", lambda i: f"{i},{i % 7}.5,{1600 + i}")
+    lines = path.read_text().splitlines()
+    lines[10:17] = ["9,9"] * 7
+    path.write_text("\n".join(lines) + "\n" + "\n".join(f"{i},{i % 7}.5,{1600 + i}" for i in range(1000, 1900)))
+    texts = [flag["text"] for flag in analyse(path, mcmc=False).flags if flag["code"] == "import"]
+    assert texts[0] == "line 11: 2 fields where the others have 3"
+    assert len(texts) == 6
+    assert texts[-1].startswith("and 2 more")
 
 
 def test_repeated_times_are_told(tmp_path: Path) -> None:

@@ -123,6 +123,26 @@ def test_drop_outs_are_left_out_with_a_count(value: float) -> None:
         assert figure.value == pytest.approx(before.value, rel=0.02), name
 
 
+@pytest.mark.parametrize("value", [-300.0, 200.0])
+def test_a_pressure_that_drops_out_cuts_no_hold_in_two(tmp_path: Path, value: float) -> None:
+    """Four samples of a loose wire within a hold: counted, left out, and the readings still find their plateaus."""
+    stairs = Staircase(cycles=2)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    run = stairs.recording()
+    pressure = run.pressure_kpa.copy()
+    first, last = stairs.trace()[3][7]
+    pressure[(first + last) // 2 + np.arange(4)] = value
+    broken = Recording.from_arrays(run.time_s, pressure, run.signal_mv)
+    found = [analyse(one, tmp_path / "e.csv", options=QUICK) for one in (run, broken)]
+    assert [one.recording.masked["pressure_dropped_out"] for one in found] == [0, 4]
+    assert len(found[0].plateaus) == len(found[1].plateaus)
+    for whole, cut in zip(found[0].sensors, found[1].sensors, strict=True):
+        assert whole.calibration is not None
+        assert cut.calibration is not None
+        assert cut.calibration.coefficients == pytest.approx(whole.calibration.coefficients, rel=1e-2)
+    assert "pressure_dropped_out" in {flag["code"] for flag in found[1].flags}
+
+
 def test_a_frozen_channel_is_left_out() -> None:
     """Two whole cycles of eight at one value: those cycles carry nothing, the others all."""
     run = Plant().run(*triangle(8, 20))

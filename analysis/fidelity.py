@@ -37,7 +37,7 @@ class Fidelity:
     table : of the reduced model: pressures, elongations, shapes.
     posterior_steps : of the sampler at most; 0 takes the closed form, which leaves the reading error out.
     resamples : of every bootstrap.
-    points_a_column : drawn for each column of pixels of a live curve.
+    points_a_column : looked at for each column of pixels of a live curve, of which the extremes are painted.
     """
 
     level: Level
@@ -54,8 +54,8 @@ class Fidelity:
 
 _LEVELS = {
     "draft": Fidelity("draft", 50, 1_000, (6, 2, 3), 1371.6899, 4.14997, (5, 5, 4), 1_000, 100, 8),
-    "normal": Fidelity("normal", 250, 5_000, (8, 2, 4), 1320.9, 4.277, (7, 7, 8), 10_000, 2_000, 8),
-    "reference": Fidelity("reference", 1_000, 25_000, (12, 3, 6), 1299.6276, 4.31579, (7, 7, 8), 10_000, 50_000, 8),
+    "normal": Fidelity("normal", 250, 5_000, (8, 2, 4), 1320.9, 4.277, (7, 7, 8), 10_000, 2_000, 16),
+    "reference": Fidelity("reference", 1_000, 25_000, (12, 3, 6), 1299.6276, 4.31579, (7, 7, 8), 10_000, 50_000, 64),
 }
 
 

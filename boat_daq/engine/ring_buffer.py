@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.blocks import Block
 from boat_daq.engine.columns import columns
-from boat_daq.engine.pyramid import MinMaxPyramid
+from boat_daq.engine.pyramid import MinMaxPyramid, fold_columns
 from protocol.link import Samples
 from protocol.recording import SampleFlag
 
@@ -81,12 +81,21 @@ class RingBuffer:
         return self._named(base.copy(start, base.end))
 
     def draw(
-        self, from_s: float | None = None, to_s: float | None = None, *, max_points: int = 4000
+        self,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        *,
+        max_points: int = 4000,
+        column_s: float | None = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Return the columns of a span, thinned to extremes so that none has more than `max_points` (at least 64)."""
+        """Return the columns of a span, thinned to extremes so that none has more than `max_points` (at least 64).
+
+        Where `column_s`, the width of a column of pixels, is given, the extremes are those of each such column.
+        """
         low = -math.inf if from_s is None else from_s
         high = math.inf if to_s is None else to_s
-        return self._named(self._pyramid.draw(low, high, max(64, max_points)))
+        points = self._pyramid.draw(low, high, max(64, max_points))
+        return self._named(points if column_s is None else fold_columns(points, column_s))
 
     def time_of(self, board_us: int) -> float | None:
         """Return the screen's time of an instant of board time; None before the first sample, or from an earlier clock.

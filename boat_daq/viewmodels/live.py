@@ -24,7 +24,6 @@ Columns = Mapping[str, Array]
 
 WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
 HEADLINE_S = 0.2  # a figure is the mean of so much signal, so that it can be read
-MAX_POINTS = 2400  # of one curve in one frame: 8000 cost 12 to 21 ms of processor a frame, these 5
 PIXELS_A_FRAME = 0.6  # a picture that has moved by less need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
 
@@ -138,7 +137,9 @@ class LiveModel:
     inverse: Inverse | None = None
     window_s: float = 60.0
     together: bool = False  # both signals on one axis
-    points_a_column: int = 8  # drawn for each column of pixels; the fidelity says how many
+    points_a_column: int = (
+        16  # looked at for each column of pixels, of which two are painted; the fidelity says how many
+    )
     cursor_a: float | None = None
     cursor_b: float | None = None
     markers: list[Marker] = field(default_factory=list)
@@ -205,7 +206,9 @@ class LiveModel:
         low, high = self.span_s()
         if ring is None:
             return None
-        columns = ring.draw(low, high, max_points=min(MAX_POINTS, max(200, self.points_a_column * width)))
+        columns = ring.draw(
+            low, high, max_points=max(200, self.points_a_column * width), column_s=(high - low) / max(width, 1)
+        )
         if not columns["time_s"].size:
             return None
         elongation = self.inverse(signals(columns)) if self.inverse is not None else None

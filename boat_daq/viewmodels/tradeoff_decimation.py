@@ -1,4 +1,4 @@
-"""What `boat-daq tradeoff` measures of the live plot: points drawn against what the screen can show.
+"""What `boat-daq tradeoff` measures of the live plot: points looked at against what the screen can show.
 
 The reference is every sample of the span, drawn: in each column of pixels the lowest and highest value. Half a pixel of
 height is what the eye can notice; that a peak stands in the next column is not held against a setting.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from analysis.tradeoff import Method, Setting
-from boat_daq.engine.pyramid import MinMaxPyramid
+from boat_daq.engine.pyramid import MinMaxPyramid, fold_columns
 
 WIDTH_PX, HEIGHT_PX = 1000, 300
 RATE_HZ, MINUTES = 100.0, 60
@@ -35,11 +35,11 @@ def decimation_settings(quick: bool, paint: Paint | None = None) -> list[Setting
     signal[[time_s.size // 13, time_s.size // 8 + 17]] += (60.0, -60.0)
     pyramid = MinMaxPyramid(2, time_s.size)
     pyramid.append(np.stack([time_s, signal]))
-    points = (500, 2000, 4000, 8000) if quick else (250, 500, 1000, 2000, 4000, 8000, 16000, 32000)
+    points = (2000, 8000, 16000, 64000) if quick else (1000, 2000, 4000, 8000, 16000, 32000, 64000)
 
     def draw(count: int, repeat: int) -> Drawn:
         end = float(time_s[-1]) * SPANS[repeat]
-        drawn = pyramid.draw(0.0, end, count)
+        drawn = fold_columns(pyramid.draw(0.0, end, count), end / WIDTH_PX)
         if paint is not None:
             paint(drawn)
         return end, drawn
@@ -83,7 +83,7 @@ def _envelope(at: NDArray[np.float64], values: NDArray[np.float64], edges: NDArr
 def decimation(paint: Paint | None = None) -> Method:
     """Return the method; `paint` draws points [2, n] on the plot, and its time counts."""
     return Method(
-        "decimation", "Live plot: points drawn", "every sample of the span, column by column of pixels", True,
+        "decimation", "Live plot: points looked at", "every sample of the span, column by column of pixels", True,
         "the eye at the live plot: half a pixel", 0.5, "pixels",
         "a curve fetched and painted" if paint is not None else "a curve fetched",
         lambda level: f"{level.points_a_column * WIDTH_PX} points", partial(decimation_settings, paint=paint),

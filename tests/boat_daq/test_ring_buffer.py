@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from boat_daq.engine.blocks import Block
 from boat_daq.engine.column_ring import ColumnRing
-from boat_daq.engine.pyramid import MinMaxPyramid
+from boat_daq.engine.pyramid import MinMaxPyramid, fold_columns
 from boat_daq.engine.ring_buffer import RingBuffer
 from protocol import Samples
 from protocol.recording import SampleFlag, sample_dtype
@@ -212,3 +212,23 @@ def test_an_empty_ring_is_drawn_empty():
     """Before the first sample there is nothing, and no error."""
     ring = RingBuffer(2, mv_per_count=1.0)
     assert ring.draw()["time_s"].shape == ring.view()["time_s"].shape == (0,)
+
+
+def test_columns_of_pixels_show_the_extremes_of_their_samples():
+    """Truth: the extremes of each column, sample by sample."""
+    time_s = np.arange(5000) * 0.01
+    signal = np.random.default_rng(7).standard_normal(5000)
+    signal[[17, 3210]] = np.nan
+    folded = fold_columns(np.stack([time_s, signal]), 0.5)
+    for at in range(100):
+        inside = (time_s >= 0.5 * at) & (time_s < 0.5 * (at + 1))
+        low, high = folded[:, 2 * at], folded[:, 2 * at + 1]
+        assert (low[0], high[0]) == (time_s[inside][0], time_s[inside][-1])
+        assert (low[1], high[1]) == (np.nanmin(signal[inside]), np.nanmax(signal[inside]))
+
+
+def test_two_points_a_column_or_fewer_are_left_as_they_are():
+    points = np.stack([np.arange(8) * 0.25, np.arange(8.0)])
+    assert fold_columns(points, 0.5) is points
+    assert fold_columns(points[:, :0], 0.5).shape == (2, 0)
+    assert fold_columns(points, 0.75).shape[1] < 8

@@ -360,6 +360,7 @@ def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
         up, down = np.abs(figure.value * (1.0 / ratio - 1.0))
         down, up = (up, down) if figure.value < 0 else (down, up)
     low = figure.value - float(np.hypot(figure.value - figure.low, down))
+    low = max(low, 0.0) if figure.unit in NEVER_NEGATIVE else low
     return replace(figure, low=low, high=figure.value + float(np.hypot(figure.high - figure.value, up)))
 
 

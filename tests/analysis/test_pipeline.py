@@ -323,6 +323,7 @@ def test_readings_on_a_millimetre_grid_widen_whatever_they_enter(tmp_path: Path)
             figure = sensor.figures[name]
             assert figure.low <= truth <= figure.high
         assert sensor.figures["noise_mv"].high < 0.21
+        assert sensor.figures["sensor_hysteresis_percent_fso"].low == 0.0
 
 
 def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     try:
         yield db
     except DAMAGE as error:
-        raise FileError(f"{path.name} cannot be read to its end: {error}", f"Try: boat-daq recover {path}") from error
+        raise FileError(f"{path.name} cannot be read to its end: {error}", f"boat-daq recover {path}") from error
     finally:
         db.close()
 

@@ -267,7 +267,7 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
         check_values(path, connection, {name: layout()[name] for name in TABLE_NAMES if name not in LONG_TABLES})
     except DAMAGE as error:
         connection.close()
-        raise RecordingError(f"{path} cannot be read: {error}", f"Try: boat-daq recover {path}") from error
+        raise RecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}") from error
     except RecordingError:
         connection.close()
         raise

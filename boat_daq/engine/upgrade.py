@@ -66,7 +66,7 @@ def upgrade(path: Path) -> Upgrade:
     lock = WriterLock(path)
     try:
         if status == "recording" or path.with_name(path.name + "-wal").exists():
-            raise OperatorError(f"{path} was not closed", f"Try: boat-daq recover {path}")
+            raise OperatorError(f"{path} was not closed", f"boat-daq recover {path}")
         return Upgrade("upgraded", path, version, SCHEMA_VERSION, _exchange(path, version))
     except (OSError, *DAMAGE) as error:
         raise storage_error(path, error) from error

@@ -199,7 +199,7 @@ def _head(flow: Flow, report: Report) -> None:
         flow.add(Text(LEFT, flow.y, line, 12, style.SOFT))
         flow.y += 0.22
     flow.y += 0.1
-    lines = _wrapped(report.verdict, INNER - 0.3, 9.5)
+    lines = _wrapped(report.verdict, INNER, 9.5, "bold")
     flow.add(Rule(LEFT, flow.y - 0.05, INNER, style.SENSORS[0], 1.6))
     for line in lines:
         flow.y += 0.2
@@ -216,7 +216,7 @@ def _head(flow: Flow, report: Report) -> None:
 
 def _heading(flow: Flow, title: str) -> None:
     flow.y += 0.26
-    for line in _wrapped(title, INNER, 12):
+    for line in _wrapped(title, INNER, 12, "bold"):
         flow.add(Text(LEFT, flow.y, line, 12, weight="bold"))
         flow.y += 0.22
     flow.y += 0.02
@@ -320,23 +320,23 @@ def _cell_lines(row: tuple[str, ...], widths: list[float], size: float) -> int:
 
 
 @lru_cache(maxsize=20_000)
-def _width(text: str, size: float) -> float:
+def _width(text: str, size: float, weight: str = "normal") -> float:
     """Width of a line in inches, measured with the font itself."""
-    font = FontProperties(family=style.RC["font.family"], size=size)
+    font = FontProperties(family=style.RC["font.family"], size=size, weight=weight)
     return float(TextToPath().get_text_width_height_descent(text, font, ismath=False)[0]) / 72.0
 
 
-def _wrapped(text: str, width: float, size: float) -> list[str]:
+def _wrapped(text: str, width: float, size: float, weight: str = "normal") -> list[str]:
     """Break text into lines that fit."""
     if PLAIN_NUMBER.match(text.rstrip(DIGIT_SPACE + POINT_SPACE)):
         return [text]
     text = " ".join(text.split())
     if not text:
         return []
-    letters = max(8, int(width / (_width(text, size) / len(text) or 0.1)))
+    letters = max(8, int(width / (_width(text, size, weight) / len(text) or 0.1)))
     while True:
         lines = textwrap.wrap(text, letters, break_long_words=True)
-        if letters <= 8 or max(_width(line, size) for line in lines) <= width:
+        if letters <= 8 or max(_width(line, size, weight) for line in lines) <= width:
             return lines
         letters -= 2
 

@@ -15,6 +15,7 @@ from analysis import Analysis, AnalysisError, Options, analyse, figures
 from analysis.repeatability import judge, per_cycle
 from analysis.report import build_report
 from analysis.report_content import Table, aligned
+from analysis.report_pdf import INNER, LEFT
 from analysis.reporting import WRITERS, write_report
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
@@ -85,6 +86,18 @@ def test_pdf_has_embedded_fonts_and_numbered_pages(written: Path) -> None:
     assert all(f"page {k} of {pages}" in text for k in range(1, pages + 1))
     assert text.count("SIMULATED\n") >= pages
     assert MARKUP in " ".join(text.split())
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler's tools are not installed")
+def test_a_long_verdict_stays_within_the_margins(calibration: Analysis, tmp_path: Path) -> None:
+    """The verdict is bold, and bold letters are wider: no word of it passes the rule above it."""
+    verdict = "FAILS: " + ", ".join(f"hysteresis of s{i} 4.48 against 4 % FSO" for i in range(1, 9))
+    path = tmp_path / "r.pdf"
+    WRITERS[".pdf"](replace(build_report([calibration]), verdict=verdict, sections=()), path)
+    boxes = subprocess.run(["pdftotext", "-bbox", path, "-"], capture_output=True, text=True, check=True).stdout
+    ends = [float(x) for x in re.findall(r'xMax="([0-9.]+)" yMax="[0-9.]+">[^<]+</word>', boxes)]
+    assert len(ends) > 60
+    assert max(ends) <= 72.0 * (LEFT + INNER) + 0.5
 
 
 @pytest.mark.fault(44, how="one report written twice", times=2)

@@ -223,7 +223,7 @@ def load_recording(path: str | Path, **import_options: Any) -> Recording:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileError(f"{path} is not there" if not path.exists() else f"{path} is a folder", "Check the name.")
+        raise FileError(f"{path} is not there" if not path.exists() else f"{path} is no file", "Check the name.")
     from analysis import boat_file, csv_import  # here, so that neither door needs the other's imports
 
     if boat_file.is_boat_file(path):

@@ -297,6 +297,8 @@ def layout_version(path: Path) -> int:
     ------
     RecordingError : the file is missing, empty, or no recording.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for without end
+        raise RecordingError(f"{path} is no plain file", "Check the name.")
     try:
         with path.open("rb") as file:
             head = file.read(_HEADER.size)

@@ -30,7 +30,8 @@ def info(
         emit_json(summary)
         return
     for name, value in _lines(summary):
-        out.print(f"{name:<12}{value}", highlight=False, markup=False, soft_wrap=True)
+        plain = "".join(c if c.isprintable() else "?" for c in value)  # no name in a file steers the terminal
+        out.print(f"{name:<12}{plain}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _lines(summary: Summary) -> Iterator[tuple[str, str]]:

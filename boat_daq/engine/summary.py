@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.file_lock import is_being_written
+from protocol.errors import RecordingError
 from protocol.recording import breaks_of, layout_version, open_recording, read_session
+from protocol.recording_checks import DAMAGE
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,51 +96,58 @@ def summarise(path: Path) -> Summary:
     RecordingError : not a recording, or damaged.
     """
     with closing(open_recording(path)) as db:
-        meta = read_session(db)
-        segments = tuple(_segments(db))
-        samples = sum(segment.samples for segment in segments)
-        duration_s = sum(segment.duration_s for segment in segments)
-        gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
-        low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
-        counts = [_one(db, f"SELECT count(*) FROM {table}")[0] for table in ("step", "reading", "result")]  # noqa: S608
-        status = meta["status"]
-        if status == "recording" and not is_being_written(path):
-            status = "interrupted"
-        told = (
-            "operator",
-            "unit",
-            "note",
-            "port",
-            "board_id",
-            "program_version",
-            "started_utc",
-            "ended_utc",
-            "stop_reason",
-        )
-        return Summary(
-            path=path,
-            status=status,
-            simulated=bool(meta["simulated"]),
-            **{key: meta[key] for key in told},
-            duration_s=duration_s,
-            rate_hz=_rate(samples, len(segments), duration_s),
-            rate_asked_hz=meta["rate_hz"],
-            samples=samples,
-            gaps=gaps,
-            lost_samples=int(lost),
-            crc_errors=_counted(db, "crc_errors"),
-            damaged_frames=_counted(db, "crc_errors + malformed + oversize"),
-            pressure_min_kpa=low,
-            pressure_max_kpa=high,
-            segments=segments,
-            steps=counts[0],
-            cycles=_cycles(db),
-            readings=counts[1],
-            results=counts[2],
-            size_bytes=path.stat().st_size,
-            layout=layout_version(path),
-            breaks=tuple(_break(entry) for entry in breaks_of(meta)),
-        )
+        try:
+            return _summarise(path, db)
+        except DAMAGE as error:
+            raise RecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}") from error
+
+
+def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
+    meta = read_session(db)
+    segments = tuple(_segments(db))
+    samples = sum(segment.samples for segment in segments)
+    duration_s = sum(segment.duration_s for segment in segments)
+    gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
+    low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
+    counts = [_one(db, f"SELECT count(*) FROM {table}")[0] for table in ("step", "reading", "result")]  # noqa: S608
+    status = meta["status"]
+    if status == "recording" and not is_being_written(path):
+        status = "interrupted"
+    told = (
+        "operator",
+        "unit",
+        "note",
+        "port",
+        "board_id",
+        "program_version",
+        "started_utc",
+        "ended_utc",
+        "stop_reason",
+    )
+    return Summary(
+        path=path,
+        status=status,
+        simulated=bool(meta["simulated"]),
+        **{key: meta[key] for key in told},
+        duration_s=duration_s,
+        rate_hz=_rate(samples, len(segments), duration_s),
+        rate_asked_hz=meta["rate_hz"],
+        samples=samples,
+        gaps=gaps,
+        lost_samples=int(lost),
+        crc_errors=_counted(db, "crc_errors"),
+        damaged_frames=_counted(db, "crc_errors + malformed + oversize"),
+        pressure_min_kpa=low,
+        pressure_max_kpa=high,
+        segments=segments,
+        steps=counts[0],
+        cycles=_cycles(db),
+        readings=counts[1],
+        results=counts[2],
+        size_bytes=path.stat().st_size,
+        layout=layout_version(path),
+        breaks=tuple(_break(entry) for entry in breaks_of(meta)),
+    )
 
 
 def _break(entry: dict[str, Any]) -> Break:

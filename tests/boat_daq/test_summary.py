@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
 from contextlib import closing
 
 import pytest
+from typer.testing import CliRunner
 
+from boat_daq.cli import app
 from boat_daq.engine.recorder import Recorder
 from boat_daq.engine.summary import summarise
 from protocol.errors import RecordingError
@@ -108,3 +111,40 @@ def test_what_is_no_recording_is_refused(tmp_path):
     (tmp_path / "text.boat").write_text("hello")
     with pytest.raises(RecordingError, match="not a recording"):
         summarise(tmp_path / "text.boat")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes")
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    """What is no plain file is not opened: a pipe without a writer would hold the reader for ever."""
+    os.mkfifo(tmp_path / "run.boat")
+    with pytest.raises(RecordingError, match="no plain file"):
+        summarise(tmp_path / "run.boat")
+
+
+def test_a_damaged_table_is_the_files_fault(tmp_path):
+    """Pages of zeros behind a whole schema: damaged, and what to do; not a fault of the program."""
+    path = tmp_path / "run.boat"
+    recorder, source = begun(path)
+    for _ in range(30):
+        recorder(source.next(1_000_000))
+        recorder.flush()
+    recorder.close("finished")
+    with closing(sqlite3.connect(path)) as db:
+        ((page,),) = db.execute("SELECT rootpage FROM sqlite_schema WHERE name = 'block'")
+        ((size,),) = db.execute("PRAGMA page_size")
+    with path.open("r+b") as file:
+        file.seek((page - 1) * size)
+        file.write(bytes(size))
+    with pytest.raises(RecordingError, match="malformed") as refused:
+        summarise(path)
+    assert "recover" in str(refused.value.remedy)
+
+
+def test_no_name_in_a_file_steers_the_terminal(tmp_path):
+    """Escape sequences and line ends in an operator's name are shown as question marks; letters of any script stay."""
+    recorder, source = begun(tmp_path / "run.boat", operator="Zoë\x1b[31m\r\nstatus", unit="SA2", note="")
+    recorder(source.next(1_000_000))
+    recorder.close("finished")
+    told = CliRunner().invoke(app, ["info", str(tmp_path / "run.boat")]).stdout
+    assert "operator    Zoë?[31m??status\n" in told
+    assert "\x1b" not in told

@@ -136,7 +136,7 @@ class ShadowPane(QWidget):
         super().__init__()
         self.desk = desk
         self.view = ShadowView()
-        self.quantity = widgets.choice("Colour shows", [(f"Colour: {name}", name) for name in SCALES])
+        self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES])
         self.quantity.activated.connect(lambda _: self._choose(str(self.quantity.currentData())))
         self.cost = QCheckBox("Frame cost")
         self.cost.setToolTip("Show what a frame of the shadow costs")

@@ -3,6 +3,7 @@
 Strategy: the wave is one sine through all cycles. Rows are freed of everything else that is known (columns of offset,
 gain, leak, and their slow change) by projection, sine and cosine likewise; over a grid of frequencies about the cycle's
 own (elsewhere a wave does no harm) the one that takes most power off is the wave, if noise would not do that.
+One that cannot be told from a harmonic of the cycle in the time at hand is left alone: it may be the leak itself.
 
 Source: the Lomb-Scargle periodogram with a free baseline (J. D. Scargle, ApJ 263, 1982, 835; M. Zechmeister and
 M. Kuerster, A&A 496, 2009, 577).
@@ -52,6 +53,8 @@ def find_hum(time_s: Floats, values: Floats, columns: Floats, period_s: float) -
     base = base[:, size > 1e-8 * size[0]]
     rest = values - base @ (base.T @ values)
     grid = np.arange(LOWEST / period_s, HIGHEST / period_s, 1.0 / (OVERSAMPLING * span))
+    orders = grid * period_s
+    grid = grid[np.abs(orders - np.rint(orders)) * span > period_s]
     best, found, power = Hum(), 0.0, float(rest @ rest)
     for frequency in grid.tolist():
         phase = 2.0 * np.pi * frequency * time_s

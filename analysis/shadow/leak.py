@@ -27,10 +27,10 @@ import numpy as np
 from analysis.shadow.arrays import Booleans, Floats
 from analysis.shadow.hum import Hum, find_hum
 
-STEPS = 24
+STEPS = 48
 KNOWN_SHARE = 0.97
 """The loop is kept in so many equal steps of pressure a branch; a step known by less than this share is left out."""
-LEARNING_S, MEMORY_S, BLOCK_S = 80.0, 240.0, 0.5
+LEARNING_S, MEMORY_S, BLOCK_S = 80.0, 400.0, 0.5
 """The loop is learnt for so long, a wave looked for over the cycles of so long, in means over so long."""
 FEWEST_SAMPLES = 10
 WORST_CONDITION = 1e4

@@ -11,6 +11,7 @@ from protocol.plant import TICK_S, Body, Pneumatics, Sensors, cubic
 from protocol.units import find_unit
 
 PUMP_NOISE = 0.15  # kPa/s a tick, as on the virtual board
+HUM_MV, HUM_S = 0.157, 24.99  # flicker of 5 mV at 100.04 Hz between dark and lit, 50 us apart, sampled at 100 Hz
 KPA_PER_CYCLE = 180.0
 
 
@@ -34,10 +35,16 @@ class Run:
     cycles: list[slice]
 
 
-def run_actuator(cycles: int, illness: Illness | None = None, *, staircase: bool = True, seed: int = 0) -> Run:
-    """Cycle SA1 between +50 and -40 kPa, in steps of 10 kPa held for 5 s, or continuously."""
+def run_actuator(
+    cycles: int, illness: Illness | None = None, *, staircase: bool = True, seed: int = 0, unit_name: str = "SA1"
+) -> Run:
+    """Cycle a unit between +50 and -40 kPa, in steps of 10 kPa or continuously, as sequencer and board do it.
+
+    Holds are of unequal length (3 s and more, 0.5 s and more), light flickers, and beyond the unit's range no
+    calibration knows an elongation.
+    """
     ill = illness or Illness()
-    rng, unit, line = np.random.default_rng(seed), find_unit("SA1"), Pneumatics()
+    rng, unit, line = np.random.default_rng(seed), find_unit(unit_name), Pneumatics()
     levels = [*range(40, -50, -10), *range(-30, 60, 10)] if staircase else [-40, 50]
     gauge: list[float] = []
     bladder: list[float] = []
@@ -64,15 +71,17 @@ def run_actuator(cycles: int, illness: Illness | None = None, *, staircase: bool
         line.leak_per_s = ill.leak_percent_per_min / 6000 if began else 0.0
         marks.append(len(gauge))
         for level in levels:
-            go(float(level), 5.0 if staircase else 0.5, softens=began)
+            longer = rng.exponential(0.8) if staircase else rng.uniform(0.0, 0.15)
+            go(float(level), (3.0 if staircase else 0.5) + longer, softens=began)
     marks.append(len(gauge))
     stretch = Body(unit.actuator).advance(np.array(bladder)) * np.array(gain)
     signal = Sensors(unit.sensors, unit.range_mm).advance(stretch)
     signal += rng.standard_normal(signal.shape) * [s.noise_mv for s in unit.sensors]
     rows = np.arange(len(signal))
+    signal += HUM_MV * np.cos(2.0 * np.pi * rows * TICK_S / HUM_S + seed)[:, None]
     if ill.begins < cycles:
         signal[:, -1] += ill.disagreement_mv * (rows >= marks[ill.begins])
-    grid = np.linspace(-4.0, 4.45, 4000)
+    grid = np.linspace(*unit.range_mm, 4000)
     inverse = [
         np.interp(signal[:, k], cubic(s.coefficients, grid), grid, left=np.nan, right=np.nan)
         for k, s in enumerate(unit.sensors)

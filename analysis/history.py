@@ -9,6 +9,7 @@ Rules: a calibration is taken at its UTC; the same recording counts once.
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,7 +144,7 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
             found[key] = (str(meta.get("started_utc") or ""), calibration)
     if not found:
         raise DataError("none of the runs is a calibration", "Give recordings with readings of elongation.")
-    ordered = sorted(found.values(), key=lambda item: item[0])
+    ordered = sorted(found.values(), key=lambda item: _instant(item[0]))
     for when, calibration in ordered:
         if not calibration.x_range[0] <= check_point_mm <= calibration.x_range[1]:
             raise DataError(f"the check point {check_point_mm:g} mm is outside the calibration of {when}", "Move it.")
@@ -157,6 +158,15 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
         np.stack([c.std_errors for _, c in ordered]), check_point_mm, values, expanded, centre, centre - reach,
         centre + reach, en_scores(values, expanded),
     )  # fmt: skip
+
+
+def _instant(when: str) -> float:
+    """Seconds since 1970 of an ISO time, whatever its offset (none: UTC); an unknown one is before all others."""
+    try:
+        time = datetime.datetime.fromisoformat(when)
+    except ValueError:
+        return -np.inf
+    return (time if time.tzinfo else time.replace(tzinfo=datetime.UTC)).timestamp()
 
 
 def en_scores(values: FloatArray, expanded: FloatArray) -> FloatArray:

@@ -120,7 +120,8 @@ def clear_what_an_earlier_host_left(session: Session, seen: SessionSnapshot) -> 
         return 0
     session.clear_fault()
     say(f"warning: {seen.latched}; the fault is cleared")
-    session.wait(lambda s: not s.latched, CLEARING_S)
+    # the board's own word comes with its next sample, and a plan is armed by that
+    session.wait(lambda s: not s.latched and (s.last is None or s.last.state is not BoardState.FAULT), CLEARING_S)
     return seen.messages[-1].number if seen.messages else 0
 
 

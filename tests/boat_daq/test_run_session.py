@@ -11,12 +11,20 @@ from types import SimpleNamespace
 import pytest
 import serial
 
-from boat_daq.commands.run_session import SessionRequest, Teller, run_session, why_failed
+from boat_daq.commands.run_session import (
+    SessionRequest,
+    Teller,
+    clear_what_an_earlier_host_left,
+    run_session,
+    why_failed,
+)
 from boat_daq.engine.board_server import BoardSettings, serve
 from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
+from protocol.recording import BoardState
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -64,6 +72,21 @@ def test_a_doubt_is_told_again_only_if_another(capsys: pytest.CaptureFixture[str
         tell(SessionSnapshot(SessionState.IDLE, LinkState.UP, health=SimpleNamespace(warnings=warnings)))
     told = capsys.readouterr().err.splitlines()
     assert told == ["warning: 3 samples lost", "warning: the board's clock is 0.9 % fast"]
+
+
+def test_a_cleared_fault_is_waited_for_in_the_samples(tmp_path: Path) -> None:
+    """The next sample after CLEAR_FAULT comes late: a plan armed before it would be refused for a unit not vented."""
+    with serve(BoardSettings(faults=("estop@0.2:0.2",))) as board:
+        time.sleep(0.6)
+        session = Session()
+        try:
+            session.connect(board.url, rate_hz=2, record_to=tmp_path / "run.boat")
+            clear_what_an_earlier_host_left(session, session.wait_connected())
+            last = session.snapshot().last
+            assert last is not None
+            assert last.state is BoardState.VENTED
+        finally:
+            session.close()
 
 
 def test_a_lost_link_is_reported_with_its_cause() -> None:

@@ -152,7 +152,7 @@ class ShadowPage(ReflowingPage):
 
     def _alarms(self) -> QWidget:
         frame, inside = widgets.card()
-        self.verdict = widgets.label("", "muted", name="What the monitor says")
+        self.verdict = widgets.label("", "muted", name="What the monitor says", elide=True)
         self.alarms = AlarmTable()
         self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
         inside.addLayout(widgets.row(widgets.label("Alarms", "subtitle"), self.verdict, None))

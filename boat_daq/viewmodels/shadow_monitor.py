@@ -90,12 +90,13 @@ class ShadowMonitor:
     ) -> None:
         self._model, self._overlay, self._ring = model, overlay, ring
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="monitor")
-        self._futures: list[Future[tuple[CycleMark, list[Alarm]]]] = []
+        self._futures: list[Future[tuple[CycleMark, list[Alarm], dict[str, float]]]] = []
         self._monitor: Any = None
         self._taken: set[int] = set()
         self._run: object = MISSING
         self.marks: list[CycleMark] = []
         self.alarms: list[Alarm] = []
+        self._sight: dict[str, float] = {}  # smallest lasting shift of each figure that would raise an alarm now
         self._told = 0
         self.revision = 0
 
@@ -104,6 +105,7 @@ class ShadowMonitor:
         if snapshot.recording is not None and snapshot.recording != self._run:
             self._run = snapshot.recording
             self._monitor, self._taken, self.marks, self.alarms, self._told = None, set(), [], [], 0
+            self._sight = {}
             self.revision += 1
         shadow, progress = self._model(), snapshot.progress
         if shadow is None or conversion is None or progress is None:
@@ -126,7 +128,7 @@ class ShadowMonitor:
 
     def _boil_down(
         self, shadow: Shadow, conversion: Conversion, number: int, cycle: dict[str, Array]
-    ) -> tuple[CycleMark, list[Alarm]]:
+    ) -> tuple[CycleMark, list[Alarm], dict[str, float]]:
         # loaded here, on the helper thread, and not with the window
         from analysis.shadow.monitor import Monitor, deviation_mm
 
@@ -137,7 +139,8 @@ class ShadowMonitor:
         apart = deviation_mm(shadow.table, cycle["pressure_kpa"], conversion(signals(cycle)).mm)
         known = apart[np.isfinite(apart)]
         deviation = float(known.mean()) if known.size else np.nan
-        return CycleMark(number, float(cycle["time_s"][0]), deviation, figures), self._monitor.take(figures)
+        mark = CycleMark(number, float(cycle["time_s"][0]), deviation, figures)
+        return mark, self._monitor.take(figures), self._monitor.sight()
 
     def poll(self) -> list[str]:
         """Return the alarms that are new, as sentences.
@@ -148,7 +151,7 @@ class ShadowMonitor:
         """
         told = self._told
         while self._futures and self._futures[0].done():
-            mark, alarms = self._futures.pop(0).result()
+            mark, alarms, self._sight = self._futures.pop(0).result()
             self.marks.append(mark)
             self.alarms += alarms
             self.revision += 1
@@ -169,11 +172,26 @@ class ShadowMonitor:
         return [self._mark(alarm.cycle).cycle for alarm in self.alarms]
 
     def verdict(self) -> str:
-        """Return what the monitor says in a line."""
+        """Return what the monitor says in a line: its alarms, or what it would find, at which rate of false alarms."""
         if self.alarms:
             return f"{count(len(self.alarms), 'alarm')} in {count(len(self.marks), 'cycle')}"
         rate = "one false alarm in 1" + THIN + "000 healthy cycles is allowed"
-        return f"\u25cf none in {count(len(self.marks), 'cycle')}; {rate}" if self.marks else f"none; {rate}"
+        if not self.marks:
+            return f"none; {rate}"
+        return f"\u25cf none in {count(len(self.marks), 'cycle')}; {self.sight()}; {rate}"
+
+    def sight(self) -> str:
+        """Return the smallest leak and softening that the cycles to come would show, in words."""
+        sizes = (
+            ("a leak", self._sight.get("loss", np.inf), "%/min", 1),
+            ("softening", 100.0 * self._sight.get("gain", np.inf), "%", 1),
+        )
+        known = [
+            f"{what} from {number(size, digits)} {unit}" for what, size, unit, digits in sizes if np.isfinite(size)
+        ]
+        blind = [what for what, size, _, _ in sizes if not np.isfinite(size)]
+        parts = [f"would find {' and '.join(known)}"] * bool(known)
+        return ", ".join(parts + [f"too few cycles yet to promise {' or '.join(blind)}"] * bool(blind))
 
     def rows(self) -> list[AlarmRow]:
         """Return the alarms in words, the newest first."""

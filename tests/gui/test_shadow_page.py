@@ -62,7 +62,8 @@ def test_no_alarm_is_said_too(page):
     page.desk.monitor.alarms = []
     page.desk.monitor.revision += 1
     page.refresh(page.desk.snapshot)
-    assert page.verdict.text() == "\u25cf none in 12 cycles; one false alarm in 1\u2009000 healthy cycles is allowed"
+    healthy, rate = "\u25cf none in 12 cycles", "one false alarm in 1\u2009000 healthy cycles is allowed"
+    assert page.verdict.text() == f"{healthy}; too few cycles yet to promise a leak or softening; {rate}"
     assert not page.alarms.isVisible()
 
 
@@ -84,7 +85,7 @@ def test_a_cycle_that_cannot_be_judged_is_said_and_the_next_one_counts(page):
     alarm = Alarm("leak", "loss", "%/min", 2.0, 13, 13, 9000.0)
     bad = DataError("no elongation is known in this cycle", "check the calibration's range")
     page.desk.monitor._told = len(page.desk.monitor.alarms)
-    page.desk.monitor._futures = [Done((mark(13), [alarm])), Done(bad), Done((mark(15), []))]
+    page.desk.monitor._futures = [Done((mark(13), [alarm], {})), Done(bad), Done((mark(15), [], {}))]
     page.desk.tick()
     assert page.desk.notices.current().cause == "no elongation is known in this cycle"
     page.desk.tick()

@@ -146,7 +146,9 @@ def pressure_drop_outs(pressure_kpa: FloatArray, usable: BoolArray) -> BoolArray
     if not good.any():
         return np.zeros_like(good)
     whole = _bridged(pressure_kpa, good)
-    return _drop_outs(whole, _jump(whole)) & good
+    found = _drop_outs(whole, _jump(whole))
+    found &= good
+    return found
 
 
 def _bridged(pressure_kpa: FloatArray, good: BoolArray) -> FloatArray:

@@ -25,6 +25,7 @@ from boat_daq.errors import BoatDaqError
 from protocol.recording import BoardState
 
 LOOK_S = 0.1
+DOUBT_S = 6.0  # a rate is that of the last 5 s; a start or a single loss in them is no doubt about it
 NUMBER = re.compile(r"[\d.]+")
 CLEARING_S = 3.0
 VENTING_S = 20.0
@@ -176,11 +177,12 @@ def listen(session: Session, duration_s: float | None) -> None:
 
 
 class Teller:
-    """Prints what is new in a session: warnings and errors newer than number `told`, and each doubt about the link."""
+    """Prints a session's warnings and errors newer than number `told`, and each doubt about the link that stands."""
 
     def __init__(self, told: int = 0) -> None:
         self._shown = told
-        self._doubts: set[str] = set()
+        self._since: dict[str, float] = {}  # the kind of a doubt -> since when it stands, s of board time
+        self._told: set[str] = set()
 
     def __call__(self, seen: SessionSnapshot) -> None:
         """Print what is new."""
@@ -188,11 +190,13 @@ class Teller:
             if message.number > self._shown and message.level != "info":
                 say(f"{message.level}: {message.cause}" + (f"\n  try: {message.remedy}" if message.remedy else ""))
         self._shown = max([self._shown, *(message.number for message in seen.messages)])
-        for doubt in seen.health.warnings if seen.health is not None else ():
-            kind = NUMBER.sub("", doubt)  # its numbers change from look to look
-            if kind not in self._doubts and not doubt.startswith("no data"):  # silence has a message of its own
-                say(f"warning: {doubt}")
-            self._doubts.add(kind)
+        doubts = {NUMBER.sub("", doubt): doubt for doubt in (seen.health.warnings if seen.health is not None else ())}
+        self._since = {kind: self._since.get(kind, seen.recorded_s) for kind in doubts}
+        for kind, since in self._since.items():  # numbers change from look to look; silence has a message of its own
+            stands = seen.recorded_s - since >= DOUBT_S and not kind.startswith("no data")
+            if stands and kind not in self._told:
+                say(f"warning: {doubts[kind]}")
+                self._told.add(kind)
 
 
 def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:

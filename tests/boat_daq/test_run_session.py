@@ -61,17 +61,21 @@ def test_a_doubt_about_the_link_is_said_once(tmp_path: Path, capsys: pytest.Capt
 
 @pytest.mark.fault(8, how="a link in doubt of the board's clock, told in a terminal", times=1)
 def test_a_doubt_is_told_again_only_if_another(capsys: pytest.CaptureFixture[str]) -> None:
-    """New numbers are the same doubt, a drift beside it is another; silence is the session's own to tell."""
+    """New numbers are the same doubt, a drift is another; silence is the session's to tell; what passes is none."""
     tell = Teller()
-    for warnings in (
-        ("no data for 2 s",),
-        ("3 samples lost",),
-        ("17 samples lost", "the board's clock is 0.9 % fast"),
-        (),
-    ):
-        tell(SessionSnapshot(SessionState.IDLE, LinkState.UP, health=SimpleNamespace(warnings=warnings)))
+    looks = (
+        (0.0, ("no data for 2 s", "3 samples lost", "102.7 samples/s come, 100 were asked for")),
+        (5.0, ("no data for 7 s", "3 samples lost")),
+        (6.0, ("no data for 8 s", "17 samples lost", "99.1 samples/s come, 100 were asked for")),
+        (7.0, ("18 samples lost", "the board's clock is 0.9 % fast")),
+        (13.0, ("18 samples lost", "the board's clock is 0.8 % fast")),
+        (14.0, ("the board's clock is 0.8 % fast",)),
+    )
+    for recorded_s, warnings in looks:
+        health = SimpleNamespace(warnings=warnings)
+        tell(SessionSnapshot(SessionState.IDLE, LinkState.UP, recorded_s=recorded_s, health=health))
     told = capsys.readouterr().err.splitlines()
-    assert told == ["warning: 3 samples lost", "warning: the board's clock is 0.9 % fast"]
+    assert told == ["warning: 17 samples lost", "warning: the board's clock is 0.8 % fast"]
 
 
 def test_a_cleared_fault_is_waited_for_in_the_samples(tmp_path: Path) -> None:

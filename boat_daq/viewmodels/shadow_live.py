@@ -31,6 +31,11 @@ SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # ful
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, TRACE_POINTS = 60.0, 1200
+HELD_KPA, HELD_MM = 1.0, 0.5  # steps of a state whose stability is judged anew
+HELD_BELOW_KPA, HELD_OFF_MM = (
+    -20.0,
+    1.0,
+)  # only vacuum, and only a tip that something holds, can be unstable in the table
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # steps of pressure and elongation that change what is drawn or said
 
 
@@ -101,6 +106,7 @@ class ShadowLive:
         self.show_cost = False
         self.problem = ""
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
+        self._judged: dict[tuple[int | None, int | None], Future[bool]] = {}
 
     # ---- loading -------------------------------------------------------------------------------------------------
 
@@ -126,7 +132,7 @@ class ShadowLive:
         """Take the model where it has come."""
         if self._loading is not None and self._loading.done():
             future, self._loading = self._loading, None
-            self.model = future.result()
+            self.model, self._judged = future.result(), {}
 
     def close(self) -> None:
         """Let the thread end."""
@@ -172,7 +178,8 @@ class ShadowLive:
     def picture(self) -> ShadowPicture:
         """Return the picture of this instant; the same object while nothing has moved that could be seen."""
         now = self.now()
-        seen = (*now.seen, self.model is not None, self.quantity, self.show_cost, self.problem)
+        judged = sum(future.done() for future in self._judged.values())
+        seen = (*now.seen, self.model is not None, self.quantity, self.show_cost, self.problem, judged)
         if self._last is None or self._last[0] != seen:
             self._last = (seen, self._draw(now))
         return self._last[1]
@@ -207,6 +214,16 @@ class ShadowLive:
             return None
         return self.model.state(pressure_kpa=now.pressure, elongation_mm=q)
 
+    def _held_unstable(self, state: ShadowState) -> bool:
+        """Whether this state is in balance but not stable; judged by the helper thread, once a neighbourhood."""
+        pressure, mm = state.pressure_kpa, state.elongation_mm
+        if self.model is None or pressure > HELD_BELOW_KPA or abs(state.deviation_mm) < HELD_OFF_MM:
+            return False
+        place = (_step(pressure, HELD_KPA), _step(mm, HELD_MM))
+        if place not in self._judged:
+            self._judged[place] = self._pool.submit(_stable, self.model, pressure, mm)
+        return self._judged[place].done() and not self._judged[place].result()
+
     def _elements(self, state: ShadowState) -> tuple[Array, NDArray[np.int64]]:
         """Return the elements of both halves with their colour steps."""
         assert self.model is not None
@@ -228,11 +245,18 @@ class ShadowLive:
             mark = "\u25b2 beyond" if beyond else "\u25cf within"
             words = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm  {mark}"
             lines.append(("Deviation", words, "warning" if beyond else "ok"))
+        if self._held_unstable(state):
+            lines.append(("Stability", "\u25b2 in balance, but not stable", "warning"))
         if now.disagree:
             lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
         if self.show_cost:
             lines.append(("Cost of a frame", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
         return tuple(lines)
+
+
+def _stable(model: Shadow, pressure_kpa: float, elongation_mm: float) -> bool:
+    solution, _ = model.solution(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm)
+    return model.model.stability.unstable_mode(solution) is None
 
 
 def _step(value: float, step: float) -> int | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from concurrent.futures import wait
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from boat_daq.engine.session import Phase, Progress, StepMark
 from boat_daq.viewmodels.formatting import number
 from boat_daq.viewmodels.live import Elongation
 from boat_daq.viewmodels.overlay import OverlayModel
-from boat_daq.viewmodels.shadow_live import LEVELS, ShadowLive, load_model
+from boat_daq.viewmodels.shadow_live import LEVELS, Moment, ShadowLive, load_model
 from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
 from boat_daq.viewmodels.work import Bench
 from tests.gui.recorded_session import connected, filled_ring
@@ -97,6 +98,18 @@ def test_nan_from_the_calibration_is_said(ring, model):
     assert ("Sensors", "\u25b2 contradict each other", "warning") in picture.lines
     assert picture.corners.size > 0
     assert np.isnan(picture.measured_mm)
+
+
+@pytest.mark.parametrize(("elongation", "warned"), [(2.5, True), (-1.7, False)])
+def test_a_state_that_is_held_but_not_stable_is_said(ring, model, elongation, warned):
+    """At -42 kPa an elongated tip would buckle if it could, a shortened one would not (the full model's tangents)."""
+    pane = pane_on(ring, model, None)
+    pane.now = lambda: Moment(-42.0, elongation, 0.3, True)
+    pane.picture()
+    assert pane._judged
+    wait(list(pane._judged.values()), timeout=60)
+    said = {name for name, _, _ in pane.picture().lines}
+    assert ("Stability" in said) is warned
 
 
 def test_the_loop_is_drawn_through_pairs(ring, model):

@@ -312,6 +312,8 @@ def modulus(
     from analysis.shadow.modulus import effective_modulus, read_compression_test
     from analysis.shadow.table import load_table
 
+    if len({path.resolve() for path in files}) < len(files):
+        raise typer.BadParameter("one file is given for two specimens, which leaves no spread", param_hint="FILE.csv")
     tests = [read_compression_test(path, height_mm, area_mm2, force_column, displacement_column) for path in files]
     found = effective_modulus(tests, window)
     spread = found.sd_kpa if math.isfinite(found.sd_kpa) else found.standard_error_kpa

@@ -62,6 +62,7 @@ def test_solve_at_an_elongation() -> None:
         (["solve", "--elongation", "1", "--mesh", "none.vtu"], 1),
         (["export", "--format", "stl", "--out", "x.stl"], 1),
         (["modulus", "none.csv", "--height-mm", "50", "--area-mm2", "2500"], 1),
+        (["modulus", "s1.csv", "./s1.csv", "--height-mm", "50", "--area-mm2", "2500"], 2),
         (["chain", "--cavities", "many"], 2),
     ],
 )

@@ -19,9 +19,10 @@ import numpy as np
 from analysis.cycles import pressure_drop_outs
 from analysis.recording import BoolArray, FloatArray, IntArray, Recording
 
-FROZEN_SHARE = 0.1  # of the span of the pressure
+FROZEN_SHARE, FROZEN_KPA = 0.1, 1.0  # of the span of the pressure, and what is a movement at all
 CLIPPED_RUN, LONGER = 10, 5  # samples at a rail, and how much longer than the runs at other values
 DROP_SHARE, MAX_DROP_OUT = 0.25, 50  # of the signal's span; samples, where the dropped value is not constant
+JUMP_SD = 8.0  # of the signal's usual step from sample to sample: what noise alone does not do
 
 
 def mask_faulty_signals(recording: Recording, smooth_kpa: FloatArray) -> Recording:
@@ -64,7 +65,7 @@ def _faults(y: FloatArray, usable: BoolArray, p: FloatArray) -> dict[str, BoolAr
     edges = np.concatenate([[0], np.flatnonzero(y[1:] != y[:-1]) + 1])  # NaN differs from everything
     lengths = np.diff(np.append(edges, y.size))
     moved = np.fmax.reduceat(p, edges) - np.fmin.reduceat(p, edges)
-    frozen = np.repeat(moved > FROZEN_SHARE * np.ptp(p), lengths) if np.ptp(p) > 0 else none
+    frozen = np.repeat(moved > max(FROZEN_SHARE * float(np.ptp(p)), FROZEN_KPA), lengths)
     dropped = _dropped(y, p, edges, lengths, float(np.ptp(np.percentile(known, [1, 99])))) & ~frozen
     return {"dropped_out": dropped, "clipped": _clipped(y, usable & ~dropped, edges, lengths), "frozen": frozen}
 
@@ -89,7 +90,9 @@ def _dropped(y: FloatArray, p: FloatArray, edges: IntArray, lengths: IntArray, s
     """Rows between a jump and the jump back: short, or exactly constant, while the pressure makes no jump."""
     found = np.zeros(y.size, dtype=bool)
     steps = np.diff(np.where(np.isfinite(y), y, np.nan))
-    at = np.flatnonzero(np.abs(steps) > DROP_SHARE * span) if span > 0 else np.empty(0, dtype=np.int64)
+    usual = 1.4826 * float(np.nanmedian(np.abs(steps))) if np.isfinite(steps).any() else 0.0
+    jump = max(DROP_SHARE * span, JUMP_SD * usual)
+    at = np.flatnonzero(np.abs(steps) > jump) if span > 0 else np.empty(0, dtype=np.int64)
     at = at[np.abs(np.diff(p)[at]) < 0.05 * max(float(np.ptp(p)), 1e-12)]
     k = 0
     while k + 1 < at.size:

@@ -159,3 +159,15 @@ def test_quiet_and_coarse_signals_are_no_faults() -> None:
     for run in (clean, coarse, Staircase().recording()):
         masked = analyse(run, options=QUICK).recording.masked
         assert [masked[name] for name in ("clipped", "frozen", "dropped_out")] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("seconds", [1.2, 8.0, 60.0])
+def test_noise_at_rest_is_no_fault(seconds: float) -> None:
+    """Whole counts of 1.9 counts' noise and a pressure that only flutters: nothing is clipped, frozen or dropped out."""
+    n = round(100 * seconds)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        signal = 0.8 * np.round(rng.normal(2000.0, 1.9, (n, 2)))
+        run = Recording.from_arrays(np.arange(n) / 100, rng.normal(0.0, 0.05, n), signal)
+        masked = analyse(run, options=QUICK).recording.masked
+        assert [masked[name] for name in ("clipped", "frozen", "dropped_out")] == [0, 0, 0]

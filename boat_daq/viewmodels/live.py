@@ -35,7 +35,12 @@ class Ring(Protocol):
         """Return copies of the columns."""
 
     def draw(
-        self, from_s: float | None = None, to_s: float | None = None, *, max_points: int = 4000
+        self,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        *,
+        max_points: int = 4000,
+        column_s: float | None = None,
     ) -> dict[str, Array]:
         """Return the columns of a span, thinned to extremes."""
 

@@ -97,9 +97,7 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
     """
     missing = set(ours) - refuse_active(path, connection)
     if missing:
-        raise RecordingError(
-            f"{path} is not a whole recording: no table {min(missing)!r}", f"boat-daq recover {path}"
-        )
+        raise RecordingError(f"{path} is not a whole recording: no table {min(missing)!r}", f"boat-daq recover {path}")
     theirs = columns_of(connection, tuple(ours))
     for table, columns in ours.items():
         absent = [name for name in columns if name not in theirs[table]]

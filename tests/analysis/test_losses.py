@@ -163,7 +163,7 @@ def test_quiet_and_coarse_signals_are_no_faults() -> None:
 
 @pytest.mark.parametrize("seconds", [1.2, 8.0, 60.0])
 def test_noise_at_rest_is_no_fault(seconds: float) -> None:
-    """Whole counts of 1.9 counts' noise and a pressure that only flutters: nothing is clipped, frozen or dropped out."""
+    """Whole counts of 1.9 counts' noise, a pressure that only flutters: nothing is clipped, frozen or dropped out."""
     n = round(100 * seconds)
     for seed in range(3):
         rng = np.random.default_rng(seed)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from pathlib import Path
 
-from PySide6.QtCore import QLocale
+from PySide6.QtCore import QLocale, QTimer
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session import Session
@@ -16,6 +17,7 @@ from boat_daq.gui.main_window import MainWindow
 from boat_daq.viewmodels.desk import Desk
 
 INTERRUPTED = 130  # a shell's code for Ctrl-C
+SETTLED_MS = 3000  # after which a new page has loaded what it needs
 
 
 def make_application() -> QApplication:
@@ -44,10 +46,30 @@ def make_window() -> MainWindow:
     return MainWindow(Desk(Session(settings), home("config"), recordings))
 
 
+def spare_the_collector(window: MainWindow) -> QTimer:
+    """Leave what the window and its libraries have loaded out of later collections, after the start and each new page.
+
+    A full collection looks at a million objects that live as long as the window, and stops the picture for 130 ms.
+    """
+
+    def settle() -> None:
+        gc.collect()
+        gc.freeze()
+
+    settled = QTimer(window)
+    settled.setSingleShot(True)
+    settled.setInterval(SETTLED_MS)
+    settled.timeout.connect(settle)
+    window.page_made.connect(settled.start)
+    settled.start()
+    return settled
+
+
 def run(port: str | None = None, *, board: bool = False, speed: float = 1.0) -> int:
     """Open the window, connected to `port` or to a virtual board where asked; returns the exit code."""
     app = make_application()
     window = make_window()
+    spare_the_collector(window)
     window.show()
     if board:
         window.desk.start_virtual_board(speed=speed)

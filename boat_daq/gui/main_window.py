@@ -10,7 +10,7 @@ import base64
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer
+from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QResizeEvent, QWindow
 from PySide6.QtWidgets import (
     QApplication,
@@ -69,6 +69,8 @@ class VentKey(QObject):
 class MainWindow(QMainWindow):
     """The window on a `Desk`."""
 
+    page_made = Signal()
+
     def __init__(self, desk: Desk) -> None:
         super().__init__()
         self.desk = desk
@@ -109,6 +111,7 @@ class MainWindow(QMainWindow):
             for plots in page.findChildren(PlotCard):
                 plots.save_wanted.connect(self.save_plot)
             self._paint(page)
+            self.page_made.emit()
         return self.pages[name]
 
     def _lay_out(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 from collections import Counter
 
 import pytest
@@ -22,6 +23,7 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.session import LinkState, Message, ReadingRequest, SessionState, StepMark
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
+from boat_daq.gui.app import make_window, spare_the_collector
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.viewmodels.desk import PAGES
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -388,3 +390,21 @@ def test_what_was_said_of_a_lost_link_leaves_when_it_is_back(make):
     session.change(link=LinkState.UP)
     window.refresh()
     assert window.strip.text.text() == ""
+
+
+def test_what_lives_as_long_as_the_window_is_not_collected_again(qtbot):
+    """After the start, and after each page that is made, a full collection has next to nothing to look at."""
+    window = make_window()
+    qtbot.addWidget(window)
+    settled = spare_the_collector(window)
+    try:
+        assert settled.isActive()
+        settled.stop()
+        settled.timeout.emit()
+        assert len(gc.get_objects()) < 0.1 * gc.get_freeze_count()
+        window.open_page("Runs")
+        assert settled.isActive()
+    finally:
+        settled.stop()
+        gc.unfreeze()
+        window.close()

@@ -83,10 +83,11 @@ def recorded(path: Path) -> dict[str, int]:
 
 def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str, object]:
     """Run it; returns what was measured."""
-    from boat_daq.gui.app import make_application, make_window
+    from boat_daq.gui.app import make_application, make_window, spare_the_collector
 
     app = make_application()
     window = make_window()
+    spare_the_collector(window)
     window.resize(1280, 800)
     window.show()
     desk, watch = window.desk, Watch(window)

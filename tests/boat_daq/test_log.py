@@ -145,9 +145,10 @@ def test_whoever_notes_never_waits_and_what_was_dropped_is_counted(
         log.note("info", "after")
     log.stop_log()
     written = logged(place)
-    kept = len(re.findall(r"line \d+", written))
-    (dropped,) = re.findall(r"before this, (\d+) lines were dropped", written)
-    assert kept + int(dropped) == 1_000
+    kept = len(re.findall(r"line \d+|after", written))
+    dropped = [int(count) for count in re.findall(r"before this, (\d+) lines were dropped", written)]
+    assert len(dropped) >= 1
+    assert kept + sum(dropped) == 1_000 + 40
 
 
 def _held_up(emit, go_on):  # type: ignore[no-untyped-def]

@@ -27,7 +27,7 @@ TIE = 1.3
 """Costs within this factor are the same: repeats on a busy machine differ by as much."""
 SHORTEST_S = 2e-3
 """A call shorter than this is repeated until it is as long, and the time divided."""
-REPEATS, QUICK_REPEATS, FEWEST = 7, 3, 3
+REPEATS, QUICK_REPEATS, FEWEST = 7, 2, 3
 LONGEST_S = 2.5
 """Repeats end here once there are `FEWEST`: a slow setting does not make the others wait."""
 
@@ -192,7 +192,7 @@ def measure(method: Method, *, quick: bool, progress: Progress | None = None) ->
 
     Parameters
     ----------
-    quick : fewer settings, 3 repeats; else 7, fewer where they take long.
+    quick : fewer settings, 2 repeats; else 7, fewer where they take long.
     progress : called with (settings done, settings) after each call; raising from it cancels.
     """
     settings = method.settings(quick)

@@ -5,7 +5,6 @@ Rules: maps are swept in a helper process and kept beside the window's preferenc
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +12,9 @@ from typing import Any
 
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.formatting import count
+from boat_daq.viewmodels.measured_result import MeasuredResult
 from boat_daq.viewmodels.tradeoff_report import error_text, quantity
-from boat_daq.viewmodels.work import Bench, Work, WorkState
+from boat_daq.viewmodels.work import Bench, Work
 
 OUTCOMES = ("works", "degraded", "refused", "quiet wrong")
 LETTERS = {"works": "", "degraded": "d", "refused": "r", "quiet wrong": "!"}
@@ -112,7 +112,7 @@ def _ticks(axis: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(str(t) for t in axis.get("labels") or ()) or tuple(f"{float(v):g}" for v in axis["values"])
 
 
-class AtlasModel:
+class AtlasModel(MeasuredResult):
     """State of the atlas.
 
     Parameters
@@ -121,67 +121,27 @@ class AtlasModel:
     folder : where they are kept.
     """
 
-    def __init__(self, bench: Bench, folder: Path) -> None:
-        self.bench, self.path = bench, folder / FILE
-        self.content: dict[str, Any] = {"maps": []}
-        self.maps: dict[str, list[MapShown]] = {}
-        self.problem = ""
-        self.revision = 0
-        try:
-            self.take(json.loads(self.path.read_text(encoding="utf-8")))
-        except FileNotFoundError:
-            return
-        except (OSError, ValueError, OperatorError):
-            self.problem = "the last maps could not be read; sweep again"
+    name, noun, again = "atlas", "maps", "sweep again"
 
-    @property
-    def work(self) -> Work | None:
-        """The sweep under way."""
-        return self.bench.get("atlas")
+    def __init__(self, bench: Bench, folder: Path) -> None:
+        self.maps: dict[str, list[MapShown]] = {}
+        super().__init__(bench, folder / FILE)
 
     def toggle(self, method: str) -> None:
         """Start sweeping a method's maps, or stop."""
         if self.work is not None:
-            self.bench.cancel("atlas")
+            self.bench.cancel(self.name)
             return
-        work = Work("Sweeping for the atlas", "boat_daq.viewmodels.atlas_work:sweep_method", method, report=True)
-        self.bench.start("atlas", work, self._swept)
-        self.problem = ""
-        self.revision += 1
+        self._start(Work("Sweeping for the atlas", "boat_daq.viewmodels.atlas_work:sweep_method", method, report=True))
 
-    def _swept(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
-            fresh = {m["method"] for m in work.result["maps"]}
-            kept = [m for m in self.content["maps"] if m["method"] not in fresh]
-            self.take({**work.result, "maps": [*kept, *work.result["maps"]]})
-            self._keep()
-        elif work.failure is not None:
-            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
-        self.revision += 1
-
-    def take(self, content: dict[str, Any]) -> None:
-        """Show an atlas.
-
-        Raises
-        ------
-        OperatorError : it is none.
-        """
+    def _read(self, content: Any) -> None:
         self.maps = read_maps(content)
-        self.content = content
-        self.revision += 1
 
-    def _keep(self) -> None:
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.write_text(json.dumps(self.content, indent=1, ensure_ascii=False), encoding="utf-8")
-        except OSError as error:
-            self.problem = f"the maps could not be kept for the next start: {error.strerror}"
+    def _joined(self, fresh: dict[str, Any]) -> dict[str, Any]:
+        swept = {m["method"] for m in fresh["maps"]}
+        kept = [m for m in (self.content or {"maps": []})["maps"] if m["method"] not in swept]
+        return {**fresh, "maps": [*kept, *fresh["maps"]]}
 
     def status(self, method: str) -> str:
         """Return what is going on, in a line."""
-        work = self.work
-        if work is not None:
-            return f"sweeping \u2026 {round(100 * (work.fraction or 0.0))} %"
-        if self.problem:
-            return f"\u25b2 {self.problem}"
-        return "" if self.maps.get(method) else "not swept yet"
+        return self._going_on("sweeping") or ("" if self.maps.get(method) else "not swept yet")

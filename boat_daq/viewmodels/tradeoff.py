@@ -13,9 +13,10 @@ from typing import Any
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels import tables
 from boat_daq.viewmodels.formatting import count
+from boat_daq.viewmodels.measured_result import MeasuredResult
 from boat_daq.viewmodels.preferences import Preferences
 from boat_daq.viewmodels.tradeoff_report import MethodChart, merged, read_report, report_columns
-from boat_daq.viewmodels.work import Bench, Work, WorkState
+from boat_daq.viewmodels.work import Bench, Work
 
 METHODS = {
     "tracer": "Ray tracer",
@@ -36,7 +37,7 @@ FILE = "tradeoff.json"
 CHOSEN, QUICK, SHOWN = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown"
 
 
-class TradeoffModel:
+class TradeoffModel(MeasuredResult):
     """State of the page.
 
     Parameters
@@ -46,22 +47,13 @@ class TradeoffModel:
     preferences : remember what was chosen.
     """
 
-    def __init__(self, bench: Bench, folder: Path, preferences: Preferences) -> None:
-        self.bench, self.path, self.preferences = bench, folder / FILE, preferences
-        self.measurer = "boat_daq.viewmodels.tradeoff_work:measure_methods"  # the window has one that paints, too
-        self.problem = ""
-        self.revision = 0
-        self.content: dict[str, Any] | None = None
-        self.charts: dict[str, MethodChart] = {}
-        self._remembered()
+    name, noun, again = "tradeoff", "result", "measure again"
 
-    def _remembered(self) -> None:
-        try:
-            self.take(json.loads(self.path.read_text(encoding="utf-8")))
-        except FileNotFoundError:
-            return
-        except (OSError, ValueError, OperatorError):
-            self.problem = "the last result could not be read; measure again"
+    def __init__(self, bench: Bench, folder: Path, preferences: Preferences) -> None:
+        self.preferences = preferences
+        self.measurer = "boat_daq.viewmodels.tradeoff_work:measure_methods"  # the window has one that paints, too
+        self.charts: dict[str, MethodChart] = {}
+        super().__init__(bench, folder / FILE)
 
     # ---- what is chosen ------------------------------------------------------------------------------------------
 
@@ -102,11 +94,6 @@ class TradeoffModel:
 
     # ---- measuring -----------------------------------------------------------------------------------------------
 
-    @property
-    def work(self) -> Work | None:
-        """The measurement under way."""
-        return self.bench.get("tradeoff")
-
     def toggle(self) -> None:
         """Start measuring the chosen methods, or stop.
 
@@ -115,46 +102,20 @@ class TradeoffModel:
         OperatorError : no method is chosen.
         """
         if self.work is not None:
-            self.bench.cancel("tradeoff")
+            self.bench.cancel(self.name)
             return
         if not self.chosen:
             raise OperatorError("no method is chosen to be measured", "Tick one or more in the list of methods.")
         label = f"Measuring {count(len(self.chosen), 'method')}"
-        self.bench.start("tradeoff", Work(label, self.measurer, self.chosen, self.quick, report=True), self._measured)
-        self.problem = ""
-        self.revision += 1
+        self._start(Work(label, self.measurer, self.chosen, self.quick, report=True))
 
-    def _measured(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
-            self.take(merged(self.content, work.result))
-            self._keep()
-        elif work.failure is not None:
-            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
-        self.revision += 1
-
-    def take(self, content: dict[str, Any]) -> None:
-        """Show a result.
-
-        Raises
-        ------
-        OperatorError : it is none.
-        """
+    def _read(self, content: Any) -> None:
         self.charts = read_report(content)
-        self.content = content
-        self.problem = ""
-        self.revision += 1
+
+    def _joined(self, fresh: dict[str, Any]) -> dict[str, Any]:
+        return merged(self.content, fresh)
 
     # ---- files ---------------------------------------------------------------------------------------------------
-
-    def _keep(self) -> None:
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._write_json(self.path)
-        except OSError as error:
-            self.problem = f"the result could not be kept for the next start: {error.strerror}"
-
-    def _write_json(self, path: Path) -> None:
-        path.write_text(json.dumps(self.content, indent=1, ensure_ascii=False), encoding="utf-8")
 
     def load(self, path: Path) -> None:
         """Show the result in a file, and remember it.
@@ -203,7 +164,4 @@ class TradeoffModel:
 
     def status(self) -> str:
         """Return what is going on, in a line."""
-        work = self.work
-        if work is not None:
-            return f"{work.label} \u2026 {round(100 * (work.fraction or 0.0))} %"
-        return f"\u25b2 {self.problem}" if self.problem else ""
+        return self._going_on()

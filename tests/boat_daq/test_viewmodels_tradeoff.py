@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,7 +18,7 @@ from boat_daq.viewmodels.atlas import AtlasModel, read_maps
 from boat_daq.viewmodels.preferences import Preferences
 from boat_daq.viewmodels.tradeoff import ENTRIES, METHODS, TradeoffModel
 from boat_daq.viewmodels.tradeoff_report import duration_text, error_text, merged, power_text, read_report
-from boat_daq.viewmodels.work import Bench
+from boat_daq.viewmodels.work import Bench, WorkState
 
 
 def point(setting, seconds, error, **more):
@@ -171,3 +172,40 @@ def test_what_is_no_atlas_is_refused(content):
     """Another file's content is refused by name."""
     with pytest.raises(OperatorError, match="no stability atlas"):
         read_maps(content)
+
+
+def swept(method, name="map", outcome="works"):
+    """A result of the atlas with one map of one place."""
+    axis = {"name": "x", "unit": "", "values": [1.0]}
+    return {
+        "maps": [
+            {
+                "name": name,
+                "method": method,
+                "title": "A map",
+                "truth": "truth",
+                "unit": "mm",
+                "tolerance": 0.1,
+                "x": axis,
+                "y": axis,
+                "cells": [[{"outcome": outcome, "error": None, "said": ""}]],
+            }
+        ]
+    }
+
+
+def test_a_new_sweep_replaces_its_method_and_keeps_the_others(tmp_path):
+    """What the helper sends joins what was kept, and is there at the next start; a broken file is said."""
+    model = AtlasModel(Bench(), tmp_path)
+    work = SimpleNamespace(state=WorkState.DONE, failure=None, result=None)
+    for result in (swept("fit"), swept("alarms"), swept("fit", outcome="refused")):
+        work.result = result
+        model._ended(work)
+    again = AtlasModel(Bench(), tmp_path)
+    assert {m: shown[0].places[0][0].outcome for m, shown in again.maps.items()} == {
+        "alarms": "works",
+        "fit": "refused",
+    }
+    assert again.status("figures") == "not swept yet"
+    again.path.write_text("[]", encoding="utf-8")
+    assert AtlasModel(Bench(), tmp_path).status("fit") == "\u25b2 the last maps could not be read; sweep again"

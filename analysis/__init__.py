@@ -6,7 +6,8 @@
 
 Names are imported when they are first used, so that a part that needs none of it (the optics, the shadow) loads none.
 
-`fit_calibration` fits any two arrays, `Inverse` and `Fusion` turn mV into mm, `sample_posterior` gives bands.
+`fit_calibration` fits any two arrays, `Inverse` and `Fusion` turn mV into mm, `sample_posterior` gives bands,
+`write_report` writes HTML or PDF.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from analysis.plateaus import PlateauSettings, find_plateaus, plateau_table
     from analysis.posterior import Posterior, sample_posterior
     from analysis.recording import Recording, load_recording
+    from analysis.reports.writing import write_report
     from analysis.statistics import Figure
 
 __all__ = [
@@ -43,6 +45,7 @@ __all__ = [
     "load_recording",
     "plateau_table",
     "sample_posterior",
+    "write_report",
 ]
 
 _HOME = {
@@ -63,6 +66,7 @@ _HOME = {
     "load_recording": "analysis.recording",
     "plateau_table": "analysis.plateaus",
     "sample_posterior": "analysis.posterior",
+    "write_report": "analysis.reports.writing",
 }
 
 

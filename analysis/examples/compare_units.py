@@ -8,9 +8,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from analysis import AnalysisError, analyse
+from analysis import AnalysisError, analyse, write_report
 from analysis.comparison import sensor_spread, unit_of
-from analysis.reporting import write_report
 
 
 def main(report: str, runs: Sequence[str]) -> int:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from analysis import style
+from analysis.reports import style
 from analysis.tradeoff.atlas import Map, Outcome
 
 LOOK: dict[Outcome, tuple[str, str, str]] = {

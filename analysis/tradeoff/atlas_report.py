@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib as mpl
 from PIL import Image
 
-from analysis import style
+from analysis.reports import style
 from analysis.tradeoff.atlas import Map, Outcome
 from analysis.tradeoff.atlas_chart import WORDS, method_atlas
 from analysis.tradeoff.report import machine

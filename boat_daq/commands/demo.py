@@ -146,8 +146,8 @@ def beside_the_shadow(analysis: Analysis, level: Level = "normal") -> dict[str, 
 
 def write_reports(analysis: Analysis, run: Path) -> list[Path]:
     """Write the calibration report beside the recording, to print and to look at."""
+    from analysis import write_report
     from analysis.against_shadow import against_shadow
-    from analysis.reporting import write_report
 
     shadow = against_shadow(analysis)
     paths = [run.with_suffix(suffix) for suffix in (".pdf", ".html")]

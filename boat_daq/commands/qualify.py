@@ -17,7 +17,7 @@ from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analysis.report_content import Report
+    from analysis.reports.content import Report
     from boat_daq.engine.drill_bench import Outcome
     from boat_daq.engine.drills import Drill
 
@@ -144,8 +144,8 @@ def write_reports(content: dict[str, Any], outcomes: Sequence[Outcome], folder: 
     """Write the report as HTML, PDF and JSON into the folder."""
     import json
 
-    from analysis.report_html import write_html
-    from analysis.report_pdf import write_pdf
+    from analysis.reports.html import write_html
+    from analysis.reports.pdf import write_pdf
     from boat_daq.commands.console import plain
 
     report = build(content, outcomes)
@@ -158,7 +158,7 @@ def write_reports(content: dict[str, Any], outcomes: Sequence[Outcome], folder: 
 
 def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
     """Return the report: verdict, drills in short, each drill's criteria, machine and versions, and where to sign."""
-    from analysis.report_content import Report, Section, Table
+    from analysis.reports.content import Report, Section, Table
 
     short = Table(
         ("Drill", "Result", "Lost", "Injected"),

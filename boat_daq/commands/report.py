@@ -37,9 +37,8 @@ def report(
         raise typer.BadParameter("end it in .html or .pdf", param_hint="--out")
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
-    from analysis import Options, analyse
+    from analysis import Options, analyse, write_report
     from analysis.against_shadow import against_shadow
-    from analysis.reporting import write_report
 
     options = Options(seed=seed, mcmc=not no_mcmc, fidelity=level_of(fidelity))
     limits = dict(_limit(text) for text in limit or ())

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
+from analysis import write_report
 from analysis.export import export
 from analysis.pipeline import analyse
 from analysis.recording import load_recording
-from analysis.reporting import write_report
 from boat_daq.viewmodels.calibration_work import analyse_run
 from boat_daq.viewmodels.results import RunResult
 

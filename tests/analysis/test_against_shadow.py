@@ -10,8 +10,8 @@ import pytest
 
 from analysis import Options, analyse
 from analysis.against_shadow import against_shadow
-from analysis.report import build_report
-from analysis.report_content import Table
+from analysis.reports.build import build_report
+from analysis.reports.content import Table
 from tests.analysis.boat_builder import Plant, Staircase
 
 QUICK = Options(mcmc=False, x_resolution_mm=0.0)

@@ -13,7 +13,7 @@ from analysis.break_comparison import ALPHA, Break, compare_breaks, parts_of
 from analysis.cycles import Cycle, Cycles
 from analysis.loops import Loops
 from analysis.recording import Recording
-from analysis.report import build_report
+from analysis.reports.build import build_report
 from protocol.errors import RecordingError
 from tests.analysis.boat_builder import Plant, triangle
 

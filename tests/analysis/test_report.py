@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import Analysis, AnalysisError, Options, analyse, figures
+from analysis import Analysis, AnalysisError, Options, analyse
 from analysis.repeatability import judge, per_cycle
-from analysis.report import build_report
-from analysis.report_content import Table, aligned
-from analysis.report_pdf import INNER, LEFT
-from analysis.reporting import WRITERS, write_report
+from analysis.reports import drawings
+from analysis.reports.build import build_report
+from analysis.reports.content import Table, aligned
+from analysis.reports.pdf import INNER, LEFT
+from analysis.reports.writing import WRITERS, write_report
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 MARKUP = "<script>alert(1)</script>"
@@ -173,8 +174,8 @@ def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_
 
     signal = np.full_like(recording.signal_mv, 1650.0)
     analysis = analyse(Recording.from_arrays(recording.time_s, recording.pressure_kpa, signal), mcmc=False)
-    for draw in (figures.loop_difference(analysis), figures.drift_of_levels(analysis, 0)):
-        assert figures.as_svg([draw]).startswith("<svg")
+    for draw in (drawings.loop_difference(analysis), drawings.drift_of_levels(analysis, 0)):
+        assert drawings.as_svg([draw]).startswith("<svg")
     write_report([analysis], tmp_path / "r.html")
     assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")
 

@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from analysis import Fusion, Inverse, analyse, fit_calibration, load_recording, sample_posterior
+from analysis import Fusion, Inverse, analyse, fit_calibration, load_recording, sample_posterior, write_report
 from analysis.overview import load_overview
-from analysis.reporting import write_report
 from protocol.recording import dtype_from_description
 from tests.analysis.boat_builder import PAPER, Plant, triangle, write_boat
 

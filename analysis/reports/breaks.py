@@ -8,8 +8,8 @@ from __future__ import annotations
 from analysis.break_comparison import ALPHA, Break
 from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.pipeline import Analysis
-from analysis.report_cells import cell, p_value
-from analysis.report_content import Drawing, Section, Table
+from analysis.reports.cells import cell, p_value
+from analysis.reports.content import Drawing, Section, Table
 
 _OF_A_PART = (
     ("sensitivity_mv_per_mm", "Sensitivity"),

@@ -11,11 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from analysis import style
 from analysis.against_shadow import AgainstShadow
-from analysis.figures import TRACE_POINTS, Draw, envelope
 from analysis.numbers import rounded
-from analysis.report_content import Drawing, Section, Table
+from analysis.reports import style
+from analysis.reports.content import Drawing, Section, Table
+from analysis.reports.drawings import TRACE_POINTS, Draw, envelope
 
 if TYPE_CHECKING:
     from analysis.shadow.replay import Replay

@@ -12,9 +12,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
-from analysis import style
-from analysis.figures import as_svg
-from analysis.report_content import Drawing, Report, Table, aligned
+from analysis.reports import style
+from analysis.reports.content import Drawing, Report, Table, aligned
+from analysis.reports.drawings import as_svg
 
 WIDTH_INCH = 7.4
 
@@ -27,7 +27,7 @@ def write_html(report: Report, path: Path) -> None:
 def render_html(report: Report) -> str:
     """Return the report as one HTML document."""
     environment = Environment(
-        loader=PackageLoader("analysis", "templates"),
+        loader=PackageLoader("analysis.reports", "templates"),
         autoescape=select_autoescape(default=True, default_for_string=True),
         trim_blocks=True,
         lstrip_blocks=True,

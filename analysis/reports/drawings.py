@@ -1,7 +1,7 @@
 """The figures of a report, each drawn onto axes that are handed in; HTML and PDF use the same ones.
 
 Rules: nothing is computed here but what a drawing needs (a grid, a thinning); colours and sizes come from
-`analysis.style`; every axis has a title with its unit; filled points are loading, open ones unloading.
+`analysis.reports.style`; every axis has a title with its unit; filled points are loading, open ones unloading.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import MaxNLocator
 
-from analysis import style
 from analysis.comparison import unit_of
 from analysis.loops import loop_width
 from analysis.pipeline import Analysis
 from analysis.recording import FloatArray
 from analysis.repeatability import per_cycle
+from analysis.reports import style
 from analysis.uncertainty import Budget
 
 Draw = Callable[[Axes], None]

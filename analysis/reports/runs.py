@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analysis import comparison, figures
+from analysis import comparison
 from analysis.errors import AnalysisError
 from analysis.history import unit_history
 from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.pipeline import Analysis
-from analysis.report_cells import cell, date_of
-from analysis.report_content import Drawing, Section, Table
+from analysis.reports import drawings
+from analysis.reports.cells import cell, date_of
+from analysis.reports.content import Drawing, Section, Table
 
 
 def runs_table(analyses: Sequence[Analysis]) -> Section:
@@ -37,8 +38,8 @@ def runs_table(analyses: Sequence[Analysis]) -> Section:
     )
     drawn = Drawing(
         (
-            figures.side_by_side(analyses, "sensitivity_mv_per_mm", "sensitivity, mV/mm"),
-            figures.side_by_side(analyses, "system_hysteresis_percent_fso", "system hysteresis, % FSO"),
+            drawings.side_by_side(analyses, "sensitivity_mv_per_mm", "sensitivity, mV/mm"),
+            drawings.side_by_side(analyses, "system_hysteresis_percent_fso", "system hysteresis, % FSO"),
         ),
         "Each run with its 95 % interval; runs of one unit stand together.",
         2.4,

@@ -9,15 +9,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from analysis import comparison, figures
+from analysis import comparison
 from analysis.boat_file import program_version
 from analysis.checks import fit_checks
 from analysis.errors import AnalysisError
 from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.pipeline import Analysis, SensorAnalysis
 from analysis.repeatability import LIMITS, per_cycle
-from analysis.report_cells import cells, p_value, power
-from analysis.report_content import Drawing, Section, Table
+from analysis.reports import drawings
+from analysis.reports.cells import cells, p_value, power
+from analysis.reports.content import Drawing, Section, Table
 from analysis.uncertainty import Budget, elongation_budget
 
 PUBLISHED = {
@@ -55,9 +56,9 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
         }
     )
     calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
-    draws = [figures.calibration_curve(analysis, i) for i in calibrated[:2]]
+    draws = [drawings.calibration_curve(analysis, i) for i in calibrated[:2]]
     if not draws and analysis.loops.n_cycles:
-        draws = [figures.system_loop(analysis, i) for i in range(min(2, count))]
+        draws = [drawings.system_loop(analysis, i) for i in range(min(2, count))]
     first = [Drawing(tuple(draws), "What was measured; details follow.", 2.45)] if draws else []
     return Section("Key figures", (*tables, *first, *void))
 
@@ -107,7 +108,7 @@ def curves(analysis: Analysis) -> Section:
     parts: list[str | Table | Drawing] = []
     for i, sensor in enumerate(analysis.sensors):
         if sensor.calibration is not None:
-            drawing = (figures.calibration_curve(analysis, i), figures.residuals(analysis, i))
+            drawing = (drawings.calibration_curve(analysis, i), drawings.residuals(analysis, i))
             caption = f"Sensor {i + 1}: plateau means, fit and bands; below, residuals."
             parts.append(Drawing(drawing, caption, 3.9, (2.6, 1.0)))
     return Section("Calibration curve", tuple(parts))
@@ -153,7 +154,7 @@ def _quality(analysis: Analysis, sensor: int) -> str:
 
 def loops(analysis: Analysis) -> Section:
     parts: list[str | Table | Drawing] = []
-    draws = [figures.system_loop(analysis, i) for i in range(len(analysis.sensors))]
+    draws = [drawings.system_loop(analysis, i) for i in range(len(analysis.sensors))]
     parts += [
         Drawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
         for at in range(0, len(draws), 2)
@@ -165,8 +166,8 @@ def where_the_loop_is(analysis: Analysis) -> Drawing:
     """The branches' distance over pressure, and the actuator's own loop where elongation was read."""
     x = analysis.loops.elongation_mm
     if x is None or not np.isfinite(x).any():
-        return Drawing((figures.loop_difference(analysis),), "Where the hysteresis sits.", 2.7)
-    both = (figures.loop_difference(analysis), figures.actuator_loop(analysis))
+        return Drawing((drawings.loop_difference(analysis),), "Where the hysteresis sits.", 2.7)
+    both = (drawings.loop_difference(analysis), drawings.actuator_loop(analysis))
     return Drawing(both, "Where the hysteresis sits, and the actuator's own loop.", 2.7)
 
 
@@ -175,25 +176,25 @@ def over_cycles(analysis: Analysis) -> Section:
     parts: list[str | Table | Drawing] = [
         Drawing(
             (
-                figures.per_cycle_figure(
+                drawings.per_cycle_figure(
                     analysis, "hysteresis_percent_fso", "hysteresis, % FSO", "Hysteresis per cycle"
                 ),
-                figures.per_cycle_figure(analysis, "displacement_percent_fso", "displacement, % FSO", "Common drift"),
+                drawings.per_cycle_figure(analysis, "displacement_percent_fso", "displacement, % FSO", "Common drift"),
             ),
             "Each cycle; displacement is the mean of all levels from the second half of the run.",
             2.5,
         ),
         Drawing(
             (
-                figures.per_cycle_figure(analysis, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle"),
-                figures.per_cycle_figure(analysis, "span_mv", "span, mV", "Output span per cycle"),
+                drawings.per_cycle_figure(analysis, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle"),
+                drawings.per_cycle_figure(analysis, "span_mv", "span, mV", "Output span per cycle"),
             ),
             "Each cycle.",
             2.5,
         ),
     ]
     parts += [
-        Drawing((figures.drift_of_levels(analysis, i), figures.distribution(analysis, i)), f"Sensor {i + 1}.", 2.8)
+        Drawing((drawings.drift_of_levels(analysis, i), drawings.distribution(analysis, i)), f"Sensor {i + 1}.", 2.8)
         for i in sensors
     ]
     for i in sensors:
@@ -218,7 +219,7 @@ def budget(analysis: Analysis, runs: Sequence[Analysis] = (), of: str = "") -> l
     except AnalysisError as error:
         return [Section(title, (f"Not given: {error.cause}.",))]
     drawing = Drawing(
-        tuple(figures.budget_pareto(b, f"Sensor {i + 1} at {middle:+.2f} mm") for i, b in enumerate(budgets[:2])),
+        tuple(drawings.budget_pareto(b, f"Sensor {i + 1} at {middle:+.2f} mm") for i, b in enumerate(budgets[:2])),
         "Components, largest first, with their share of the variance.",
         2.6,
         left=1.15,
@@ -297,7 +298,7 @@ def run(analysis: Analysis) -> Section:
         ("Recording", str(analysis.recording.meta.get("uuid") or analysis.recording.source)),
     )
     flags = tuple((f["code"].replace("_", " "), f["text"]) for f in analysis.flags)
-    parts: list[str | Table | Drawing] = [Drawing((figures.trace(analysis),), "Measured pressure.", 1.9)]
+    parts: list[str | Table | Drawing] = [Drawing((drawings.trace(analysis),), "Measured pressure.", 1.9)]
     parts.append(
         Table(("Flag", "What"), flags, numeric=False) if flags else "No flags: nothing was lost, masked or void."
     )

@@ -1,7 +1,7 @@
 """A report's content: what stands in it and in which order, for HTML and PDF alike.
 
 Strategy: a report is a list of sections, a section holds paragraphs, tables and drawings. This file fills them from
-analyses and computes nothing; `report_html` and `report_pdf` only set them. What a reader looks at first stands first:
+analyses and computes nothing; `html` and `pdf` only set them. What a reader looks at first stands first:
 verdict and key figures, then curves, loops, drift, uncertainty, tables, settings, provenance.
 
 Rules: every figure of a table is one of `Analysis`, rounded as its uncertainty warrants; a void figure prints a dash
@@ -14,16 +14,16 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from analysis import comparison
-from analysis import report_sections as sections
 from analysis.boat_file import program_version
 from analysis.errors import RequestError
 from analysis.pipeline import Analysis
 from analysis.repeatability import judge
-from analysis.report_breaks import breaks
-from analysis.report_cells import date_of
-from analysis.report_content import Report, Section
-from analysis.report_runs import history_of_unit, runs_table, spread_of_runs
-from analysis.report_shadow import shadow_section
+from analysis.reports import sections
+from analysis.reports.breaks import breaks
+from analysis.reports.cells import date_of
+from analysis.reports.content import Report, Section
+from analysis.reports.runs import history_of_unit, runs_table, spread_of_runs
+from analysis.reports.shadow import shadow_section
 
 if TYPE_CHECKING:
     from analysis.against_shadow import AgainstShadow

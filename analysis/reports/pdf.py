@@ -23,8 +23,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.textpath import TextToPath
 
-from analysis import style
-from analysis.report_content import DIGIT_SPACE, PLAIN_NUMBER, POINT_SPACE, Drawing, Report, Table, aligned
+from analysis.reports import style
+from analysis.reports.content import DIGIT_SPACE, PLAIN_NUMBER, POINT_SPACE, Drawing, Report, Table, aligned
 
 WIDTH, HEIGHT = style.A4_INCH
 LEFT = style.MARGIN_INCH

@@ -38,6 +38,7 @@ from protocol.messages import (
     BoardEvent,
     Command,
     EventCode,
+    Heartbeat,
     Hello,
     Identify,
     MessageType,
@@ -48,6 +49,7 @@ from protocol.messages import (
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
 from protocol.samples import Integers, Rows, SampleStream, implausible
 
+_TO_ANY_VERSION = (Identify, Vent, Stop)
 _HEAD = 16  # bytes of a SAMPLE body before the counts: type, seq, index, time, pressure, state, flags
 
 
@@ -73,6 +75,7 @@ class Connection:
         HELLO says it, and samples before it are counted as unknown.
     adc_bits : of the same board.
     decoder_state : of another connection, to go on where it was taken; overrides the two others.
+    in_turn : a command waits until the one before it is answered, and then comes from `poll`; VENT never waits.
     """
 
     can_command = True
@@ -80,13 +83,18 @@ class Connection:
     sample_kind: SampleKind = "counts"
 
     def __init__(
-        self, *, n_sensors: int | None = None, adc_bits: int = 16, decoder_state: dict[str, Any] | None = None
+        self,
+        *,
+        n_sensors: int | None = None,
+        adc_bits: int = 16,
+        decoder_state: dict[str, Any] | None = None,
+        in_turn: bool = False,
     ) -> None:
         self._n_sensors = n_sensors
         self._adc_bits = adc_bits
         self._reader = FrameReader()
         self._stream = SampleStream()
-        self._exchange = Exchange()
+        self._exchange = Exchange(in_turn=in_turn)
         self._hello: Hello | None = None
         self._wrong_version: int | None = None
         self._something_to_lose = False
@@ -139,22 +147,26 @@ class Connection:
         return self._exchange.next_deadline_ns
 
     def send(self, command: Command, now_ns: int) -> bytes:
-        """Return the bytes that carry a command.
+        """Return the bytes that carry a command; empty where it waits for its turn, and comes from `poll`.
 
         Raises
         ------
         LocalError : a value that its field cannot hold.
         RemoteError : the board speaks another protocol version, and the command is not IDENTIFY, VENT or STOP.
         """
-        if self._wrong_version is not None and not isinstance(command, Identify | Vent | Stop):
+        if self._wrong_version is not None and not isinstance(command, _TO_ANY_VERSION):
             raise RemoteError(
                 f"the board speaks protocol version {self._wrong_version}, this program version {PROTOCOL_VERSION}",
                 "update the board's firmware or this program, so that both speak the same version",
             )
         return self._exchange.send(command, now_ns)
 
+    def feed(self, command: Heartbeat, now_ns: int) -> bytes:
+        """Return bytes that feed a fast virtual board's watchdog at once; see `Link`."""
+        return self._exchange.feed(command, now_ns)
+
     def poll(self, now_ns: int) -> tuple[list[LinkEvent], bytes]:
-        """Return the commands that were lost, and the bytes of those to repeat."""
+        """Return the commands that were lost, and the bytes of those to repeat or whose turn has come."""
         return self._exchange.poll(now_ns)
 
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
@@ -232,6 +244,7 @@ class Connection:
     def _take_hello(self, hello: Hello, now_ns: int) -> list[LinkEvent]:
         if hello.protocol != PROTOCOL_VERSION:
             self._wrong_version, self._n_sensors = hello.protocol, None
+            self._exchange.keep_waiting(*_TO_ANY_VERSION)
             return [WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._exchange.identified(now_ns)]
         restarted = self._something_to_lose and not self._exchange.hello_expected
         self._hello, self._wrong_version = hello, None

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from protocol.messages import AckStatus, BoardEvent, Command, Hello
+from protocol.messages import AckStatus, BoardEvent, Command, Heartbeat, Hello
 from protocol.recording import SampleKind
 
 
@@ -145,7 +145,13 @@ class Link(Protocol):
         """Do the same for many chunks (now_ns, data) at once; only the cutting into `Samples` is coarser."""
 
     def send(self, command: Command, now_ns: int) -> bytes:
-        """Return the bytes that carry a command."""
+        """Return the bytes that carry a command; empty where another waits for its answer: then `poll` gives them."""
+
+    def feed(self, command: Heartbeat, now_ns: int) -> bytes:
+        """Return bytes that feed the board's watchdog at once, `command` or the repeat of what waits for its answer.
+
+        For a virtual board that runs faster than its host: in 250 ms of ours, its watchdog's time may be over.
+        """
 
     def poll(self, now_ns: int) -> tuple[list[LinkEvent], bytes]:
-        """Return the commands that were lost, and the bytes of those to repeat."""
+        """Return the commands that were lost, and the bytes of those to repeat or whose turn has come."""

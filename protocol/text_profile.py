@@ -143,6 +143,10 @@ class TextConnection:
         self._start_sent |= template is not None and isinstance(command, Start)
         return b"" if template is None else template(command)
 
+    def feed(self, command: Heartbeat, now_ns: int) -> bytes:
+        """Return the text that feeds the watchdog, where the firmware has one: nothing here waits for an answer."""
+        return self.send(command, now_ns)
+
     def poll(self, now_ns: int) -> tuple[list[LinkEvent], bytes]:
         """Return the answers that wait, and the IDENTIFYs that nothing good came after; never bytes."""
         answers, self._answers = self._answers, []

@@ -18,7 +18,7 @@ from boat_daq.engine.blocks import Block, EngineEvent, PortLost, PortSilent, Sin
 from boat_daq.engine.transports import Transport
 from boat_daq.errors import DeviceError
 from protocol.link import Link, LinkEvent, LinkStatistics
-from protocol.messages import Command
+from protocol.messages import Command, Heartbeat
 
 
 class RecordingSink(Protocol):
@@ -100,7 +100,7 @@ class Acquisition:
             self._sinks = (recorder, *self._sinks)
 
     def send(self, command: Command) -> None:
-        """Encode and write a command now.
+        """Encode a command and write it now, or as soon as the one before it is answered; VENT always now.
 
         Raises
         ------
@@ -110,6 +110,17 @@ class Acquisition:
         with self._lock:
             now_ns = self._clock_ns()
             self._write(self._link.send(command, now_ns), now_ns)
+
+    def feed(self, command: Heartbeat) -> None:
+        """Write at once what feeds a fast virtual board's watchdog (`Link.feed`).
+
+        Raises
+        ------
+        DeviceError, ProtocolError : as `send`.
+        """
+        with self._lock:
+            now_ns = self._clock_ns()
+            self._write(self._link.feed(command, now_ns), now_ns)
 
     def start(self) -> None:
         """Begin to read."""

@@ -29,7 +29,7 @@ from boat_daq.engine.watchdog import FAST
 from boat_daq.errors import DeviceError, StorageError
 from protocol.errors import ProtocolError
 from protocol.link import HelloReceived, Samples, WrongProtocol
-from protocol.messages import Command, SetPressure
+from protocol.messages import Command, Heartbeat, SetPressure
 
 _OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
 
@@ -125,13 +125,16 @@ class Core:
             if self.health is not None:
                 self.health.real_time = control.dialogue.meter.speed <= FAST
 
-    def send_now(self, command: Command) -> bool:
-        """Write a command without asking for the lock; returns whether it left."""
+    def send_now(self, command: Command, *, feeds: bool = False) -> bool:
+        """Write a command without asking for the lock; returns whether the port took it."""
         acquisition = self.acquisition
         if acquisition is None or self.port is None or not self.port.transport.can_write:
             return False
         try:
-            acquisition.send(command)
+            if feeds and isinstance(command, Heartbeat):
+                acquisition.feed(command)
+            else:
+                acquisition.send(command)
         except (DeviceError, ProtocolError):
             return False  # the reading thread finds the port gone; a link that cannot say it has told why
         return True
@@ -223,4 +226,4 @@ class Core:
                 self.send_now(effect.command)
                 self.pressures += 1
             else:
-                self.send_now(effect.command)
+                self.send_now(effect.command, feeds=effect.feeds)

@@ -52,9 +52,10 @@ _TRIPPING = {
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Wish for a frame to the board."""
+    """Wish for a frame to the board; `feeds`: it, or a repeat in its place, has to leave at once."""
 
     command: Command
+    feeds: bool = False
 
 
 Effect: TypeAlias = Send | Marked | SegmentBreak | Noted | Ended
@@ -110,15 +111,15 @@ class Dialogue:
         if limits is not None:
             self.send(limits)
 
-    def send(self, command: Command) -> None:
-        """Send a command, if there is anyone to send it to."""
+    def send(self, command: Command, *, feeds: bool = False) -> None:
+        """Send a command, if there is anyone to send it to; `feeds` as `Send` has it."""
         if not self.can_write or not (self.can_command or isinstance(command, Identify | Start | Stop)):
             return
         if isinstance(command, Vent):
             self.vent_sent()
         self.stopping = isinstance(command, Stop) or self.stopping
         self.feeder.sent(command, self.now_ns, self.board_us)
-        self._emit(Send(command))
+        self._emit(Send(command, feeds))
 
     def vent_sent(self) -> None:
         """A vent has left by another way."""
@@ -164,8 +165,9 @@ class Dialogue:
             self.send(Vent())
         if self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
             # A fast board's watchdog is not worth feeding while there is nothing to guard.
-            off = idle and not self.pending and self.meter.speed > FAST
-            self.send(Heartbeat(0 if off else self.feeder.armed_ms))
+            fast = self.meter.speed > FAST
+            off = fast and idle and not self.pending
+            self.send(Heartbeat(0 if off else self.feeder.armed_ms), feeds=fast and not off)
 
     def done(self, command: Command) -> None:
         """The board has done it."""

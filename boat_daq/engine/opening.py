@@ -54,7 +54,7 @@ def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
     ProtocolError : the profile or the recording cannot be used.
     """
     text = profile if profile is None or "\n" in profile else read_text(Path(profile))
-    link: Link = Connection() if text is None else TextConnection(load_profile(text + "\n"))
+    link: Link = Connection(in_turn=True) if text is None else TextConnection(load_profile(text + "\n"))
     transport = open_transport(url, baud=settings.baud, allow_remote=settings.allow_remote)
     if not isinstance(transport, ReplayTransport):
         return OpenPort(transport, link, text)

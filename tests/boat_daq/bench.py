@@ -33,7 +33,7 @@ class Bench:
 
     def __init__(self, *faults: str, speed: float = 1.0, seed: int = 0, rate_hz: int = 100) -> None:
         self.board = VirtualBoard(seed=seed, faults=[parse_fault(fault) for fault in faults])
-        self.link = Connection()
+        self.link = Connection(in_turn=True)
         self.control = Controller(rate_hz=rate_hz)
         self.speed = speed
         self.now_ns = 1_000_000_000
@@ -66,9 +66,10 @@ class Bench:
         """Carry the controller's effects out."""
         for effect in self.control.take():
             match effect:
-                case Send(command):
+                case Send(command, feeds):
                     self.sent.append(command)
-                    data = self.link.send(command, self.now_ns)
+                    send = self.link.feed if feeds else self.link.send
+                    data = send(command, self.now_ns)
                     if self.plugged and self.host_alive:
                         self.board.receive(data)
                 case Marked(mark):
@@ -104,7 +105,7 @@ class Bench:
     def replug(self) -> None:
         """The same board is there again, on a fresh link."""
         self.plugged = True
-        self.link = Connection()
+        self.link = Connection(in_turn=True)
         self.board.advance(0)
         self.control.link_opened(self.now_ns)
         self.flush()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from protocol import (
+    ClearFault,
     Connection,
     Heartbeat,
     Identify,
@@ -26,8 +27,8 @@ MS = 1_000_000
 class Desk:
     """A connection, and what its board received."""
 
-    def __init__(self) -> None:
-        self.link = Connection()
+    def __init__(self, *, in_turn: bool = False) -> None:
+        self.link = Connection(in_turn=in_turn)
         self.board = FrameReader()
 
     def send(self, command: Command, at_ms: int) -> int:
@@ -48,6 +49,11 @@ class Desk:
 @pytest.fixture
 def desk() -> Desk:
     return Desk()
+
+
+@pytest.fixture
+def in_turn() -> Desk:
+    return Desk(in_turn=True)
 
 
 @pytest.mark.fault(17, how="no answer to a command", times=1)
@@ -99,6 +105,62 @@ def test_vent_goes_out_at_once_whatever_waits(desk: Desk) -> None:
     desk.send(Vent(), 0)
     _, again = desk.poll(250)
     assert [command for command, _ in again] == [Heartbeat(149), Vent()]
+
+
+def test_vent_waits_for_no_turn(in_turn: Desk) -> None:
+    """A command in flight and fifty that wait: VENT is on the wire when it is asked for, and repeated alone."""
+    asked, then = SetLimits(-1, 1), [Heartbeat(500), Stop()]
+    limits = in_turn.send(asked, 0)
+    assert all(in_turn.link.send(command, 0) == b"" for command in then)
+    vent = in_turn.send(Vent(), 10)
+    assert in_turn.poll(260) == ([], [(Vent(), vent)])
+    in_turn.answer(MessageType.VENT, vent, 270)
+    assert in_turn.poll(280) == ([], [(asked, limits)])  # what it overtook, with its own number
+    in_turn.answer(MessageType.SET_LIMITS, limits, 290)
+    assert in_turn.poll(290) == ([], [(then[0], vent + 1)])
+
+
+@pytest.mark.parametrize("command", [Start(100), SetPressure(5, 0), SetLimits(-1, 1), Heartbeat(500), ClearFault()])
+def test_nothing_stands_between_a_command_and_its_repeats(in_turn: Desk, command: Command) -> None:
+    """A board may remember one type and seq only: a heartbeat before the repeat would have it act twice."""
+    seq = in_turn.send(command, 0)
+    other = Heartbeat(500) if isinstance(command, Start) else Start(9)
+    assert in_turn.link.send(other, 240 * MS) == b""
+    assert in_turn.poll(250) == ([], [(command, seq)])
+    assert in_turn.poll(500) == ([], [(command, seq)])
+    in_turn.answer(MessageType(0x81 + [Identify, Start, Stop, SetPressure, Vent, Heartbeat, ClearFault, SetLimits]
+                            .index(type(command))), seq, 510)  # fmt: skip
+    assert in_turn.link.next_deadline_ns == 0  # its turn has come
+    assert in_turn.poll(510) == ([], [(other, seq + 1)])
+
+
+@pytest.mark.parametrize("command", [Start(100), ClearFault()])
+def test_what_must_not_be_done_twice_is_not_repeated_behind_a_vent(in_turn: Desk, command: Command) -> None:
+    """START again would begin the stream anew; it is given up, and said so, where no answer comes."""
+    seq = in_turn.send(command, 0)
+    in_turn.answer(MessageType.VENT, in_turn.send(Vent(), 10), 20)
+    assert in_turn.poll(749) == ([], [])
+    assert in_turn.poll(750) == ([CommandLost(command, seq)], [])
+
+
+def test_a_pressure_that_waited_for_its_turn_never_follows_a_vent(in_turn: Desk) -> None:
+    """Asked for before the VENT, not yet sent: dropped."""
+    first = in_turn.send(Heartbeat(500), 0)
+    assert in_turn.link.send(SetPressure(50_000, 0), 0) == b""
+    vent = in_turn.send(Vent(), 5)
+    in_turn.answer(MessageType.HEARTBEAT, first, 10)
+    in_turn.answer(MessageType.VENT, vent, 10)
+    assert in_turn.poll(10) == ([], [])
+    assert in_turn.poll(10_000) == ([], [])
+
+
+def test_a_fast_boards_watchdog_is_fed_with_the_repeat_itself(in_turn: Desk) -> None:
+    """Where 250 ms are too long for a board's clock, a heartbeat brings the waiting command's repeat forward."""
+    seq = in_turn.send(SetPressure(50_000, 0), 0)
+    (frame,) = in_turn.board.receive(in_turn.link.feed(Heartbeat(5000), 50 * MS))
+    assert (decode_command(frame), frame.seq) == (SetPressure(50_000, 0), seq)
+    assert in_turn.poll(249) == ([], [])
+    assert in_turn.poll(250) == ([], [(SetPressure(50_000, 0), seq)])
 
 
 def test_no_pressure_is_asked_for_again_after_vent(desk: Desk) -> None:
@@ -208,6 +270,15 @@ def test_another_protocol_version_is_named_and_gets_no_start(desk: Desk) -> None
     desk.send(Stop(), 0)
     assert desk.link.receive(stream(sample(0)), 0) == []
     assert desk.link.statistics.unknown == 1
+
+
+def test_what_waits_as_another_version_shows_itself_is_never_sent(in_turn: Desk) -> None:
+    """START was asked for before the HELLO that forbids it."""
+    in_turn.send(Identify(), 0)
+    assert in_turn.link.send(Start(100), 0) == b""
+    values = {field: getattr(HELLO, field) for field in Hello.__dataclass_fields__}
+    in_turn.link.receive(stream(Hello(**{**values, "protocol": 2})), 0)
+    assert in_turn.poll(10_000) == ([], [])
 
 
 def test_a_value_that_does_not_fit_is_refused_and_uses_no_seq(desk: Desk) -> None:

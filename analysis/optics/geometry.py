@@ -286,6 +286,29 @@ def room_for(nodes: Floats, fork: Floats, cavities: int) -> Geometry:
 
 
 @compiled
+def _clear(g: Geometry) -> None:
+    g.kinds[:], g.corners[:], g.owners[:] = NOTHING, 0, NO_POCKET
+    g.links[:, WALL_BEFORE], g.links[:, WALL_AFTER] = 0, 0
+
+
+@compiled
+def _place_walls(walls: Floats, middle: float, pattern: Floats) -> None:
+    """Write the arc lengths of a guide's cavity walls, around its middle and rising."""
+    n = len(walls) // 2
+    for i in range(n):
+        centre = middle + (i - (n - 1) / 2) * (pattern[1] + pattern[3])
+        walls[2 * i], walls[2 * i + 1] = centre - pattern[1] / 2, centre + pattern[1] / 2
+
+
+@compiled
+def _with_tree(g: Geometry, tree_nodes: int) -> Geometry:
+    return Geometry(
+        g.cells, g.links, g.surfaces, g.kinds, g.owners, g.corners, g.pockets, g.doors, g.boxes, g.branches, g.leaves,
+        g.most_cells, g.all_surfaces, tree_nodes,
+    )  # fmt: skip
+
+
+@compiled
 def build(
     room: Geometry,
     nodes: Floats,
@@ -309,46 +332,19 @@ def build(
     pattern : cavities, width, depth, spacing (mm), +1 for the outer face or -1 for the inner one.
     """
     g, guides, n = room, len(nodes), int(pattern[0])
-    g.kinds[:], g.corners[:], g.owners[:] = NOTHING, 0, NO_POCKET
-    g.links[:, WALL_BEFORE], g.links[:, WALL_AFTER] = 0, 0
+    _clear(g)
     walls, first = np.empty(2 * n), np.zeros(guides + 1, dtype=np.int64)
-    for guide in range(guides):
-        middle = nodes[guide, -1, 4] / 2
-        for i in range(n):
-            centre = middle + (i - (n - 1) / 2) * (pattern[1] + pattern[3])
-            walls[2 * i], walls[2 * i + 1] = centre - pattern[1] / 2, centre + pattern[1] / 2
-        first[guide + 1] = _cut_guide(
-            g,
-            first[guide],
-            nodes[guide],
-            curvature[guide],
-            ends[guide],
-            walls,
-            half,
-            pattern[2],
-            outer[guide] * pattern[4] > 0,
-        )
-        _link(g, guide, first[guide], first[guide + 1], len(fork) > 0)
-        _mark(g, first[guide], first[guide + 1], free[guide], guide * n)
+    for i in range(guides):
+        _place_walls(walls, nodes[i, -1, 4] / 2, pattern)
+        on_left = outer[i] * pattern[4] > 0
+        start = first[i]
+        after = _cut_guide(g, start, nodes[i], curvature[i], ends[i], walls, half, pattern[2], on_left)
+        _link(g, i, start, after, len(fork) > 0)
+        _mark(g, start, after, free[i], i * n)
+        first[i + 1] = after
     base = 4 * len(g.cells)
     g.surfaces[base:], g.kinds[base:], g.owners[base:], g.corners[base:] = fork, fork_kinds, fork_owners, fork_corners
-    nodes_used = plant(g.surfaces, g.leaves, _in_order(g, first), g.boxes, g.branches)
-    return Geometry(
-        g.cells,
-        g.links,
-        g.surfaces,
-        g.kinds,
-        g.owners,
-        g.corners,
-        g.pockets,
-        g.doors,
-        g.boxes,
-        g.branches,
-        g.leaves,
-        g.most_cells,
-        g.all_surfaces,
-        nodes_used,
-    )
+    return _with_tree(g, plant(g.surfaces, g.leaves, _in_order(g, first), g.boxes, g.branches))
 
 
 @compiled

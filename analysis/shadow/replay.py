@@ -103,24 +103,11 @@ def replay(
     DataError
         If the arrays do not belong together or hold nothing to compare.
     """
-    x = np.asarray(elongations_mm, dtype=float)
-    x = x[:, None] if x.ndim == 1 else x
-    t, p = np.asarray(time_s, dtype=float), np.asarray(pressure_kpa, dtype=float)
-    if not len(t) == len(p) == len(x):
-        raise DataError(
-            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
-            "give one of each for every sample",
-        )
-    known = np.isfinite(x)
-    if not (known.any(axis=1) & np.isfinite(p)).any():
-        raise DataError(
-            "the recording has no sample with both pressure and elongation",
-            "give a calibration that covers its signals",
-        )
-    mean = np.where(known.any(axis=1), np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    t, p, x = _together(time_s, pressure_kpa, elongations_mm)
+    mean = _mean_over_sensors(x)
     deviation = deviation_mm(table, p, mean)
     monitor = Monitor(table)
-    figures, alarms, starts, levels, left_out = [], [], [], [], []
+    figures, alarms, used, left_out = [], [], [], []
     for number, rows in enumerate(cycles, 1):
         try:
             one = monitor.figures(t[rows], p[rows], x[rows])
@@ -128,26 +115,53 @@ def replay(
             left_out.append(f"cycle {number}: {error.cause}")
             continue
         figures.append(one)
-        starts.append(t[rows][0])
-        within = deviation[rows]
-        levels.append(within[np.isfinite(within)].mean() if np.isfinite(within).any() else np.nan)
+        used.append(rows)
         alarms += monitor.take(one)
-    slope, low, high = drift(np.array(levels))
+    slope, low, high = drift(np.array([_mean_known(deviation[rows]) for rows in used]))
     return Replay(
-        t,
-        p,
-        mean,
-        deviation,
-        pressure_residual_kpa(table, p, mean),
-        table.nominal_elongation(p)[1],
-        np.array(starts),
-        tuple(figures),
-        tuple(alarms),
-        slope,
-        (low, high),
-        tuple(left_out),
-        monitor.sight(),
+        time_s=t,
+        pressure_kpa=p,
+        elongation_mm=mean,
+        deviation_mm=deviation,
+        residual_kpa=pressure_residual_kpa(table, p, mean),
+        band_mm=table.nominal_elongation(p)[1],
+        cycle_start_s=np.array([t[rows][0] for rows in used]),
+        figures=tuple(figures),
+        alarms=tuple(alarms),
+        drift_mm_per_cycle=slope,
+        drift_interval=(low, high),
+        left_out=tuple(left_out),
+        sight=monitor.sight(),
     )
+
+
+def _together(time_s: Floats, pressure_kpa: Floats, elongations_mm: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return times and pressures of shape (n,) and elongations of shape (n, sensors), or say why they do not fit."""
+    t, p, x = (np.asarray(values, dtype=float) for values in (time_s, pressure_kpa, elongations_mm))
+    x = x[:, None] if x.ndim == 1 else x
+    if not len(t) == len(p) == len(x):
+        raise DataError(
+            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
+            "give one of each for every sample",
+        )
+    if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():
+        raise DataError(
+            "the recording has no sample with both pressure and elongation",
+            "give a calibration that covers its signals",
+        )
+    return t, p, x
+
+
+def _mean_over_sensors(elongations_mm: Floats) -> Floats:
+    """Return the mean of the sensors that know one, sample by sample; NaN where none does."""
+    known = np.isfinite(elongations_mm)
+    total = np.where(known, elongations_mm, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)
+
+
+def _mean_known(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else float("nan")
 
 
 def drift(levels_mm: Floats) -> tuple[float, float, float]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import statistics
 from collections import deque
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -31,6 +32,7 @@ from boat_daq.errors import OperatorError
 VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5
 VENT_TIMEOUT_S = 60.0
+PACE_STEPS = 40  # as many of the last steps say how long the rest will take
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +105,7 @@ class Sequencer:
         self._watch: StepWatch | None = None
         self._time_us = self._started_us = 0
         self._pressure_kpa = self._from_kpa = 0.0
-        self._planned_s = self._taken_s = 0.0
+        self._paces: deque[float] = deque(maxlen=PACE_STEPS)  # of the last steps, taken over planned time
         self._low_since_us: int | None = None
         self._actions: list[Action] = []
 
@@ -142,7 +144,8 @@ class Sequencer:
         self._require("start", SessionState.ARMED)
         assert self.plan is not None
         self.state, self.cycle = SessionState.RUNNING, self._first_cycle - 1
-        self._started_us, self._planned_s, self._taken_s = self._time_us, 0.0, 0.0
+        self._started_us = self._time_us
+        self._paces.clear()
         self.ended = ""
         self._say("run_started", f"{self.plan.name}: {self.plan.cycles} cycles")
         self._open()
@@ -306,8 +309,9 @@ class Sequencer:
     def _change(self, mark: StepMark) -> None:
         assert self.plan is not None
         if mark.ended_us is not None and self._step is not None:
-            self._planned_s += self.plan.step_duration_s(self._from_kpa, self._step.target_kpa)
-            self._taken_s += (mark.ended_us - mark.started_us) / 1e6
+            planned_s = self.plan.step_duration_s(self._from_kpa, self._step.target_kpa)
+            if planned_s > 0:
+                self._paces.append((mark.ended_us - mark.started_us) / 1e6 / planned_s)
         self.marks[-1] = mark
         self._actions.append(Marked(mark, new=False))
 
@@ -386,17 +390,21 @@ class Sequencer:
         return max(0, self.plan.cycles - self.complete_cycles - under_way)
 
     def _left(self) -> tuple[float, int]:
-        """Estimated seconds and number of steps left, in the pace of the steps so far."""
+        """Estimated seconds and number of steps left, in the median pace of the last steps.
+
+        A plateau that waits for its reading takes nothing off the steps behind it, and one long wait is no pace.
+        """
         assert self.plan is not None
         if self.state is SessionState.FINISHING:
             return 0.0, 0
-        pace = self._taken_s / self._planned_s if self._planned_s > 0 else 1.0
+        pace = statistics.median(self._paces) if self._paces else 1.0
         path = [self._from_kpa, *([self._step.target_kpa] if self._step else []), *(s.target_kpa for s in self._queue)]
-        seconds = sum(self.plan.step_duration_s(a, b) for a, b in itertools.pairwise(path))
+        each_s = [pace * self.plan.step_duration_s(a, b) for a, b in itertools.pairwise(path)]
         cycles = self._cycles_left()
         steps = len(self._queue) + cycles * len(self.plan.targets_kpa)
-        gone = (self._time_us - self.marks[-1].started_us) / 1e6 if self._watch else 0.0
-        return max(0.0, (seconds + cycles * self.plan.cycle_duration_s) * pace - gone), steps
+        gone_s = (self._time_us - self.marks[-1].started_us) / 1e6 if self._watch else 0.0
+        under_way_s = max(0.0, each_s[0] - gone_s) if each_s else 0.0
+        return under_way_s + sum(each_s[1:]) + pace * cycles * self.plan.cycle_duration_s, steps
 
 
 def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:

@@ -303,3 +303,29 @@ def test_time_left_comes_down_to_the_truth() -> None:
     while not rig.ended:
         rig.run(0.5)
     assert progress.time_left_s == pytest.approx((rig.time_us - begun) / 1e6, rel=0.2)
+
+
+def test_a_wait_for_a_reading_takes_nothing_off_the_rest() -> None:
+    """Two minutes at a plateau that waits: the steps behind it still take what they did, before and after it."""
+    plan = dataclasses.replace(PLAN, reading_timeout_s=600.0)
+    rig = Rig(plan, wait_for_reading=True)
+
+    def left_s() -> float:
+        progress = rig.sequencer.progress()
+        assert progress is not None
+        return progress.time_left_s
+
+    def until_it_waits() -> None:
+        while rig.sequencer.waiting() is None:
+            rig.run(0.1)
+
+    until_it_waits()
+    rig.run(10)
+    behind_s = left_s()
+    rig.run(120)
+    assert left_s() == behind_s == pytest.approx(2 * plan.cycle_duration_s)
+    for _ in range(3):
+        rig.sequencer.reading_given(rig.sequencer.marks[-1].number)
+        rig.run(1)
+        until_it_waits()
+    assert left_s() < 2 * behind_s  # one long wait is not the pace of the run

@@ -26,7 +26,6 @@ def make_application() -> QApplication:
     if not isinstance(app, QApplication):
         app = QApplication(sys.argv[:1])
     app.setApplicationName("boat-daq")
-    app.setApplicationDisplayName("boat-daq")
     app.setDesktopFileName("boat-daq")
     app.setStyle("Fusion")
     app.setFont(style.base_font())
@@ -70,6 +69,7 @@ def run(port: str | None = None, *, board: bool = False, speed: float = 1.0) -> 
     app = make_application()
     window = make_window()
     spare_the_collector(window)
+    window.fit_screen()
     window.show()
     if board:
         window.desk.start_virtual_board(speed=speed)

@@ -69,8 +69,8 @@ class CurveCard(PlotCard):
         if shown.last is not None:
             self.before.set(shown.last[0], shown.last[1])
             self.apart.set(shown.last[0], shown.last[2])
-        last = "   \u2504 last calibration" if shown.last is not None else ""
-        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   68, 95 %: {SOURCES[shown.source]}")
+        last = "  \u2504 last" if shown.last is not None else ""
+        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   {SOURCES[shown.source]}: 68, 95 %")
         self.top.fit()
         self.bottom.fit()
 
@@ -168,8 +168,9 @@ class CalibrationPage(QWidget):
             "Accept", self.desk.accept_calibration, "primary", tip="Store it with the unit and use it live"
         )
         self.report = widgets.button("Report …", lambda: self.desk.request("report"))
+        self.again = widgets.button("Analyse again", self._again)
         buttons = widgets.row(
-            widgets.button("Analyse again", self._again),
+            self.again,
             widgets.button("Open …", self._open),
             self.sample,
             self.report,
@@ -218,6 +219,7 @@ class CalibrationPage(QWidget):
             return
         self._revision = self.model.revision
         result = self.model.result
+        self.again.setEnabled(not self.model.working and self.model.last_path is not None)
         self.stack.setCurrentIndex(0 if result is None and not self.model.working and self.model.failure is None else 1)
         state, words = self.model.verdict()
         self.verdict.setText(words)

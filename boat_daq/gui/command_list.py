@@ -28,7 +28,7 @@ def session(window: MainWindow) -> list[Command]:
     """Return the commands of the link and the recording."""
     desk = window.desk
     return [
-        Command("Session", "Vent now", "Esc", desk.vent),
+        Command("Session", "Vent now", "Esc", window.vent),
         Command("Session", "Connect …", "Ctrl+K", desk.ask_connect, apart=True),
         Command("Session", "Start the virtual board", "Ctrl+Shift+B", desk.start_virtual_board),
         Command("Session", "Disconnect", "Ctrl+Shift+K", desk.disconnect, lambda: desk.snapshot.port is not None),

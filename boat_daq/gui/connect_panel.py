@@ -33,6 +33,7 @@ class ConnectPanel(QDialog):
             "Empty for a BOAT board. For other firmware: a profile's TOML or its path, "
             "or an RX8 line of Bridge Control Panel."
         )
+        self.profile.setTabChangesFocus(True)
         self.profile.setFixedHeight(3 * style.CONTROL_HEIGHT)
         self.profile.setPlainText(desk.connection.profile)
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
@@ -50,6 +51,8 @@ class ConnectPanel(QDialog):
                 "It is recognised by what it says of itself, whatever its port is called.", "muted", wrap=True
             )
         )
+        self.none = widgets.label("\u25b2 No port is there. Plug in the board, then look again.", "muted", wrap=True)
+        inside.addWidget(self.none)
         grid = QGridLayout()
         grid.addWidget(widgets.label("Port"), 0, 0)
         grid.addWidget(self.port, 0, 1)
@@ -98,12 +101,15 @@ class ConnectPanel(QDialog):
         """Look for ports again."""
         typed = self.port.currentText() or self.desk.connection.last_port
         self.port.clear()
-        for found in self.desk.connection.ports():
+        ports = self.desk.connection.ports()
+        for found in ports:
             self.port.addItem(found.text, found.port)
+        self.none.setVisible(not ports)
         self.port.setEditText(typed)
 
     def refresh(self) -> None:
-        """Show which ports have said that they are boards."""
+        """Show which ports have said that they are boards, and whether there is a link to close."""
+        self.disconnect_button.setEnabled(self.desk.snapshot.port is not None)
         if self.isVisible() and self.desk.connection.heard_boards():
             self.look()
 

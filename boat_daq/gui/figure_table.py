@@ -24,6 +24,7 @@ class FigureTable(QTableWidget):
         self.setWordWrap(False)
         self.verticalHeader().hide()
         self.horizontalHeader().setHighlightSections(False)
+        self.horizontalHeader().setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
 
     def show_rows(self, rows: Sequence[FigureRow], sensors: Sequence[str]) -> None:
@@ -42,8 +43,7 @@ class FigureTable(QTableWidget):
             heading = self.horizontalHeaderItem(k)
             if heading is not None:
                 heading.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        header = self.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self._share()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -44,10 +44,11 @@ def ask_open(parent: QWidget, desk: Desk, title: str, suffixes: str, then: Then)
 
 
 def _dialog(parent: QWidget, desk: Desk, title: str, suffixes: str) -> QFileDialog:
+    kinds = suffixes.upper().replace(" ", ", ")
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
     usual = desk.recordings if desk.recordings.is_dir() else Path.home()
     folder = str(desk.preferences.get("folder", str(usual)))
-    dialog = QFileDialog(parent.window(), title, folder, f"{title} ({patterns})")
+    dialog = QFileDialog(parent.window(), title, folder, f"{kinds} ({patterns})")
     dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
     dialog.setWindowModality(Qt.WindowModality.NonModal)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)

@@ -37,6 +37,7 @@ class Figure(QWidget):
         self.name = widgets.label(title, "muted")
         self.value = QLabel(formatting.NOTHING)
         self.value.setTextFormat(Qt.TextFormat.PlainText)
+        self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # the decimal point stands still
         self.unit = widgets.label(unit, "set")
         self.note = widgets.label("", "small", elide=True)
         head = widgets.row(self.swatch, self.name, self.note, None, spacing=6)
@@ -201,16 +202,18 @@ class LivePage(QWidget):
         self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
 
     def remember(self) -> None:
-        """Keep the zoom and the arrangement of the plots for the next start."""
+        """Keep the zoom, the arrangement of the plots and what stands beside them for the next start."""
         seconds = self.desk.live.window_s
         self.desk.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
         self.desk.preferences.set("together", self.desk.live.together)
+        self.desk.preferences.set("pane", self.pane.currentIndex())
 
     def restore(self) -> None:
-        """Take the zoom and the arrangement of the last time."""
+        """Take what was kept the last time."""
         seconds = float(self.desk.preferences.get("window_s", 60.0))
         self.set_window(seconds if seconds > 0 else math.inf)
         self.desk.live.together = bool(self.desk.preferences.get("together", False))
+        self.pane.setCurrentIndex(self.desk.preferences.get("pane", 0))
 
     def show_all(self) -> None:
         """Show the whole session."""

@@ -14,6 +14,7 @@ from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer, Signa
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QResizeEvent, QWindow
 from PySide6.QtWidgets import (
     QApplication,
+    QDialog,
     QHBoxLayout,
     QMainWindow,
     QStackedWidget,
@@ -39,6 +40,7 @@ from boat_daq.gui.undo import UndoStack
 from boat_daq.viewmodels.desk import PAGES, Desk
 
 CALM_MS = 150
+FRAME = 48  # what a system puts around a window, at most
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
 
@@ -201,6 +203,13 @@ class MainWindow(QMainWindow):
         self.go("Live")
         self.live.show_first_steps(True)
 
+    def vent(self) -> None:
+        """Vent, whatever has the keyboard; a dialog in front is closed by the same key."""
+        self.desk.vent()
+        front = QApplication.activeWindow()
+        if isinstance(front, QDialog):
+            front.reject()
+
     def toggle_full_screen(self) -> None:
         """Fill the screen, or go back."""
         self.setWindowState(self.windowState() ^ Qt.WindowState.WindowFullScreen)
@@ -256,6 +265,15 @@ class MainWindow(QMainWindow):
     def sizeHint(self) -> QSize:
         """Return the size of a first start."""
         return QSize(*style.WINDOW_SIZE)
+
+    def fit_screen(self) -> None:
+        """Fill a screen that has no room for the size of a first start; before the window is shown."""
+        room = self.screen().availableSize()
+        remembered = bool(self.desk.preferences.get("geometry", ""))
+        if not remembered and (
+            room.width() < style.WINDOW_SIZE[0] + FRAME or room.height() < style.WINDOW_SIZE[1] + FRAME
+        ):
+            self.setWindowState(Qt.WindowState.WindowMaximized)
 
     def _restore(self) -> None:
         geometry = self.desk.preferences.get("geometry", "")

@@ -86,6 +86,7 @@ class PlanForm(QScrollArea):
 
     def _edit(self, key: str, field: QLineEdit) -> None:
         why = self.desk.sequence.edit(key, field.text())
+        self.refused.setVisible(bool(why))
         widgets.set_text(self.refused, why)
         widgets.set_state(self.refused, "fault" if why else "")
         widgets.set_state(field, "true" if why else "", "wrong")
@@ -117,7 +118,7 @@ class PlanForm(QScrollArea):
         """Show the plan where it has changed, and what a run locks."""
         model = self.desk.sequence
         idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
-        for field in (*self.fields.values(), self.choice):
+        for field in (*self.fields.values(), self.choice, self.ask_readings):
             field.setEnabled(idle)
         self.set_button.setEnabled("arm" in model.allowed(snapshot))
         widgets.set_text(self.limits, limits_text(snapshot.limits) or "Connect to a board to set a pressure.")
@@ -132,3 +133,4 @@ class PlanForm(QScrollArea):
         self.fields["step_kpa"].setEnabled(model.plan.kind == "staircase")
         widgets.set_text(self.estimate, model.estimate)
         widgets.set_text(self.refused, "")
+        self.refused.hide()

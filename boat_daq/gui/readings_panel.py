@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt
 from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QAbstractItemView, QBoxLayout, QFrame, QHeaderView, QTableView, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QApplication, QBoxLayout, QFrame, QHeaderView, QTableView, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -19,7 +19,10 @@ Index = QModelIndex | QPersistentModelIndex
 
 
 class ReadingBar(QFrame):
-    """Asks for the elongation of the plateau that waits; its field has the focus, Enter goes on."""
+    """Asks for the elongation of the plateau that waits; its field has the focus, Enter goes on.
+
+    It stays in its place for the whole run, so that the plots do not jump at every plateau.
+    """
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -27,7 +30,7 @@ class ReadingBar(QFrame):
         self.asked: int | None = None
         self.setObjectName("card")
         self.question = widgets.label("", "set", name="Reading asked for")
-        self.field = widgets.field("Elongation in mm", placeholder="mm", width=3 * style.CONTROL_HEIGHT)
+        self.field = widgets.field("Elongation in mm", width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         self.field.returnPressed.connect(self.enter)
         self.photo = widgets.button(
@@ -38,7 +41,7 @@ class ReadingBar(QFrame):
         )
         self.skip = widgets.button("Skip", self.go_without, tip="Go on without a reading")
         answer = widgets.row(
-            self.field, widgets.label("mm \u23ce", "muted"), None, self.simulated, self.photo, self.skip
+            self.field, widgets.label("mm, Enter", "muted"), None, self.simulated, self.photo, self.skip
         )
         self.lines = widgets.row(self.question)
         self.lines.addLayout(answer, 1)
@@ -47,20 +50,33 @@ class ReadingBar(QFrame):
         self.hide()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the question where a plateau waits, and take the focus once."""
+        """Show the question where a plateau waits, and take the focus once; else what will be asked for next."""
         waiting = snapshot.waiting_for_reading
-        self.setVisible(waiting is not None)
+        self.setVisible(waiting is not None or self.desk.sequence.asks(snapshot))
+        if not self.isVisible():
+            self.asked = None
+            return
+        widgets.set_text(self.question, self.desk.readings.question(snapshot))
         step = waiting.step_id if waiting else None
         self.simulated.setVisible(self.desk.can_read_simulated())
-        if step == self.asked:
+        if step == self.asked and self.field.isReadOnly() is (step is None):
             return
         self.asked = step
         self.field.clear()
-        if waiting is not None:
-            widgets.set_text(self.question, self.desk.readings.question(snapshot))
-            widgets.set_state(self, "true", "attention")
-            if not isinstance(QGuiApplication.focusObject(), QWidget) or self.window().isActiveWindow():
-                self.field.setFocus()
+        self._open(step is not None)
+        if step is not None and (
+            not isinstance(QGuiApplication.focusObject(), QWidget) or self.window().isActiveWindow()
+        ):
+            self.field.setFocus()
+
+    def _open(self, asking: bool) -> None:
+        """Take an answer, or none; the focus stays in the field, it would else wander to the next button."""
+        widgets.set_state(self, "true" if asking else "false", "attention")
+        if not asking and self.isAncestorOf(QApplication.focusWidget() or self):
+            self.field.setFocus()
+        self.field.setReadOnly(not asking)
+        for button in (self.simulated, self.photo, self.skip):
+            button.setEnabled(asking)
 
     def fold(self, narrow: bool) -> None:
         """Put question and answer over each other where the window is narrow."""

@@ -123,6 +123,7 @@ class RepeatPage(QWidget):
         self.tabs.tabBar().setDrawBase(False)
         self.tabs.setAccessibleName("Figures, and the run's breaks")
         self.tabs.tabBar().setAccessibleName("Figures, and the run's breaks")
+        self.tabs.setTabBarAutoHide(True)
         self.tabs.addTab(self.table, "Figures")
         column.addWidget(self.tabs)
         width = style.PANE_WIDTH_WIDE - 8 * style.STEP

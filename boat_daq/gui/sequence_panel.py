@@ -88,12 +88,13 @@ class SequencePanel(QFrame):
             key: widgets.button(
                 text,
                 partial(self.press, key),
-                "primary" if key in ("arm", "start", "resume") else "",
+                "primary" if key in ("arm", "start", "resume", "clear") else "",
                 tip=TIPS[key],
             )
             for key, text in LABELS.items()
         }
-        head = widgets.row(self.state, self.progress, None, *self.buttons.values())
+        self.go_on = widgets.button("", self._go_on, "primary", tip="The rest of the broken run, in its own recording")
+        head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.go_on)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
         layout.setSpacing(style.STEP)
@@ -105,6 +106,19 @@ class SequencePanel(QFrame):
         self.desk.press(key)
         self.refresh(self.desk.tick())
 
+    def _go_on(self) -> None:
+        self.desk.notices.attempt(self.desk.going_on.go_on)
+        self.refresh(self.desk.tick())
+
+    def _show_choice(self, first_cycle: int) -> None:
+        """Where a broken run can go on, part that from beginning anew."""
+        self.go_on.setVisible(bool(first_cycle))
+        widgets.set_text(self.go_on, f"Go on at cycle {first_cycle}")
+        arm = self.buttons["arm"]
+        widgets.set_text(arm, "Begin anew" if first_cycle else LABELS["arm"])
+        widgets.set_state(arm, "" if first_cycle else "primary", "role")
+        arm.setToolTip("Arm the whole plan from its first cycle" if first_cycle else TIPS["arm"])
+
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show state, progress and the buttons that may be pressed."""
         model = self.desk.sequence
@@ -113,6 +127,7 @@ class SequencePanel(QFrame):
         allowed = model.allowed(snapshot)
         for key, button in self.buttons.items():
             button.setVisible(key in allowed)
+        self._show_choice(self.desk.going_on.first_cycle if "arm" in allowed else 0)
         self.picture.show_drawing(model.drawing(snapshot))
 
     def paint_theme(self, theme: Theme) -> None:

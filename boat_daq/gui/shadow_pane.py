@@ -10,9 +10,9 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QGuiApplication, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
+from PySide6.QtGui import QAction, QColor, QGuiApplication, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
 from PySide6.QtSvg import QSvgGenerator
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QMenu, QToolButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QMenu, QToolButton, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -138,11 +138,11 @@ class ShadowPane(QWidget):
         self.view = ShadowView()
         self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES])
         self.quantity.activated.connect(lambda _: self._choose(str(self.quantity.currentData())))
-        self.cost = QCheckBox("Frame cost")
-        self.cost.setToolTip("Show what a frame of the shadow costs")
+        self.cost = QAction("Show what a frame costs", self)
+        self.cost.setCheckable(True)
         self.cost.toggled.connect(self._show_cost)
         frame, inside = widgets.card()
-        inside.addLayout(widgets.row(self.quantity, None, self.cost, self._menu_button()))
+        inside.addLayout(widgets.row(widgets.label("Colour", "muted"), self.quantity, None, self._menu_button()))
         inside.addWidget(self.view, 1)
         grid = QGridLayout()
         grid.setVerticalSpacing(2)
@@ -180,7 +180,7 @@ class ShadowPane(QWidget):
     def _menu_button(self) -> QToolButton:
         tool = QToolButton()
         tool.setText("\u22ef")
-        tool.setToolTip("Copy or save this picture")
+        tool.setToolTip("Copy or save this picture; what a frame costs")
         tool.setAccessibleName("Copy or save: the shadow")
         tool.setProperty("role", "quiet")
         tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
@@ -189,6 +189,8 @@ class ShadowPane(QWidget):
         menu.addAction("Copy picture", lambda: QGuiApplication.clipboard().setPixmap(self.view.grab()))
         for kind in ("png", "svg", "csv"):
             menu.addAction(f"Save {kind.upper()} \u2026", partial(self._ask_save, kind))
+        menu.addSeparator()
+        menu.addAction(self.cost)
         tool.setMenu(menu)
         tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         return tool

@@ -84,7 +84,7 @@ class Strip(QWidget):
         self.more.setVisible(bool(notice and notice.details))
         standing = bool(notice and notice.level is not Level.INFORMATION)
         self.copy.setVisible(standing)
-        self.close_.setVisible(standing)
+        self.close_.setVisible(notice is not None and notice.stays)
         self.details.setPlainText(notice.text if notice else "")
 
     def _show_work(self) -> None:

@@ -143,7 +143,8 @@ class CalibrationModel:
         """
         if self.result is None or not self.result.calibrated:
             raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
-        points = [(s.x.tolist(), s.y.tolist(), int((s.content or {})["fit"]["degree"])) for s in self.result.sensors]
+        contents = [s.content or {} for s in self.result.sensors]
+        points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
         work = Work(
             "Sampling the posterior",
             POSTERIOR,
@@ -167,7 +168,7 @@ class CalibrationModel:
         """Return run and size in a line."""
         result = self.result
         if result is None:
-            return "Analysing …" if self.working else ""
+            return self.last_path.name if self.working and self.last_path is not None else ""
         parts = [result.unit or "no unit", count(result.cycles, "complete cycle"), duration(result.duration_s)]
         if result.partial:
             parts.insert(2, f"{result.partial} partial, left out")
@@ -189,7 +190,7 @@ class CalibrationModel:
         if self.failure is not None:
             return "fault", f"{self.failure.cause}. {self.failure.remedy}".strip()
         if self.result is None:
-            return "", ""
+            return "", "Analysing \u2026" if self.working else ""
         if self.accepted is not None:
             return "ok", "\u2713 Accepted: stored with the unit and used live"
         obstacle = self.obstacle()
@@ -246,7 +247,7 @@ class CalibrationModel:
             found = self.agreement(i)
             for c in found.coefficients if found is not None else ():
                 apart, spread = c.value - c.value_before, 2 * float(np.hypot(c.std_error, c.std_error_before))
-                name = f"b{c.power}, {sensor_words(sensor.name).removeprefix('Sensor ')}"
+                name = f"{sensor_words(sensor.name)}, b{_SUBSCRIPTS[c.power]}"
                 cells = (
                     name, measured(c.value, c.std_error), measured(c.value_before, c.std_error_before),
                     number(apart / spread, 2, sign=True) if spread > 0 else NOTHING,
@@ -320,6 +321,9 @@ def measured(value: float, std_error: float) -> str:
         return number(value, 3)
     places = max(0, 1 - int(np.floor(np.log10(float(f"{std_error:.1e}")))))
     return f"{number(value, places)}({round(std_error * 10**places)})"
+
+
+_SUBSCRIPTS = "\u2080\u2081\u2082\u2083\u2084\u2085\u2086\u2087\u2088\u2089"
 
 
 def _superscript(power: int) -> str:

@@ -81,7 +81,7 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
         (f"{number(health.rate_hz, 1)} Hz" if health.rate_hz else f"{NOTHING} Hz", "warning" if off else ""),
         (f"{counts.lost} lost", "warning" if counts.lost else ""),
         (f"{damaged} damaged", "warning" if damaged else ""),
-        (f"{number(health.lag_ms, 0)} ms", "warning" if health.lag_ms > 500 else ""),
+        (f"{number(health.lag_ms, 0)} ms behind", "warning" if health.lag_ms > 500 else ""),
     )
 
 

@@ -81,6 +81,7 @@ class Desk:
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.picture_time)
         self.shadow = ShadowLive(lambda: session.ring, lambda: self.live.inverse, self.bench)
         self.sequence = SequenceModel(session, self.changes)
+        self.sequence.remember_in(self.preferences)
         self.readings = ReadingsModel(session, self.changes)
         self.units = units or UnitLibrary()
         self.calibration = CalibrationModel(session, self.units, self.bench, self.changes)
@@ -120,6 +121,7 @@ class Desk:
         self.optics.set_fidelity(chosen)
         self.shadow.set_fidelity(chosen.level)
         self.calibration.set_fidelity(chosen)
+        self.repeatability.set_fidelity(chosen)
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and what background work has brought; say what is new in the strip."""
@@ -259,7 +261,9 @@ class Desk:
             self.preparation.ask(stored.content)
 
     def analyse_current(self) -> None:
-        """Close the recording that runs, and analyse it or the last one."""
+        """Close the recording that runs, and analyse it or the last one, of an earlier start too."""
+        if self.calibration.last_path is None and self.snapshot.recording is None:
+            self.calibration.last_path = self.runs.newest()
         self.notices.attempt(self.calibration.analyse_current)
 
     def accept_calibration(self) -> None:

@@ -43,6 +43,7 @@ class GoingOn:
         self._session, self._sequence, self._runs, self._notices = session, sequence, runs, notices
         self._show_live = show_live
         self._offer: Notice | None = None
+        self.first_cycle = 0  # where the broken run can go on; 0 where there is none
         self._broke = False
 
     def resume(self, path: Path, snapshot: SessionSnapshot, operator: str = "") -> None:
@@ -71,7 +72,7 @@ class GoingOn:
         """Offer to go on where a run was broken off and the board is there again."""
         self._broke = self._broke or snapshot.state is SessionState.FAULT
         if snapshot.state in (SessionState.RUNNING, SessionState.ARMED) or snapshot.recording is None:
-            self._broke = False
+            self._broke, self.first_cycle = False, 0
             if self._offer is not None:
                 self._notices.dismiss(self._offer)
                 self._offer = None
@@ -88,13 +89,23 @@ class GoingOn:
             self._offer = self._notices.say(
                 Level.INFORMATION,
                 f"the run was broken off after {count(complete, 'whole cycle')}",
-                f"It can go on at cycle {first} in its recording; the break stays visible.",
+                f"Go on at cycle {first} in its recording, the break stays visible; or begin the plan anew.",
                 action_text="Go on",
                 action=lambda: self._arm(plan),
             )
+            self.first_cycle = first
+
+    def go_on(self) -> None:
+        """Arm the rest of the run that was broken off, as the offer says.
+
+        Raises
+        ------
+        BoatDaqError : what stands in the way.
+        """
+        if self._offer is not None and self._offer.action is not None:
+            self._offer.action()
 
     def _arm(self, plan: Plan) -> None:
         self._sequence.take(plan)
-        waits = self._sequence.wait_for_reading and plan.kind == "staircase"
-        self._session.arm(plan, go_on=True, wait_for_reading=waits)
+        self._sequence.arm(go_on=True)
         self._show_live()

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.session import Reading, SessionSnapshot, StepMark
+from boat_daq.engine.session import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState, StepMark
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.changes import Change, Changes
 from boat_daq.viewmodels.formatting import NOTHING, count, number, plain_number, target
@@ -59,7 +59,12 @@ class Row:
         )
 
 
-HEADINGS = ("Cycle", "Branch", "kPa", "mm", "")
+HEADINGS = ("Cycle", "Branch", "kPa", "mm", "Remark")
+
+
+def _place(at: ReadingRequest | Progress) -> str:
+    where = f"{BRANCH_WORDS[at.branch]}, cycle {at.cycle}" if at.cycle else "opening plateau"
+    return f"{target(at.target_kpa)}, {where}"
 
 
 class Keeper(Protocol):
@@ -99,12 +104,13 @@ class ReadingsModel:
         self.reader = ""
 
     def question(self, snapshot: SessionSnapshot) -> str:
-        """Return what the window asks for now; empty where nothing waits."""
-        waiting = snapshot.waiting_for_reading
-        if waiting is None:
-            return ""
-        cycle = f", cycle {waiting.cycle}" if waiting.cycle else ""
-        return f"Reading at {target(waiting.target_kpa)}, {BRANCH_WORDS[waiting.branch]}{cycle}"
+        """Return what the window asks for now, or will ask for next in this run; empty where nothing is asked for."""
+        waiting, progress = snapshot.waiting_for_reading, snapshot.progress
+        if waiting is not None:
+            return f"Elongation at {_place(waiting)}"
+        if snapshot.state is SessionState.RUNNING and progress is not None:
+            return f"Next: elongation at {_place(progress)}"
+        return "Next: elongation once the run goes on" if snapshot.state is SessionState.PAUSED else ""
 
     def latest(self) -> dict[int, Reading]:
         """Return the reading that counts for each plateau."""

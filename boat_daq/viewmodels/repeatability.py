@@ -15,6 +15,7 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.session import SessionSnapshot, SessionState
 from boat_daq.viewmodels.formatting import count, duration
 from boat_daq.viewmodels.results import CycleFigures, RunResult
@@ -39,6 +40,7 @@ class RepeatabilityModel:
 
     def __init__(self, bench: Bench, clock: Callable[[], float] = monotonic) -> None:
         self.bench, self._clock = bench, clock
+        self.level = fidelity().level
         self.result: RunResult | None = None
         self.words = ""
         self.revision = 0
@@ -46,6 +48,10 @@ class RepeatabilityModel:
         self._asked_cycles = 0
         self._followed: Path | None = None
         self._ended_at = np.inf
+
+    def set_fidelity(self, level: Fidelity) -> None:
+        """Analyse as finely as this from now on."""
+        self.level = level.level
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Read the running recording again where enough is new, and once more when the run has ended."""
@@ -74,7 +80,7 @@ class RepeatabilityModel:
 
     def analyse(self, path: Path, *, label: str = "") -> None:
         """Analyse a recording in the background."""
-        work = Work(label or f"Repeatability of {path.name}", ANALYSIS, str(path), report=True)
+        work = Work(label or f"Repeatability of {path.name}", ANALYSIS, str(path), level=self.level, report=True)
         self.bench.start("repeatability", work, self._analysed)
 
     def _analysed(self, work: Work) -> None:

@@ -191,6 +191,11 @@ class RunsModel:
                 self.runs = runs
                 self.revision += 1
 
+    def newest(self) -> Path | None:
+        """Return the recording that was written last; None where there is none."""
+        found = self.folder.glob("*.boat") if self.folder.is_dir() else ()
+        return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
+
     def interrupted(self) -> list[Path]:
         """Return what killed sessions left in the folder."""
         return find_interrupted(self.folder) if self.folder.is_dir() else []

@@ -19,6 +19,7 @@ from boat_daq.engine.session import Limits, Phase, Session, SessionSnapshot, Ses
 from boat_daq.errors import BoatDaqError
 from boat_daq.viewmodels.changes import Change, Changes
 from boat_daq.viewmodels.formatting import duration, number, plain_number, target
+from boat_daq.viewmodels.preferences import Preferences
 
 Array = NDArray[np.float64]
 
@@ -139,6 +140,24 @@ class SequenceModel:
         self.wait_for_reading = True
         self.revision = 0
         self._picture: tuple[Plan, Staircase] | None = None
+        self._preferences: Preferences | None = None
+        self._asks = False
+
+    def remember_in(self, preferences: Preferences) -> None:
+        """Take the plan of the last time, and keep this one's from now on; one that is refused today is left."""
+        try:
+            self.plan = plan_from_toml(preferences.get("plan", self.plan.to_toml()), "the plan of the last time")
+        except BoatDaqError:
+            self.plan = self.plans["calibration"]
+        self.plans.setdefault(self.plan.name, self.plan)
+        self.wait_for_reading = preferences.get("wait_for_reading", True)
+        self._preferences = preferences
+
+    def _remember(self) -> None:
+        self.revision += 1
+        if self._preferences is not None:
+            self._preferences.set("plan", self.plan.to_toml())
+            self._preferences.set("wait_for_reading", self.wait_for_reading)
 
     @property
     def estimate(self) -> str:
@@ -170,7 +189,7 @@ class SequenceModel:
 
     def _wait(self, wanted: bool) -> None:
         self.wait_for_reading = wanted
-        self.revision += 1
+        self._remember()
 
     def take(self, plan: Plan) -> None:
         """Take the plan of a run that goes on."""
@@ -221,11 +240,16 @@ class SequenceModel:
 
     def _take(self, plan: Plan) -> None:
         self.plan = plan
-        self.revision += 1
+        self._remember()
 
     def allowed(self, snapshot: SessionSnapshot) -> tuple[str, ...]:
         """Return the buttons that may be pressed."""
         return BUTTONS[snapshot.state] if snapshot.can_command else ()
+
+    def asks(self, snapshot: SessionSnapshot) -> bool:
+        """Whether the run that goes stops at its plateaus for readings."""
+        goes = snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
+        return goes and self._asks
 
     def press(self, button: str) -> None:
         """Press a button of `BUTTONS`.
@@ -235,13 +259,24 @@ class SequenceModel:
         BoatDaqError : what stands in the way.
         """
         if button == "arm":
-            self.session.arm(self.plan, wait_for_reading=self.wait_for_reading and self.plan.kind == "staircase")
+            self.arm()
         else:
             deeds = {
                 "start": self.session.start, "disarm": self.session.disarm, "pause": self.session.pause,
                 "resume": self.session.resume, "stop": self.session.stop, "clear": self.session.clear_fault,
             }  # fmt: skip
             deeds[button]()
+
+    def arm(self, *, go_on: bool = False) -> None:
+        """Make the plan ready; with `go_on`, at the next whole cycle of the run that was broken off.
+
+        Raises
+        ------
+        BoatDaqError : what stands in the way.
+        """
+        asks = self.wait_for_reading and self.plan.kind == "staircase"
+        self.session.arm(self.plan, wait_for_reading=asks, go_on=go_on)
+        self._asks = asks
 
     def set_pressure(self, text: str, ramp: str) -> None:
         """Command a pressure by hand.

@@ -213,7 +213,7 @@ def test_the_question_names_the_plateau():
         connected(), waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.1, 99.0)))  # fmt: skip
     session.marks = plateaus(1)
     model = ReadingsModel(session, History())
-    assert model.question(session.snapshot()) == "Reading at +30 kPa, unloading, cycle 1"
+    assert model.question(session.snapshot()) == "Elongation at +30 kPa, unloading, cycle 1"
     assert [row.step_id for row in model.rows(session.snapshot()) if row.current] == [3]
 
 

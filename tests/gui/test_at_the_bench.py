@@ -1,0 +1,153 @@
+"""What a new user stumbled over on the way from the first start to a calibration, each mended and held here."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from boat_daq.engine.session import Phase, Progress, ReadingRequest, SessionState
+from boat_daq.viewmodels.notices import Level
+from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+
+RAMPING = Progress("calibration", 4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20.0, 130.0)
+ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0, 600.0)
+
+
+@pytest.fixture
+def running(live):
+    """A window in a run that stops at its plateaus for readings, between two of them."""
+    live.resize(1280, 800)
+    live.desk.sequence.arm()
+    live.desk.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.refresh()
+    return live
+
+
+def test_the_plots_do_not_move_when_a_plateau_asks(running, qtbot):
+    """The question's line is there for the whole run: what comes next, then the question; the plots stay as high."""
+    bar, plots = running.live.reading, running.live.plots
+    qtbot.waitUntil(bar.isVisible)
+    QApplication.processEvents()
+    before = plots.height()
+    assert (bar.question.text(), bar.field.isReadOnly()) == ("Next: elongation at +20 kPa, unloading, cycle 1", True)
+    running.desk.session.change(waiting_for_reading=ASKED)
+    running.refresh()
+    QApplication.processEvents()
+    assert (bar.question.text(), bar.field.isReadOnly()) == ("Elongation at +20 kPa, unloading, cycle 1", False)
+    assert plots.height() == before
+
+
+def test_what_is_typed_too_early_is_no_reading(running, qtbot):
+    """Digits and Enter between two plateaus enter nothing; the focus is in the field when the question comes."""
+    bar = running.live.reading
+    running.desk.session.change(waiting_for_reading=ASKED)
+    running.refresh()
+    bar.field.setFocus()
+    running.desk.session.change(waiting_for_reading=None)
+    running.refresh()
+    QTest.keyClicks(bar.field, "1.5")
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert (bar.field.text(), running.desk.session.kept) == ("", [])
+    assert not bar.skip.isEnabled()
+
+
+def test_no_question_stands_in_a_run_that_asks_for_none(live):
+    """A continuous plan has no plateau to read: its run keeps the room for the plots."""
+    live.desk.sequence.choose("repeatability")
+    live.desk.sequence.arm()
+    live.desk.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.refresh()
+    assert not live.live.reading.isVisible()
+
+
+def test_escape_closes_the_dialog_in_front_and_vents(live, qtbot):
+    """A hand on the keyboard gets out of the connect panel; the key vents all the same, and again without a dialog."""
+    live.desk.ask_connect()
+    live.connect_panel.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live.connect_panel)
+    live.vent()
+    assert not live.connect_panel.isVisible()
+    live.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live)
+    live.vent()
+    assert live.isVisible()
+    assert live.desk.session.asked.count("vent") == 2
+
+
+def test_tab_goes_on_from_every_field_of_the_connect_panel(live, qtbot):
+    """The profile's field used to keep the key for itself: the virtual board was out of the keyboard's reach."""
+    panel = live.connect_panel
+    live.desk.ask_connect()
+    panel.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is panel)
+    seen = set()
+    for _ in range(16):
+        seen.add(panel.focusWidget())
+        QTest.keyClick(panel.focusWidget(), Qt.Key.Key_Tab)
+    assert {panel.profile, panel.connect_button, panel.virtual_button, panel.speed} <= seen
+    assert panel.profile.toPlainText() == ""
+
+
+def test_a_broken_run_goes_on_or_begins_anew_by_two_buttons(live):
+    """After an unplugged board the choice is in two words, the way on the marked one; else there is only Arm."""
+    panel, arm = live.live.sequence, live.live.sequence.buttons["arm"]
+    live.refresh()
+    assert (arm.text(), arm.property("role"), panel.go_on.isVisible()) == ("Arm", "primary", False)
+    live.desk.session.change(recording=Path("SA1.boat"))
+    live.desk.going_on.first_cycle = 3
+    live.refresh()
+    assert (arm.text(), arm.property("role")) == ("Begin anew", "")
+    assert (panel.go_on.text(), panel.go_on.isVisible()) == ("Go on at cycle 3", True)
+
+
+def test_an_offer_can_be_dismissed(live):
+    """The offer "The run is finished: Calibrate" stays until it is taken, or sent away with the mouse."""
+    live.desk.notices.say(Level.INFORMATION, "an offer", action_text="Do it", action=lambda: None)
+    live.refresh()
+    assert live.strip.close_.isVisible()
+    live.strip.close_.click()
+    assert live.desk.notices.current() is None
+    live.desk.notices.inform("a remark, which leaves by itself")
+    live.refresh()
+    assert not live.strip.close_.isVisible()
+
+
+def test_the_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
+    """After a new start "Analyse the last run" takes the recording that was written last."""
+    folder = live.desk.recordings
+    folder.mkdir()
+    for i, name in enumerate(("b.boat", "a.boat")):
+        path = folder / name
+        path.touch()
+        os.utime(path, ns=(i, i))
+    asked: list[Path] = []
+    monkeypatch.setattr(live.desk.calibration, "analyse", asked.append)
+    live.desk.analyse_current()
+    assert asked == [folder / "a.boat"]
+
+
+def test_titles_of_low_plots_stand_in_the_middle_of_their_axes(live, qtbot):
+    """A title that has become short used to stay where the middle of the long one was."""
+    plots = live.live.plots
+    for height, words in ((500, "1, mV"), (1000, "Signal 1 (mV)")):
+        live.resize(1280, height)
+        QApplication.processEvents()
+        live.draw()
+        ruler = plots.first.item.getAxis("left")
+        assert words in ruler.label.toPlainText()
+        across = ruler.label.mapRectToItem(ruler, ruler.label.boundingRect())
+        assert across.center().y() == pytest.approx(ruler.size().height() / 2, abs=2.0)
+
+
+def test_the_pane_beside_the_plots_is_remembered(make, qtbot):
+    """Plan, shadow or readings: the next start shows what stood there."""
+    first = make(RecordedSession(connected(), filled_ring(5.0)))
+    first.live.pane.setCurrentWidget(first.live.plan)
+    first.close()
+    again = make(RecordedSession(connected(), filled_ring(5.0)))
+    assert again.live.pane.currentWidget() is again.live.plan

@@ -14,6 +14,7 @@ import sqlite3
 import uuid
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from protocol.recording_checks import check_session
 
 CHUNK_BYTES = 1 << 20
 BLOCK_ROWS = 1_000  # as many as a row of the overview
+LATEST_S = 1e12  # 30,000 years; more microseconds than 64 bits hold are no time
 
 
 def write_boat_file(path: str | Path, recording: Recording, *, original: str | Path) -> None:
@@ -60,8 +62,10 @@ def write_boat_file(path: str | Path, recording: Recording, *, original: str | P
             db.close()
         os.replace(unfinished, path)  # noqa: PTH105 - one atomic call
     except (sqlite3.Error, OSError) as error:
-        unfinished.unlink(missing_ok=True)
         raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error
+    finally:
+        with suppress(OSError):  # a folder that is none
+            unfinished.unlink(missing_ok=True)
 
 
 def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None:
@@ -86,7 +90,16 @@ def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None
 
 
 def packed_samples(recording: Recording) -> npt.NDArray[np.void]:
-    """Return the samples as records of `sample_dtype`, gaps flagged."""
+    """Return the samples as records of `sample_dtype`, gaps flagged.
+
+    Raises
+    ------
+    FileError
+        A time that no recording can hold.
+    """
+    if not (np.abs(recording.time_s) < LATEST_S).all():
+        text = f"a time of {np.abs(recording.time_s).max():g} s cannot be recorded"
+        raise FileError(text, "Look at the column of time and its unit.")
     counts = recording.lit is not None and recording.dark is not None and {"vref_mv", "adc_bits"} <= set(recording.meta)
     samples = np.zeros(recording.n, sample_dtype(recording.n_sensors, "counts" if counts else "signal"))
     samples["index"] = _running_index(recording)

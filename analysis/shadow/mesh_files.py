@@ -28,6 +28,7 @@ from analysis.shadow.solver import Solution
 MAX_BYTES = 128 << 20  # a hundred thousand elements take 20 MB
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
 FLAT_SHARE = 1e-6
+FARTHEST_MM = 1e6  # of a point; beyond it areas are no longer finite somewhere
 """Of the length: how far a node of a flat end may lie from it."""
 _TURNED = [0, 3, 2, 1, 7, 6, 5, 4]
 
@@ -127,6 +128,8 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
     rank[used] = np.arange(len(used))
     quads = flat.reshape(quads.shape)
     nodes = np.asarray(found.points, dtype=float)[used, :2]
+    if not (np.abs(nodes) < FARTHEST_MM).all():
+        raise FileError(f"{path.name} has a point that is nowhere, or {FARTHEST_MM:g} mm away", "export the mesh again")
     nodes[:, 1] -= nodes[:, 1].min()
     mesh = Mesh(
         nodes,

@@ -16,15 +16,19 @@ from contextlib import closing
 from functools import cache
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 
 from analysis.batch import write_table
+from analysis.boat_writer import write_boat_file
 from analysis.cluster import check_scheduler
-from analysis.errors import RequestError
+from analysis.csv_import import import_csv
+from analysis.errors import FileError, RequestError
 from analysis.export import neutral
 from analysis.optics.sweep_file import SweepFile
 from analysis.recording import load_recording
+from analysis.shadow.mesh_files import read_mesh
 from analysis.shadow.table import read_table
 from boat_daq.engine.board_carriers import TcpCarrier
 from boat_daq.engine.recording_file import RecordingFile
@@ -39,6 +43,7 @@ from tests.boat_daq.test_recorder import Source
 from tests.faults.decoders import REFUSALS
 from tests.faults.drill import ROOT
 from tests.faults.old_recordings import write_recording
+from tests.faults.seeds import seeds
 
 PRODUCT = [path for room in ("protocol", "analysis", "boat_daq") for path in sorted((ROOT / room).rglob("*.py"))]
 
@@ -156,6 +161,28 @@ def test_no_database_is_opened_unguarded() -> None:
     for path, source in found:
         own = "':memory:'" in source or "unfinished" in source
         assert own or "harden(" in source or "trusted_schema=off" in source, path
+
+
+@pytest.mark.parametrize("time_s", ["1e31", "-1e13"])
+def test_a_time_that_no_clock_reaches_is_refused_and_leaves_no_file(tmp_path: Path, time_s: str) -> None:
+    """More microseconds than 64 bits hold would wrap round into some other time."""
+    path = tmp_path / "table.csv"
+    first, second = sorted(["0", time_s], key=float)
+    path.write_text(f"time_s,pressure_kpa,s1_mv\n{first},1,2\n{second},3,4\n", encoding="utf-8")
+    with pytest.raises(FileError, match="cannot be recorded"):
+        write_boat_file(tmp_path / "run.boat", import_csv(path), original=path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_mesh_with_a_point_far_away_is_refused(tmp_path: Path) -> None:
+    """Its areas would not be finite."""
+    (path := tmp_path / "mesh.vtu").write_bytes(seeds("mesh")[0])
+    assert len(read_mesh(path).nodes)
+    found = meshio.read(path)
+    found.points[5, 0] = 1e200
+    meshio.write(path, found)
+    with pytest.raises(FileError, match="nowhere"):
+        read_mesh(path)
 
 
 def test_sql_has_parameters_and_the_linter_holds_it() -> None:

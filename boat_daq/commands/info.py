@@ -48,6 +48,8 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
     yield "started", summary.started_utc
     yield "ended", summary.ended_utc or "-"
     rate = "-" if summary.rate_hz is None else f"{summary.rate_hz:.2f} Hz"
+    if summary.lost_samples and summary.rate_sampled_hz is not None:
+        rate += f" came of {summary.rate_sampled_hz:.2f} Hz"
     yield (
         "samples",
         f"{summary.samples} in {summary.duration_s:.2f} s, {rate} (asked: {summary.rate_asked_hz or '-'} Hz)",

@@ -119,7 +119,7 @@ def clear_what_an_earlier_host_left(session: Session, seen: SessionSnapshot) -> 
     """
     if not seen.latched:
         return 0
-    session.clear_fault()
+    session.clear_fault("this program before its run: its cause was gone")
     say(f"warning: {seen.latched}; the fault is cleared")
     # the board's own word comes with its next sample, and a plan is armed by that
     session.wait(lambda s: not s.latched and (s.last is None or s.last.state is not BoardState.FAULT), CLEARING_S)

@@ -77,6 +77,7 @@ class Controller:
         self._zero_tolerance_kpa = zero_tolerance_kpa
         self._mv_per_count = 1.0
         self._recent = np.empty(0)
+        self._cleared_by = ""
         self._watched = False  # samples came on this link
         self._last_sample_ns = 0
         self._effects: list[Effect] = []
@@ -113,6 +114,11 @@ class Controller:
     def up(self) -> bool:
         """Whether samples come and their pace is known."""
         return self._watched and self.dialogue.meter.known and not self.silent
+
+    @property
+    def no_samples(self) -> tuple[str, str] | None:
+        """Cause and remedy where the board refused to send samples, and none come."""
+        return None if self._watched else self.dialogue.start_refused
 
     def events(self, events: Sequence[object], now_ns: int) -> None:
         """Take what the link tells (`protocol.link.LinkEvent`), in its order; what is not the control's passes by."""
@@ -262,14 +268,15 @@ class Controller:
         else:
             self._once_guarded(lambda: self._go(target_kpa, ramp_kpa_per_s))
 
-    def clear_fault(self) -> None:
-        """Forget what is latched, here and on the board.
+    def clear_fault(self, by: str = "the operator") -> None:
+        """Forget what is latched, here and on the board; `by` whom goes into the recording.
 
         Raises
         ------
         OperatorError : its cause stands.
         """
         self.interlock.require_gone()
+        self._cleared_by = by
         if self._watched and self.last is not None and self.last.state is BoardState.FAULT:
             self.dialogue.send(ClearFault())
         else:
@@ -379,7 +386,7 @@ class Controller:
     def _cleared(self) -> None:
         self.interlock.latched = None
         self.sequencer.cleared()
-        self.dialogue.note("fault_cleared", "fault cleared by the operator", "info")
+        self.dialogue.note("fault_cleared", f"fault cleared by {self._cleared_by}", "info")
 
     # ---- pressure --------------------------------------------------------------------------------------------------
 

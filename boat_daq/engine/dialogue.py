@@ -38,6 +38,15 @@ _WORDS = {
     AckStatus.FAULT_LATCHED: "it has latched a fault",
     AckStatus.NOT_SUPPORTED: "it does not support the command",
 }
+_NO_START = {
+    AckStatus.OUT_OF_LIMITS: "ask for a lower rate, with --rate or in the settings",
+    AckStatus.FAULT_LATCHED: "clear the board's fault, by its own switch or by its supply, then try again",
+    AckStatus.NOT_IN_THIS_STATE: "switch the board off and on, then try again",
+}
+_GUARD = {
+    SetLimits: "there is no pressure without limits: look at the unit's and the plan's, and at the board's firmware",
+    Heartbeat: "there is no pressure without a watchdog: look at the board's firmware",
+}
 _TRIPPING = {
     EventCode.OVER_PRESSURE: ("the board vented: over-pressure, {} Pa", "check supply and valve"),
     EventCode.UNDER_PRESSURE: ("the board vented: under-pressure, {} Pa", "check vacuum line and valve"),
@@ -82,6 +91,7 @@ class Dialogue:
         self.meter = SpeedMeter()
         self.identifying = False
         self.stopping = False  # a STOP waits for its answer
+        self.start_refused: tuple[str, str] | None = None  # cause and remedy
         self.now_ns = self.introduced_ns = 0
         self.board_us = 0  # of the newest sample
         self._vent_sent_ns: int | None = None  # of a vent that is not acknowledged
@@ -96,6 +106,7 @@ class Dialogue:
 
     def restart(self) -> None:
         """Forget what the board has forgotten."""
+        self.start_refused = None
         self.feeder, self.meter = Feeder(), SpeedMeter()
         self.identifying, self._adopted = True, False
         self.forget_pending()
@@ -177,6 +188,8 @@ class Dialogue:
             self.feeder.armed_ms = command.timeout_ms
         elif isinstance(command, Stop):
             self.stopping = False
+        elif isinstance(command, Start):
+            self.start_refused = None
         self._settle(command)
 
     def _settle(self, command: Command) -> None:
@@ -198,18 +211,25 @@ class Dialogue:
         match command:
             case SetPressure():
                 return Trip("refused", text, "check the limits, then clear the fault")
+            case Heartbeat(0):
+                pass  # the board keeps its watchdog
             case Heartbeat() | SetLimits() if self.pending or pressurised:
-                return Trip("refused", text, "there is no pressure without limits and watchdog")
+                return Trip("refused", text, _GUARD[type(command)])
+            case Heartbeat() | SetLimits():  # it forbids nothing yet: an error once a pressure is asked for
+                self.note("refused", text, "info", _GUARD[type(command)])
             case Vent():
                 self.note("refused", text, "error", "open the valve by hand")
             case ClearFault():
                 self.note("refused", text, "error", "remove the cause of the fault first")
             case Stop():
                 self.stopping = False  # the board sends nothing anyway
-            case Heartbeat(0):
-                pass  # the board keeps its watchdog
             case Start() if self.meter.known:
                 pass  # it samples already
+            case Start(rate_hz):
+                remedy = _NO_START.get(AckStatus(status)) if status in _WORDS else None
+                remedy = remedy or "the board's firmware must know START: update it, or give its profile"
+                self.start_refused = (f"{text}, at {rate_hz} Hz", remedy)
+                self.note("refused", text, "")  # told where samples are missed
             case _:
                 self.note("refused", text, "error")
         return None

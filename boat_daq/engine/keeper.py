@@ -24,6 +24,7 @@ from protocol.errors import ProtocolError
 TICK_S = 0.03
 HELLO_S = 3.0  # for a board to say who it is, its boot after opening the port included
 SAMPLES_S = 3.0  # then, for samples and their pace
+REFUSED_S = 1.0  # for a stream that runs already, where the board refuses to begin one
 AGAIN_S = 1.0
 VENT_S = 5.0
 GOODBYE_S = 1.0
@@ -138,6 +139,8 @@ class Keeper:
             self._greet()
         elif core.control.up:
             self.state, self._seeking = LinkState.UP, False
+        elif core.control.no_samples is not None and waited_s > REFUSED_S:
+            self._fail(*core.control.no_samples)
         elif waited_s > HELLO_S and core.control.dialogue.identifying:
             self._fail(*self._no_board())
         elif waited_s > HELLO_S + SAMPLES_S:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
@@ -23,7 +23,8 @@ from boat_daq.engine.link_health import HealthSnapshot
 from boat_daq.engine.recording_file import Statement, now_utc
 from boat_daq.errors import OperatorError
 from protocol import link
-from protocol.messages import AckStatus, EventCode, Heartbeat, Identify, SetPressure, Start
+from protocol.framing import FrameReader
+from protocol.messages import AckStatus, EventCode, Heartbeat, Identify, MessageType, SetPressure, Start
 from protocol.recording import SampleFlag, dtype_from_description
 
 BLOCK_SAMPLES_MAX = 20_000  # of one row; keeps a row below a megabyte
@@ -173,6 +174,7 @@ class RowMaker:
         self._last_event = before.event
         self._time_us: int | None = None
         self._before = before.segment
+        self._start_due = self._start_unanswered = False  # START left; index 0 came before its answer
         self.segment = before.segment
         self.chunks = before.chunks
         self.bytes = before.bytes
@@ -184,6 +186,8 @@ class RowMaker:
             self.chunks += 1
             self.bytes += len(block.raw)
             yield INSERT_CHUNK, (self.chunks, block.host_ns, int(block.sent), block.raw, crc32(block.raw))
+            if block.sent and any(frame.type == MessageType.START for frame in FrameReader().receive(block.raw)):
+                self._start_due = True
         for event in block.events:
             if isinstance(event, link.Samples):
                 yield from self._samples(event.array, block.host_ns)
@@ -247,19 +251,36 @@ class RowMaker:
             return
         if self.segment == self._before:
             yield from self.begin_segment("opened", host_ns, here=True)
+        if self._start_due and not samples["index"].all():
+            samples = yield from self._started_unanswered(samples, host_ns)
         self._held.append(samples)
         self._time_us = int(samples["time_us"][-1])
         self.samples += len(samples)
+
+    def _started_unanswered(
+        self, samples: NDArray[np.void], host_ns: int
+    ) -> Generator[Statement, None, NDArray[np.void]]:
+        """Begin the segment of a START whose answer is late with its first sample; return the samples from there on."""
+        first = int(np.argmin(samples["index"]))
+        if first:
+            self._held.append(samples[:first])
+            self.samples += first
+        yield from self.begin_segment("started", host_ns, here=True)
+        self._start_due, self._start_unanswered = False, True
+        return samples[first:]
 
     def _told(self, event: link.LinkEvent | EngineEvent, host_ns: int) -> Iterator[Statement]:
         """Give the rows of an event that is not samples."""
         match event:
             case link.BoardRestarted(hello):
                 yield from self.begin_segment("board restarted", host_ns, here=True)
+                self._start_due = self._start_unanswered = False
                 reason = None if hello is None else hello.boot_reason
                 yield from self.event(host_ns, "board", "restarted", reason, "" if hello is None else str(hello))
             case link.CommandDone(Start() as command, _, AckStatus.DONE):
-                yield from self.begin_segment("started", host_ns, here=True)
+                if not self._start_unanswered:
+                    yield from self.begin_segment("started", host_ns, here=True)
+                self._start_due = self._start_unanswered = False
                 yield from self.event(host_ns, "host", "start_hz", command.rate_hz, "")
             case link.CommandDone(Heartbeat() | Identify(), _, AckStatus.DONE | None):
                 return  # the bytes have them; a row every half second would bury the rest

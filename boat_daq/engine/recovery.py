@@ -150,8 +150,10 @@ def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Itera
 
 
 def _counts(db: sqlite3.Connection) -> tuple[int, int]:
+    """Return the samples and the chunks that are there, whatever a block says that it holds."""
+    size = session_dtype(read_session(db)).itemsize
     samples, chunks = db.execute(
-        "SELECT (SELECT coalesce(sum(n), 0) FROM block), (SELECT count(*) FROM chunk)"
+        "SELECT (SELECT coalesce(sum(length(samples) / ?), 0) FROM block), (SELECT count(*) FROM chunk)", (size,)
     ).fetchone()
     return int(samples), int(chunks)
 

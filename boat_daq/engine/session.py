@@ -378,15 +378,15 @@ class Session:
             # A pressure that was on its way at that instant may have left behind the vent: then once more.
             control.vent(sent=sent and before == core.pressures and before % 2 == 0)
 
-    def clear_fault(self) -> None:
-        """Forget a latched fault whose cause is gone, here and on the board.
+    def clear_fault(self, by: str = "the operator") -> None:
+        """Forget a latched fault whose cause is gone, here and on the board; `by` whom goes into the recording.
 
         Raises
         ------
         OperatorError : the cause stands.
         """
         with self._core.acting() as control:
-            control.clear_fault()
+            control.clear_fault(by)
 
     def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float | None = None) -> None:
         """Command a pressure by hand, within limits, while no run goes on.

@@ -18,17 +18,19 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import platformdirs
 import tomli_w
 
 from boat_daq.engine.checked import MAX_BYTES, build, parse_toml, read_text, refuse
 from boat_daq.errors import OperatorError, StorageError
+
+T = TypeVar("T")
 
 VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
@@ -136,8 +138,7 @@ def load_settings(folder: Path | None = None) -> Settings:
     OperatorError : the file is refused, by key.
     """
     path = (folder or home()) / "settings.toml"
-    text = read_stored(path)
-    return Settings() if text is None else build(Settings, parse_toml(text, str(path)), str(path))
+    return _read_whole(path, lambda text: build(Settings, parse_toml(text, str(path)), str(path))) or Settings()
 
 
 def save_settings(settings: Settings, folder: Path | None = None) -> None:
@@ -170,9 +171,11 @@ class UnitLibrary:
         """
         unit = Unit(name)
         path = self._path(unit)
-        text = read_stored(path)
-        if text is None:
-            return unit
+        return _read_whole(path, lambda text: self._parse(name, text, path)) or unit
+
+    @staticmethod
+    def _parse(name: str, text: str, path: Path) -> Unit:
+        """Return the unit of a file's text."""
         table = parse_toml(text, str(path))
         entries = table.pop("history", [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
@@ -293,6 +296,34 @@ def read_stored(path: Path) -> str | None:
     if remark not in _remarks:
         _remarks.append(remark)
     return text
+
+
+def _read_whole(path: Path, parse: Callable[[str], T]) -> T | None:
+    """Return what is stored in a file; None where nothing is.
+
+    Raises
+    ------
+    OperatorError : the file is refused; the remedy names its backup, where that one would be taken.
+    """
+    text = read_stored(path)
+    if text is None:
+        return None
+    try:
+        return parse(text)
+    except OperatorError as error:
+        backup = path.with_name(path.name + BACKUP)
+        if is_destroyed(path) or not _is_good(backup, parse):
+            raise
+        way_out = f"mend it, or put back the one before it: copy {backup} over {path.name}"
+        raise OperatorError(error.cause, f"{error.remedy}; {way_out}" if error.remedy else way_out) from error
+
+
+def _is_good(path: Path, parse: Callable[[str], object]) -> bool:
+    try:
+        parse(read_text(path))
+    except OperatorError:
+        return False
+    return True
 
 
 def is_destroyed(path: Path) -> bool:

@@ -14,7 +14,7 @@ from typing import Any
 
 from boat_daq.engine.file_lock import is_being_written
 from protocol.errors import RecordingError
-from protocol.recording import breaks_of, layout_version, open_recording, read_session
+from protocol.recording import breaks_of, layout_version, open_recording, read_session, session_dtype
 from protocol.recording_checks import DAMAGE
 
 
@@ -70,6 +70,7 @@ class Summary:
     stop_reason: str | None
     duration_s: float  # board time of all segments
     rate_hz: float | None  # samples that came for each second of it
+    rate_sampled_hz: float | None  # those lost on the way counted too: the board's own rate
     rate_asked_hz: float | None
     samples: int
     gaps: int
@@ -106,6 +107,11 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     meta = read_session(db)
     segments = tuple(_segments(db))
     samples = sum(segment.samples for segment in segments)
+    if samples * session_dtype(meta).itemsize > path.stat().st_size + _log_size(path):
+        raise RecordingError(
+            f"{path} says that it holds {samples} samples: more samples than its size can hold",
+            f"boat-daq recover {path}",
+        )
     duration_s = sum(segment.duration_s for segment in segments)
     gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
     low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
@@ -131,6 +137,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         **{key: meta[key] for key in told},
         duration_s=duration_s,
         rate_hz=_rate(samples, len(segments), duration_s),
+        rate_sampled_hz=_rate(samples + int(lost), len(segments), duration_s),
         rate_asked_hz=meta["rate_hz"],
         samples=samples,
         gaps=gaps,
@@ -148,6 +155,12 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         layout=layout_version(path),
         breaks=tuple(_break(entry) for entry in breaks_of(meta)),
     )
+
+
+def _log_size(path: Path) -> int:
+    """Return the bytes of the log beside a recording that is not closed."""
+    log = path.with_name(path.name + "-wal")
+    return log.stat().st_size if log.exists() else 0
 
 
 def _break(entry: dict[str, Any]) -> Break:

@@ -9,7 +9,8 @@ import pytest
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from protocol.messages import ClearFault, Heartbeat, SetLimits, SetPressure, Vent
+from protocol.link import CommandDone
+from protocol.messages import AckStatus, ClearFault, Heartbeat, SetLimits, SetPressure, Start, Vent
 from protocol.recording import BoardState
 from tests.boat_daq.bench import QUICK, Bench
 
@@ -330,3 +331,46 @@ def test_a_restart_not_yet_seen_leaves_no_unwatched_pressure() -> None:
     bench.host_alive = False
     bench.run(1.0 + 1.5)
     assert vented(bench)
+
+
+def answer(bench: Bench, command: object, status: AckStatus) -> None:
+    """The board's answer, as the link tells it."""
+    bench.control.events([CommandDone(command, 0, status)], bench.now_ns)
+    bench.flush()
+
+
+def test_a_refused_start_is_named_with_its_remedy() -> None:
+    """Why no samples come: the refusal and what to do, ready for whoever waits for them; none once they flow."""
+    bench = Bench()
+    bench.control.hold_samples = True
+    bench.run(0.5)
+    answer(bench, Start(100), AckStatus.OUT_OF_LIMITS)
+    assert bench.control.no_samples is not None
+    cause, remedy = bench.control.no_samples
+    assert "refused START" in cause and "100 Hz" in cause and "rate" in remedy
+    bench.do(bench.control.release_samples)
+    bench.connected()
+    assert bench.control.no_samples is None
+
+
+@pytest.mark.parametrize("command", [Heartbeat(1000), SetLimits(-1, 1)])
+def test_a_refused_guard_is_an_error_once_it_matters(command: Heartbeat | SetLimits) -> None:
+    """At the greeting it forbids nothing yet; before a pressure it is an error, once, with its remedy."""
+    bench = Bench().connected()
+    answer(bench, command, AckStatus.OUT_OF_LIMITS)
+    assert [note.level for note in bench.said({"refused"})] == ["info"]
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
+    answer(bench, command, AckStatus.OUT_OF_LIMITS)
+    assert [note.level for note in bench.said({"refused"})] == ["info", "error"]
+    assert bench.said({"refused"})[-1].remedy
+
+
+@pytest.mark.parametrize("by", ["the operator", "`record` before its run"])
+def test_who_cleared_a_fault_is_in_the_recording(by: str) -> None:
+    """A program that clears a fault by itself does not put it down to the operator."""
+    bench = Bench("estop@4:3").running()
+    bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
+    bench.run(5.0)
+    bench.do(lambda: bench.control.clear_fault(by))
+    bench.run(1.0)
+    assert [note.text for note in bench.said({"fault_cleared"})] == [f"fault cleared by {by}"]

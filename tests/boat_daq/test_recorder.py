@@ -26,7 +26,7 @@ from boat_daq.engine.recorder import Recorder
 from boat_daq.engine.recovery import recover
 from boat_daq.engine.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
-from protocol import Connection, Identify, Samples, Start
+from protocol import CommandDone, Connection, Identify, Samples, Start
 from protocol.recording import APPLICATION_ID, SESSION_KEYS, open_recording, read_session
 from protocol.virtual_board import VirtualBoard
 from tests.boat_daq.board_link import meta_of, record_run
@@ -178,6 +178,29 @@ def test_segments_begin_with_the_link_at_start_and_by_hand(recorder, source, pat
     ]
     assert rows(path, "SELECT text, segment FROM event WHERE kind = 'mark'") == [("before", 2), ("after", 3)]
     assert rows(path, "SELECT DISTINCT segment FROM block WHERE segment > 1") == [(2,), (3,)]
+
+
+def test_a_start_answered_late_begins_its_segment_with_its_first_sample(path):
+    """Samples before their START's answer are of that segment; the stream that ran before it keeps its own."""
+    source = Source()
+    recorder = Recorder(path, meta_of(source.link))
+    recorder.attached(source.link.decoder_state())
+    recorder(source.next(100_000))  # 10 samples of the stream that runs already
+    start = source.link.send(Start(100), time.monotonic_ns())
+    source.board.receive(start)
+    recorder(Block(time.monotonic_ns(), start, sent=True))
+    late = source.next(100_000)
+    answer = next(event for event in late.events if isinstance(event, CommandDone))
+    recorder(Block(late.host_ns, late.raw, events=tuple(event for event in late.events if event is not answer)))
+    recorder.flush()
+    recorder(Block(late.host_ns, b"", events=(answer,)))
+    recorder(source.next(100_000))
+    recorder.close("finished")
+    acknowledged = recorder.acknowledged.samples
+    assert rows(path, "SELECT id, reason FROM segment") == [(1, "opened"), (2, "started")]
+    assert rows(path, "SELECT segment, sum(n) FROM block GROUP BY segment") == [(1, 10), (2, acknowledged - 10)]
+    assert rows(path, "SELECT count(*) FROM event WHERE kind = 'start_hz'") == [(1,)]
+    assert verify_recording(path).identical
 
 
 def test_steps_grow_and_readings_are_corrected_by_newer_ones(recorder, source, path):

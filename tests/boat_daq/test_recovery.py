@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -214,6 +215,21 @@ def test_another_programs_database_is_not_ours(tmp_path):
     db.close()
     with pytest.raises(RecordingError, match="another program"):
         recover(path)
+
+
+def test_a_forged_count_is_named_and_not_believed(closed, tmp_path):
+    """A block that says it holds 4e14 samples: the number told is of the samples that are there."""
+    path = tmp_path / "forged.boat"
+    shutil.copy(closed, path)
+    with closing(sqlite3.connect(path)) as db, db:
+        there = db.execute("SELECT sum(n) FROM block").fetchone()[0]
+        db.execute("UPDATE block SET n = 400000000000000 WHERE id = 2")
+        db.execute("UPDATE overview SET n = 400000000000000 WHERE id = 1")
+    found = recover(path)
+    assert found.samples == there
+    assert any("block 2 says" in text for text in found.damaged)
+    with pytest.raises(RecordingError, match="more samples than"):
+        summarise(path)
 
 
 def test_recovery_can_be_cancelled(closed, tmp_path):

@@ -181,6 +181,34 @@ def test_an_edit_that_broke_a_unit_is_refused_and_its_backup_not_used(tmp_path: 
     assert take_remarks() == []
 
 
+def test_a_refused_file_names_its_backup_where_that_is_good(tmp_path: Path) -> None:
+    """The one before is a way out, when there is one that would be taken."""
+    save_settings(Settings(operator="Ada"), tmp_path)
+    path = tmp_path / "settings.toml"
+    path.write_text("colour = 1\n", encoding="utf-8")
+    with pytest.raises(OperatorError) as alone:
+        load_settings(tmp_path)
+    assert ".bak" not in alone.value.remedy
+    path.unlink()
+    for operator in ("Ada", "Bea"):
+        save_settings(Settings(operator=operator), tmp_path)
+    path.write_text("colour = 1\n", encoding="utf-8")
+    with pytest.raises(OperatorError, match="colour") as found:
+        load_settings(tmp_path)
+    assert "settings.toml.bak" in found.value.remedy
+    library = UnitLibrary(tmp_path)
+    for limit in (20.0, 30.0):
+        library.save(Unit("SA1", max_kpa=limit))
+    (tmp_path / "SA1.toml").write_text("name = 3\n", encoding="utf-8")
+    with pytest.raises(OperatorError) as unit:
+        library.load("SA1")
+    assert "SA1.toml.bak" in unit.value.remedy
+    (tmp_path / "SA1.toml.bak").write_text("name = 3\n", encoding="utf-8")
+    with pytest.raises(OperatorError) as neither:
+        library.load("SA1")
+    assert ".bak" not in neither.value.remedy
+
+
 def test_both_destroyed_is_refused(tmp_path: Path) -> None:
     """Then nothing is known of the limits, and none is made up."""
     library = UnitLibrary(tmp_path)

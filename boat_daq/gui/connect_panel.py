@@ -26,6 +26,7 @@ class ConnectPanel(QDialog):
         self.port.setEditable(True)
         self.port.setAccessibleName("Port")
         self.port.setLineEdit(widgets.field("Port", placeholder="a port, socket://HOST:PORT or replay:FILE"))
+        self.port.lineEdit().returnPressed.connect(self.connect_board)
         self.unit = widgets.field("Unit on the bench", desk.connection.unit, width=3 * style.CONTROL_HEIGHT)
         self.profile = QPlainTextEdit()
         self.profile.setAccessibleName("Profile of another firmware")

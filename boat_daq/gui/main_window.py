@@ -10,8 +10,8 @@ import base64
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QResizeEvent, QWindow
+from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDialog,
@@ -37,35 +37,12 @@ from boat_daq.gui.room import Room
 from boat_daq.gui.strip import Strip
 from boat_daq.gui.style import Theme
 from boat_daq.gui.undo import UndoStack
+from boat_daq.gui.window_keys import WindowKeys
 from boat_daq.viewmodels.desk import PAGES, Desk
 
 CALM_MS = 150
 FRAME = 48  # what a system puts around a window, at most
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
-
-
-class VentKey(QObject):
-    """Hears Esc where no shortcut is heard: while a menu, a list or a dialog is open."""
-
-    def __init__(self, desk: Desk) -> None:
-        super().__init__()
-        self.desk = desk
-
-    def watch(self, window: QWindow | None) -> None:
-        """Watch a window from now on."""
-        if window is not None:
-            window.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Vent on Esc; the key goes its way all the same."""
-        if (
-            isinstance(event, QKeyEvent)
-            and event.type() is QEvent.Type.KeyPress
-            and event.key() == Qt.Key.Key_Escape
-            and QApplication.activePopupWidget() is not None
-        ):
-            self.desk.vent()
-        return False
 
 
 class MainWindow(QMainWindow):
@@ -96,8 +73,8 @@ class MainWindow(QMainWindow):
         register(self.commands, self)
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
-        self.vent_key = VentKey(desk)
-        application().focusWindowChanged.connect(self.vent_key.watch)
+        self.window_keys = WindowKeys(desk)
+        application().focusWindowChanged.connect(self.window_keys.watch)
         QGuiApplication.styleHints().colorSchemeChanged.connect(self.follow_theme)
         self.follow_theme()
         self._restore()

@@ -126,6 +126,8 @@ class SequencePanel(QFrame):
         widgets.set_text(self.progress, progress_text(snapshot) or f"{model.plan.name}: {model.estimate}")
         allowed = model.allowed(snapshot)
         for key, button in self.buttons.items():
+            if key not in allowed and button.hasFocus():
+                button.clearFocus()  # else it goes to the next button, and Space presses that one
             button.setVisible(key in allowed)
         self._show_choice(self.desk.going_on.first_cycle if "arm" in allowed else 0)
         self.picture.show_drawing(model.drawing(snapshot))

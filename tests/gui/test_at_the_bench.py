@@ -151,3 +151,30 @@ def test_the_pane_beside_the_plots_is_remembered(make, qtbot):
     first.close()
     again = make(RecordedSession(connected(), filled_ring(5.0)))
     assert again.live.pane.currentWidget() is again.live.plan
+
+
+@pytest.mark.parametrize("key", [Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter])
+def test_a_focused_button_is_pressed_by_space_and_enter(live, qtbot, key):
+    """Space is a shortcut of the plots, and took itself from every button; without a button it holds the picture."""
+    live.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live)
+    live.live.sequence.buttons["arm"].setFocus()
+    QTest.keyClick(live.windowHandle(), key)
+    assert live.desk.session.asked.count("arm") == 1
+    assert live.desk.live.following
+    live.live.sequence.buttons["arm"].clearFocus()
+    QTest.keyClick(live.windowHandle(), Qt.Key.Key_Space)
+    assert (live.desk.live.following, live.desk.session.asked.count("arm")) == (False, 1)
+
+
+def test_a_button_that_goes_takes_no_other_with_it(live, qtbot):
+    """Start is pressed and gone: the focus is nowhere, not on Pause, where the next Space would vent."""
+    live.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live)
+    live.desk.session.change(state=SessionState.ARMED)
+    live.refresh()
+    live.live.sequence.buttons["start"].setFocus()
+    live.desk.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.refresh()
+    assert live.live.sequence.buttons["pause"].isVisible()
+    assert QApplication.focusWidget() is None

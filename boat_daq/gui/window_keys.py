@@ -1,0 +1,55 @@
+"""Keys that a window hears before its shortcuts do: Esc under an open menu, Space and Enter on a focused button."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QKeyEvent, QWindow
+from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QPushButton
+
+from boat_daq.viewmodels.desk import Desk
+
+ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+
+
+class WindowKeys(QObject):
+    """Watches the windows of the program.
+
+    Esc vents where no shortcut is heard: while a menu, a list or a dialog is open. Space is a shortcut of the plots,
+    but belongs to a button or a choice that has the focus; Enter presses a focused button too.
+    """
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+
+    def watch(self, window: QWindow | None) -> None:
+        """Watch a window from now on."""
+        if window is not None:
+            window.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Return whether the key was taken here; Esc goes its way all the same."""
+        if not isinstance(event, QKeyEvent):
+            return False
+        focus = QApplication.focusWidget()
+        if event.type() is QEvent.Type.ShortcutOverride and event.key() == Qt.Key.Key_Space:
+            return _kept(event) if isinstance(focus, QAbstractButton | QComboBox) else False
+        if event.type() is not QEvent.Type.KeyPress:
+            return False
+        if event.key() == Qt.Key.Key_Escape and QApplication.activePopupWidget() is not None:
+            self.desk.vent()
+        if event.key() in ENTER and isinstance(focus, QAbstractButton) and not _has_enter(focus):
+            focus.click()
+            return True
+        return False
+
+
+def _kept(event: QKeyEvent) -> bool:
+    """Keep a key from the shortcuts, so that it comes as a press."""
+    event.accept()
+    return True
+
+
+def _has_enter(button: QAbstractButton) -> bool:
+    """Whether Qt itself presses this button on Enter."""
+    return isinstance(button, QPushButton) and button.autoDefault()

@@ -14,7 +14,7 @@ NIGHTLY_PACKAGES := calculix-ccx chromium gcc-arm-none-eabi
 
 SECONDS ?= 600
 
-.PHONY: demo test check nightly bench fuzz faults audit setup setup-test system system-test clean help
+.PHONY: demo test check nightly bench fuzz faults audit setup setup-test system system-test compiled clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -22,7 +22,8 @@ help:            ## this list
 demo: setup      ## set up, then a whole calibration session on the virtual board
 	$(BIN)/boat-daq demo --out $(OUT)
 
-test: setup-test check  ## set up, then linters, types, import directions and the tests
+test: setup-test  ## set up, then linters, types, import directions and the tests
+	@$(MAKE) --no-print-directory -j 2 check compiled
 	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n $(JOBS) -m "not nightly and not benchmark_run"
 
 check: setup-test
@@ -30,6 +31,9 @@ check: setup-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+compiled: setup-test  # what numba compiles, once and not in each of the tests' workers
+	$(BIN)/python -m tests.compiled
 
 nightly: setup-test  ## the tests that take minutes
 	@$(call debian_install,$(NIGHTLY_PACKAGES))

@@ -22,7 +22,7 @@ from boat_daq.errors import BoatDaqError, OperatorError
 from protocol.errors import ProtocolError
 
 TICK_S = 0.03
-HELLO_S = 3.0  # for a board to say who it is, its boot after opening the port included
+HELLO_S = 2.5  # for a board to say who it is, its boot after opening the port included; refused within 3 s
 SAMPLES_S = 3.0  # then, for samples and their pace
 REFUSED_S = 1.0  # for a stream that runs already, where the board refuses to begin one
 AGAIN_S = 1.0
@@ -35,10 +35,18 @@ _BUSY = (LinkState.OPENING, LinkState.UP, LinkState.LOST)
 class Keeper:
     """Keeps one port."""
 
-    def __init__(self, core: Core, settings: Settings, *, end_recording: Callable[[str], object]) -> None:
+    def __init__(
+        self,
+        core: Core,
+        settings: Settings,
+        *,
+        end_recording: Callable[[str], object],
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.state = LinkState.CLOSED
         self.url: str | None = None
         self.error: tuple[str, str] | None = None
+        self._clock_s = clock_s
         self._core, self._settings, self._end_recording = core, settings, end_recording
         self._profile: str | None = None
         self._greeted: Callable[[], None] | None = None
@@ -110,7 +118,7 @@ class Keeper:
 
     def _open(self) -> None:
         assert self.url is not None
-        self._since_s = time.monotonic()
+        self._since_s = self._clock_s()
         try:
             port = open_port(self.url, self._profile, self._settings)
         except (BoatDaqError, ProtocolError) as error:
@@ -130,7 +138,7 @@ class Keeper:
 
     def _watch_opening(self) -> None:
         """Wait for the board to show itself, but not for ever."""
-        core, waited_s = self._core, time.monotonic() - self._since_s
+        core, waited_s = self._core, self._clock_s() - self._since_s
         if core.refused is not None:
             self._fail(*core.refused)
         elif core.lost is not None:
@@ -150,7 +158,7 @@ class Keeper:
         """Once the board has said who it is, do what was asked for then, and let the samples come."""
         core = self._core
         if core.control.dialogue.identifying:
-            if time.monotonic() - self._since_s > HELLO_S:
+            if self._clock_s() - self._since_s > HELLO_S:
                 self._fail(*self._no_board())
             return
         greeted, self._greeted = self._greeted, None
@@ -176,7 +184,7 @@ class Keeper:
     def _fail(self, cause: str, remedy: str) -> None:
         self._core.detach()
         if self._seeking:
-            self.state, self._since_s = LinkState.LOST, time.monotonic()
+            self.state, self._since_s = LinkState.LOST, self._clock_s()
             return
         self.error, self.state = (cause, remedy), LinkState.FAILED
         self._core.tell("error", cause, remedy)
@@ -197,14 +205,14 @@ class Keeper:
             control.link_lost(error.cause)
             core.expected_id = control.hello.board_id if control.hello else None
         self._seeking = True
-        self.state, self._since_s = LinkState.LOST, time.monotonic()
+        self.state, self._since_s = LinkState.LOST, self._clock_s()
 
     def _look_again(self) -> None:
         """Try the port, and then the others, once a second."""
         core = self._core
-        if time.monotonic() - self._since_s < AGAIN_S:
+        if self._clock_s() - self._since_s < AGAIN_S:
             return
-        expected, self._since_s = core.expected_id, time.monotonic()
+        expected, self._since_s = core.expected_id, self._clock_s()
         assert self.url is not None
         try:
             port = open_port(self.url, self._profile, self._settings)
@@ -213,7 +221,7 @@ class Keeper:
             self.url = elsewhere or self.url
             return
         core.attach(port)
-        self._since_s, self.state = time.monotonic(), LinkState.OPENING
+        self._since_s, self.state = self._clock_s(), LinkState.OPENING
         core.tell("info", f"{self.url} is there again")
 
     # ---- goodbye ---------------------------------------------------------------------------------------------------
@@ -239,7 +247,7 @@ class Keeper:
 
     def _wait(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """Let time pass until the condition holds, the port is gone, or the time is over."""
-        end_s = time.monotonic() + timeout_s
-        while not condition() and self._core.lost is None and time.monotonic() < end_s:
+        end_s = self._clock_s() + timeout_s
+        while not condition() and self._core.lost is None and self._clock_s() < end_s:
             time.sleep(0.005)
             self._core.tick()

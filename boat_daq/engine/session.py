@@ -108,7 +108,7 @@ class Session:
         """Open `port` (a path, a name, socket://HOST:PORT, replay:FILE[@SPEED]) and look for a board there.
 
         Returns at once. `snapshot().link` becomes OPENING and then UP, or FAILED with `link_error`: no such port, busy,
-        no permission, silent for 3 s, not a BOAT board, another protocol version.
+        no permission, silent for 2.5 s, not a BOAT board, another protocol version.
 
         Parameters
         ----------

@@ -1,0 +1,30 @@
+"""Devices on a pseudo-terminal that are no board."""
+
+from __future__ import annotations
+
+import os
+import threading
+import tty
+
+
+class Chatter:
+    """A thermometer that prints text, whatever it is asked."""
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.url = os.ttyname(self._slave)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._print, daemon=True)
+        self._thread.start()
+
+    def _print(self) -> None:
+        while not self._stop.wait(0.05):
+            os.write(self._master, b"Temperature 21.5 C\r\n")
+
+    def close(self) -> None:
+        """Fall silent."""
+        self._stop.set()
+        self._thread.join()
+        os.close(self._master)
+        os.close(self._slave)

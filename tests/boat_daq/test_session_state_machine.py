@@ -140,6 +140,7 @@ class Operators(RuleBasedStateMachine):
     @rule()
     def replug(self) -> None:
         self.bench.replug()
+        self.unheard_s = 0.0  # the first words on the fresh link are heard at once
 
     @rule()
     def estop(self) -> None:

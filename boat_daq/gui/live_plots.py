@@ -45,13 +45,13 @@ class LivePlots(PlotCard):
             box.sigRangeChangedManually.connect(lambda *_: self._moved())
 
     def _curves(self) -> None:
-        self.s1 = self.first.curve("Sensor 1", sensor_ink(1))
-        self.s2_with = self.first.curve("Sensor 2", sensor_ink(2))
-        self.s2 = self.second.curve("Sensor 2", sensor_ink(2))
+        self.s1 = self.first.curve("Sensor 1", sensor_ink(1), gaps=True)
+        self.s2_with = self.first.curve("Sensor 2", sensor_ink(2), gaps=True)
+        self.s2 = self.second.curve("Sensor 2", sensor_ink(2), gaps=True)
         self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
         self.read = self.length.points("Readings", lambda t: t.text, filled=False)
         self.mm = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
-        self.kpa = self.pressure.curve("Pressure", lambda t: t.pressure)
+        self.kpa = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True)
         self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, dashed=True)
         self.limits = [self.pressure.line(lambda t: t.fault, style_=Qt.PenStyle.DotLine) for _ in range(2)]
 

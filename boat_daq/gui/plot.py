@@ -14,12 +14,13 @@ from typing import Any, TypeVar
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QBrush, QColor, QPainter, QPainterPath
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGraphicsItem
 
 from boat_daq.gui import style
+from boat_daq.gui.drawn import Drawn
 from boat_daq.gui.style import Theme
+from boat_daq.gui.tick_axis import TickAxis
 from boat_daq.viewmodels import axis
 
 Ink = Callable[[Theme], str]
@@ -38,29 +39,6 @@ def sensor_ink(number: int) -> Ink:
 def ramp_ink(place: int, of: int) -> Ink:
     """Return the colour role of one of several in a row, on viridis."""
     return lambda theme: style.sequential(theme, place, of)
-
-
-class TickAxis(pg.AxisItem):  # type: ignore[misc]
-    """An axis whose ticks are 1-2-5 (or clock divisions) and whose minus is a minus."""
-
-    def __init__(self, orientation: str, *, time: bool = False, whole: bool = False) -> None:
-        super().__init__(orientation)
-        self.time, self.whole = time, whole
-        self.enableAutoSIPrefix(False)
-        self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
-
-    def tickSpacing(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, float]]:
-        """Return the one level of ticks."""
-        span = maxVal - minVal
-        if self.whole:
-            return [(max(1.0, axis.tick_step(span)), 0.0)]
-        return [(axis.time_step(span) if self.time else axis.tick_step(span, size), 0.0)]
-
-    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Return the labels of `values`."""
-        if self.time:
-            return [axis.clock(value, spacing) for value in values]
-        return [str(text).replace("-", "\u2212") for text in super().tickStrings(values, scale, spacing)]
 
 
 class Layer:
@@ -91,42 +69,7 @@ class Curve(Layer):
     def set(self, x: Array, y: Array) -> None:
         """Draw `y` over `x` (same length)."""
         self.x, self.y = x, y
-        self.item.setData(x, y, connect="finite" if self.gaps else "all", skipFiniteCheck=not self.gaps)
-
-
-class Surface(pg.GraphicsObject):  # type: ignore[misc]
-    """The surface between two lines, as one outline.
-
-    pyqtgraph's FillBetweenItem joins polygons point by point in Python: thousands of objects a frame, and with them the
-    garbage collector, at 130 ms a time.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._path = QPainterPath()
-        self._brush = QBrush()
-
-    def set_data(self, x: Array, low: Array, high: Array) -> None:
-        """Fill between `low` and `high` over `x`, which never falls (same length, finite)."""
-        self.prepareGeometryChange()
-        self._path = pg.functions.arrayToQPath(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))
-        self._path.setFillRule(Qt.FillRule.WindingFill)
-        self.update()
-
-    def set_brush(self, brush: QColor) -> None:
-        """Take a colour."""
-        self._brush = QBrush(brush)
-        self.update()
-
-    def boundingRect(self) -> QRectF:
-        """Return what is filled, in the plot's units."""
-        return self._path.boundingRect()
-
-    def paint(self, painter: QPainter, *_: object) -> None:
-        """Fill it."""
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(self._brush)
-        painter.drawPath(self._path)
+        self.item.draw_line(x, y, gaps=self.gaps)
 
 
 class Band(Layer):
@@ -137,7 +80,7 @@ class Band(Layer):
     def set(self, x: Array, low: Array, high: Array) -> None:
         """Fill between `low` and `high` over `x` (same length, finite)."""
         self.x, self.low, self.y = x, low, high
-        self.item.set_data(x, low, high)
+        self.item.fill_between(x, low, high)
 
 
 class Points(Layer):
@@ -181,16 +124,15 @@ class Plot:
     def curve(self, name: str, ink: Ink, *, gaps: bool = False, dashed: bool = False) -> Curve:
         """Add a curve; `dashed` is for what is set, not measured."""
         pen_style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
-        item = pg.PlotCurveItem()
-        layer = Curve(name, item, ink, lambda it, colour: it.setPen(pg.mkPen(QColor(colour), width=1, style=pen_style)))
+        layer = Curve(name, Drawn(), ink, lambda it, colour: it.ink_line(colour, pen_style))
         layer.gaps = gaps
         return self._add(layer)
 
     def band(self, name: str, ink: Ink, *, alpha: int = style.BAND_ALPHA) -> Band:
         """Add a translucent fill between two curves, behind the rest."""
-        item = Surface()
+        item = Drawn()
         item.setZValue(-10)
-        return self._add(Band(name, item, ink, lambda it, colour: it.set_brush(style.colour(colour, alpha))))
+        return self._add(Band(name, item, ink, lambda it, colour: it.ink_surface(style.colour(colour, alpha))))
 
     def points(
         self, name: str, ink: Ink, *, filled: bool = True, symbol: str = "o", size: int = style.POINT_SIZE
@@ -298,6 +240,7 @@ class Plot:
         look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
         words = self.short or (f"{self.title} ({self.unit})" if self.unit else self.title)
         self.item.getAxis("left").setLabel(words, **look)
+        self.item.getAxis("left").resizeEvent()  # else the label stays where the middle of the one before it was
         if self.x_title:
             self.item.getAxis("bottom").setLabel(
                 f"{self.x_title} ({self.x_unit})" if self.x_unit else self.x_title, **look

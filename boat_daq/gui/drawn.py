@@ -1,0 +1,47 @@
+"""What a plot draws of the data: one path in the plot's units, painted by Qt alone.
+
+No Python runs while it is painted: a curve of pyqtgraph is asked for its bounds and painted through Python, and its
+fills are joined point by point, thousands of objects a frame. Its outline under the mouse is its bounding rectangle: a
+stroked outline of a thousand points would be made for each move of the mouse.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen
+from PySide6.QtWidgets import QGraphicsPathItem
+
+Array = NDArray[np.float64]
+COSMETIC = 0.0  # a pen's width that is one pixel at any zoom, and asks for no room around the path
+
+
+class Drawn(QGraphicsPathItem):
+    """A line or a surface."""
+
+    def draw_line(self, x: Array, y: Array, *, gaps: bool) -> None:
+        """Draw `y` over `x` (same length); where `gaps`, what is not finite breaks the line."""
+        self.setPath(pg.functions.arrayToQPath(x, y, "finite" if gaps else "all", gaps))
+
+    def fill_between(self, x: Array, low: Array, high: Array) -> None:
+        """Fill between `low` and `high` over `x`, which never falls (same length, finite)."""
+        path = pg.functions.arrayToQPath(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))
+        path.setFillRule(Qt.FillRule.WindingFill)
+        self.setPath(path)
+
+    def ink_line(self, colour: str, style: Qt.PenStyle) -> None:
+        """Take a colour and a style as a line."""
+        self.setPen(QPen(QColor(colour), COSMETIC, style))
+
+    def ink_surface(self, colour: QColor) -> None:
+        """Take a colour as a surface, without an outline."""
+        self.setPen(QPen(Qt.PenStyle.NoPen))
+        self.setBrush(QBrush(colour))
+
+    def shape(self) -> QPainterPath:
+        """Return the room that the mouse finds it in."""
+        room = QPainterPath()
+        room.addRect(self.path().controlPointRect())
+        return room

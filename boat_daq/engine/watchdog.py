@@ -19,6 +19,8 @@ FAST = 1.5  # a board whose clock runs so much faster than ours is no real one
 SPEED_SPAN_S = 2.0
 SPEED_KNOWN_S = 0.1
 FEEDS_PER_TIMEOUT = 4
+REPEAT_MS = 250  # a command without an answer goes out again
+REPEATS_WITHIN = 0.6  # of a timeout they feed well enough: up to 12x
 FEEDS_OF_A_FAST_BOARD = 10
 
 
@@ -73,6 +75,10 @@ class Feeder:
         """The board will not arm (it is not armed then), or will not disarm (it stays so)."""
         if command.timeout_ms:
             self.armed_ms = 0
+
+    def repeats_are_late(self, speed: float) -> bool:
+        """Whether the repeats of a command that waits for its answer come too seldom to feed this board's watchdog."""
+        return REPEAT_MS * speed > REPEATS_WITHIN * self.armed_ms
 
     def due(self, host_ns: int, board_us: int, speed: float) -> bool:
         """Whether a frame must leave now."""

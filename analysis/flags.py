@@ -81,8 +81,8 @@ def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
         return [*flags, ("no_calibration", sensor.calibration_void)] if run.plateaus else flags
     if not calibration.monotone:
         inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
-        where = ", ".join(f"{t:.2f}" for t in inside)
-        flags.append(("not_monotone", f"the curve turns at {where} mm: its inverse is refused"))
+        where = f"turns at {', '.join(f'{t:.2f}' for t in inside)} mm" if inside else "is flat"
+        flags.append(("not_monotone", f"the curve {where}: its inverse is refused"))
     flags += [("calibration", text) for text in reservations(calibration)]
     if posterior is None and run.options.mcmc:
         flags.append(("no_posterior", sensor.calibration_void))

@@ -85,6 +85,8 @@ def _several(analyses: Sequence[Analysis], limits: Mapping[str, float]) -> Repor
                 filled += sections.budget(latest, calibrated, unit or "the unit")
     for number, analysis in enumerate(analyses, 1):
         parts = sections.key_figures(analysis, limits).parts
+        if analysis.kind != "calibration" and analysis.loops.n_cycles:
+            parts = (*parts, *sections.loop_drawings(analysis))
         where = (sections.where_the_loop_is(analysis),) if analysis.loops.n_cycles else ()
         filled.append(Section(f"Run {number}: {_name(analysis)}", (*parts, *where)))
     known = [u or "not named" for u in dict.fromkeys(units)]
@@ -112,9 +114,15 @@ def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
         if not usable:
             return f"{counted}. No limits were set, so there is no verdict."
         low, high = usable[0].x_range
-        refused = [s.name for s in analysis.sensors if s.calibration is not None and not s.calibration.monotone]
+        refused = [
+            f"sensor {i} is flat"
+            if not s.figures["fso_mv"].value
+            else f"the curve of sensor {i} turns inside the range"
+            for i, s in enumerate(analysis.sensors, 1)
+            if s.calibration is not None and not s.calibration.monotone
+        ]
         if refused:
-            return f"{counted}. Not usable: the curve of {', '.join(refused)} turns inside the range."
+            return f"{counted}. Not usable: {', '.join(refused)}."
         return f"{counted}. Calibrated from {low:+.2f} to {high:+.2f} mm. No limits were set."
     verdicts = judge(analysis, limits)
     broken = [v for v in verdicts if v.kept is False]
@@ -126,7 +134,7 @@ def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
         return (
             f"{counted}. No verdict: {', '.join(f'{v.name} of {v.sensor}' for v in unknown)} could not be determined."
         )
-    return f"{counted}. PASSES all {len(limits)} limits."
+    return f"{counted}. PASSES {'the limit' if len(limits) == 1 else f'all {len(limits)} limits'}."
 
 
 def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:

@@ -8,15 +8,20 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from analysis.numbers import NOTHING
 from analysis.reports.drawings import Draw
 
-PLAIN_NUMBER = re.compile(r"^[+-]?[0-9]+(\.[0-9]+)?$")
+_NUMBER = r"[+-]?[0-9]+(?:\.[0-9]+)?"
+PAIR = re.compile(rf"^({_NUMBER})(?:( ± )({_NUMBER}))?$")
+NUMBERS = re.compile(rf"^[<>±] ?{_NUMBER}|^{_NUMBER}|^[+-]?∞")
+MINUS = "\u2212"
+_HYPHEN = re.compile(r"(?<![\w.)\-/])(?<!:\d\d )-(?=[0-9])")
 DIGIT_SPACE, POINT_SPACE = "\u2007", "\u2008"  # as wide as a digit, as a point
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table; columns after the first are aligned right where `numeric`."""
+    """A table; columns of numbers after the first stand at the right where `numeric`."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -56,15 +61,48 @@ class Report:
     footer: str
 
 
+def right_aligned(table: Table) -> tuple[bool, ...]:
+    """Which columns stand at the right: those of numbers, in a table of numbers; the first is its row's name."""
+    columns = list(zip(*table.rows, strict=True)) if table.rows else [()] * len(table.header)
+    numbers = [[bool(NUMBERS.match(cell)) for cell in column if cell not in ("", NOTHING)] for column in columns]
+    return tuple(table.numeric and at > 0 and 2 * sum(one) >= len(one) for at, one in enumerate(numbers))
+
+
 def aligned(table: Table) -> Table:
-    """Return the table with plain numbers padded so that right-aligned columns meet at the decimal point."""
-    if not table.numeric:
-        return table
+    """Return the table with numbers padded so that right-aligned columns meet at the decimal point and at the ±."""
     columns = [list(column) for column in zip(*table.rows, strict=True)] if table.rows else []
-    for column in columns[1:]:
-        places = [len(cell.partition(".")[2]) if PLAIN_NUMBER.match(cell) else None for cell in column]
-        most = max((p for p in places if p is not None), default=0)
-        for row, (cell, own) in enumerate(zip(column, places, strict=True)):
-            if own is not None and own < most:
-                column[row] = cell + (POINT_SPACE if own == 0 else "") + DIGIT_SPACE * (most - own)
+    for column, right in zip(columns, right_aligned(table), strict=bool(columns)):
+        column[:] = _aligned_column(column) if right else map(typeset, column)
     return Table(table.header, tuple(zip(*columns, strict=True)), table.caption, table.numeric)
+
+
+def _aligned_column(column: list[str]) -> list[str]:
+    """Pad plain numbers, and pairs of them (value ± uncertainty), to the same places."""
+    split = [PAIR.match(cell) for cell in column]
+    places = [[_decimals(part) for part in m.group(1, 3) if part] if m else [] for m in split]
+    most = [max((p[k] for p in places if len(p) > k), default=0) for k in (0, 1)]
+    whole = max((len(m[3].partition(".")[0]) for m in split if m and m[3]), default=0)
+    out = []
+    for cell, m in zip(column, split, strict=True):
+        if m is None:
+            out.append(typeset(cell))
+            continue
+        text = _padded(m[1], most[0])
+        if m[3]:
+            text += m[2] + DIGIT_SPACE * (whole - len(m[3].partition(".")[0])) + _padded(m[3], most[1])
+        out.append(text.replace("-", MINUS))
+    return out
+
+
+def _decimals(number: str) -> int:
+    return len(number.partition(".")[2])
+
+
+def _padded(number: str, places: int) -> str:
+    own = _decimals(number)
+    return number + (POINT_SPACE if own == 0 < places else "") + DIGIT_SPACE * (places - own)
+
+
+def typeset(text: str) -> str:
+    """Return the text with the minus sign before negative numbers; dates, their offsets and names keep the hyphen."""
+    return _HYPHEN.sub(MINUS, text)

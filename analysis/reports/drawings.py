@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Canvas
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from analysis.comparison import unit_of
 from analysis.loops import loop_width
@@ -23,6 +23,7 @@ from analysis.pipeline import Analysis
 from analysis.recording import FloatArray
 from analysis.repeatability import per_cycle
 from analysis.reports import style
+from analysis.reports.glyphs import families, printable
 from analysis.uncertainty import Budget
 
 Draw = Callable[[Axes], None]
@@ -31,22 +32,36 @@ TRACE_POINTS = 3000
 
 
 def as_svg(draw: Sequence[Draw], *, width: float = 7.0, height: float = 3.2, ratios: Sequence[float] = ()) -> str:
-    """Draw side by side, or below one another where `ratios` are given, and return the SVG element alone."""
+    """Draw below one another, in these ratios of height, and return the SVG element alone."""
     with mpl.rc_context(style.RC):
         canvas = Canvas(figsize=(width, height), layout="constrained")
         FigureCanvasSVG(canvas)
-        if ratios:
-            axes = canvas.subplots(len(draw), 1, sharex=True, gridspec_kw={"height_ratios": list(ratios)})
-        else:
-            axes = canvas.subplots(1, len(draw))
+        shares = {"height_ratios": list(ratios or [1.0] * len(draw))}
+        axes = canvas.subplots(len(draw), 1, sharex=True, gridspec_kw=shares)
         for ax, one in zip(np.atleast_1d(axes).ravel(), draw, strict=True):
             one(ax)
-            if ratios and one is not draw[-1]:
+            finished(ax)
+            if one is not draw[-1]:
                 ax.set_xlabel("")
         text = io.StringIO()
         canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
     return svg[svg.index("<svg") :]
+
+
+def finished(ax: Axes) -> None:
+    """Give drawn axes what all have in common: ticks at 1, 2 and 5, and a word where there was nothing to draw."""
+    for axis in (ax.xaxis, ax.yaxis):
+        if isinstance(axis.get_major_locator(), AutoLocator):
+            axis.set_major_locator(MaxNLocator(nbins="auto", steps=[1, 2, 5, 10]))
+    if not ax.has_data():
+        ax.set(xticks=[], yticks=[])
+        ax.text(0.5, 0.5, "undefined, see the notes", transform=ax.transAxes, ha="center", color=style.SOFT)
+
+
+def signed(value: float) -> str:
+    """Return a level as its label, +50 or −40."""
+    return f"{round(value) or 0:+d}".replace("-", "\u2212") if round(value) else "0"
 
 
 def calibration_curve(analysis: Analysis, sensor: int) -> Draw:
@@ -65,7 +80,7 @@ def calibration_curve(analysis: Analysis, sensor: int) -> Draw:
         ax.plot(grid, calibration.predict(grid), color=colour, label=f"degree {calibration.degree}")
         _branch_points(ax, analysis, sensor, calibration.x, calibration.y)
         ax.set(xlabel="elongation, mm", ylabel="signal, mV", title=f"Sensor {sensor + 1}")
-        ax.legend(loc="upper left" if calibration.rises else "upper right")
+        ax.legend(loc="lower right" if calibration.rises else "upper right")
 
     return draw
 
@@ -96,7 +111,8 @@ def system_loop(analysis: Analysis, sensor: int) -> Draw:
         if loops.n_cycles:
             scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(loops.numbers[0], loops.numbers[-1]), style.CYCLES)
             if loops.n_cycles > 1:
-                bar = ax.figure.colorbar(scale, ax=ax, label="cycle", pad=0.02, aspect=30)
+                bar = ax.figure.colorbar(scale, ax=ax, pad=0.03, aspect=30)
+                bar.ax.set_title("cycle", fontsize=7.5, fontweight="normal", color=style.SOFT)
                 bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
         ax.set(xlabel="pressure, kPa", ylabel="signal, mV", title=f"Sensor {sensor + 1}: signal over pressure")
 
@@ -115,7 +131,7 @@ def loop_difference(analysis: Analysis) -> Draw:
                 apart = 100.0 / fso * (width.loading - width.unloading)
                 ax.plot(width.grid, apart, color=style.sensor_colour(i), label=f"sensor {i + 1}")
         ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
-        ax.set(xlabel="pressure, kPa", ylabel="loading - unloading, % FSO", title="Hysteresis of the mean loop")
+        ax.set(xlabel="pressure, kPa", ylabel="loading − unloading, % FSO", title="Hysteresis of the mean loop")
         _legend(ax)
 
     return draw
@@ -154,7 +170,7 @@ def drift_of_levels(analysis: Analysis, sensor: int) -> Draw:
             level = np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), np.nan)
             if np.isfinite(level).any() and fso > 0:
                 moved = 100.0 / fso * (level - np.nanmean(level))
-                ax.plot(loops.numbers, moved, color=colour, lw=0.9, label=f"{loops.level_kpa[g]:+.0f} kPa")
+                ax.plot(loops.numbers, moved, color=colour, lw=0.9, label=f"{signed(loops.level_kpa[g])} kPa")
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="cycle", ylabel="from its mean, % FSO", title=f"Sensor {sensor + 1}: drift of the levels")
         _legend(ax, ncols=2, loc="best")
@@ -175,7 +191,14 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str) -> D
                 label=f"sensor {i + 1}",
             )  # fmt: skip
         if warm:
-            ax.axvspan(0.5, warm + 0.5, color=style.LINE, alpha=0.5, linewidth=0, label=f"warm-up: {warm} cycles")
+            ax.axvspan(
+                0.5,
+                warm + 0.5,
+                color=style.LINE,
+                alpha=0.5,
+                linewidth=0,
+                label=f"warm-up: {warm} cycle{'s' if warm > 1 else ''}",
+            )
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="cycle", ylabel=label, title=title)
         _legend(ax)
@@ -204,8 +227,9 @@ def distribution(analysis: Analysis, sensor: int) -> Draw:
                     medianprops={"color": style.INK, "lw": 0.8}, whiskerprops={"color": style.SOFT, "lw": 0.6},
                     capprops={"color": style.SOFT, "lw": 0.6},
                 )  # fmt: skip
-        names = [f"{p:+.0f}" for p in loops.level_kpa[::step]]
-        ax.set_xticks(range(len(names)), names)
+        names = [signed(p) for p in loops.level_kpa[::step]]
+        every = 1 + (len(names) > 6)  # as many names as do not touch
+        ax.set_xticks(range(0, len(names), every), names[::every])
         ax.set(
             xlabel="pressure, kPa (open unloading, filled loading)", ylabel="from its mean, % FSO",
             title=f"Sensor {sensor + 1}: spread over {loops.n_cycles} cycles",
@@ -229,11 +253,13 @@ def side_by_side(analyses: Sequence[Analysis], name: str, label: str) -> Draw:
                     place + 0.12 * (2 * i - 1), figure.value, yerr=reach if np.isfinite(reach).all() else None, fmt="o",
                     color=style.sensor_colour(i), capsize=2, label=f"sensor {i + 1}" if place == 0 else None,
                 )  # fmt: skip
-        names = [f"{unit_of(analyses[run])} #{run + 1}" for run in order]
-        ax.set_xticks(range(len(order)), names)
+        names = [_label(unit_of(analyses[run]), run + 1, len(order)) for run in order]
+        ax.set_xticks(range(len(order)), names, fontfamily=list(families("".join(names))), parse_math=False)
         ax.set_xlim(-0.6, len(order) - 0.4)
         ax.set(xlabel="unit and number of the run", ylabel=label)
-        _legend(ax, loc="best")
+        low, high = ax.get_ylim()
+        ax.set_ylim(low, high + 0.15 * (high - low))  # the legend's own strip
+        _legend(ax, loc="upper left", ncols=4)
 
     return draw
 
@@ -290,6 +316,13 @@ def envelope(time: FloatArray, values: FloatArray, buckets: int) -> tuple[FloatA
     high = np.maximum.reduceat(np.where(known, values, -np.inf), starts)
     good = np.isfinite(low) & np.isfinite(high)
     return time[starts][good], low[good], high[good]
+
+
+def _label(unit: str, number: int, among: int) -> str:
+    """Unit and number of a run, as long as its share of the axis lets it be."""
+    letters = max(3, 36 // among - 3)
+    short = printable(unit if len(unit) <= letters else unit[: letters - 1] + "…")
+    return f"{short} #{number}" if short and among <= 8 else f"#{number}"
 
 
 def _legend(ax: Axes, **placed: Any) -> None:

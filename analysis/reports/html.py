@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
 from analysis.reports import style
-from analysis.reports.content import Drawing, Report, Table, aligned
+from analysis.reports.content import Drawing, Report, Table, aligned, right_aligned, typeset
 from analysis.reports.drawings import as_svg
 
 WIDTH_INCH = 7.4
@@ -34,13 +34,18 @@ def render_html(report: Report) -> str:
     )
     sections = [{"title": s.title, "parts": [_part(p) for p in s.parts]} for s in report.sections]
     template = environment.get_template("report.html.j2")
-    return template.render(report=report, sections=sections, style=style)
+    return template.render(report=report, verdict=typeset(report.verdict), sections=sections, style=style)
 
 
 def _part(part: str | Table | Drawing) -> dict[str, Any]:
     if isinstance(part, Table):
-        return {"kind": "table", "table": aligned(part)}
+        shown = aligned(part)
+        sides = ["right" if right else "left" for right in right_aligned(part)]
+        return {"kind": "table", "table": shown, "sides": sides, "caption": typeset(shown.caption)}
     if isinstance(part, Drawing):
-        svg = as_svg(part.draw, width=WIDTH_INCH, height=part.height, ratios=part.ratios)
-        return {"kind": "drawing", "svg": Markup(svg), "caption": part.caption}  # noqa: S704 - matplotlib's own SVG
-    return {"kind": "text", "text": part}
+        panels = [part.draw] if part.ratios else [[one] for one in part.draw]
+        width = WIDTH_INCH / len(panels)
+        svgs = [as_svg(panel, width=width, height=part.height, ratios=part.ratios) for panel in panels]
+        drawn = [Markup(svg) for svg in svgs]  # noqa: S704 - matplotlib's own SVG
+        return {"kind": "drawing", "panels": drawn, "caption": typeset(part.caption)}
+    return {"kind": "text", "text": typeset(part)}

@@ -44,23 +44,25 @@ KEY_FIGURES = (
 
 
 def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
-    """The figures that a reader looks for, two sensors a table, and the curves or loops they come from."""
+    """The figures that a reader looks for, two sensors a table, and the calibration curves where there are any."""
     count = len(analysis.sensors)
     tables = [_key_table(analysis, limits, range(at, min(at + 2, count))) for at in range(0, count, 2)]
-    void = sorted(
-        {
-            f"{label}: {p.void}."
-            for k, label in KEY_FIGURES
-            for s in analysis.sensors
-            if (p := s.figures.get(k)) is not None and p.void
-        }
-    )
     calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
-    draws = [drawings.calibration_curve(analysis, i) for i in calibrated[:2]]
-    if not draws and analysis.loops.n_cycles:
-        draws = [drawings.system_loop(analysis, i) for i in range(min(2, count))]
-    first = [Drawing(tuple(draws), "What was measured; details follow.", 2.45)] if draws else []
-    return Section("Key figures", (*tables, *first, *void))
+    draws = tuple(drawings.calibration_curve(analysis, i) for i in calibrated[:2])
+    first = [Drawing(draws, "Plateau means, fitted curve and its 95 % bands.", 2.45)] if draws else []
+    return Section("Key figures", (*tables, *first, *_undefined(analysis)))
+
+
+def _undefined(analysis: Analysis) -> list[str]:
+    """A sentence for each reason why figures are void."""
+    by_reason: dict[str, dict[str, None]] = {}
+    for key, label in KEY_FIGURES:
+        for number, sensor in enumerate(analysis.sensors, 1):
+            figure = sensor.figures.get(key)
+            if figure is not None and figure.void:
+                reason = figure.void.removeprefix("a part is void: ")
+                by_reason.setdefault(f"sensor {number}: {reason}", {})[label[0].lower() + label[1:]] = None
+    return [f"Undefined for {reason} ({', '.join(labels)})." for reason, labels in by_reason.items()]
 
 
 def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> Table:
@@ -138,8 +140,9 @@ def _quality(analysis: Analysis, sensor: int) -> str:
     c, p = analysis.sensors[sensor].calibration, analysis.sensors[sensor].posterior
     assert c is not None
     turning = ", ".join(f"{t:.2f}" for t in c.turning_points) or "none"
+    r2 = f"R² = {c.r2:.5f}" if np.isfinite(c.r2) else "R² undefined"
     text = (
-        f"R² = {c.r2:.5f}, residual sd {c.residual_sd:.2f} mV, n = {c.n}, range {c.x_range[0]:+.2f} to "
+        f"{r2}, residual sd {c.residual_sd:.2f} mV, n = {c.n}, range {c.x_range[0]:+.2f} to "
         f"{c.x_range[1]:+.2f} mm, {'monotone' if c.monotone else 'NOT monotone'}, turning points {turning} mm."
     )
     checks = fit_checks(c, analysis.sensors[sensor].point_cycle)
@@ -153,13 +156,15 @@ def _quality(analysis: Analysis, sensor: int) -> str:
 
 
 def loops(analysis: Analysis) -> Section:
-    parts: list[str | Table | Drawing] = []
+    return Section("Hysteresis loops", (*loop_drawings(analysis), where_the_loop_is(analysis)))
+
+
+def loop_drawings(analysis: Analysis) -> list[Drawing]:
     draws = [drawings.system_loop(analysis, i) for i in range(len(analysis.sensors))]
-    parts += [
+    return [
         Drawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
         for at in range(0, len(draws), 2)
     ]
-    return Section("Hysteresis loops", (*parts, where_the_loop_is(analysis)))
 
 
 def where_the_loop_is(analysis: Analysis) -> Drawing:
@@ -196,6 +201,7 @@ def over_cycles(analysis: Analysis) -> Section:
     parts += [
         Drawing((drawings.drift_of_levels(analysis, i), drawings.distribution(analysis, i)), f"Sensor {i + 1}.", 2.8)
         for i in sensors
+        if analysis.sensors[i].figures["fso_mv"].value > 0
     ]
     for i in sensors:
         warm = per_cycle(analysis, i).warm_up
@@ -224,21 +230,33 @@ def budget(analysis: Analysis, runs: Sequence[Analysis] = (), of: str = "") -> l
         2.6,
         left=1.15,
     )
-    return [Section(title, (drawing, *(_budget_table(i, b) for i, b in enumerate(budgets))))]
+    return [Section(title, (drawing, _budget_table(budgets)))]
 
 
 def _dof(dof: float) -> str:
     return f"{dof:.0f}" if dof < 10_000 else "above 10,000"
 
 
-def _budget_table(sensor: int, budget: Budget) -> Table:
-    shares = budget.shares()
-    rows = [(c.name, f"{1000 * c.contribution:.1f}", f"{shares[c.name]:.1%}", c.source) for c in budget.components]
-    rows.append(("combined", f"{1000 * budget.u:.1f}", "100 %", f"effective degrees of freedom {_dof(budget.dof)}"))
-    rows.append(("expanded, k = 2", f"{1000 * budget.expanded:.0f}", "", f"covers about {budget.coverage:.0%}"))
-    return Table(
-        ("Component", "u, µm", "share", "source"), tuple(rows), f"Sensor {sensor + 1}: {budget.what_halves_it()}."
-    )
+def _budget_table(budgets: Sequence[Budget]) -> Table:
+    """The sensors' budgets side by side; a component's source is said once where it is the same."""
+    shares = [b.shares() for b in budgets]
+    rows = []
+    for parts in zip(*(b.components for b in budgets), strict=True):
+        both = [(f"{1000 * c.contribution:.1f}", _percent(own[c.name])) for c, own in zip(parts, shares, strict=True)]
+        rows.append((parts[0].name, *sum(both, ()), " / ".join(dict.fromkeys(c.source for c in parts))))
+    dof = " / ".join(dict.fromkeys(_dof(b.dof) for b in budgets))
+    covers = " / ".join(dict.fromkeys(f"{b.coverage:.0%}" for b in budgets))
+    combined = (t for b in budgets for t in (f"{1000 * b.u:.1f}", "100 %"))
+    expanded = (t for b in budgets for t in (f"{1000 * b.expanded:.0f}", ""))
+    rows.append(("combined", *combined, f"effective degrees of freedom {dof}"))
+    rows.append(("expanded, k = 2", *expanded, f"covers about {covers}"))
+    heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
+    said = " ".join(f"Sensor {i}: {b.what_halves_it()}." for i, b in enumerate(budgets, 1))
+    return Table(("Component", *heads, "source"), tuple(rows), said)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
 
 
 def readings(analysis: Analysis) -> Section:
@@ -249,7 +267,8 @@ def readings(analysis: Analysis) -> Section:
         if not p.branch:
             continue
         signals = [
-            f"{rounded(m, t)} ± {rounded(u, t)}" for m, u, t in zip(p.signal_mv, p.signal_se_mv, typical, strict=True)
+            f"{rounded(m, t)} ± {rounded(u, t)}" if np.isfinite(m) else NOTHING
+            for m, u, t in zip(p.signal_mv, p.signal_se_mv, typical, strict=True)
         ]
         reading = f"{x[i]:+.2f}" if x is not None and np.isfinite(x[i]) else NOTHING
         rows.append(
@@ -261,7 +280,7 @@ def readings(analysis: Analysis) -> Section:
                 reading,
                 *signals,
                 str(min(p.n)),
-                p.void or "",
+                "void" if p.void else "",
             )
         )
     header = (
@@ -272,12 +291,12 @@ def readings(analysis: Analysis) -> Section:
         "mm",
         *(f"s{i + 1}, mV" for i in range(len(analysis.sensors))),
         "n",
-        "void",
+        "",
     )
-    keep = [i for i in range(len(header)) if header[i] != "void" or any(row[i] for row in rows)]
-    table = Table(
-        tuple(header[i] for i in keep), tuple(tuple(r[i] for i in keep) for r in rows), "Means ± standard error."
-    )
+    void = any(p.void for p in analysis.plateaus)
+    keep = slice(None) if void else slice(-1)
+    caption = f"Means ± standard error.{' Why a plateau is void stands among the flags.' if void else ''}"
+    table = Table(header[keep], tuple(row[keep] for row in rows), caption)
     return Section("Plateaus and readings", (table,))
 
 

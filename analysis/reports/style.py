@@ -19,11 +19,16 @@ WARNING = "#8A4B00"
 BAND_ALPHA = 0.22
 CYCLES = "viridis"
 
+FONT = "DejaVu Sans"
+OTHER_SCRIPTS = (  # TrueType, tried in this order for what the font lacks
+    "Droid Sans Fallback", "WenQuanYi Zen Hei", "Arial Unicode MS", "Microsoft YaHei", "Yu Gothic", "MS Gothic",
+    "Malgun Gothic", "Nirmala UI",
+)  # fmt: skip
 A4_INCH = (8.27, 11.69)
 MARGIN_INCH = 0.75
 
 RC: Any = {  # matplotlib types the keys of rc_context one by one
-    "font.family": "DejaVu Sans",
+    "font.family": FONT,
     "font.size": 8.5,
     "axes.titlesize": 9,
     "axes.titleweight": "bold",

@@ -1,0 +1,163 @@
+"""Where the pages of a report end: all breaks are chosen at once, for the least white.
+
+Strategy: a report is a row of blocks that no break divides: a line, a row of a table, a drawing. A page may stretch its
+drawings and shrink drawings and rows a little; what white remains costs its square, as breaking a table does, and the
+cheapest set of breaks is found by dynamic programming (Knuth and Plass, Software: Practice and Experience 11 (1981)
+1119, with pages for lines).
+
+Rules: a block that is `kept` is parted from the next only where no page holds both; a table that goes on repeats its
+head; sizes are in inches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from analysis.reports import style
+from analysis.reports.content import Drawing
+
+STRETCH, SHRINK = 0.35, 0.25  # of a drawing's height
+ROW_SHRINK = 0.07  # of a row's height
+LEAST_LAST = 0.2  # a last page that is less full costs
+PAGE, PARTED, TABLE, SECTION = 0.03, 10.0, 0.04, 0.02  # costs; SECTION of a break that is not before a heading
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A piece of text; y down from the top of its block, on a page from the top of the page."""
+
+    x: float
+    y: float
+    text: str
+    size: float = 8.5
+    colour: str = style.INK
+    weight: str = "normal"
+    align: str = "left"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A horizontal line; in a block it stands at the lower edge."""
+
+    x: float
+    y: float
+    length: float
+    colour: str = style.LINE
+    thick: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A drawing whose top is at y."""
+
+    y: float
+    drawing: Drawing
+
+
+Item = Text | Rule | Placed
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """What no break divides.
+
+    Attributes
+    ----------
+    height : without `space`, the white above it, which a page that begins with the block leaves out.
+    texts, rule, drawing : what stands in it.
+    kept : stands on one page with the next block.
+    starts : begins a section.
+    head : repeated above the block where a page begins with it.
+    """
+
+    height: float
+    texts: tuple[Text, ...] = ()
+    rule: Rule | None = None
+    drawing: Drawing | None = None
+    space: float = 0.0
+    kept: bool = False
+    starts: bool = False
+    head: Block | None = None
+
+    @property
+    def stretch(self) -> float:
+        """By how much it may grow."""
+        return STRETCH * self.height if self.drawing else 0.0
+
+    @property
+    def shrink(self) -> float:
+        """By how much it may become shorter."""
+        if self.drawing:
+            return SHRINK * self.height
+        return ROW_SHRINK * self.height if self.head else 0.0
+
+
+def broken(blocks: Sequence[Block], room: float) -> list[list[Block]]:
+    """Return the blocks page by page, each page holding `room` inches."""
+    best = [0.0] + [float("inf")] * len(blocks)  # cost of the first n blocks on whole pages
+    start = [0] * (len(blocks) + 1)
+    for first in range(len(blocks)):
+        if best[first] == float("inf"):
+            continue
+        for end in range(first + 1, len(blocks) + 1):
+            cost = _cost(_page(blocks, first, end), room, last=end == len(blocks))
+            if cost is None and end > first + 1:
+                break
+            total = best[first] + (PARTED if cost is None else cost) + PAGE + _parting(blocks, end)
+            if total < best[end]:
+                best[end], start[end] = total, first
+    pages: list[list[Block]] = []
+    end = len(blocks)
+    while end:
+        pages.insert(0, _page(blocks, start[end], end))
+        end = start[end]
+    return pages
+
+
+def _page(blocks: Sequence[Block], first: int, end: int) -> list[Block]:
+    top = blocks[first]
+    return [*([top.head] if top.head else []), replace(top, space=0.0), *blocks[first + 1 : end]]
+
+
+def _parting(blocks: Sequence[Block], end: int) -> float:
+    if end == len(blocks):
+        return 0.0
+    after = blocks[end]
+    return PARTED * blocks[end - 1].kept + TABLE * (after.head is not None) + SECTION * (not after.starts)
+
+
+def _cost(page: Sequence[Block], room: float, *, last: bool) -> float | None:
+    """Cost of a page, None where it does not hold the blocks."""
+    height = _height(page)
+    if height > room:
+        pressed = (height - room) / (sum(b.shrink for b in page) or 1e-9)
+        return None if pressed > 1.0 else 0.05 * pressed**2
+    if last:
+        return max(0.0, 1.0 - height / (LEAST_LAST * room)) * 0.5
+    white = room - height
+    grown = min(white, sum(b.stretch for b in page))
+    return float(((white - grown) / room) ** 2 + 0.05 * (grown / room) ** 2)
+
+
+def _height(page: Sequence[Block]) -> float:
+    return sum(b.space + b.height for b in page)
+
+
+def placed(page: Sequence[Block], room: float, top: float, *, last: bool) -> list[Item]:
+    """Return the items of a page where they stand, its drawings and rows fitted to the page."""
+    white = room - _height(page)
+    grow = 0.0 if last or white < 0 else min(1.0, white / (sum(b.stretch for b in page) or 1e9))
+    press = min(1.0, -white / (sum(b.shrink for b in page) or 1e9)) if white < 0 else 0.0
+    items: list[Item] = []
+    y = top
+    for block in page:
+        y += block.space
+        height = block.height + grow * block.stretch - press * block.shrink
+        if block.drawing is not None:
+            items.append(Placed(y, replace(block.drawing, height=height)))
+        items += [replace(text, y=y + text.y) for text in block.texts]
+        y += height
+        if block.rule is not None:
+            items.append(replace(block.rule, y=y))
+    return items

@@ -128,11 +128,16 @@ class SerialTransport:
 
     def read(self) -> bytes:
         """Return what is there, waiting up to 50 ms for the first byte."""
-        return _or_gone(self.description, lambda: bytes(self._port.read(max(1, self._port.in_waiting))))
+        return _or_gone(self.description, self._receive)
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
         _or_gone(self.description, lambda: self._port.write(data))
+
+    def _receive(self) -> bytes:
+        """Wait for a byte, then take what came with it: alone it would be a block, and cost as much as all the rest."""
+        first = bytes(self._port.read(1))
+        return first + bytes(self._port.read(self._port.in_waiting)) if first else first
 
     def close(self) -> None:
         """Close; what the system says of a port that is gone already is of no use to anyone."""

@@ -68,6 +68,18 @@ def test_a_read_without_data_returns_soon_and_empty(terminal):
     port.close()
 
 
+def test_a_frame_that_comes_while_the_reader_waits_is_one_read(terminal):
+    """Its first byte used to come alone: two blocks for each sample, and twice the reader's work."""
+    master, name = terminal
+    port, frame = open_transport(name), bytes(range(40))
+    writer = threading.Timer(0.02, master.write, (frame,))
+    writer.start()
+    reads = [port.read() for _ in range(3)]
+    writer.join()
+    assert [data for data in reads if data] == [frame]
+    port.close()
+
+
 def test_a_second_opener_is_told_that_the_port_is_in_use(terminal):
     """Two programs on one port would steal each other's bytes."""
     port = open_transport(terminal[1])

@@ -65,7 +65,7 @@ def test_the_demo_finds_the_truth_and_writes_its_report(tmp_path: Path) -> None:
     assert "SIMULATED" in html.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("unit", ["SA2-falling", "SA3"])
+@pytest.mark.parametrize("unit", ["SA2-falling", pytest.param("SA3", marks=pytest.mark.nightly)])
 def test_other_units_and_a_falling_signal(unit: str, tmp_path: Path) -> None:
     """Units of other cubics, and one whose signal falls with elongation, within the same bounds."""
     content = demo(tmp_path, "--unit", unit, "--seed", "5", "--no-mcmc", "--no-report")

@@ -82,6 +82,19 @@ def _differences(values: Integers, before: int) -> Integers:
     return differences
 
 
+def _positions(steps: Integers, wrap: int) -> tuple[Integers, Integers]:
+    """Return where rows stand from the last one kept, and the farthest before each, from the steps between them."""
+    position = np.cumsum(steps)
+    reached = np.maximum.accumulate(np.concatenate(([0], position)))[:-1]
+    if (np.abs(position - reached) >= wrap // 2).any():  # late rows led around: the shortest way is from the farthest
+        at = farthest = 0
+        for n, step in enumerate(steps.tolist()):
+            at = farthest + _wrapped(at + step - farthest, wrap)
+            position[n], reached[n] = at, farthest
+            farthest = max(farthest, at)
+    return position, reached
+
+
 class SampleStream:
     """The accounts of one link's samples.
 
@@ -158,9 +171,7 @@ class SampleStream:
         assert self._order is not None
         steps = _differences(self._orders(rows), self._order)
         if not (steps == 1).all() or self._held:
-            steps = _wrapped(steps, self._order_wrap)
-            position = np.cumsum(steps)
-            reached = np.maximum.accumulate(np.concatenate(([0], position)))[:-1]
+            position, reached = _positions(_wrapped(steps, self._order_wrap), self._order_wrap)
             late = position < reached + self._indexed
             if late.any() or self._held:
                 restart = self._restart_in(rows, late)

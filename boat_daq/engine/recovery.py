@@ -225,6 +225,7 @@ def _salvage(path: Path, faults: list[_Fault], progress: Progress | None) -> Rec
     target = _free_name(path)
     with closing(_open_damaged(path)) as db:
         meta = read_session(db)
+        session_dtype(meta)  # nothing else says what the bytes are
         file = RecordingFile.create(target, meta)
         reader = _RowReader(db)
         try:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol import Connection, SampleFlag, Samples
 from protocol.link import BoardEventReceived, BoardRestarted, Gap, LinkEvent
 from protocol.messages import BoardEvent, Hello, Sample, encode_message
 from protocol.recording import sample_dtype
-from protocol.samples import implausible
+from protocol.samples import SampleStream, implausible
 from tests.protocol.streams import HELLO, START_DONE, STOP_DONE, hello_and, sample, stream
 
 
@@ -79,6 +81,28 @@ def test_a_repeated_answer_to_start_changes_nothing() -> None:
     events = link.receive(hello_and(sample(0), sample(1)) + stream(START_DONE, sample(2)), 0)
     assert gaps_of(events) == []
     assert rows_of(events)["index"].tolist() == [0, 1, 2]
+
+
+@settings(max_examples=300)
+@given(
+    indexed=st.booleans(),
+    orders=st.lists(st.integers(0, 255), min_size=1, max_size=40),
+    cuts=st.lists(st.integers(0, 40), max_size=4),
+)
+def test_how_samples_are_cut_in_pieces_changes_nothing(indexed: bool, orders: list[int], cuts: list[int]) -> None:
+    """Wild indices or times, farther apart than half a wrap too: at once or piece by piece, the same is kept."""
+
+    def account(places: list[int]) -> tuple[object, ...]:
+        accounts = SampleStream(index_wrap=256 if indexed else None, time_wrap_us=256, announces_restart=False)
+        rows = np.zeros(len(orders), sample_dtype(2, "counts"))
+        rows["index" if indexed else "time_us"] = orders
+        borders = [0, *sorted(place % (len(orders) + 1) for place in places), len(orders)]
+        events = [event for at, to in pairwise(borders) for event in accounts.accept(rows[at:to].copy())]
+        kept = [row for e in events if isinstance(e, Samples) for row in e.array[["index", "time_us"]].tolist()]
+        told = [event for event in events if not isinstance(event, Samples)]
+        return kept, told, accounts.samples, accounts.lost, accounts.duplicates
+
+    assert account([]) == account(cuts)
 
 
 @pytest.mark.fault(6, how="frames sent twice, swapped and late", times=1)

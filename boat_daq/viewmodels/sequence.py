@@ -7,7 +7,8 @@ may be pressed is one table over the session's states.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -71,9 +72,9 @@ STATE_WORDS = {
 BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loading", "end": "end"}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Staircase:
-    """The plan as a picture: pressure over estimated time, and where each step begins."""
+    """The plan as a picture: pressure over estimated time, and where each step begins. One is only equal to itself."""
 
     time_s: Array
     pressure_kpa: Array
@@ -105,22 +106,30 @@ class Drawing:
 
 def drawing(picture: Staircase, done_to_s: float, limits_kpa: tuple[float, float] | None) -> Drawing:
     """Return `picture` in the unit square, its first `done_to_s` seconds as a polygon that ends with "now"."""
-    edges = [*limits_kpa] if limits_kpa else []
+    empty = _undone(picture, limits_kpa)
+    if done_to_s <= 0:
+        return empty
+    x = done_to_s / (float(picture.time_s[-1]) or 1.0)
+    across, heights = zip(*empty.line, strict=True)
+    done = (*(point for point in empty.line if point[0] < x), (x, float(np.interp(x, across, heights))))
+    return replace(empty, done=((0.0, empty.zero), *done, (x, empty.zero)))
+
+
+@lru_cache(maxsize=4)
+def _undone(picture: Staircase, limits_kpa: tuple[float, float] | None) -> Drawing:
+    """Return `picture` in the unit square, nothing done: the same object as long as it is the same picture."""
+    edges = limits_kpa or ()
     low = min(float(picture.pressure_kpa.min()), 0.0, *edges) - 4
     high = max(float(picture.pressure_kpa.max()), 0.0, *edges) + 4
-    end = float(picture.time_s[-1]) or 1.0
+    across = picture.time_s / (float(picture.time_s[-1]) or 1.0)
+    line = tuple(zip(across.tolist(), ((picture.pressure_kpa - low) / (high - low)).tolist(), strict=True))
+    return Drawing(line, (), tuple((edge - low) / (high - low) for edge in edges), -low / (high - low))
 
-    def height(kpa: float) -> float:
-        return (kpa - low) / (high - low)
 
-    line = tuple((float(t) / end, float(height(p))) for t, p in zip(picture.time_s, picture.pressure_kpa, strict=True))
-    zero = float(height(0.0))
-    done: tuple[tuple[float, float], ...] = ()
-    if done_to_s > 0:
-        x = done_to_s / end
-        at = float(height(np.interp(done_to_s, picture.time_s, picture.pressure_kpa)))
-        done = ((0.0, zero), *(point for point in line if point[0] < x), (x, at), (x, zero))
-    return Drawing(line, done, tuple(height(v) for v in edges), zero)
+@lru_cache(maxsize=4)
+def _extent(plan: Plan) -> tuple[int, float]:
+    """Return how many plateaus a plan has, and how long it takes (s): a hundred cycles are thousands of steps."""
+    return sum(step.plateau for step in plan.steps), plan.duration_s
 
 
 class SequenceModel:
@@ -162,11 +171,9 @@ class SequenceModel:
     @property
     def estimate(self) -> str:
         """Return the plan in a line: cycles, plateaus, time."""
-        plateaus = sum(step.plateau for step in self.plan.steps)
+        plateaus, lasts_s = _extent(self.plan)
         words = f"{plateaus} plateaus, " if plateaus else ""
-        return f"{words}about {duration(self.plan.duration_s)}" + (
-            " and the readings" if self.wait_for_reading and plateaus else ""
-        )
+        return f"{words}about {duration(lasts_s)}" + (" and the readings" if self.wait_for_reading and plateaus else "")
 
     def drawing(self, snapshot: SessionSnapshot) -> Drawing:
         """Return the staircase with limits and the done part of the run."""

@@ -31,21 +31,29 @@ RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a c
 
 
 class ShadowView(QWidget):
-    """Draws a `ShadowPicture` to scale."""
+    """Draws a `ShadowPicture` to scale; all of its rectangle, or Qt would paint every widget behind it first."""
 
     def __init__(self) -> None:
         super().__init__()
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setAccessibleName("The actuator now, over its outline at rest")
         self.setMinimumHeight(5 * style.CONTROL_HEIGHT)
-        self.theme: Theme = style.LIGHT
         self.picture: ShadowPicture | None = None
         self.scale_words = ("0", "")
+        self.paint_theme(style.LIGHT)
 
     def show_picture(self, picture: ShadowPicture) -> None:
         """Draw another picture; the same one costs nothing."""
         if picture is not self.picture:
             self.picture = picture
             self.update()
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.theme = theme
+        self.steps = [QColor(style.sequential(theme, i, LEVELS)) for i in range(LEVELS)]
+        self.small = style.small_font()
+        self.update()
 
     def _transform(self) -> QTransform:
         """Return the way from (x, z) mm to pixels."""
@@ -59,9 +67,11 @@ class ShadowView(QWidget):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw elements, guides, points, rest, tips and the scale."""
-        if self.picture is None:
-            return
         painter = QPainter(self)
+        painter.fillRect(self.rect(), QColor(self.theme.surface))
+        if self.picture is None:
+            painter.end()
+            return
         painter.setTransform(self._transform())
         self._elements(painter, self.picture)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
@@ -91,7 +101,7 @@ class ShadowView(QWidget):
             chosen: NDArray[np.float64] = picture.corners[picture.levels == level]
             closed = np.concatenate([chosen, chosen[:, :1]], axis=1).reshape(-1, 2)
             path = pg.functions.arrayToQPath(closed[:, 0], closed[:, 1], np.tile(RING, len(chosen)))
-            painter.fillPath(path, QColor(style.sequential(self.theme, int(level), LEVELS)))
+            painter.fillPath(path, self.steps[level])
 
     def _tip(self, painter: QPainter, elongation_mm: float, colour: str, pen: Qt.PenStyle) -> None:
         if elongation_mm == elongation_mm:
@@ -113,13 +123,10 @@ class ShadowView(QWidget):
             room.left() + 8 * style.STEP, room.bottom() - 6 * style.STEP, room.width() - 16 * style.STEP, style.GAP
         )
         step = bar.width() / LEVELS
-        for i in range(LEVELS):
-            painter.fillRect(
-                QRectF(bar.left() + i * step, bar.top(), step + 1, bar.height()),
-                QColor(style.sequential(self.theme, i, LEVELS)),
-            )
+        for i, colour in enumerate(self.steps):
+            painter.fillRect(QRectF(bar.left() + i * step, bar.top(), step + 1, bar.height()), colour)
         painter.setPen(QColor(self.theme.muted))
-        painter.setFont(style.small_font())
+        painter.setFont(self.small)
         below = bar.adjusted(-6 * style.STEP, bar.height(), 6 * style.STEP, 4 * style.STEP)
         painter.drawText(below, Qt.AlignmentFlag.AlignLeft, self.scale_words[0])
         painter.drawText(below, Qt.AlignmentFlag.AlignRight, self.scale_words[1])
@@ -241,8 +248,3 @@ class ShadowPane(QWidget):
             widgets.set_text(self.names[i], name)
             widgets.set_text(self.values[i], value)
             widgets.set_state(self.values[i], state)
-
-    def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
-        self.view.theme = theme
-        self.view.update()

@@ -117,7 +117,7 @@ class SequencePanel(QFrame):
         arm = self.buttons["arm"]
         widgets.set_text(arm, "Begin anew" if first_cycle else LABELS["arm"])
         widgets.set_state(arm, "" if first_cycle else "primary", "role")
-        arm.setToolTip("Arm the whole plan from its first cycle" if first_cycle else TIPS["arm"])
+        arm.setToolTip("Arm the whole plan from its first cycle, in a new recording" if first_cycle else TIPS["arm"])
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show state, progress and the buttons that may be pressed."""

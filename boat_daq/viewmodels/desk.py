@@ -210,6 +210,8 @@ class Desk:
         """Say what comes next when a run with readings has ended."""
         state, before = self.snapshot.state, self._state_before
         self._state_before = state
+        if before is SessionState.FAULT and state is not SessionState.FAULT:
+            self.notices.dismiss_all(Level.FAULT)  # cleared, they would stand before what comes next
         ended = state is SessionState.IDLE and before in (SessionState.RUNNING, SessionState.FINISHING)
         if self._offer is not None and (self.calibration.working or state is SessionState.RUNNING):
             self.notices.dismiss(self._offer)
@@ -330,11 +332,16 @@ class Desk:
         return self.snapshot.link is LinkState.UP
 
     def press(self, button: str) -> None:
-        """Press a button of the sequence; a start records first, so that no run is ever lost."""
+        """Press a button of the sequence; a start records first, so that no run is ever lost.
+
+        Each run has a recording of its own: one that holds a run already is closed before the plan is armed again.
+        """
 
         def deed() -> None:
             if button == "start" and self.snapshot.recording is None:
                 self.record()
+            if button == "arm" and self.snapshot.recording is not None and self.session.steps():
+                self.session.stop_recording()
             self.sequence.press(button)
 
         self.notices.attempt(deed)

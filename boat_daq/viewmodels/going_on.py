@@ -89,7 +89,7 @@ class GoingOn:
             self._offer = self._notices.say(
                 Level.INFORMATION,
                 f"the run was broken off after {count(complete, 'whole cycle')}",
-                f"Go on at cycle {first} in its recording, the break stays visible; or begin the plan anew.",
+                f"Go on at cycle {first} in its recording, the break stays visible; or begin anew in another.",
                 action_text="Go on",
                 action=lambda: self._arm(plan),
             )

@@ -126,6 +126,11 @@ class Notices:
         self._standing = [other for other in self._standing if other is not notice]
         self.revision += 1
 
+    def dismiss_all(self, level: Level) -> None:
+        """Take all notices of one weight away; they stay in the history."""
+        self._standing = [other for other in self._standing if other.level is not level]
+        self.revision += 1
+
 
 def _plain(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:

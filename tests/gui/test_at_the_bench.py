@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from boat_daq.engine.session import Phase, Progress, ReadingRequest, SessionState
+from boat_daq.engine.session import Phase, Progress, ReadingRequest, SessionState, StepMark
 from boat_daq.viewmodels.notices import Level
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
 
@@ -178,3 +178,28 @@ def test_a_button_that_goes_takes_no_other_with_it(live, qtbot):
     live.refresh()
     assert live.live.sequence.buttons["pause"].isVisible()
     assert QApplication.focusWidget() is None
+
+
+def test_a_cleared_fault_does_not_stand_before_the_next_step(live):
+    """The strip kept the fault after it was cleared, and hid the offer to calibrate behind it."""
+    live.desk.session.change(state=SessionState.FAULT)
+    live.refresh()
+    live.desk.notices.say(Level.FAULT, "the board did not answer")
+    live.desk.notices.inform("what comes next")
+    assert live.desk.notices.current().level is Level.FAULT
+    live.desk.session.change(state=SessionState.IDLE)
+    live.refresh()
+    assert live.desk.notices.current().cause == "what comes next"
+
+
+def test_each_run_has_a_recording_of_its_own(live):
+    """Armed again, the recording that holds a run is closed first; one that was only begun by hand goes on."""
+    session = live.desk.session
+    session.change(recording=Path("SA1.boat"))
+    live.refresh()
+    live.desk.press("arm")
+    assert session.asked[-1:] == ["arm"]
+    assert "stop_recording" not in session.asked
+    session.marks = (StepMark(1, 0, "start", 50.0, 10.0, 0),)
+    live.desk.press("arm")
+    assert session.asked[-2:] == ["stop_recording", "arm"]

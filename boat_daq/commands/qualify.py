@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import platform
 import shutil
 from datetime import datetime
 from pathlib import Path
@@ -11,17 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-import boat_daq
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analysis.reports.content import Report
+    from analysis.reports.content import Report, Section
     from boat_daq.engine.drill_bench import Outcome
     from boat_daq.engine.drills import Drill
-
-_PACKAGES = ("numpy", "pyserial", "cobs", "scipy", "pandas")
 
 
 def qualify(
@@ -59,7 +54,7 @@ def qualify(
     except KeyboardInterrupt:
         shutil.rmtree(work, ignore_errors=True)
         raise
-    content = result(outcomes, begun, whole=len(drills) == len(available()))
+    content = result(outcomes, begun, whole=len(drills) == len(available()), folder=work)
     content["files"] = write_reports(content, outcomes, work)
     if as_json:
         emit_json(content)
@@ -87,8 +82,10 @@ def make_folder(folder: Path) -> None:
         raise StorageError(f"{folder} cannot be made: {error.strerror}", "choose another folder with --out") from None
 
 
-def result(outcomes: Sequence[Outcome], begun: datetime, *, whole: bool) -> dict[str, Any]:
+def result(outcomes: Sequence[Outcome], begun: datetime, *, whole: bool, folder: Path = Path()) -> dict[str, Any]:
     """Return the object of `qualify --json`, its files apart."""
+    from boat_daq.engine.installation import disk, machine, program, versions
+
     failed = [outcome.name for outcome in outcomes if not outcome.passed]
     passed = not failed and bool(outcomes)
     if failed:
@@ -104,7 +101,9 @@ def result(outcomes: Sequence[Outcome], begun: datetime, *, whole: bool) -> dict
         "verdict": verdict,
         "begun": begun.isoformat(timespec="seconds"),
         "seconds": sum(outcome.seconds for outcome in outcomes),
+        "program": program(),
         "machine": machine(),
+        "disk": disk(folder),
         "versions": versions(),
         "drills": [drill_json(outcome) for outcome in outcomes],
     }
@@ -120,24 +119,17 @@ def drill_json(outcome: Outcome) -> dict[str, Any]:
         "lost": outcome.lost,
         "counts": outcome.counts,
         "seconds": outcome.seconds,
+        "rate_hz": outcome.rate_hz,
+        "boards": [
+            {"port": port_kind(b.port), "speed": b.speed, "unit": b.unit, "seed": b.seed, "faults": list(b.faults)}
+            for b in outcome.boards
+        ],
     }
 
 
-def machine() -> dict[str, str]:
-    """Return what the drills ran on."""
-    return {
-        "name": platform.node(),
-        "system": f"{platform.system()} {platform.release()}",
-        "processor": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
-    }
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of program and libraries."""
-    from importlib import metadata
-
-    found = {"boat-daq": boat_daq.__version__, "Python": platform.python_version()}
-    return found | {name: metadata.version(name) for name in _PACKAGES}
+def port_kind(port: str) -> str:
+    """Return in words what kind of port a board was served on."""
+    return "pseudo-terminal" if port == "pty" else f"TCP on {port.partition(':')[0]}"
 
 
 def write_reports(content: dict[str, Any], outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
@@ -157,7 +149,7 @@ def write_reports(content: dict[str, Any], outcomes: Sequence[Outcome], folder: 
 
 
 def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
-    """Return the report: verdict, drills in short, each drill's criteria, machine and versions, and where to sign."""
+    """Return the report: verdict, where to sign, what was tried on what, and each drill's criteria."""
     from analysis.reports.content import Report, Section, Table
 
     short = Table(
@@ -166,26 +158,13 @@ def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
         "What was injected into the virtual board, what the recording lacks, and whether every criterion was kept.",
         numeric=False,
     )
-    criteria = tuple(
-        Section(
-            f"{o.name}: {'passed' if o.passed else 'FAILED'}",
-            (
-                Table(
-                    ("Criterion", "Seen", "Kept"),
-                    tuple((c.text, c.seen, "yes" if c.kept else "NO") for c in o.criteria),
-                    "; ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in o.counts.items()),
-                    numeric=False,
-                ),
-            ),
-        )
-        for o in outcomes
-    )
-    known = [*content["machine"].items(), *content["versions"].items()]
     sign = (
         "I have read this report. It tries program, computer, disk and port on a virtual board; it says nothing of the "
         "lab's board, its sensors or its plumbing.",
         Table(("Name", "Date", "Signature"), (("_" * 26, "_" * 14, "_" * 30),), numeric=False),
     )
+    versions = Table(("Program or library", "Version"), tuple(content["versions"].items()), numeric=False)
+    known = content["program"]
     return Report(
         "Qualification of the installation",
         f"{content['machine']['name']}, {content['begun'][:10]}",
@@ -193,17 +172,54 @@ def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
         content["verdict"],
         (
             ("Begun", content["begun"]),
-            ("Drills", f"{len(outcomes)} in {content['seconds']:.0f} s"),
-            ("Program", f"boat-daq {content['versions']['boat-daq']}"),
+            ("Took", f"{content['seconds']:.0f} s for {len(outcomes)} drills"),
+            *installation_facts(content),
+            ("Boards", "; ".join(dict.fromkeys(filter(None, map(board_line, content["drills"])))) or "none"),
         ),
         (
-            Section("Drills", (short,)),
             Section("Signature", sign),
-            *criteria,
-            Section("Computer and versions", (Table(("What", "Which"), tuple(known), numeric=False),)),
+            Section("Drills", (short,)),
+            *(drill_section(o, drill) for o, drill in zip(outcomes, content["drills"], strict=True)),
+            Section("Versions", (versions, f"SHA-256 over the program's {known['files']} files: {known['sha256']}")),
         ),
         f"boat-daq {content['versions']['boat-daq']}, qualification of {content['begun'][:10]}",
     )
+
+
+def installation_facts(content: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Return the lines that say what was qualified: program, computer and disk."""
+    program, machine, disk = content["program"], content["machine"], content["disk"]
+    return (
+        ("Program", f"boat-daq {program['version']}, files {program['sha256'][:16]}, in {program['folder']}"),
+        ("Computer", f"{machine['name']}: {machine['processor']}, {machine['memory']}"),
+        ("System", f"{machine['system']}, Python {content['versions']['Python']}"),
+        ("Folder", f"{disk['folder']}"),
+        (
+            "Disk",
+            f"{disk['file_system']} on {disk['device']}, {disk['free_gb']:g} of {disk['size_gb']:g} GB free",
+        ),
+    )
+
+
+def board_line(drill: dict[str, Any]) -> str:
+    """Return port, speed, rate, unit and seed of a drill's board; empty where it had none."""
+    if not drill["boards"]:
+        return ""
+    board, rate_hz = drill["boards"][0], drill["rate_hz"]
+    rate = "rate not known" if rate_hz is None else f"{rate_hz:g} Hz"
+    return f"{board['port']}, {board['speed']:g}x real time, {rate}, {board['unit']}, seed {board['seed']}"
+
+
+def drill_section(outcome: Outcome, drill: dict[str, Any]) -> Section:
+    """Return one drill's criteria with what was seen, its board and its counts."""
+    from analysis.reports.content import Section, Table
+
+    counts = "; ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in outcome.counts.items())
+    faults = "; ".join(f"{', '.join(board['faults']) or 'no fault of the board'}" for board in drill["boards"])
+    told = ". ".join(filter(None, (board_line(drill), f"Faults: {faults}" if faults else "", counts)))
+    rows = tuple((c.text, c.seen, "yes" if c.kept else "NO") for c in outcome.criteria)
+    table = Table(("Criterion", "Seen", "Kept"), rows, told, numeric=False)
+    return Section(f"{outcome.name}: {'passed' if outcome.passed else 'FAILED'}", (table,))
 
 
 def _line(outcome: Outcome) -> str:

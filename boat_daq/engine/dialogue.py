@@ -178,7 +178,8 @@ class Dialogue:
             # A fast board's watchdog is not worth feeding while there is nothing to guard.
             fast = self.meter.speed > FAST
             off = fast and idle and not self.pending
-            self.send(Heartbeat(0 if off else self.feeder.armed_ms), feeds=self.feeder.repeats_are_late(self.meter.speed))
+            feeds = self.feeder.repeats_are_late(self.meter.speed)
+            self.send(Heartbeat(0 if off else self.feeder.armed_ms), feeds=feeds)
 
     def done(self, command: Command) -> None:
         """The board has done it."""

@@ -30,6 +30,7 @@ from boat_daq.engine.verify import verify_recording
 from boat_daq.errors import DeviceError
 from protocol.recording import dtype_from_description, open_recording, read_session
 
+PORT = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"
 SPEED = 8.0
 VENTED_KPA = 2.0
 WRONG_MV, WRONG_KPA = 15.0, 3.0  # ten times the noise of a sample: no honest one is so far from the truth
@@ -49,7 +50,7 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a drill came to; `lost` says in words what is missing from the recording."""
+    """What a drill came to, and on which boards; `lost` says in words what is missing from the recording."""
 
     name: str
     injected: str
@@ -57,6 +58,8 @@ class Outcome:
     lost: str
     counts: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
+    boards: tuple[BoardSettings, ...] = ()
+    rate_hz: float | None = None
 
     @property
     def passed(self) -> bool:
@@ -66,9 +69,10 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Where a drill works: an empty folder of its own."""
+    """Where a drill works: an empty folder of its own; `served` are the boards it had."""
 
     folder: Path
+    served: list[BoardSettings] = field(default_factory=list)
 
     @property
     def run(self) -> Path:
@@ -83,8 +87,8 @@ class Bench:
     @contextmanager
     def board(self, *faults: str, speed: float = SPEED) -> Iterator[ServedBoard]:
         """Serve a board with these faults."""
-        port = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"
-        settings = BoardSettings(port=port, speed=speed, faults=faults, truth=str(self.truth))
+        settings = BoardSettings(port=PORT, speed=speed, faults=faults, truth=str(self.truth))
+        self.served.append(settings)
         with serve(settings) as board:
             yield board
 

@@ -42,6 +42,7 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.recovery import recover
 from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.engine.summary import summarise
+from protocol.errors import RecordingError
 
 ACKNOWLEDGED_S = 0.2  # of wall time: what a kill may cost
 
@@ -252,13 +253,24 @@ def run_drill(drill: Drill, folder: Path) -> Outcome:
     """Run one drill in an empty folder; whatever goes wrong in it is its failure."""
     folder.mkdir(parents=True)
     begun = time.monotonic()
+    bench = Bench(folder)
     try:
-        outcome = drill(Bench(folder))
+        outcome = drill(bench)
     except Exception as error:  # noqa: BLE001 - a drill that breaks has failed, and the next one is run
         name = drill.__name__.replace("_", " ")
         broke = Criterion("the drill comes to its end", f"{type(error).__name__}: {error}", False)
         outcome = Outcome(name, (drill.__doc__ or "").strip(), (broke,), "unknown")
-    return dataclasses.replace(outcome, seconds=time.monotonic() - begun)
+    rate_hz = _rate(bench)
+    seconds = time.monotonic() - begun
+    return dataclasses.replace(outcome, seconds=seconds, boards=tuple(bench.served), rate_hz=rate_hz)
+
+
+def _rate(bench: Bench) -> float | None:
+    """Return the sampling rate that a drill's recording was asked for; None where none can be read."""
+    try:
+        return summarise(bench.run).rate_asked_hz
+    except RecordingError:
+        return None
 
 
 def _happened(seen: bool, found: Comparison) -> Criterion:

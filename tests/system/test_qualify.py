@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from boat_daq import __version__
 from boat_daq.cli import app
 from boat_daq.commands.qualify import result
-from boat_daq.engine import drills
+from boat_daq.engine import drills, installation
+from boat_daq.engine.board_server import BoardSettings
 from boat_daq.engine.drill_bench import Bench, Criterion, Outcome
 from boat_daq.engine.drills import available, run_drill
 from boat_daq.engine.recorder import Recorder
@@ -122,6 +124,42 @@ def test_a_report_is_simulated_dated_and_to_be_signed(tmp_path: Path, monkeypatc
         assert word in text
     assert pdf.read_bytes().startswith(b"%PDF")
     assert CliRunner().invoke(app, ["qualify", "--drill", "nonsense"]).exit_code == 2
+
+
+def test_a_report_names_what_was_qualified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An operator signs for a program, a computer, a disk and a port: each stands in it, above the drills."""
+    board = BoardSettings(speed=8.0, seed=0, faults=("index_gap@4:7",))
+
+    def served(bench: Bench) -> Outcome:
+        bench.served.append(board)
+        return Outcome("served", "7 frames", (Criterion("is kept", "yes", True),), "7 samples")
+
+    monkeypatch.setattr(drills, "DRILLS", (served,))
+    run = CliRunner().invoke(app, ["qualify", "--out", str(tmp_path), "--json"])
+    told = json.loads(run.stdout)
+    assert (len(told["program"]["sha256"]), told["program"]["version"]) == (64, __version__)
+    assert told["disk"]["folder"].startswith(str(tmp_path))
+    assert told["disk"]["file_system"] and told["machine"]["system"]
+    (used,) = told["drills"][0]["boards"]
+    faults = ["index_gap@4:7"]
+    assert used == {"port": "pseudo-terminal", "speed": 8.0, "unit": "SA1", "seed": 0, "faults": faults}
+    text = Path(told["files"][0]).read_text(encoding="utf-8")
+    for word in (told["program"]["sha256"], told["disk"]["folder"], told["machine"]["system"], used["port"], "seed 0"):
+        assert word in text
+    assert text.index(told["verdict"]) < text.index("Signature") < text.index(">Drills<")
+
+
+def test_the_programs_hash_is_of_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any byte of any file of the program changes it; the same files give the same."""
+    for package in ("boat_daq", "protocol", "analysis"):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "a.py").write_text("x = 1\n")
+    monkeypatch.setattr(installation, "_ROOT", tmp_path)
+    before = installation.program()
+    assert before["files"] == 3
+    assert installation.program()["sha256"] == before["sha256"]
+    (tmp_path / "protocol" / "a.py").write_text("x = 2\n")
+    assert installation.program()["sha256"] != before["sha256"]
 
 
 @pytest.mark.nightly

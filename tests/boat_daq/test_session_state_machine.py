@@ -164,7 +164,7 @@ class Operators(RuleBasedStateMachine):
         """Something outside pushes the pressure beyond a limit."""
         self.spoiled = True
         self.bench.fault("beyond_limit", pressure)
-        self.pass_time(2.5 / self.bench.speed, 25)
+        self.pass_time(2.5 / self.bench.speed, 10)
         if not self.bench.board._pneumatics.regulated:
             self.spoiled = abs(self.bench.pressure_kpa) > 2.0
         assert not self.spoiled, "the unit was not vented"
@@ -201,7 +201,7 @@ class Operators(RuleBasedStateMachine):
                 arming = [c for c in bench.sent[:at] if isinstance(c, Heartbeat)]
                 assert arming and arming[-1].timeout_ms, "a pressure without the board's watchdog"
         bench.host_alive = False
-        self.pass_time((WATCHDOG_S + VENT_S + 0.5) / bench.speed, 50)
+        self.pass_time((WATCHDOG_S + VENT_S + 0.5) / bench.speed, 20)
         assert abs(bench.pressure_kpa) < 2.0
 
 

@@ -24,8 +24,8 @@ PRESSED_KPA = 5.0
 
 @pytest.fixture
 def board(tmp_path: Path) -> Iterator[ServedBoard]:
-    """A virtual board at 4 times real time that writes its truth."""
-    with serve(BoardSettings(speed=4.0, truth=str(tmp_path / "truth.csv"))) as served:
+    """A virtual board at 10 times real time that writes its truth."""
+    with serve(BoardSettings(speed=10.0, truth=str(tmp_path / "truth.csv"))) as served:
         yield served
 
 
@@ -79,7 +79,7 @@ def test_a_killed_host_leaves_a_vented_board_and_a_file_that_recovers(board: Ser
     process.communicate(timeout=60)
     run = tmp_path / "run.boat"
     assert info(run)["status"] == "interrupted"
-    time.sleep(4.0)  # 16 s of board time: its watchdog of 5 s, and the way back to zero
+    time.sleep(1.6)  # 16 s of board time: its watchdog of 5 s, and the way back to zero
     assert abs(truth(tmp_path)[-1]) < 1.0
     for command in ("recover", "verify"):
         done = subprocess.run(

@@ -93,7 +93,8 @@ def result(outcomes: Sequence[Outcome], begun: datetime, *, whole: bool, folder:
     elif whole:
         verdict = f"PASSED: all {len(outcomes)} drills."
     else:
-        verdict = f"Passed {len(outcomes)} drills that were asked for: this is no whole qualification."
+        asked = ", ".join(outcome.name for outcome in outcomes)
+        verdict = f"Passed what was asked for ({asked or 'nothing'}): this is no whole qualification."
     return {
         "simulated": True,
         "passed": passed,
@@ -158,10 +159,13 @@ def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
         "What was injected into the virtual board, what the recording lacks, and whether every criterion was kept.",
         numeric=False,
     )
+    blank = ("", "", "", "")
     sign = (
         "I have read this report. It tries program, computer, disk and port on a virtual board; it says nothing of the "
         "lab's board, its sensors or its plumbing.",
-        Table(("Name", "Date", "Signature"), (("_" * 26, "_" * 14, "_" * 30),), numeric=False),
+        Table(
+            ("", "Name", "Date", "Signature"), (_signature("Operator"), blank, _signature("Checked by")), numeric=False
+        ),
     )
     versions = Table(("Program or library", "Version"), tuple(content["versions"].items()), numeric=False)
     known = content["program"]
@@ -184,6 +188,10 @@ def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
         ),
         f"boat-daq {content['versions']['boat-daq']}, qualification of {content['begun'][:10]}",
     )
+
+
+def _signature(who: str) -> tuple[str, str, str, str]:
+    return who, "_" * 24, "_" * 12, "_" * 28
 
 
 def installation_facts(content: dict[str, Any]) -> tuple[tuple[str, str], ...]:

@@ -197,7 +197,8 @@ def kill(bench: Bench) -> Outcome:
         identical(bench),
     )
     cut = f"the last {max(missing_s, 0.0):.2f} s before the kill"
-    return Outcome("kill", "kill -9 of the recording program, under pressure", criteria, cut, counts(found))
+    injected = "the recording program killed without a warning (SIGKILL), under pressure"
+    return Outcome("kill", injected, criteria, cut, counts(found))
 
 
 def host_stall(bench: Bench) -> Outcome:

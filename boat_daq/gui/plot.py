@@ -114,7 +114,11 @@ class Plot:
         item.setMenuEnabled(False)
         item.getViewBox().disableAutoRange()
         item.getAxis("left").setWidth(style.AXIS_WIDTH)
-        item.showGrid(x=True, y=True, alpha=1.0)
+        left, bottom = item.getAxis("left"), item.getAxis("bottom")
+        if isinstance(left, TickAxis) and isinstance(bottom, TickAxis):
+            bottom.draw_grid_of(left)
+        else:
+            item.showGrid(x=True, y=True, alpha=1.0)
         for side in ("left", "bottom"):
             item.getAxis(side).setZValue(-1000)  # the grid belongs behind the data
         item.getAxis("left").setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # it changes seldom
@@ -221,6 +225,7 @@ class Plot:
             ruler = self.item.getAxis(side)
             ruler.setPen(pg.mkPen(theme.grid, width=1))
             ruler.setTickPen(pg.mkPen(theme.grid, width=1))
+            ruler.ground = style.colour(theme.surface)
             ruler.setTextPen(pg.mkPen(theme.muted))
             ruler.setStyle(tickFont=style.small_font())
         self._titles(theme)
@@ -249,6 +254,10 @@ class Plot:
 
 def make_item(*, time: bool = False, whole: bool = False) -> Any:
     """Return an empty pyqtgraph plot with our axes; the lower one shows a time, or whole numbers."""
-    return pg.PlotItem(
+    item = pg.PlotItem(
         axisItems={"left": TickAxis("left"), "bottom": TickAxis("bottom", time=time, whole=whole)}, enableMenu=False
     )
+    for frame in (item, item.getViewBox()):
+        frame.setFlag(QGraphicsItem.GraphicsItemFlag.ItemHasNoContents)  # Qt need not ask Python what they look like
+    item.getViewBox().borderRect.hide()
+    return item

@@ -14,7 +14,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QGuiApplication, QPainter, QPixmap
 from PySide6.QtSvg import QSvgGenerator
-from PySide6.QtWidgets import QFrame, QMenu, QToolButton, QWidget
+from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QToolButton, QWidget
 
 from boat_daq.gui import style, widgets
 from boat_daq.gui.plot import Plot, make_item
@@ -43,6 +43,8 @@ class PlotCard(QFrame):
         self.columns_of: Callable[[], Columns] | None = None  # what CSV saves; by default what is drawn
         self.view = pg.GraphicsLayoutWidget()
         self.view.setFrameShape(QFrame.Shape.NoFrame)
+        self.view.setCacheMode(QGraphicsView.CacheModeFlag.CacheNone)  # a ground of one colour is filled, not copied
+        self.view.ci.setFlag(QGraphicsItem.GraphicsItemFlag.ItemHasNoContents)
         self.view.ci.layout.setContentsMargins(0, style.STEP, style.STEP, 0)
         self.view.ci.layout.setSpacing(style.STEP)
         self.view.setAccessibleName(title)

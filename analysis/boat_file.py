@@ -28,7 +28,9 @@ import pandas as pd
 from analysis.errors import FileError, RequestError
 from analysis.recording import READING_COLUMNS, STEP_COLUMNS, FloatArray, Gap, IntArray, Recording
 from protocol.recording import (
+    SCHEMA_VERSION,
     check_long_tables,
+    layout_version,
     open_recording,
     read_session,
     refuse_newer,
@@ -239,11 +241,17 @@ def store_result(
 
     Raises
     ------
-    RequestError : the recording is not closed: its one writer is still at work.
+    RequestError : the recording is not closed: its one writer is still at work; or its layout is an older one, which
+        is not written to without a backup.
     FileError : the file cannot be written.
     """
     path = Path(path)
     refuse_newer(path)
+    if layout_version(path) < SCHEMA_VERSION:
+        raise RequestError(
+            f"{path.name} is an older program's recording, and nothing is added to it as it is",
+            f"`boat-daq upgrade {path}` first: it keeps the file as it was beside it.",
+        )
     with opened(path) as db:
         if read_session(db).get("status") == "recording":
             raise RequestError(f"{path.name} is being recorded", "Wait for its end, or `boat-daq recover` it.")

@@ -10,6 +10,8 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -32,15 +34,31 @@ def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path |
     run = Path(run)
     if not is_boat_file(run):
         return ""
-    parameters: dict[str, Any] = {"options": asdict(analysis.options)}
+    parameters: dict[str, Any] = {"options": asdict(analysis.options), "code": code_state()}
     if elongation is not None:
         file = Path(elongation)
         parameters["elongation"] = {"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
     try:
         store_result(run, "analysis", finite(analysis.to_json()), parameters, seed=analysis.options.seed)
     except AnalysisError as error:
-        return f"the result was not kept: {error.cause}"
+        return f"the result was not kept: {error.cause}. {error.remedy}".rstrip(". ") + "."
     return ""
+
+
+@cache
+def code_state() -> str:
+    """Return what tells this state of the program from others of the same version: a hash of all that figures rest on.
+
+    It covers this package's own files (without the reports, which compute nothing), the recording's reader, and the
+    versions of the numerical libraries.
+    """
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    for file in (*sorted(here.glob("*.py")), here.parent / "protocol" / "recording.py"):
+        digest.update(file.name.encode() + file.read_bytes().replace(b"\r\n", b"\n"))
+    for name in ("numpy", "scipy", "pandas", "emcee"):
+        digest.update(f"{name} {version(name)}".encode())
+    return digest.hexdigest()[:12]
 
 
 def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -30,7 +30,9 @@ def verify(
         if (summarise(run).port or "").startswith(IMPORTED):
             verdict = verify_import(run)
         else:
-            verdict = verify_recording(run, reanalyse=reanalyse, progress=progress)
+            from analysis.results import code_state
+
+            verdict = verify_recording(run, reanalyse=reanalyse, code=code_state(), progress=progress)
     if as_json:
         emit_json(verdict)
     else:

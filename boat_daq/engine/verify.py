@@ -66,7 +66,7 @@ class _Difference(Exception):
 
 
 def verify_recording(
-    path: Path, *, reanalyse: Reanalyse | None = None, progress: Progress | None = None
+    path: Path, *, reanalyse: Reanalyse | None = None, code: str = "", progress: Progress | None = None
 ) -> Verification:
     """Derive a recording again from its raw bytes.
 
@@ -74,6 +74,7 @@ def verify_recording(
     ----------
     path : a recording; one that is interrupted is checked up to its last commit.
     reanalyse : computes a stored result anew, or returns None for a kind it does not know.
+    code : state of the program that `reanalyse` computes with; results say by which state they were computed.
     progress : told (samples compared, samples in all); raising from it cancels.
 
     Raises
@@ -87,7 +88,7 @@ def verify_recording(
         try:
             check_long_tables(path, db)
             _verify_stream(db, tally, progress)
-            _verify_results(db, path, tally, reanalyse)
+            _verify_results(db, path, tally, reanalyse, code)
         except _Difference as found:
             difference = str(found)
         except DAMAGE as error:
@@ -229,7 +230,9 @@ def _verify_gaps(db: sqlite3.Connection, gaps: list[tuple[int, int, int]]) -> No
             raise _Difference(f"gap {number} is {row} in the file and {gap} from the bytes")
 
 
-def _verify_results(db: sqlite3.Connection, path: Path, tally: dict[str, int], reanalyse: Reanalyse | None) -> None:
+def _verify_results(
+    db: sqlite3.Connection, path: Path, tally: dict[str, int], reanalyse: Reanalyse | None, code: str
+) -> None:
     if reanalyse is None:
         return
     sql = "SELECT id, kind, program_version, seed, parameters, content FROM result ORDER BY id"
@@ -238,6 +241,31 @@ def _verify_results(db: sqlite3.Connection, path: Path, tally: dict[str, int], r
         again = reanalyse(path, stored)
         if again is None:
             continue
-        if json.dumps(again, sort_keys=True) != json.dumps(stored.content, sort_keys=True):
-            raise _Difference(f"result {number} ({kind}) of version {version} comes out differently now")
+        key = _first_other(stored.content, again)
+        if key is not None:
+            raise _Difference(f"result {number} ({kind}): {_by_whom(stored, code)}; the first is {key or 'the whole'}")
         tally["results"] += 1
+
+
+def _by_whom(stored: StoredResult, code: str) -> str:
+    """Say whether other numbers come from another program or from none: a file that was changed."""
+    made = stored.parameters.get("code")
+    if made == code:
+        return "this very program gives other numbers than are stored"
+    known = f"code {made}" if made else "its code is not recorded"
+    return (
+        f"it was computed by another state of the program (version {stored.program_version}, {known}; this is code "
+        f"{code}), and this one gives other numbers"
+    )
+
+
+def _first_other(kept: Any, again: Any, at: str = "") -> str | None:
+    """Return the name of the first value that differs, as JSON; None where all are the same."""
+    if isinstance(kept, dict) and isinstance(again, dict) and kept.keys() == again.keys():
+        pairs = ((f"{at}.{key}".lstrip("."), kept[key], again[key]) for key in sorted(kept))
+    elif isinstance(kept, list) and isinstance(again, list) and len(kept) == len(again):
+        pairs = ((f"{at}[{i}]", *both) for i, both in enumerate(zip(kept, again, strict=True)))
+    else:
+        return None if json.dumps(kept, sort_keys=True) == json.dumps(again, sort_keys=True) else at
+    found = (_first_other(one, other, name) for name, one, other in pairs)
+    return next((name for name in found if name is not None), None)

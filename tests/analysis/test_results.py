@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
-from analysis import Options, analyse
-from analysis.results import reproduce, store_analysis
+from analysis import Analysis, Options, Recording, analyse
+from analysis.results import code_state, reproduce, store_analysis
+from boat_daq.commands.verify import reanalyse
+from boat_daq.engine.verify import verify_recording
 from tests.analysis.boat_builder import Staircase, write_boat
 
 
@@ -36,3 +39,52 @@ def test_a_reading_is_newer_than_a_result_by_its_instant(tmp_path: Path, read_ut
     db.close()
     again = reproduce(run, 1, {"options": asdict(analysis.options)})
     assert (again is None) == corrected
+
+
+@pytest.fixture(scope="module")
+def analysed() -> tuple[Recording, Analysis]:
+    """A short run and its analysis."""
+    recording = Staircase(cycles=1).recording()
+    return recording, analyse(recording, options=Options(mcmc=False))
+
+
+def test_an_older_recording_is_not_added_to(tmp_path: Path, analysed: tuple[Recording, Analysis]) -> None:
+    """Not a byte of it changes, and the reader is told of `upgrade`; one of today's layout keeps the result."""
+    run = write_boat(tmp_path / "run.boat", analysed[0])
+    with closing(sqlite3.connect(run)) as db:
+        db.execute("PRAGMA user_version = 1")
+    before = run.read_bytes()
+    said = store_analysis(run, analysed[1])
+    assert "older program's recording" in said
+    assert "boat-daq upgrade" in said
+    assert run.read_bytes() == before
+    with closing(sqlite3.connect(run)) as db:
+        db.execute("PRAGMA user_version = 2")
+    assert store_analysis(run, analysed[1]) == ""
+
+
+def test_a_result_says_by_which_state_it_was_computed(
+    tmp_path: Path, analysed: tuple[Recording, Analysis], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A changed number of this very program is told from one that another state of it computed."""
+    run = write_boat(tmp_path / "run.boat", analysed[0])
+    monkeypatch.setattr("boat_daq.engine.verify._verify_stream", lambda *_: None)  # made without raw bytes
+    assert store_analysis(run, analyse(run, options=Options(mcmc=False))) == ""
+
+    def verdict() -> str:
+        return verify_recording(run, reanalyse=reanalyse, code=code_state()).difference
+
+    assert verdict() == ""
+    with closing(sqlite3.connect(run)) as db, db:
+        db.execute("UPDATE result SET content = json_set(content, '$.sensors[1].figures.fso_mv.value', 1.0)")
+    assert verdict() == (
+        "result 1 (analysis): this very program gives other numbers than are stored; "
+        "the first is sensors[1].figures.fso_mv.value"
+    )
+    with closing(sqlite3.connect(run)) as db, db:
+        db.execute("UPDATE result SET parameters = json_set(parameters, '$.code', 'abc')")
+    assert "another state of the program (version" in verdict()
+    assert f"code abc; this is code {code_state()}" in verdict()
+    with closing(sqlite3.connect(run)) as db, db:
+        db.execute("UPDATE result SET parameters = json_remove(parameters, '$.code')")
+    assert "its code is not recorded" in verdict()

@@ -143,11 +143,12 @@ def test_counted_rays_scatter_as_their_standard_deviation_says(curves: np.ndarra
     assert 0.15 * stated < scatter < 1.3 * stated
 
 
-def test_a_cluster_gives_the_same_bits(request_: SweepRequest, result: SweepResult) -> None:
-    """Two Dask workers give what this process gives, bit for bit."""
+@pytest.mark.parametrize("processes", [False, pytest.param(True, marks=pytest.mark.nightly)])
+def test_a_cluster_gives_the_same_bits(request_: SweepRequest, result: SweepResult, processes: bool) -> None:
+    """Two Dask workers behind TCP, threads or processes, give what this process gives, bit for bit."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        n_workers=2, threads_per_worker=1, processes=processes, protocol="tcp", dashboard_address=None, silence_logs=50
     ) as cluster:
         assert same(run_sweep(request_, scheduler=cluster.scheduler_address), result)
 

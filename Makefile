@@ -2,7 +2,8 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
-JOBS   ?= 2
+# Tests wait for boards in real time for a third of it: three at once keep two cores busy.
+JOBS   ?= 3
 OUT    ?= out/demo
 
 # What Qt and the tests need from Debian; the GUI's own libraries first, then the virtual screen and the PDF viewer.
@@ -24,7 +25,7 @@ demo: setup      ## set up, then a whole calibration session on the virtual boar
 
 test: setup-test  ## set up, then linters, types, import directions and the tests
 	@$(MAKE) --no-print-directory -j 2 check compiled
-	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n $(JOBS) -m "not nightly and not benchmark_run"
+	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not nightly and not benchmark_run"
 
 check: setup-test
 	$(BIN)/ruff check .

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
@@ -22,7 +23,7 @@ from boat_daq.viewmodels.results import LoopSet, SensorResult
 
 SENSORS = 2
 SOURCES = {"least squares": "fit", "posterior": "posterior"}  # what the curve and its bands are of
-BESIDE = ("", "now", "last", "E\u2099")
+BESIDE = ("Sensor", "now", "last", "E\u2099")
 MOST_FLAGS = 5  # shown; all of them on hover
 
 
@@ -69,8 +70,9 @@ class CurveCard(PlotCard):
         if shown.last is not None:
             self.before.set(shown.last[0], shown.last[1])
             self.apart.set(shown.last[0], shown.last[2])
+        bands = "" if shown.last is not None else ": 68, 95 %"  # there is no room for both; the hover says them
         last = "  \u2504 last" if shown.last is not None else ""
-        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   {SOURCES[shown.source]}: 68, 95 %")
+        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   {SOURCES[shown.source]}{bands}")
         self.top.fit()
         self.bottom.fit()
 
@@ -157,7 +159,7 @@ class CalibrationPage(QWidget):
 
     def desk_splitter(self, left: QVBoxLayout) -> QWidget:
         """Return plots and figures side by side, their border to be moved."""
-        return Divided("calibration", self.desk.preferences, widgets.holder(left), self._side(), SIDE)
+        return Divided("calibration", self.desk.preferences, widgets.holder(left), self._side(), SIDE, stacks=True)
 
     def _head(self) -> QWidget:
         frame, inside = widgets.card()
@@ -176,10 +178,10 @@ class CalibrationPage(QWidget):
             self.report,
             self.accept,
         )
-        line = widgets.row()
-        line.addLayout(widgets.column(self.verdict, self.headline, spacing=0), 1)
-        line.addLayout(buttons)
-        inside.addLayout(line)
+        self.head = widgets.row()
+        self.head.addLayout(widgets.column(self.verdict, self.headline, spacing=0), 1)
+        self.head.addLayout(buttons)
+        inside.addLayout(self.head)
         return frame
 
     def _side(self) -> QWidget:
@@ -212,6 +214,12 @@ class CalibrationPage(QWidget):
 
     def _open(self) -> None:
         ask_open(self, self.desk, "Open a recording", "boat csv", lambda path: self.model.analyse(Path(path)))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put the buttons under the verdict where both have no room beside each other."""
+        narrow = self.width() < style.STACKED_BELOW
+        self.head.setDirection(QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight)
+        super().resizeEvent(event)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""

@@ -17,11 +17,15 @@ class Divided(QSplitter):
     ----------
     name : under which the width of the right side is remembered.
     width : of the right side where nobody has moved the border.
+    stacks : whether the sides stand over each other where the page is narrow; it then scrolls.
     """
 
-    def __init__(self, name: str, preferences: Preferences, left: QWidget, right: QWidget, width: int) -> None:
+    def __init__(
+        self, name: str, preferences: Preferences, left: QWidget, right: QWidget, width: int, *, stacks: bool = False
+    ) -> None:
         super().__init__(Qt.Orientation.Horizontal)
         self._key, self._preferences, self._width = f"side {name}", preferences, width
+        self._stacks, self.stacked = stacks, False
         self.setHandleWidth(style.GAP)
         self.setChildrenCollapsible(False)
         self.addWidget(left)
@@ -29,7 +33,7 @@ class Divided(QSplitter):
         self.setStretchFactor(0, 1)
         self.setStretchFactor(1, 0)
         self.handle(1).setAccessibleName("Border between the two sides")
-        self.splitterMoved.connect(lambda *_: self._preferences.set(self._key, self.sizes()[1]))
+        self.splitterMoved.connect(lambda *_: self._keep())
 
     def prefer(self, width: int) -> None:
         """Take another width for the right side, unless a hand has moved the border."""
@@ -37,11 +41,26 @@ class Divided(QSplitter):
         self._share()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep the right side's width."""
+        """Keep the right side's width, or stand it under the left one."""
         super().resizeEvent(event)
+        narrow = self._stacks and self.width() < style.STACKED_BELOW - 2 * style.PAGE_MARGIN
+        if narrow != self.stacked:
+            self._stack(narrow)
         self._share()
 
+    def _stack(self, narrow: bool) -> None:
+        self.stacked = narrow
+        self.setOrientation(Qt.Orientation.Vertical if narrow else Qt.Orientation.Horizontal)
+        self.widget(0).setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
+        self.widget(1).setMinimumHeight(style.STACKED_TABLE if narrow else 0)
+
+    def _keep(self) -> None:
+        if not self.stacked:
+            self._preferences.set(self._key, self.sizes()[1])
+
     def _share(self) -> None:
+        if self.stacked:
+            return
         room = self.width() - self.handleWidth()
         right = min(int(self._preferences.get(self._key, self._width)), room // 2)
         if room > 0 and self.sizes()[1] != right:

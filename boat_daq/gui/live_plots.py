@@ -74,10 +74,13 @@ class LivePlots(PlotCard):
 
     def shorten(self) -> None:
         """Write short words beside the vertical axes where the rows are low, or their titles again."""
-        low = self.view.height() < len(self.rows) * style.ROW_FOR_TITLE
-        if low != bool(self.first.short):
-            for plot, words in zip(self.plots, ("1, mV", "2, mV", "mm", "kPa"), strict=True):
-                plot.short = words if low else ""
+        each = self.view.height() / len(self.rows)
+        wanted = ("",) * len(self.plots) if each >= style.ROW_FOR_TITLE else ("1, mV", "2, mV", "mm", "kPa")
+        if each < style.ROW_FOR_SHORT:
+            wanted = ("mV", "mV", "mm", "kPa")
+        if wanted != tuple(plot.short for plot in self.plots):
+            for plot, words in zip(self.plots, wanted, strict=True):
+                plot.short = words
             self.paint_theme(self.theme)
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -12,7 +12,7 @@ from boat_daq.gui.files import ask_open, ask_save
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.sequence import ENTRIES, limits_text
 
-FIELD_WIDTH = 84
+FIELD_WIDTH = 64
 
 
 class PlanForm(QScrollArea):
@@ -30,7 +30,7 @@ class PlanForm(QScrollArea):
         self.refused = widgets.label("", wrap=True, name="Why the plan is refused")
         self.estimate = widgets.label("", "muted", wrap=True)
         self.limits = widgets.label("", "muted", wrap=True)
-        self.ask_readings = QCheckBox("Wait for a reading at each plateau")
+        self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(desk.sequence.wait_for_reading)
         self.ask_readings.toggled.connect(self._set_wait)
         self.target = widgets.field("Target pressure in kPa", "0")

@@ -57,6 +57,7 @@ class PlotCard(QFrame):
         layout.addLayout(self.bar)
         layout.addWidget(self.view, 1)
         self.setLayout(layout)
+        self.inside = layout
 
     def add(
         self, title: str, unit: str, *, x_title: str = "", x_unit: str = "", time: bool = False, stretch: int = 1

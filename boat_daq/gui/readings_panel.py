@@ -227,6 +227,7 @@ class ReadingsTable(QWidget):
         self.empty = widgets.label(
             "Each plateau of a staircase gets a line here. Arm and start a plan to begin.", "muted", wrap=True
         )
+        self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.count = widgets.label("", "small")
         layout = widgets.column(self.empty, self.view, self.count, spacing=style.GAP)
         layout.setContentsMargins(0, style.GAP, 0, 0)

@@ -127,7 +127,7 @@ class RepeatPage(QWidget):
         self.tabs.addTab(self.table, "Figures")
         column.addWidget(self.tabs)
         width = style.PANE_WIDTH_WIDE - 8 * style.STEP
-        layout.addWidget(Divided("repeat", self.desk.preferences, widgets.holder(grid), side, width), 1)
+        layout.addWidget(Divided("repeat", self.desk.preferences, widgets.holder(grid), side, width, stacks=True), 1)
         return body
 
     def refresh(self, snapshot: SessionSnapshot) -> None:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPointF, QRect, QSize, Qt
-from PySide6.QtGui import QPainter, QPen, QPolygonF
+from PySide6.QtGui import QPainter, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QHBoxLayout,
     QMenu,
@@ -124,13 +124,14 @@ class RunsPage(QWidget):
             "resume": widgets.button("Resume this run", self.resume, tip="Go on in it at its next whole cycle"),
             "replay": widgets.button("Replay", lambda: None, tip="Play it as if it came from a board"),
             "export": widgets.button("Export", lambda: None),
-            "report": widgets.button("Report", self.ask_report),
+            "report": widgets.button("Report …", self.ask_report),
             "compare": widgets.button("Compare", self.compare, tip="Two to four runs of one unit"),
             "recover": widgets.button("Recover", self.recover, tip="Close properly what a killed session left"),
         }
         self._menu("replay", [(f"{speed} times real time", partial(self.replay, speed)) for speed in SPEEDS])
         self._menu("export", [("CSV …", partial(self.export, "csv")), ("Parquet …", partial(self.export, "parquet"))])
-        inside.addLayout(widgets.row(widgets.label("Recordings", "subtitle"), None, *self.buttons.values()))
+        self.heading = widgets.label("Recordings", "subtitle")
+        inside.addLayout(widgets.row(self.heading, None, *self.buttons.values()))
         inside.addWidget(self.list, 1)
         side, column = widgets.card()
         column.addWidget(widgets.label("Units", "subtitle"))
@@ -148,6 +149,11 @@ class RunsPage(QWidget):
         layout.addWidget(frame, 3)
         layout.addLayout(lower, 2)
         return body
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the buttons the heading's room on a narrow page."""
+        self.heading.setVisible(self.width() >= style.STACKED_BELOW)
+        super().resizeEvent(event)
 
     def _menu(self, key: str, entries: list[tuple[str, Callable[[], object]]]) -> None:
         menu = QMenu(self.buttons[key])

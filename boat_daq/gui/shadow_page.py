@@ -152,10 +152,12 @@ class ShadowPage(ReflowingPage):
 
     def _alarms(self) -> QWidget:
         frame, inside = widgets.card()
-        self.verdict = widgets.label("", "muted", name="What the monitor says", elide=True)
+        self.verdict = widgets.label("", "muted", name="What the monitor says", wrap=True)
         self.alarms = AlarmTable()
         self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
-        inside.addLayout(widgets.row(widgets.label("Alarms", "subtitle"), self.verdict, None))
+        line = widgets.row(widgets.label("Alarms", "subtitle"), self.verdict)
+        line.setStretchFactor(self.verdict, 1)
+        inside.addLayout(line)
         inside.addWidget(self.alarms)
         return frame
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
+from PySide6.QtCore import Qt
 
-from boat_daq.gui import style
+from boat_daq.gui import style, widgets
 from boat_daq.gui.log_axis import LogAxis
 from boat_daq.gui.plot import Plot, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
@@ -27,6 +28,7 @@ MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # noise of the clock looks as small as it is
 RING, SQUARE, MARK_WIDTH = 18, 26, 2
 AT_RIGHT = 0.99
+NOTHING = "Here stands each setting of the method: its time to the right, its error upwards. Measure brings them."
 
 
 class TradeoffCard(PlotCard):
@@ -52,6 +54,9 @@ class TradeoffCard(PlotCard):
         for line, side in ((self.notices, 1), (self.enough, 0)):
             line.label.setPosition(AT_RIGHT)
             line.label.anchors = [(1, side), (1, side)]
+        self.nothing = widgets.label(NOTHING, "muted", wrap=True)
+        self.nothing.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.inside.addWidget(self.nothing, 1)
         self.labels = PointLabels(self.plot, (-0.1, 1.1))
         self.shown: MethodChart | None = None
         self.theme: Theme = style.LIGHT
@@ -62,6 +67,7 @@ class TradeoffCard(PlotCard):
         self.shown = chart
         points = [p for p in chart.points if p.drawn] if chart is not None else []
         self.view.setVisible(bool(points))
+        self.nothing.setVisible(not points)
         if chart is None or not points:
             return
         self.heading.setText(chart.title)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QScrollBar
 
 from boat_daq.engine.session import Phase, Progress, ReadingRequest, SessionState, StepMark
+from boat_daq.viewmodels.figures import FigureRow, FigureText
 from boat_daq.viewmodels.notices import Level
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.gui.test_result_pages import result
+from tests.gui.test_runs_page import SAMPLE
 
 RAMPING = Progress("calibration", 4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20.0, 130.0)
 ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0, 600.0)
@@ -203,3 +208,58 @@ def test_each_run_has_a_recording_of_its_own(live):
     session.marks = (StepMark(1, 0, "start", 50.0, 10.0, 0),)
     live.desk.press("arm")
     assert session.asked[-2:] == ["stop_recording", "arm"]
+
+
+@pytest.mark.parametrize("width", [853, 1280])
+def test_no_table_of_figures_scrolls_sideways(whole, width):
+    """At 150 % on 1280 x 800 the figures stood in a column of which only the names were to be seen."""
+    cells = (FigureText("256.3", "definition"), FigureText("190.6", "definition"))
+    rows = tuple(FigureRow(name, "mV/mm", cells) for name in ("Sensitivity", "Repeatability, worst") * 7)
+    shown = dataclasses.replace(result(), figures=rows)
+    whole.desk.calibration.show(shown)
+    whole.desk.repeatability.show(shown)
+    whole.resize(width, 533)
+    for name in ("Calibrate", "Repeat"):
+        whole.go(name)
+        QApplication.processEvents()
+        table = whole.pages[name].table
+        assert table.isVisible()
+        assert table.horizontalScrollBar().maximum() == 0
+        assert whole.rooms[name].horizontalScrollBar().maximum() == 0
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_nothing_beside_the_plots_scrolls_sideways(live, qtbot, index):
+    """Fields, units and words of the pane are whole at 150 % on 1280 x 800."""
+    live.resize(853, 533)
+    live.live.pane.setCurrentIndex(index)
+    live.refresh()
+    qtbot.waitUntil(lambda: live.rooms["Live"].horizontalScrollBar().maximum() == 0)
+    bars = [bar for bar in live.live.pane.findChildren(QScrollBar) if bar.orientation() is Qt.Orientation.Horizontal]
+    assert [bar.maximum() for bar in bars if bar.isVisible()] == []
+
+
+def test_the_list_of_runs_keeps_to_the_window(live, qtbot):
+    """Its buttons used to push the page beyond the window at 150 % on 1280 x 800."""
+    live.desk.recordings.mkdir()
+    shutil.copy(SAMPLE, live.desk.recordings)
+    live.resize(853, 533)
+    live.go("Runs")
+
+    def listed() -> bool:
+        live.refresh()
+        return live.pages["Runs"].list.rowCount() > 0
+
+    qtbot.waitUntil(listed)
+    live.pages["Runs"].list.selectRow(0)
+    qtbot.waitUntil(lambda: live.rooms["Runs"].horizontalScrollBar().maximum() == 0)
+    assert live.pages["Runs"].buttons["report"].isVisible()
+
+
+def test_a_method_that_is_not_measured_says_what_will_be_there(whole):
+    """Its title used to float in the middle of an empty card."""
+    chart = whole.pages["Trade-off"].chart
+    whole.go("Trade-off")
+    QApplication.processEvents()
+    assert chart.nothing.isVisible()
+    assert chart.heading.geometry().bottom() < chart.height() / 4

@@ -73,7 +73,8 @@ def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement
 
     Parameters
     ----------
-    new, before : as `fit --json`: coefficients, std_errors, covariance (null where there is none), range.
+    new, before : as `fit --json`: coefficients, std_errors, covariance (null where there is none), range; with the
+        reading of x included where they have `..._with_reading`.
 
     Raises
     ------
@@ -99,15 +100,22 @@ def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement
 def _curve(fit: Mapping[str, Any], grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return y and its standard error on the grid."""
     coefficients = np.asarray(fit["coefficients"], dtype=np.float64)
-    covariance = np.asarray(fit["covariance"], dtype=np.float64)
+    covariance = np.asarray(_honest(fit, "covariance"), dtype=np.float64)
     powers = np.vander(grid, coefficients.size, increasing=True)
     variance = np.einsum("gi,ij,gj->g", powers, covariance, powers)
     return powers @ coefficients, np.sqrt(np.maximum(variance, 0.0))
 
 
+def _honest(fit: Mapping[str, Any], key: str) -> Any:
+    """Return `key` with the reading of x included, where the fit has it: older ones do not."""
+    return fit.get(f"{key}_with_reading", fit[key])
+
+
 def _coefficients(new: Mapping[str, Any], before: Mapping[str, Any]) -> tuple[Coefficient, ...]:
     columns = [
-        np.asarray(fit[key], dtype=np.float64) for fit in (new, before) for key in ("coefficients", "std_errors")
+        np.asarray(values, dtype=np.float64)
+        for fit in (new, before)
+        for values in (fit["coefficients"], _honest(fit, "std_errors"))
     ]
     size = max(column.size for column in columns)
     padded = [np.append(column, np.zeros(size - column.size)) for column in columns]

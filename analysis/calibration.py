@@ -10,7 +10,7 @@ refuses (`analysis.inverse`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from scipy import stats
 
 from analysis.errors import DataError
 from analysis.polynomial import FloatArray, LeastSquares, least_squares
+from analysis.reading import Positions, gather
 
 LARGEST = 1e150  # its square is still a number
 MONOMIAL_ROUNDING = 1e-6  # of the span of y: more is seen in a figure
@@ -44,6 +45,7 @@ class Calibration:
     monotone : no turning point inside the range, and not flat.
     fit : the solution in its scaled basis.
     x, y : the data.
+    reading : what reading x on a grid leaves unknown, see `with_reading`; None where x is known.
     """
 
     coefficients: FloatArray
@@ -62,6 +64,32 @@ class Calibration:
     fit: LeastSquares
     x: FloatArray
     y: FloatArray
+    reading: Positions | None = None
+
+    def with_reading(self, reading_sd: float, positions: npt.ArrayLike | None = None) -> Calibration:
+        """Return the same curve, of x that were read with an sd of `reading_sd` (a grid / sqrt(12)).
+
+        `positions` [n] label what was read; points of one label share what the grid rounds alike.
+        """
+        return replace(self, reading=gather(self, reading_sd, positions)) if reading_sd > 0 else self
+
+    @property
+    def basis_covariance(self) -> FloatArray:
+        """Covariance of the coefficients in the scaled basis, the reading of x included."""
+        if self.reading is not None:
+            return self.reading.covariance(self)
+        return self.residual_sd**2 * self.fit.basis_factor @ self.fit.basis_factor.T
+
+    @property
+    def covariance_with_reading(self) -> FloatArray:
+        """Covariance of the monomial coefficients, the reading of x included."""
+        change = np.asarray(self.fit.basis.to_monomials(), dtype=np.float64)
+        return np.asarray(change @ self.basis_covariance @ change.T) if self.reading is not None else self.covariance
+
+    @property
+    def std_errors_with_reading(self) -> FloatArray:
+        """Standard errors of the coefficients, the reading of x included: those to be stated."""
+        return np.asarray(np.sqrt(np.diag(self.covariance_with_reading))) if self.reading else self.std_errors
 
     @property
     def dof(self) -> int:
@@ -101,17 +129,26 @@ class Calibration:
         rows = self.fit.basis.design(x) @ self.fit.basis_factor
         return np.asarray(self.residual_sd * np.sqrt(np.einsum("...i,...i->...", rows, rows)), dtype=np.float64)
 
+    def curve_u(self, x: npt.ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of y(x), the reading of x included; that of the fit where it is known."""
+        if self.reading is None:
+            return self.curve_sd(x)
+        rows = self.fit.basis.design(x)
+        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", rows, self.basis_covariance, rows)), dtype=np.float64)
+
     def band(
         self, x: npt.ArrayLike, level: float = 0.95, *, new_reading: bool = False
     ) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper limit of the curve, or of one new reading, at confidence `level`.
 
-        Student's t with n - degree - 1 degrees of freedom; pointwise, not simultaneous. NaN where there are none.
+        Student's t with n - degree - 1 degrees of freedom, or as many fewer as there are positions where x was read on
+        a grid; pointwise, not simultaneous. NaN where there are none.
         """
-        spread = self.curve_sd(x)
+        spread = self.curve_u(x)
         if new_reading:
             spread = np.hypot(spread, self.residual_sd)
-        factor = stats.t.ppf(0.5 + level / 2, self.dof) if self.dof > 0 else float("nan")
+        dof = self.dof if self.reading is None else max(self.reading.n - self.degree - 1, min(self.dof, 1))
+        factor = stats.t.ppf(0.5 + level / 2, dof) if dof > 0 else float("nan")
         centre = self.predict(x)
         return centre - factor * spread, centre + factor * spread
 
@@ -123,6 +160,8 @@ class Calibration:
             "coefficients": self.coefficients.tolist(),
             "std_errors": self.std_errors.tolist(),
             "covariance": self.covariance.tolist(),
+            "std_errors_with_reading": self.std_errors_with_reading.tolist(),
+            "covariance_with_reading": self.covariance_with_reading.tolist(),
             "r2": self.r2,
             "adjusted_r2": self.adjusted_r2,
             "rmse": self.rmse,

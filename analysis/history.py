@@ -34,7 +34,7 @@ class History:
     Attributes
     ----------
     when : [n] UTC, ISO 8601.
-    coefficients, std_errors : [n, degree + 1].
+    coefficients, std_errors : [n, degree + 1], the reading of x included.
     check_point_mm : x0. value_mv, expanded_mv : [n] y(x0) and its U (k = 2).
     centre_mv, lower_mv, upper_mv : of the control chart; NaN below two calibrations.
     en : [n] En score against the calibration before; NaN for the first.
@@ -149,14 +149,14 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
         if not calibration.x_range[0] <= check_point_mm <= calibration.x_range[1]:
             raise DataError(f"the check point {check_point_mm:g} mm is outside the calibration of {when}", "Move it.")
     values = np.asarray([float(c.predict(check_point_mm)) for _, c in ordered])
-    expanded = np.asarray([2.0 * float(c.curve_sd(check_point_mm)) for _, c in ordered])
+    errors = np.stack([c.std_errors_with_reading for _, c in ordered])
+    expanded = np.asarray([2.0 * float(c.curve_u(check_point_mm)) for _, c in ordered])
     centre, reach = float(values.mean()), float("nan")
     if values.size > 1:
         reach = 3.0 * float(np.abs(np.diff(values)).mean()) / MOVING_RANGE_TO_SD
     return History(
         f"s{sensor + 1}", tuple(when for when, _ in ordered), np.stack([c.coefficients for _, c in ordered]),
-        np.stack([c.std_errors for _, c in ordered]), check_point_mm, values, expanded, centre, centre - reach,
-        centre + reach, en_scores(values, expanded),
+        errors, check_point_mm, values, expanded, centre, centre - reach, centre + reach, en_scores(values, expanded),
     )  # fmt: skip
 
 

@@ -58,7 +58,6 @@ class Inverse:
     nodes: FloatArray
     noise_sd: float
     model_sd: float
-    reading_sd: float
 
     @classmethod
     def of(
@@ -77,13 +76,16 @@ class Inverse:
         noise_sd : sd of one new signal about the curve, mV, independent between sensors; the residual sd of the fit
             by default.
         model_sd : sd of what the curve leaves out and the sensors share (hysteresis, repeatability, drift), mV.
-        reading_sd : sd of the reading of x at one level of the staircase, mm, the same in every cycle.
+        reading_sd : sd of the readings of x, mm, of a calibration that does not know its positions
+            (`Calibration.with_reading`): then the readings of one x are one position.
 
         Raises
         ------
         DataError : the curve is not monotone over its range; the message says where it turns.
         """
         low, high = calibration.x_range
+        if calibration.reading is None:
+            calibration = calibration.with_reading(reading_sd)
         if not calibration.monotone:
             inside = [f"{t:.3g}" for t in calibration.turning_points if low < t < high]
             where = f"it turns at {', '.join(inside)}" if inside else "it is flat"
@@ -97,7 +99,7 @@ class Inverse:
         powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
         nodes = np.asarray(np.polynomial.polynomial.polyval(u, powers), dtype=np.float64)
         noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
-        return cls(calibration, basis.centre, basis.half_width, powers, nodes, noise, model_sd, reading_sd)
+        return cls(calibration, basis.centre, basis.half_width, powers, nodes, noise, model_sd)
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
         """Return x for every signal; NaN outside the range, or its end with `clamp`.
@@ -123,21 +125,16 @@ class Inverse:
     def reading_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
         """Return what the reading of x adds to the curve's own uncertainty, mm.
 
-        A grid rounds the same position the same way in every cycle: cycles do not average it. The fit's covariance
-        counts every point; here each distinct x counts once, and only the excess over the fit's own share is added.
+        The fit's covariance takes the error of every point for its own; what points of one position share is added,
+        and nothing counts twice.
         """
+        calibration = self.calibration
         at = np.asarray(x, dtype=np.float64)
-        if self.reading_sd <= 0:
+        if calibration.reading is None:
             return np.zeros(at.shape)
-        basis = self.calibration.fit.basis
-        distinct = basis.design(np.unique(np.round(self.calibration.x, 6)))
-        if distinct.shape[0] <= self.calibration.degree:
-            return np.full(at.shape, self.reading_sd)
-        rows = basis.design(at)
-        once = np.einsum("...i,ij,...j->...", rows, np.linalg.pinv(distinct.T @ distinct), rows)
-        factor = rows @ self.calibration.fit.basis_factor
-        every = np.einsum("...i,...i->...", factor, factor)
-        return np.asarray(self.reading_sd * np.sqrt(np.clip(once - every, 0.0, None)), dtype=np.float64)
+        rows = calibration.fit.basis.design(at)
+        excess = np.einsum("...i,ij,...j->...", rows, calibration.reading.beyond_fit(calibration), rows)
+        return np.asarray(np.sqrt(np.clip(excess, 0.0, None)) / np.abs(calibration.slope(at)), dtype=np.float64)
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> Elongation:
         """Return x with its uncertainty and flags."""

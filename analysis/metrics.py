@@ -54,7 +54,6 @@ def resample_fit(
     calibration: Calibration,
     cycle_of: FloatArray,
     weights: FloatArray,
-    reading_sd: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> ResampledFit:
     """Refit a calibration to every bootstrap resample of the cycles.
@@ -63,8 +62,8 @@ def resample_fit(
     ----------
     cycle_of : [n] position (0, 1, ...) of the cycle of each point of the calibration.
     weights : [resamples, cycles] how often each cycle was drawn.
-    reading_sd, rng : of the readings of x; a grid rounds one position alike in every cycle, so that the cycles cannot
-        tell it: each distinct x is moved once in each resample, by a normal draw.
+    rng : of the readings of x; a grid rounds one position alike in every cycle, so that the cycles cannot tell it:
+        where x was read, each position is moved once in each resample, by a normal draw.
 
     Notes
     -----
@@ -84,10 +83,10 @@ def resample_fit(
     coefficients = np.full((weights.shape[0], design.shape[1]), np.nan)
     right = np.einsum("bk,ki->bi", weights, sides)
     coefficients[solvable] = np.linalg.solve(total[solvable], right[solvable][..., None])[..., 0]
-    if reading_sd > 0 and rng is not None:
-        x, position = np.unique(calibration.x.round(6), return_inverse=True)
-        moved = reading_sd * rng.standard_normal((weights.shape[0], x.size))
-        by_reading = -moved[:, position] * calibration.slope(calibration.x)
+    positions = calibration.reading
+    if positions is not None and rng is not None:
+        moved = np.sqrt(positions.x_variance) * rng.standard_normal((weights.shape[0], positions.n))
+        by_reading = -moved[:, positions.of_point] * calibration.slope(calibration.x)
         coefficients += by_reading @ np.linalg.pinv(design).T
     own = [calibration.x[cycle_of == k] for k in range(cycles)]
     ends = np.asarray([[x.min(initial=np.inf), x.max(initial=-np.inf)] for x in own])

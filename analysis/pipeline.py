@@ -26,7 +26,7 @@ from analysis.errors import AnalysisError
 from analysis.fidelity import Level, fidelity
 from analysis.figure_windows import with_losses
 from analysis.flags import flags_of
-from analysis.loops import Loops, continuous_loops, loop_width, sensor_loop_width, staircase_loops
+from analysis.loops import Loops, cluster_levels, continuous_loops, loop_width, sensor_loop_width, staircase_loops
 from analysis.losses import LossCounter
 from analysis.plateaus import Plateau, PlateauSettings, find_plateaus
 from analysis.posterior import Posterior, sample_posterior
@@ -252,6 +252,12 @@ class _Run:
         )
         return inside & self.elongations.known if self.elongations is not None else np.zeros_like(inside)
 
+    def position_of(self, points: np.ndarray[Any, Any]) -> FloatArray:
+        """[points] number of the position of each plateau: its level and its branch, read once a cycle."""
+        _, level = cluster_levels(np.asarray([p.pressure_kpa for p in self.plateaus]))
+        loading = np.asarray([p.branch == "loading" for p in self.plateaus])
+        return np.asarray(2.0 * level + loading, dtype=np.float64)[points]
+
 
 def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
     calibration, posterior, reason = None, None, ""
@@ -263,7 +269,7 @@ def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
         if run.options.mcmc:
             posterior = sample_posterior(
                 calibration.x, calibration.y, run.options.degree, reading_sd=run.reading_sd_mm,
-                monotone=run.options.monotone, seed=run.options.seed + sensor,
+                positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
                 max_steps=fidelity(run.options.fidelity).posterior_steps,
             )  # fmt: skip
     except AnalysisError as error:
@@ -271,7 +277,7 @@ def _analyse_sensor(run: _Run, sensor: int) -> SensorAnalysis:
     resampled = None
     if calibration is not None:
         rng = np.random.default_rng((run.options.seed, 1))
-        resampled = metrics.resample_fit(calibration, cycle_of, run.weights, run.reading_sd_mm, rng)
+        resampled = metrics.resample_fit(calibration, cycle_of, run.weights, rng)
     figures = {"fso_mv": metrics.full_scale(calibration, resampled, run.loops, sensor, run.weights)}
     if calibration is not None and resampled is not None:
         figures |= metrics.sensitivities(calibration, resampled)
@@ -302,7 +308,8 @@ def _calibrate(run: _Run, sensor: int, points: np.ndarray[Any, Any]) -> Calibrat
     if not points.size:
         raise DataError("no plateau of a complete cycle has an elongation", "Record at least one whole cycle.")
     y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])
-    return fit_calibration(run.elongations.elongation_mm[points], y, run.options.degree)
+    calibration = fit_calibration(run.elongations.elongation_mm[points], y, run.options.degree)
+    return calibration.with_reading(run.reading_sd_mm, run.position_of(points))
 
 
 def _loop_figures(

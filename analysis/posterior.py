@@ -1,20 +1,21 @@
 """The posterior of a calibration, sampled with emcee.
 
-Model: y_i = f(x_i + e_i) + noise. What was read on a grid is the centre of a cell and the truth scatters about it
-(Berkson error), so e_i is independent of the reading, with sd s_x. To second order
-    mean      f(x_i) + f''(x_i) s_x^2 / 2
-    variance  sigma^2 v_i + f'(x_i)^2 s_x^2 + f''(x_i)^2 s_x^4 / 2
-with f a polynomial, v_i relative variances where the noise is unequal. Priors: flat in the coefficients (optionally
-zero where the curve is not monotone over its range), 1 / (sigma + t) for the noise, t = s_x times the rms slope of the
-least-squares curve: without reading error that is the usual 1/sigma, and where the reading error explains the scatter
-by itself it is flat, so that the posterior stays proper (with 1/sigma all of its mass would fall to sigma = 0).
-Without reading error and constraint the coefficients then have Student's t distribution with n - degree - 1 degrees of
-freedom: the closed form the tests compare with.
+Model: y_i = f(x_i) + noise, sd sigma sqrt(v_i), v_i relative variances where the noise is unequal. Where x was read on
+a grid, each position p that was read is one latent x with the likelihood L_p of its readings (`analysis.reading`), and
+the mean of its signals
+    y_p = f(x_p) + noise,  variance  tau^2 + sigma_w^2 / n_p,
+sigma_w the scatter within positions, tau what the positions scatter about the curve besides. x_p is integrated out, the
+curve a chord in each cell of L_p. A position off its cell altogether (a misreading) has a chance of 1e-5.
+Priors: flat in the coefficients (optionally zero where the curve is not monotone over its range), 1 / (tau + t) for
+the noise, t = sigma_w / sqrt(n_p), or s_x times the rms slope where no position was read twice: proper where reading
+and scatter within positions explain all by themselves. Without reading error there is tau = sigma alone and t = 0, and
+without constraint the coefficients then have Student's t distribution with n - degree - 1 degrees of freedom: the
+closed form the tests compare with.
 
 Rules: the sampler walks in coordinates whitened by the least-squares fit, started in a ball of one standard error; the
 log-probability takes all walkers at once; a chain shorter than 50 autocorrelation times is called not converged.
 Sources: Foreman-Mackey et al., PASP 125 (2013) 306; Goodman and Weare, CAMCoS 5 (2010) 65; Carroll et al., Measurement
-Error in Nonlinear Models (2006), 4.6; ISO/TS 28038:2018.
+Error in Nonlinear Models (2006), 8; ISO/TS 28038:2018.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from typing import Any
 import emcee
 import numpy as np
 import numpy.typing as npt
+from scipy import special
 
 from analysis.calibration import Calibration, fit_calibration
 from analysis.errors import DataError
@@ -34,16 +36,16 @@ from analysis.polynomial import FloatArray
 Progress = Callable[[float, float], None]
 
 WALKERS = 128
-CHUNK = 250
+CHUNK = 200
 MAX_STEPS = 10_000
 REQUIRED_TAUS = 50.0
-ENOUGH_SAMPLES = 12_000  # effective: a standard deviation is then known to 0.7 %
+ENOUGH_SAMPLES = 8_000  # effective: a standard deviation is then known to 0.8 %
 PROPOSAL_DOF = 5.0
 SIGMA_FLOOR = 1e-6  # of the residual sd: where the noise could be zero its logarithm has no lower end
 MONOTONE_POINTS = 41
 KEPT_SAMPLES = 8000
 WIDEST_NOISE = 3.0  # sd of the logarithm of the noise at the start: its prior ends at 10
-TOO_NARROW = 1.5  # times: a band that may be so much too narrow is told
+MISREAD, MISREAD_GRIDS = 1e-5, 2.0  # chance that a position is off its cell altogether, and by how many marks (sd)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,21 +134,13 @@ class Posterior:
 
     @property
     def reservations(self) -> tuple[str, ...]:
-        """What a reader of the band alone would not see, one sentence each; none where all is well.
-
-        Equal readings are taken for independent ones. Where one position reads alike in every cycle they share one
-        error, and n readings of m positions tell no more than m.
-        """
-        calibration = self.calibration
-        positions = np.unique(np.round(calibration.x, 6)).size
-        by_reading = float(np.mean(calibration.slope(calibration.x) ** 2)) * self.reading_sd**2
-        alone = self.sigma**2 + by_reading
-        narrow = np.sqrt((self.sigma**2 + by_reading * calibration.n / positions) / alone) if alone > 0 else 1.0
-        if narrow < TOO_NARROW:
+        """What a reader of the band alone would not see, one sentence each; none where all is well."""
+        positions, calibration = self.calibration.reading, self.calibration
+        if positions is None or positions.n > calibration.degree + 1:
             return ()
         return (
-            f"{calibration.n} readings of {positions} positions are taken for independent: if a position reads alike "
-            f"in every cycle, the band is up to {narrow:.1f} times too narrow",
+            f"{calibration.n} readings of {positions.n} positions leave no position to check the curve by: the band "
+            "holds the readings' error alone",
         )
 
 
@@ -156,6 +150,7 @@ def sample_posterior(
     degree: int = 3,
     *,
     reading_sd: float = 0.0,
+    positions: npt.ArrayLike | None = None,
     standard_uncertainty: npt.ArrayLike | None = None,
     monotone: bool = False,
     seed: int = 0,
@@ -170,7 +165,8 @@ def sample_posterior(
     ----------
     x, y : [n].
     degree : 0 to 10.
-    reading_sd : sd of the reading error in x, the grid's resolution / sqrt(12) for a reading to the nearest mark.
+    reading_sd : sd of the reading error in x: the grid / sqrt(12) for a reading to the nearest mark.
+    positions : [n] labels; readings of one position share what the grid rounds alike. None: points of one x do.
     standard_uncertainty : [n] of y where the noise is unequal; only the ratios matter, their scale is sampled.
     monotone : leave out curves that turn inside the range.
     seed : same seed, same draws.
@@ -184,7 +180,9 @@ def sample_posterior(
         residuals are zero.
     """
     calibration = fit_calibration(x, y, degree, standard_uncertainty=standard_uncertainty)
-    target = _Target.of(calibration, reading_sd, standard_uncertainty, monotone)
+    if reading_sd > 0:
+        calibration = calibration.with_reading(reading_sd, positions)
+    target = _Target.of(calibration, reading_sd, monotone)
     rng = np.random.default_rng(seed)
     start = target.start(rng, walkers, start_sd)
     moves = [(_StudentMove(), 0.8), (emcee.moves.DEMove(), 0.2)]
@@ -225,21 +223,24 @@ class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee come
 
 @dataclass(frozen=True, slots=True)
 class _Target:
-    """The log-probability in whitened z: basis coefficients = best + sd * R^-1 z[:-1], sigma = sd * exp(z[-1])."""
+    """The log-probability in whitened z: basis coefficients = best + sd * R^-1 z[:-1], tau = sd * exp(z[-1]).
+
+    `design` [points, degree + 1] of the points, or [positions * edges, degree + 1] of the ends of the positions' cells.
+    """
 
     calibration: Calibration
     design: FloatArray
-    slopes: FloatArray
-    curvatures: FloatArray
+    y: FloatArray
     relative_variance: FloatArray
+    known_variance: FloatArray
     reading_sd: float
-    reading_noise: float
+    prior_sd: float
     monotone_slopes: FloatArray | None
+    centres: FloatArray
+    slopes: FloatArray
 
     @classmethod
-    def of(
-        cls, calibration: Calibration, reading_sd: float, uncertainty: npt.ArrayLike | None, monotone: bool
-    ) -> _Target:
+    def of(cls, calibration: Calibration, reading_sd: float, monotone: bool) -> _Target:
         if calibration.dof < 1:
             raise DataError(
                 f"{calibration.n} points leave no degree of freedom for the noise of a degree-{calibration.degree} fit",
@@ -247,21 +248,21 @@ class _Target:
             )
         if not calibration.residual_sd > 0 or calibration.residual_sd < 1e-12 * np.abs(calibration.y).max():
             raise DataError("the points lie on the curve exactly: there is no noise to sample", "Skip the sampling.")
-        basis = calibration.fit.basis
-        relative = np.ones(calibration.n)
-        if uncertainty is not None:
-            u = np.asarray(uncertainty, dtype=float).ravel()
-            relative = (u / u.min()) ** 2
-        step = 1e-3 * basis.half_width
-        # the second derivative of a polynomial basis, from its exact slopes: central differences of a smooth slope
-        curvature = (basis.slope_design(calibration.x + step) - basis.slope_design(calibration.x - step)) / (2 * step)
+        basis, positions = calibration.fit.basis, calibration.reading
         grid = np.linspace(*calibration.x_range, MONOTONE_POINTS)
         constraint = basis.slope_design(grid) * (1.0 if calibration.rises else -1.0) if monotone else None
-        slopes = basis.slope_design(calibration.x)
-        by_reading = reading_sd * np.sqrt(np.mean((slopes @ calibration.fit.basis_coefficients) ** 2 / relative))
+        if positions is None:
+            none = np.empty(0)
+            return cls(
+                calibration, basis.design(calibration.x), calibration.y, 1.0 / calibration.fit.weights,
+                np.zeros(calibration.n), 0.0, 0.0, constraint, none, none,
+            )  # fmt: skip
+        by_reading = reading_sd * np.sqrt(np.mean(calibration.slope(positions.x) ** 2))
+        by_scatter = np.sqrt(np.mean(positions.mean_variance))
         return cls(
-            calibration, basis.design(calibration.x), slopes, curvature, relative, float(reading_sd),
-            float(by_reading) / calibration.residual_sd, constraint,
+            calibration, basis.design(positions.edges.ravel()), positions.y, np.ones(positions.n),
+            positions.mean_variance, reading_sd, float(by_scatter or by_reading) / calibration.residual_sd, constraint,
+            basis.design(positions.x), basis.slope_design(positions.x),
         )  # fmt: skip
 
     def coefficients(self, z: FloatArray) -> FloatArray:
@@ -269,25 +270,44 @@ class _Target:
         return fit.basis_coefficients + self.calibration.residual_sd * z[..., :-1] @ fit.basis_factor.T
 
     def sigma(self, z: FloatArray) -> FloatArray:
-        return np.asarray(self.calibration.residual_sd * np.exp(z[..., -1]), dtype=np.float64)
+        """Return the sd of one new signal about the curve: tau, and the scatter within positions."""
+        within = self.calibration.reading.noise_sd if self.calibration.reading is not None else 0.0
+        return np.asarray(np.hypot(within, self.calibration.residual_sd * np.exp(z[..., -1])), dtype=np.float64)
 
     def log_probability(self, z: FloatArray) -> FloatArray:
         """Return the log posterior density of every walker, z [walkers, degree + 2] -> [walkers]."""
         beta = self.coefficients(z)
         variance = np.exp(2.0 * z[:, -1])[:, None] * self.calibration.residual_sd**2 * self.relative_variance
-        mean = beta @ self.design.T
+        variance = variance + self.known_variance
         if self.reading_sd > 0:
-            square = self.reading_sd**2
-            bend = beta @ self.curvatures.T
-            mean = mean + 0.5 * square * bend
-            variance = variance + (beta @ self.slopes.T) ** 2 * square + 0.5 * (bend * square) ** 2
-        log_p = -0.5 * (((self.calibration.y - mean) ** 2) / variance + np.log(variance)).sum(axis=1)
-        if self.reading_noise > 0:  # the prior 1 / (sigma + t) in ln sigma; without reading error it is constant
-            log_p = log_p - np.log1p(self.reading_noise * np.exp(-z[:, -1]))
+            log_p = self._of_positions(beta, variance)
+        else:
+            log_p = -0.5 * ((self.y - beta @ self.design.T) ** 2 / variance + np.log(variance)).sum(axis=1)
+        if self.prior_sd > 0:  # the prior 1 / (tau + t) in ln tau; without reading error it is constant
+            log_p = log_p - np.log1p(self.prior_sd * np.exp(-z[:, -1]))
         allowed = (z[:, -1] > np.log(SIGMA_FLOOR)) & (z[:, -1] < 10.0)
         if self.monotone_slopes is not None:
             allowed &= (beta @ self.monotone_slopes.T > 0).all(axis=1)
         return np.where(allowed, log_p, -np.inf)
+
+    def _of_positions(self, beta: FloatArray, variance: FloatArray) -> FloatArray:
+        """Return ln of the product over positions of the integral of N(y_p; f(x), variance) L_p(x) dx, [walkers]."""
+        positions = self.calibration.reading
+        assert positions is not None
+        curve = (beta @ self.design.T).reshape(beta.shape[0], *positions.edges.shape)
+        sd = np.sqrt(variance)
+        away = (curve - self.y[:, None]) / sd[..., None]
+        widths = np.diff(away)
+        flat = np.abs(widths) < 1e-5  # a chord so flat has the normal density itself
+        middle = 0.5 * (away[..., 1:] + away[..., :-1])
+        inside = np.diff(special.ndtr(away)) / np.where(flat, 1.0, widths)
+        if flat.any():
+            inside[flat] = np.exp(-0.5 * middle[flat] ** 2) / np.sqrt(2.0 * np.pi)
+        within = (inside * positions.shares).sum(axis=-1) / sd
+        wide = variance + (MISREAD_GRIDS * positions.grid * (beta @ self.slopes.T)) ** 2
+        misread = np.exp(-0.5 * (self.y - beta @ self.centres.T) ** 2 / wide) / np.sqrt(2.0 * np.pi * wide)
+        total = (1.0 - MISREAD) * within + MISREAD * misread
+        return np.asarray(np.log(np.maximum(total, 1e-300)).sum(axis=1), dtype=np.float64)
 
     def start(self, rng: np.random.Generator, walkers: int = WALKERS, start_sd: float = 1.0) -> FloatArray:
         """Walkers in a ball of `start_sd` standard errors, drawn again where the constraint does not hold."""

@@ -235,7 +235,7 @@ def _inverse(analysis: Analysis, sensor: int) -> Inverse:
         reason = analysis.sensors[sensor].calibration_void
         raise DataError(f"{analysis.sensors[sensor].name} is not calibrated: {reason}", "Give its elongations.")
     parts = signal_parts(analysis, sensor)
-    return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared, reading_sd=analysis.reading_sd_mm)
+    return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared)
 
 
 def _hysteresis(analysis: Analysis, sensor: int) -> float:

@@ -2,8 +2,9 @@
 
 The definitions are those of `analysis/METHODS.md`: hysteresis is the largest distance between the two branches on a
 common grid, in % of the full-scale output (of the span, for the actuator); sensitivity is the end-to-end slope of the
-cubic over the range reached; SNR is 20 log10(FSO / noise rms). The branches are read at every tick of the cycle, not
-at its plateaus.
+cubic over the range reached; SNR is 20 log10(FSO / noise rms). A staircase's branches are what is measured of it: the
+means of its holds, with straight lines between them (of the sensor's loop, between what they leave of its cubic). Those
+of a continuous cycle are read at every tick.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from protocol.units import find_unit
 Floats = NDArray[np.float64]
 
 CONTINUOUS = (50.0, -40.0, 50.0)
+SETTLED_S = 1.0  # behind the end of a ramp, as `analysis` takes a hold for settled
 STAIRCASE = (*(50.0 - 10.0 * n for n in range(10)), *(-30.0 + 10.0 * n for n in range(9)))
 
 
@@ -52,12 +54,22 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class NoiseFreeRun:
-    """The plant without noise, one row a tick: shapes (n,) and (n, sensors)."""
+    """The plant without noise, one row a tick: shapes (n,) and (n, sensors). `arrivals` [targets]: when ramps end."""
 
     time_s: Floats
     pressure_kpa: Floats
     elongation_mm: Floats
     signal_mv: Floats
+    arrivals_s: Floats
+
+    def holds(self, after_s: float, last_s: float) -> tuple[Floats, Floats, Floats]:
+        """Return mean pressure, elongation and signals of each hold, from `after_s` to `last_s` behind the arrival."""
+        rows = [np.searchsorted(self.time_s, self.arrivals_s + t) for t in (after_s, last_s)]
+        parts = [slice(first, last) for first, last in zip(*rows, strict=True)]
+        pressure, elongation = (
+            [float(v[part].mean()) for part in parts] for v in (self.pressure_kpa, self.elongation_mm)
+        )
+        return np.array(pressure), np.array(elongation), np.array([self.signal_mv[part].mean(axis=0) for part in parts])
 
 
 def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: float, dwell_s: float) -> NoiseFreeRun:
@@ -69,8 +81,10 @@ def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: f
     """
     model = find_unit(unit)
     pneumatics, pressure = Pneumatics(), []
+    arrivals = []
     for start, target in itertools.pairwise((0.0, *targets_kpa)):
         pneumatics.command(target, ramp_kpa_per_s)
+        arrivals.append(TICK_S * len(pressure) + abs(target - start) / ramp_kpa_per_s)
         for _ in range(math.ceil((abs(target - start) / ramp_kpa_per_s + dwell_s) / TICK_S)):
             pneumatics.step(0.0)
             pressure.append(pneumatics.bladder_kpa)
@@ -78,7 +92,7 @@ def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: f
     elongation_mm = Body(model.actuator).advance(pressure_kpa)
     signal_mv = Sensors(model.sensors, model.range_mm).advance(elongation_mm)
     time_s = TICK_S * np.arange(1.0, pressure_kpa.size + 1)
-    return NoiseFreeRun(time_s, pressure_kpa, elongation_mm, signal_mv)
+    return NoiseFreeRun(time_s, pressure_kpa, elongation_mm, signal_mv, np.array(arrivals))
 
 
 def truth_figures(
@@ -94,7 +108,8 @@ def truth_figures(
     ----------
     unit : its name, "SA1" or as in `UNIT_NAMES`.
     cycle_kpa : targets of one cycle, first and last the same; `CONTINUOUS` or `STAIRCASE`, or a plan's own.
-    ramp_kpa_per_s, dwell_s : how the targets are approached and held.
+    ramp_kpa_per_s, dwell_s : how the targets are approached and held; a cycle of more than its two ends is a staircase,
+        read from `SETTLED_S` after the arrival on.
 
     Raises
     ------
@@ -105,12 +120,16 @@ def truth_figures(
     run = noise_free_run(unit, targets, ramp_kpa_per_s=ramp_kpa_per_s, dwell_s=dwell_s)
     third = slice(-round((run.time_s.size - abs(cycle_kpa[0]) / ramp_kpa_per_s / TICK_S - dwell_s / TICK_S) / 3), None)
     p, x, y = run.pressure_kpa[third], run.elongation_mm[third], run.signal_mv[third]
+    staircase = len(cycle_kpa) > len(CONTINUOUS)
+    if staircase:
+        p, x, y = (held[-len(cycle_kpa) :] for held in run.holds(min(SETTLED_S, 0.5 * dwell_s), dwell_s))
     low, high = float(x.min()), float(x.max())
     sensors = []
     for number, sensor in enumerate(model.sensors, 1):
         bottom, top = cubic(sensor.coefficients, np.array([low, high])).tolist()
         fso = abs(top - bottom)
         signal = y[:, number - 1]
+        own = signal - cubic(sensor.coefficients, x) if staircase else signal
         sensors.append(
             SensorTruth(
                 name=f"s{number}",
@@ -119,7 +138,7 @@ def truth_figures(
                 fso_mv=fso,
                 noise_mv=sensor.noise_mv,
                 snr_db=20 * math.log10(fso / sensor.noise_mv),
-                sensor_hysteresis_percent_fso=100 * loop_width(x, signal) / fso,
+                sensor_hysteresis_percent_fso=100 * loop_width(x, own) / fso,
                 system_hysteresis_percent_fso=100 * loop_width(p, signal) / fso,
             )
         )

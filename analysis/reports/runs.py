@@ -26,7 +26,7 @@ def runs_table(analyses: Sequence[Analysis]) -> Section:
             b0 = NOTHING
             if sensor.calibration is not None:
                 b0 = with_uncertainty(
-                    float(sensor.calibration.coefficients[0]), float(sensor.calibration.std_errors[0])
+                    float(sensor.calibration.coefficients[0]), float(sensor.calibration.std_errors_with_reading[0])
                 )
             name = (str(number), comparison.unit_of(a), sensor.name)
             first.append((*name, b0, *shown[:2]))

@@ -46,7 +46,7 @@ def comparison(analysis: Analysis, truth: Truth) -> list[dict[str, Any]]:
         if sensor.calibration is not None:
             fit = sensor.calibration
             for k, (b, error, b_true) in enumerate(
-                zip(fit.coefficients, fit.std_errors, true.coefficients, strict=True)
+                zip(fit.coefficients, fit.std_errors_with_reading, true.coefficients, strict=True)
             ):
                 unit = "mV" if k == 0 else "mV/mm" if k == 1 else f"mV/mm{'²' if k == 2 else '³'}"
                 row(f"s{number} b{k}", unit, float(b), b_true, (float(b - 2 * error), float(b + 2 * error)))

@@ -29,6 +29,10 @@ def fit(
     x_resolution: Annotated[
         float, typer.Option(min=0.0, metavar="MM", help="Grid that x was read on: samples the posterior.")
     ] = 0.0,
+    position: Annotated[
+        str | None,
+        typer.Option(metavar="COL", help="Column naming the position read; without it, readings of one x share one."),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the posterior.")] = 0,
     level: FidelityOption = "normal",
     json: JsonOption = False,
@@ -46,7 +50,7 @@ def fit(
     from analysis.csv_table import read_table
 
     table = read_table(file)
-    names = [name for name in (x, y, u) if name is not None]
+    names = [name for name in (x, y, u, position) if name is not None]
     columns = [table.columns[table.position(name)] for name in names]
     known = np.isfinite(columns).all(axis=0)
     masked = int((~known).sum()) + table.broken
@@ -56,7 +60,10 @@ def fit(
         say(issue)
     kept = [column[known] for column in columns]
     uncertainty = kept[2] if u is not None else None
+    labels = kept[-1] if position is not None else None
+    reading_sd = x_resolution / 12**0.5
     calibration = fit_calibration(kept[0], kept[1], degree, standard_uncertainty=uncertainty)
+    calibration = calibration.with_reading(reading_sd, labels)
     content: dict[str, Any] = calibration.as_json() | {"masked": masked, "checks": fit_checks(calibration)}
     content["notes"] = reservations(calibration)
     for note in content["notes"]:
@@ -67,8 +74,8 @@ def fit(
         from analysis.posterior import sample_posterior
 
         posterior = sample_posterior(
-            kept[0], kept[1], degree, reading_sd=x_resolution / 12**0.5, standard_uncertainty=uncertainty, seed=seed,
-            max_steps=fidelity(level).posterior_steps,
+            kept[0], kept[1], degree, reading_sd=reading_sd, positions=labels, standard_uncertainty=uncertainty,
+            seed=seed, max_steps=fidelity(level).posterior_steps,
         )  # fmt: skip
         content["posterior"] = posterior.as_json()
         if not posterior.converged:
@@ -101,7 +108,7 @@ def _bands(calibration: Calibration, posterior: Posterior | None) -> dict[str, A
 
 
 def _print(content: dict[str, Any]) -> None:
-    for i, (b, u) in enumerate(zip(content["coefficients"], content["std_errors"], strict=True)):
+    for i, (b, u) in enumerate(zip(content["coefficients"], content["std_errors_with_reading"], strict=True)):
         out.print(f"b{i} = {b:.12g}   u = {u:.3g}", highlight=False)
     out.print(f"R2 = {content['r2']:.8f}   RMSE = {content['rmse']:.6g}   n = {content['n']}", highlight=False)
     out.print(f"range {content['range']}   monotone: {content['monotone']}", highlight=False)

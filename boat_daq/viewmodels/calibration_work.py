@@ -16,10 +16,11 @@ import numpy as np
 from analysis.break_comparison import Break, Comparison
 from analysis.fidelity import Level
 from analysis.loops import Loops
-from analysis.pipeline import Analysis, Options, SensorAnalysis, analyse
+from analysis.pipeline import Analysis, Options, analyse
 from analysis.posterior import MAX_STEPS, sample_posterior
 from analysis.recording import load_recording
 from analysis.repeatability import per_cycle, sensitivity_per_cycle
+from analysis.uncertainty import signal_parts
 from boat_daq.viewmodels.figures import FIGURES, figure_rows, figure_text
 from boat_daq.viewmodels.formatting import NOTHING
 from boat_daq.viewmodels.results import BreakResult, CycleFigures, LoopSet, PosteriorResult, RunResult, SensorResult
@@ -59,7 +60,7 @@ def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: 
         actuator_hysteresis=figure_text(found.actuator_hysteresis, 2),
         loops=_loops(found.loops),
         flags=tuple(_in_words(str(flag["text"])) for flag in found.flags),
-        reading_sd_mm=_reading_sd(found),
+        reading_sd_mm=found.reading_sd_mm,
         breaks=tuple(_break(each) for each in found.breaks),
     )
 
@@ -72,11 +73,6 @@ def _tell(progress: Progress | None, done: float, total: float) -> None:
 def _in_words(text: str) -> str:
     """Return a flag with its sensor's name written out, e.g. `s1: ...` as `Sensor 1: ...`."""
     return re.sub(r"^s(\d)(_mv)?: ", r"Sensor \1: ", text)
-
-
-def _reading_sd(found: Analysis) -> float:
-    resolution = found.elongations.resolution_mm if found.elongations is not None else 0.5
-    return float(resolution / np.sqrt(12.0))
 
 
 def _sensor(found: Analysis, index: int) -> SensorResult:
@@ -96,7 +92,7 @@ def _sensor(found: Analysis, index: int) -> SensorResult:
     return SensorResult(
         sensor.name, "", values, cycles, calibration.x, calibration.y, calibration.residuals, loading,
         np.array([p.cycle for p in points]), grid, calibration.predict(grid), calibration.band(grid, 0.68),
-        calibration.band(grid, 0.95), _content(sensor), calibration.turning_points,
+        calibration.band(grid, 0.95), _content(found, index), calibration.turning_points,
     )  # fmt: skip
 
 
@@ -121,15 +117,21 @@ def _tested(c: Comparison) -> tuple[str, ...]:
     return quantity, f"{c.mean_before:.4g} (n = {c.n_before})", f"{c.mean_after:.4g} (n = {c.n_after})", *p
 
 
-def _content(sensor: SensorAnalysis) -> dict[str, Any]:
-    """Return what is stored with the unit: the fit as `fit --json`, its points, its figures."""
+def _content(found: Analysis, index: int) -> dict[str, Any]:
+    """Return what is stored with the unit: fit as `fit --json`, points, uncertainty of a live reading, figures."""
+    sensor, parts = found.sensors[index], signal_parts(found, index)
     assert sensor.calibration is not None
+    reading = sensor.calibration.reading
     finite = {key: figure.value for key, figure in sensor.figures.items() if np.isfinite(figure.value)}
     return {
         "name": sensor.name,
         "fit": sensor.calibration.as_json(),
         "elongation_mm": sensor.calibration.x.tolist(),
         "signal_mv": sensor.calibration.y.tolist(),
+        "positions": None if reading is None else reading.of_point.tolist(),
+        "reading_sd_mm": found.reading_sd_mm,
+        "noise_mv": parts.independent,
+        "model_mv": parts.shared,
         "figures": finite,
     }
 
@@ -139,7 +141,7 @@ def _loops(loops: Loops) -> LoopSet:
 
 
 def sample_run(
-    points: list[tuple[list[float], list[float], int]],
+    points: list[tuple[list[float], list[float], int, list[int] | None]],
     reading_sd_mm: float,
     *,
     seed: int = 0,
@@ -150,18 +152,19 @@ def sample_run(
 
     Parameters
     ----------
-    points : for each sensor elongations (mm), signals (mV) and the degree.
+    points : for each sensor elongations (mm), signals (mV), the degree, and the position that each point was read at.
     max_steps : of the sampler.
     """
     results = []
-    for number, (x, y, degree) in enumerate(points):
+    for number, (x, y, degree, positions) in enumerate(points):
 
         def tell(done: float, total: float, /, number: int = number) -> None:
             _tell(progress, number + done / total, len(points))
 
         posterior = sample_posterior(
-            x, y, degree, reading_sd=reading_sd_mm, seed=seed + number, max_steps=max_steps, progress=tell
-        )
+            x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=seed + number, max_steps=max_steps,
+            progress=tell,
+        )  # fmt: skip
         grid = np.linspace(min(x), max(x), GRID)
         results.append(
             PosteriorResult(

@@ -15,7 +15,7 @@ import numpy as np
 from boat_daq.viewmodels.live import Array, Elongation
 
 if TYPE_CHECKING:
-    from analysis.inverse import Fusion
+    from analysis.inverse import Fusion, Inverse
 
 
 class Conversion:
@@ -42,13 +42,22 @@ def prepare(content: Mapping[str, Any]) -> Conversion:
     AnalysisError : the curve has no inverse over its range.
     """
     # loaded here, on the helper thread, and not with the window
-    from analysis.calibration import fit_calibration
     from analysis.inverse import Fusion
 
-    fits = [fit_calibration(s["elongation_mm"], s["signal_mv"], int(s["fit"]["degree"])) for s in content["sensors"]]
-    conversion = Conversion(Fusion.of(fits))
-    conversion(np.zeros((1, len(fits))))  # compile now, not in the first frame
+    inverses = [_inverse(sensor) for sensor in content["sensors"]]
+    conversion = Conversion(Fusion.of(inverses))
+    conversion(np.zeros((1, len(inverses))))  # compile now, not in the first frame
     return conversion
+
+
+def _inverse(stored: Mapping[str, Any]) -> Inverse:
+    """Return one sensor's inverse with the uncertainty of its run; of the fit's residuals where none was stored."""
+    from analysis.calibration import fit_calibration
+    from analysis.inverse import Inverse
+
+    fit = fit_calibration(stored["elongation_mm"], stored["signal_mv"], int(stored["fit"]["degree"]))
+    fit = fit.with_reading(float(stored.get("reading_sd_mm") or 0.0), stored.get("positions"))
+    return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=float(stored.get("model_mv") or 0.0))
 
 
 class Preparation:

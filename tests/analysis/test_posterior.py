@@ -60,7 +60,7 @@ def test_berkson_error_is_taken_out() -> None:
     shift = PAPER[0][2] / 12
     plain = fit_calibration(read, y)
     assert plain.coefficients[0] - PAPER[0][0] == pytest.approx(shift, abs=0.35 * abs(shift) + 3 * plain.std_errors[0])
-    target = sample_posterior(read[:360], y[:360], reading_sd=GRID_SD, seed=0)
+    target = sample_posterior(read[:90], y[:90], reading_sd=GRID_SD, positions=np.arange(90), seed=0, max_steps=200)
     assert abs(target.mean[0] - PAPER[0][0]) < 3 * target.sd[0]
     # the same model by weighted least squares on the full set: correct the mean, weigh by the effective variance
     slope, bend = TRUTH.deriv(1)(read), TRUTH.deriv(2)(read)
@@ -69,18 +69,32 @@ def test_berkson_error_is_taken_out() -> None:
 
 
 @pytest.mark.fault(43, how="a reading error larger than the step", times=1)
-def test_reading_error_widens_the_posterior_as_the_effective_variance_says() -> None:
-    """Against weighted least squares with the known effective variance: sd within 10 %."""
-    rng = np.random.default_rng(6)
-    read = np.tile(np.linspace(-2.5, 3.5, 13), 10)
-    y = TRUTH(read + rng.uniform(-0.25, 0.25, read.size)) + 1.3 * rng.standard_normal(read.size)
-    sd = 0.5 / 12**0.5
-    posterior = sample_posterior(read, y, reading_sd=sd, seed=0)
-    known = np.hypot(1.3, TRUTH.deriv()(read) * sd)
-    design = np.vander(read, 4, increasing=True) / known[:, None]
-    expected = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
-    assert posterior.converged
-    np.testing.assert_allclose(posterior.sd, expected, rtol=0.15)
+def test_readings_rounded_alike_in_every_cycle_share_their_error() -> None:
+    """Ten positions read to 1 mm, alike in five cycles: the band holds the curve; fifty errors of their own do not.
+
+    The truth is at most 3 standard deviations off; taken for independent it is beyond 4, so that the labels matter.
+    """
+    true, at = np.tile(np.linspace(-2.7, 3.8, 10), 5), np.linspace(-2.5, 3.6, 13)
+    y = TRUTH(true) + 0.3 * np.random.default_rng(3).standard_normal(true.size)
+    read, off = np.round(true), []
+    for positions in (np.tile(np.arange(10), 5), np.arange(true.size)):
+        found = sample_posterior(read, y, reading_sd=GRID_SD, positions=positions, seed=0, max_steps=200)
+        curves = found.curves(at)
+        off.append(float((np.abs(curves.mean(axis=0) - TRUTH(at)) / curves.std(axis=0)).max()))
+    assert off[0] < 3.0
+    assert off[1] > 4.0
+
+
+def test_positions_unnamed_are_never_too_narrow() -> None:
+    """Without labels readings of one value are one position: the band is as wide as with them, or wider."""
+    true = np.tile(np.linspace(-2.7, 3.8, 10), 5)
+    y = TRUTH(true) + 0.3 * np.random.default_rng(4).standard_normal(true.size)
+    unnamed, named = (
+        sample_posterior(np.round(true), y, reading_sd=GRID_SD, positions=p, seed=0, max_steps=200)
+        for p in (None, np.tile(np.arange(10), 5))
+    )
+    at = np.linspace(-2.5, 3.6, 13)
+    assert (unnamed.curves(at).std(axis=0) > 0.9 * named.curves(at).std(axis=0)).all()
 
 
 def test_unequal_noise_weighs_the_points() -> None:
@@ -148,42 +162,40 @@ def test_closed_bands_cover_what_they_say() -> None:
 
 @pytest.mark.parametrize("sd", [0.02, 0.2, 0.8])
 def test_reading_error_on_a_line_is_the_quadrature_of_its_likelihood(sd: float) -> None:
-    """A line against its likelihood summed on a grid of (b0, b1, ln sigma), reading error 0.1 to 5 times the noise."""
+    """A line against its likelihood summed on a grid of (b0, b1, ln sigma), reading error 0.1 to 5 times the noise.
+
+    A reading's error is anywhere in its cell, so that y is uniform over b1 times the cell, and normal about that.
+    """
     rng = np.random.default_rng(12)
-    read = np.repeat(np.linspace(-3.0, 4.0, 8), 4)
-    y = 10.0 + 5.0 * (read + sd * rng.standard_normal(read.size)) + 0.8 * rng.standard_normal(read.size)
-    posterior = sample_posterior(read, y, 1, reading_sd=sd, seed=0)
+    read, half = np.repeat(np.linspace(-3.0, 4.0, 8), 4), sd * 3.0**0.5
+    y = 10.0 + 5.0 * (read + half * rng.uniform(-1, 1, read.size)) + 0.8 * rng.standard_normal(read.size)
+    posterior = sample_posterior(read, y, 1, reading_sd=sd, positions=np.arange(read.size), seed=0)
     fit = posterior.calibration
-    reach = 8.0 * fit.std_errors
-    b0, b1 = (c + r * np.linspace(-1, 1, 81) for c, r in zip(fit.coefficients, reach, strict=True))
-    log_s = np.linspace(np.log(1e-4 * fit.residual_sd), np.log(4.0 * fit.residual_sd), 161)
-    one, x, xx = read.size, read.sum(), (read**2).sum()
-    squares = (
-        (y**2).sum() - 2 * b0[:, None] * y.sum() - 2 * b1 * (read * y).sum() + b0[:, None] ** 2 * one
-        + 2 * b0[:, None] * b1 * x + b1**2 * xx
-    )  # fmt: skip
-    variance = np.exp(2 * log_s) + (b1[:, None] * sd) ** 2
-    weight = -0.5 * (squares[..., None] / variance + read.size * np.log(variance))
-    weight = np.exp(weight - weight.max()) / (1.0 + sd * abs(fit.coefficients[1]) / np.exp(log_s))
+    b0, b1 = (c + 5.0 * u * np.linspace(-1, 1, 31) for c, u in zip(fit.coefficients, fit.std_errors, strict=True))
+    log_s = np.linspace(np.log(0.02 * fit.residual_sd), np.log(2.0 * fit.residual_sd), 49)
+    sigma, weight = np.exp(log_s), np.zeros((b0.size, b1.size, log_s.size))
+    for x, signal in zip(read, y, strict=True):
+        away = (signal - b0[:, None] - b1 * x)[..., None]
+        inside = special.ndtr((away + half * b1[:, None]) / sigma) - special.ndtr((away - half * b1[:, None]) / sigma)
+        weight += np.log(np.maximum(inside / (2.0 * half * b1[:, None]), 1e-300))
+    weight = np.exp(weight - weight.max()) / (1.0 + sd * abs(fit.coefficients[1]) / sigma)
     assert posterior.converged
     for k, grid in enumerate((b0, b1)):
         marginal = weight.sum(axis=tuple({0, 1, 2} - {k}))
         mean = (marginal @ grid) / marginal.sum()
         spread = np.sqrt(marginal @ (grid - mean) ** 2 / marginal.sum())
         assert posterior.sd[k] == pytest.approx(spread, rel=0.03)
-        assert posterior.mean[k] == pytest.approx(mean, abs=0.05 * spread)
+        assert posterior.mean[k] == pytest.approx(mean, abs=0.06 * spread)
 
 
-def errors_in_variables(read: np.ndarray, y: np.ndarray, sd: float, *, steps: int, uniform: bool = False) -> np.ndarray:
+def errors_in_variables(read: np.ndarray, y: np.ndarray, sd: float, *, steps: int) -> np.ndarray:
     """Draws [draws, 4] of a cubic's coefficients from 120 Metropolis chains over the errors-in-variables model.
 
     Nothing is shared with the sampler under test: the true x is summed out point by point, exactly for a curve that is
-    a line inside each of 48 cells of the reading error (normal, or uniform over the grid's cell), not turned into a
-    variance; the chains walk in monomials and know neither slope nor curvature.
+    a line inside each of 24 parts of the grid's cell; the chains walk in monomials and in ln sigma.
     """
     rng = np.random.default_rng(14)
-    edges = np.linspace(-(3.0**0.5), 3.0**0.5, 25) if uniform else np.linspace(-4.5, 4.5, 49)
-    share = np.full(24, 1 / 24) if uniform else np.diff(special.ndtr(edges))
+    edges = np.linspace(-(3.0**0.5), 3.0**0.5, 25)
     powers = np.vander((read[:, None] + sd * edges).ravel(), 4, increasing=True).T
     fit = fit_calibration(read, y)
     by_reading = sd * float(np.sqrt(np.mean(fit.slope(read) ** 2)))
@@ -192,7 +204,7 @@ def errors_in_variables(read: np.ndarray, y: np.ndarray, sd: float, *, steps: in
         sigma = np.exp(state[:, 4])
         curve = (state[:, :4] @ powers).reshape(-1, read.size, edges.size)
         below = special.ndtr((curve - y[:, None]) / sigma[:, None, None])
-        likelihood = (share * np.diff(below) / np.diff(curve)).sum(axis=-1)
+        likelihood = (np.diff(below) / np.diff(curve)).mean(axis=-1)
         return np.asarray(np.log(np.maximum(likelihood, 1e-300)).sum(axis=1) - np.log1p(by_reading / sigma))
 
     root = np.zeros((5, 5))
@@ -215,22 +227,15 @@ def errors_in_variables(read: np.ndarray, y: np.ndarray, sd: float, *, steps: in
 
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize(
-    ("resolution", "noise", "apart", "off"), [(0.1, 4.0, 0.03, 0.15), (0.5, 1.49, 0.03, 0.15), (1.0, 1.49, 0.05, 0.3)]
-)
-def test_reading_error_on_a_cubic_is_that_of_a_long_run(
-    resolution: float, noise: float, apart: float, off: float
-) -> None:
-    """The paper's cubic on readings known to 0.1, 0.5 and 1 mm: sds within 3 %; at 1 mm, seven times the noise, 5 %.
-
-    There the effective variance itself is what differs: the sampler was 1 to 4 % wider, its means up to 0.2 sd off.
-    """
+@pytest.mark.parametrize(("resolution", "noise"), [(0.1, 4.0), (0.5, 1.49), (1.0, 1.49)])
+def test_reading_error_on_a_cubic_is_that_of_a_long_run(resolution: float, noise: float) -> None:
+    """The paper's cubic on readings known to 0.1, 0.5 and 1 mm: sds within 3 %, means within 0.15 of them."""
     rng = np.random.default_rng(13)
     read, sd = np.repeat(np.linspace(-2.5, 3.5, 13), 4), resolution / 12**0.5
-    y = TRUTH(read + sd * rng.standard_normal(read.size)) + noise * rng.standard_normal(read.size)
-    posterior = sample_posterior(read, y, reading_sd=sd, seed=0)
+    y = TRUTH(read + resolution * rng.uniform(-0.5, 0.5, read.size)) + noise * rng.standard_normal(read.size)
+    posterior = sample_posterior(read, y, reading_sd=sd, positions=np.arange(read.size), seed=0)
     long = errors_in_variables(read, y, sd, steps=5000)
     print(f"{resolution} mm: sd over the long run's {posterior.sd / long.std(axis=0)}, tau {posterior.tau:.0f}")
     assert posterior.converged
-    np.testing.assert_allclose(posterior.sd, long.std(axis=0), rtol=apart)
-    assert (np.abs(posterior.mean - long.mean(axis=0)) < off * posterior.sd).all()
+    np.testing.assert_allclose(posterior.sd, long.std(axis=0), rtol=0.03)
+    assert (np.abs(posterior.mean - long.mean(axis=0)) < 0.15 * posterior.sd).all()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QFrame, QScrollArea, QStackedWidget, QWidget
+from PySide6.QtWidgets import QFrame, QScrollArea, QVBoxLayout, QWidget
 
 
 class Room(QScrollArea):
@@ -56,29 +56,38 @@ def _least_height(page: QWidget, width: int) -> int:
     return max(least, layout.minimumHeightForWidth(width)) if layout is not None and wraps else least
 
 
-class Leaves(QStackedWidget):
-    """Several widgets in one place; it needs the room of the one that is shown, not of the largest."""
+class Leaves(QWidget):
+    """Several widgets in one place; it needs the room of the one that is shown, not of the largest.
+
+    Qt's own stack asks all of them for the height that wrapped words need, the hidden ones too.
+    """
 
     def __init__(self) -> None:
         super().__init__()
-        self.currentChanged.connect(lambda _: self.updateGeometry())
+        self._leaves: list[QWidget] = []
+        self._inside = QVBoxLayout(self)
+        self._inside.setContentsMargins(0, 0, 0, 0)
 
-    def minimumSizeHint(self) -> QSize:
-        """Return the least of the widget that is shown."""
-        shown = self.currentWidget()
-        return shown.minimumSizeHint() if shown is not None else super().minimumSizeHint()
+    def addWidget(self, leaf: QWidget) -> None:
+        """Add a widget; the first one is shown."""
+        leaf.setVisible(not self._leaves)
+        self._leaves.append(leaf)
+        self._inside.addWidget(leaf)
 
-    def sizeHint(self) -> QSize:
-        """Return the size that the widget shown would like."""
-        shown = self.currentWidget()
-        return shown.sizeHint() if shown is not None else super().sizeHint()
+    def currentWidget(self) -> QWidget:
+        """Return the widget that is shown."""
+        return next(leaf for leaf in self._leaves if not leaf.isHidden())
 
-    def hasHeightForWidth(self) -> bool:
-        """Whether the widget that is shown wraps words."""
-        shown = self.currentWidget()
-        return shown is not None and shown.hasHeightForWidth()
+    def currentIndex(self) -> int:
+        """Return which widget is shown."""
+        return self._leaves.index(self.currentWidget())
 
-    def heightForWidth(self, width: int) -> int:
-        """Return the height that the widget shown would like at a width."""
-        shown = self.currentWidget()
-        return shown.heightForWidth(width) if shown is not None else super().heightForWidth(width)
+    def setCurrentWidget(self, wanted: QWidget) -> None:
+        """Show one of the widgets."""
+        if wanted.isHidden():
+            self.currentWidget().hide()
+            wanted.show()
+
+    def setCurrentIndex(self, index: int) -> None:
+        """Show the widget of that number, in the order of their adding."""
+        self.setCurrentWidget(self._leaves[index])

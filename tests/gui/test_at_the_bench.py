@@ -263,3 +263,14 @@ def test_a_method_that_is_not_measured_says_what_will_be_there(whole):
     QApplication.processEvents()
     assert chart.nothing.isVisible()
     assert chart.heading.geometry().bottom() < chart.height() / 4
+
+
+@pytest.mark.parametrize("name", ["Calibrate", "Repeat", "Runs"])
+def test_an_empty_page_never_scrolls(empty, qtbot, name):
+    """An empty Calibrate page used to ask for the height of the filled one behind it."""
+    empty.resize(853, 533)
+    empty.go(name)
+    room = empty.rooms[name]
+    qtbot.waitUntil(lambda: room.verticalScrollBar().maximum() == 0)
+    assert room.horizontalScrollBar().maximum() == 0
+    assert empty.pages[name].stack.currentIndex() == 0

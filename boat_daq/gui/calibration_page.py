@@ -23,7 +23,7 @@ from boat_daq.viewmodels.results import LoopSet, SensorResult
 
 SENSORS = 2
 SOURCES = {"least squares": "fit", "posterior": "posterior"}  # what the curve and its bands are of
-BESIDE = ("Sensor", "now", "last", "E\u2099")
+BESIDE = ("", "now", "last", "E\u2099")
 MOST_FLAGS = 5  # shown; all of them on hover
 
 

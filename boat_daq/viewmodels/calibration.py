@@ -247,7 +247,7 @@ class CalibrationModel:
             found = self.agreement(i)
             for c in found.coefficients if found is not None else ():
                 apart, spread = c.value - c.value_before, 2 * float(np.hypot(c.std_error, c.std_error_before))
-                name = f"{sensor_words(sensor.name).removeprefix('Sensor ')}, b{_SUBSCRIPTS[c.power]}"
+                name = f"b{_SUBSCRIPTS[c.power]}, {sensor_words(sensor.name).removeprefix('Sensor ')}"
                 cells = (
                     name, measured(c.value, c.std_error), measured(c.value_before, c.std_error_before),
                     number(apart / spread, 2, sign=True) if spread > 0 else NOTHING,

@@ -18,7 +18,7 @@ from protocol.errors import RecordingError
 from protocol.recording import SESSION_KEYS, open_recording, read_session
 from protocol.virtual_board import VirtualBoard
 from tests.boat_daq.board_link import meta_of, record_run
-from tests.boat_daq.test_recorder import Source
+from tests.boat_daq.recording_source import Source
 
 PAGE = 4096
 

@@ -26,7 +26,7 @@ from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import RecordingError
 from protocol.recording import breaks_of, open_recording, read_session
 from tests.boat_daq.board_link import meta_of
-from tests.boat_daq.test_recorder import Source
+from tests.boat_daq.recording_source import Source
 
 PLAN = Plan(name="two turns", kind="continuous", cycles=4)
 

@@ -15,7 +15,7 @@ from boat_daq.engine.recorder import Recorder
 from boat_daq.engine.summary import summarise
 from protocol.errors import RecordingError
 from tests.boat_daq.board_link import meta_of
-from tests.boat_daq.test_recorder import Source
+from tests.boat_daq.recording_source import Source
 
 
 def begun(path, **meta) -> tuple[Recorder, Source]:

@@ -39,7 +39,7 @@ from boat_daq.engine.upgrade import upgrade
 from boat_daq.errors import DeviceError, OperatorError
 from protocol.errors import RecordingError
 from tests.boat_daq.board_link import meta_of
-from tests.boat_daq.test_recorder import Source
+from tests.boat_daq.recording_source import Source
 from tests.faults.decoders import REFUSALS
 from tests.faults.drill import ROOT
 from tests.faults.old_recordings import write_recording

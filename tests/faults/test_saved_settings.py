@@ -1,0 +1,70 @@
+"""Settings and units killed with -9 while they are saved."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from boat_daq.engine.settings import Settings, UnitLibrary, load_settings
+from tests.faults.drill import ROOT
+
+SAVES = """
+import dataclasses, sys
+from pathlib import Path
+from boat_daq.engine.settings import Settings, UnitLibrary, save_settings
+folder = Path(sys.argv[1])
+library = UnitLibrary(folder / "units")
+print("go", flush=True)
+for number in range(1, 10**9):
+    save_settings(Settings(operator=f"{number} " + "x" * 5000), folder)
+    library.add_calibration("SA1", {"number": number, "filler": "y" * 3000})
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
+@pytest.mark.parametrize(
+    "times",
+    [
+        pytest.param(
+            3, marks=pytest.mark.fault(30, how="settings and units killed with -9 while they are saved", times=3)
+        ),
+        pytest.param(
+            100,
+            marks=[
+                pytest.mark.nightly,
+                pytest.mark.timeout(1800),
+                pytest.mark.fault(30, how="settings and units killed with -9 while they are saved", times=100),
+            ],
+        ),
+    ],
+)
+def test_settings_and_units_survive_a_kill(tmp_path: Path, times: int) -> None:
+    """Always a whole file and a whole backup; no calibration that was stored is ever missing."""
+    rng = random.Random(times)
+    most = 0
+    for number in range(times):
+        folder = tmp_path / str(number)
+        with subprocess.Popen([sys.executable, "-c", SAVES, str(folder)], stdout=subprocess.PIPE, cwd=ROOT) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"go\n"
+            time.sleep(rng.uniform(0.02, 0.3))
+            process.send_signal(signal.SIGKILL)
+        for backup in folder.rglob("*.bak"):
+            if not backup.with_suffix("").exists():
+                pytest.fail("a backup without its file")
+        saved = load_settings(folder)
+        history = UnitLibrary(folder / "units").load("SA1").history
+        assert [entry.content["number"] for entry in history] == list(range(1, len(history) + 1))
+        assert saved == Settings() or int(saved.operator.split()[0]) in (len(history), len(history) + 1)
+        if (folder / "settings.toml.bak").exists():
+            shutil.copy(folder / "settings.toml.bak", folder / "settings.toml")
+            assert load_settings(folder).operator.endswith("x")
+        most = max(most, len(history))
+    assert most > 0

@@ -1,0 +1,160 @@
+"""Torn copies and rotten bits: salvaged or refused in words, never half believed."""
+
+from __future__ import annotations
+
+import random
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from analysis.boat_file import read_boat_file
+from boat_daq.engine.recovery import Recovery, recover
+from boat_daq.engine.summary import summarise
+from boat_daq.engine.verify import verify_recording
+from boat_daq.errors import StorageError
+from protocol.errors import RecordingError
+from protocol.recording import open_recording
+from tests.boat_daq.recording_source import Source, begin
+from tests.faults.old_recordings import write_recording
+
+PAGE = 4096
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A closed recording of some dozen pages."""
+    return write_recording(tmp_path_factory.mktemp("whole") / "run.boat", blocks=8)
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
+    """The two files of a recording under way: the file itself, and its log."""
+    folder = tmp_path_factory.mktemp("pair")
+    source = Source()
+    recorder = begin(folder / "run.boat", source)
+    for _ in range(8):
+        recorder(source.next(200_000))
+        assert recorder.flush()
+    content = (folder / "run.boat").read_bytes(), (folder / "run.boat-wal").read_bytes()
+    recorder.close("stopped")
+    return content
+
+
+def torn(folder: Path, main: bytes, log: bytes | None) -> Recovery | None:
+    """Recover a torn copy: None where it is refused in words; what comes back is sound and holds what it says."""
+    for left in folder.iterdir():
+        left.unlink()
+    path = folder / "run.boat"
+    path.write_bytes(main)
+    if log is not None:
+        path.with_name("run.boat-wal").write_bytes(log)
+    try:
+        recovery = recover(path)
+    except (RecordingError, StorageError) as refusal:
+        assert refusal.cause
+        return None
+    with closing(open_recording(recovery.path)) as db:
+        assert db.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        assert db.execute("SELECT coalesce(sum(n), 0) FROM block").fetchone()[0] == recovery.samples
+    if recovery.status == "salvaged":
+        assert recovery.damaged
+        assert path.read_bytes() == main
+    return recovery
+
+
+@pytest.mark.fault(31, how="a copy cut off at every page boundary of the closed file", times=16)
+def test_a_copy_torn_at_every_page_boundary(whole: Path, tmp_path: Path) -> None:
+    """Each opens on what can be read, or says what is wrong; more of the file never gives less."""
+    content = whole.read_bytes()
+    got = [torn(tmp_path, content[:end], None) for end in range(0, len(content) + 1, PAGE)]
+    samples = [0 if recovery is None else recovery.samples for recovery in got]
+    assert got[-1] is not None
+    assert got[-1].damaged == ()
+    assert max(samples) == samples[-1] == summarise(whole).samples
+    assert len(got) > 10
+
+
+@pytest.mark.fault(31, how="a copy of a recording under way, its log cut at every page of it", times=25)
+def test_a_log_torn_at_every_page_boundary(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
+    """The log's frames are 24 bytes longer than a page: each cut opens on the last whole commit before it."""
+    main, log = pair
+    samples = []
+    for end in [*range(32, len(log) + 1, PAGE + 24), len(log)]:
+        recovery = torn(tmp_path, main, log[:end])
+        assert recovery is not None
+        assert recovery.damaged == ()
+        samples.append(recovery.samples)
+    assert samples == sorted(samples)
+    assert samples[0] == 0
+    assert samples[-1] > 100
+    assert len(samples) > 20
+
+
+@pytest.mark.fault(31, how="a copy without its log, and a log without its file", times=2)
+def test_half_a_copy(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
+    """The bare file names itself and holds nothing yet; the bare log is nobody's."""
+    main, log = pair
+    recovery = torn(tmp_path, main, None)
+    assert recovery is None or recovery.samples == 0
+    (tmp_path / "run.boat").unlink()
+    (tmp_path / "run.boat-wal").write_bytes(log)
+    with pytest.raises(RecordingError, match="no file"):
+        recover(tmp_path / "run.boat")
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        pytest.param(701, marks=pytest.mark.fault(31, how="the last two pages cut at every 701st byte", times=12)),
+        pytest.param(
+            3,
+            marks=[
+                pytest.mark.nightly,
+                pytest.mark.timeout(1800),
+                pytest.mark.fault(31, how="the last two pages cut at every third byte", times=2731),
+            ],
+        ),
+    ],
+)
+def test_the_last_pages_cut_at_any_byte(whole: Path, tmp_path: Path, step: int) -> None:
+    """Salvaged or refused in words, never half believed."""
+    content = whole.read_bytes()
+    for end in range(len(content) - 2 * PAGE, len(content), step):
+        recovery = torn(tmp_path, content[:end], None)
+        assert recovery is None or recovery.damaged
+
+
+@pytest.mark.parametrize(
+    "flips",
+    [
+        pytest.param(40, marks=pytest.mark.fault(32, how="one bit flipped anywhere in a closed file", times=40)),
+        pytest.param(
+            2000,
+            marks=[
+                pytest.mark.nightly,
+                pytest.mark.timeout(1800),
+                pytest.mark.fault(32, how="one bit flipped anywhere in a closed file", times=2000),
+            ],
+        ),
+    ],
+)
+def test_a_flipped_bit_is_found_or_harms_nothing(whole: Path, tmp_path: Path, flips: int) -> None:
+    """Found by recover or verify, or in a place that holds nothing: then every sample is what it was."""
+    content, rng = whole.read_bytes(), random.Random(flips)
+    truth = read_boat_file(whole)
+    found = 0
+    for _ in range(flips):
+        rotten = bytearray(content)
+        rotten[rng.randrange(len(rotten))] ^= 1 << rng.randrange(8)
+        recovery = torn(tmp_path, bytes(rotten), None)
+        if recovery is None or recovery.damaged:
+            found += 1
+            continue
+        if not verify_recording(recovery.path).identical:
+            found += 1
+            continue
+        again = read_boat_file(recovery.path)
+        assert (again.signal_mv == truth.signal_mv).all()
+        assert (again.time_s == truth.time_s).all()
+    assert 0 < found < flips

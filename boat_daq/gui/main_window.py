@@ -135,6 +135,8 @@ class MainWindow(QMainWindow):
         snapshot = self.desk.tick()
         self.header.refresh(snapshot)
         self.pages[self.page].refresh(snapshot)
+        asks = snapshot.waiting_for_reading is not None and self.page != "Live"
+        self.navigation.mark("Live", "a reading is asked for" if asks else "")
         self.strip.refresh()
         self.connect_panel.refresh()
         title = self.desk.title()

@@ -34,6 +34,14 @@ class Navigation(QWidget):
         layout.addStretch(1)
         layout.addWidget(widgets.button("?  Keys", show_keys, "nav", name="Show the keys"))
 
+    def mark(self, name: str, why: str) -> None:
+        """Say at a page's name that it waits for somebody; an empty `why` takes it back."""
+        button = self.buttons[name]
+        text = f"{name}  \u25c0" if why else name
+        if button.text() != text:
+            button.setText(text)
+            button.setAccessibleName(f"{name}: {why}" if why else name)
+
     def show_page(self, name: str) -> None:
         """Mark the page that is shown."""
         self.buttons[name].setChecked(True)

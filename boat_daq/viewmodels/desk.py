@@ -343,6 +343,8 @@ class Desk:
             if button == "arm" and self.snapshot.recording is not None and self.session.steps():
                 self.session.stop_recording()
             self.sequence.press(button)
+            if button == "start":
+                self.request("Live")  # there it is watched, and asks for its readings
 
         self.notices.attempt(deed)
 

@@ -274,3 +274,21 @@ def test_an_empty_page_never_scrolls(empty, qtbot, name):
     qtbot.waitUntil(lambda: room.verticalScrollBar().maximum() == 0)
     assert room.horizontalScrollBar().maximum() == 0
     assert empty.pages[name].stack.currentIndex() == 0
+
+
+def test_a_run_that_is_started_elsewhere_is_shown_and_asks_from_everywhere(running):
+    """F6 on the Calibrate page used to run unseen, and the plateau waited for a reading that nobody was asked for."""
+    running.go("Runs")
+    running.desk.press("start")
+    assert running.page == "Live"
+    running.desk.session.change(waiting_for_reading=ASKED)
+    running.refresh()
+    live = running.navigation.buttons["Live"]
+    assert live.text() == "Live"
+    running.go("Runs")
+    running.refresh()
+    assert live.text() != "Live"
+    assert live.accessibleName() == "Live: a reading is asked for"
+    running.go("Live")
+    running.refresh()
+    assert (live.text(), live.accessibleName()) == ("Live", "Live")

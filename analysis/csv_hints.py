@@ -13,7 +13,7 @@ from analysis.csv_table import Table
 from analysis.recording import FloatArray
 
 if TYPE_CHECKING:
-    from analysis.csv_import import ColumnMap
+    from analysis.csv_columns import ColumnMap
 
 MOST_LISTED = 20
 USUAL_UNITS = {"time_s": "ms", "pressure_kpa": "bar", "s1_mv": "V"}

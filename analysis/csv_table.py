@@ -1,22 +1,17 @@
 """A table of numbers from a text file as it is found.
 
-Strategy: the encoding is read from the first bytes, separator and decimal sign are those that make the most rows
-numeric with one number of columns, the header is what stands above the first such row. pandas then reads the body at
-speed; only if it stumbles is the file walked line by line, to name the lines.
+Strategy: `analysis.csv_dialect` says how the file is written; pandas reads the body at speed; only if it stumbles is
+the file walked line by line, to name the lines. A column of clock times becomes seconds.
 
 Rules: nothing is guessed silently: `Table` says the dialect, every cell that is no number is counted and the first
-ones are named by line; memory is bounded (a line above 1 MB or more than 1,000 columns are refused). No value is ever
-evaluated: cells are numbers or text.
+ones are named by line.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,37 +19,15 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from analysis.csv_clock import seconds_of
+from analysis.csv_dialect import MISSING, Dialect, cells_of, is_comment, number, records, sniff
 from analysis.errors import FileError, RequestError
 
-MAX_LINE_BYTES = 1 << 20
-MAX_COLUMNS = 1000
-HEAD_LINES = 300
 NAMED_ISSUES = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
-
-# in order of preference where two explain a file equally well
-DIALECTS = (
-    (",", "."), (";", "."), ("\t", "."), ("|", "."), (" ", "."),
-    (";", ","), ("\t", ","), ("|", ","), (" ", ","), (",", ","),
-)  # fmt: skip
-MISSING = {"", "nan", "na", "n/a", "null", "-", "#n/a"}
+SHOWN_WORDS = 100  # cells of a column of words that are tried as grouped numbers
 # pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
 _EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
-_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*$")
-
-
-@dataclass(frozen=True, slots=True)
-class Dialect:
-    """How a file is written. `separator` " " stands for any white space."""
-
-    encoding: str
-    separator: str
-    decimal: str
-    data_line: int
-    header: tuple[str, ...]
-    units: tuple[str, ...]
-    comments: tuple[str, ...]
-    columns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,167 +86,27 @@ def read_table(path: str | Path) -> Table:
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}", "Check name and permissions.") from error
     if frame is None:
-        return _slow(path, dialect)
+        return _with_clocks(_slow(path, dialect))
     columns, text = _as_columns(frame)
-    return Table(_names(dialect), _units(dialect), columns, text, dialect, (), 0, _count_masked(columns, text))
+    masked = _count_masked(columns, text)
+    return _with_clocks(Table(_names(dialect), _units(dialect), columns, text, dialect, (), 0, masked))
 
 
-def sniff(path: Path) -> Dialect:
-    """Find encoding, separator, decimal sign and header.
-
-    Raises
-    ------
-    FileError : the file is empty, binary, holds an endless line, or no row of numbers.
-    """
-    _refuse_endless_lines(path)
-    with path.open("rb") as file:
-        head = file.read(4 * MAX_LINE_BYTES)
-    encoding = _encoding(head)
-    text = head.decode(encoding, errors="replace")
-    if not text.strip("\ufeff \r\n\t"):
-        raise FileError(f"{path.name} is empty", "Export it again.")
-    if "\x00" in text:
-        raise FileError(f"{path.name} is a binary file, not text", "Export it as CSV.")
-    lines = text.splitlines()[:HEAD_LINES]
-    best = max((_score(lines, sep, dec), -i) for i, (sep, dec) in enumerate(DIALECTS))
-    separator, decimal = DIALECTS[-best[1]]
-    score, width = best[0]
-    if score <= 0:
-        raise FileError(
-            f"{path.name} holds no rows of numbers in columns",
-            "Look at its first lines with `boat-daq import --preview`.",
-        )
-    if width > MAX_COLUMNS:
-        raise FileError(f"{path.name} has {width} columns, more than {MAX_COLUMNS}", "Is it the right file?")
-    return _dialect(lines, encoding, separator, decimal, width)
-
-
-def number(cell: str, decimal: str) -> float | None:
-    """Return a cell as a number, NaN where it is empty or says so, None where it is something else."""
-    cell = cell.strip().strip('"').strip()
-    if cell.lower() in MISSING:
-        return math.nan
-    if "_" in cell:
-        return None
-    try:
-        return float(cell.replace(",", ".") if decimal == "," else cell)
-    except ValueError:
-        return None
-
-
-def split_name(cell: str) -> tuple[str, str]:
-    """Split "pressure [kPa]" or "Tijd (s)" into name and unit."""
-    cell = cell.strip().strip('"').strip()
-    match = _IN_NAME.match(cell)
-    return (match["name"].strip(), match["unit"]) if match and match["name"].strip() else (cell, "")
+def _with_clocks(table: Table) -> Table:
+    """Turn columns of clock times into seconds since the first, and say so."""
+    columns, units, text, issues = list(table.columns), list(table.units), dict(table.text), list(table.issues)
+    for position, words in table.text.items():
+        clock = seconds_of(words)
+        if clock is None:
+            continue
+        columns[position], units[position] = clock.seconds, "s"
+        del text[position]
+        issues.append(f"column {table.names[position]!r} holds {clock.said}: taken as seconds since its first")
+    return replace(table, columns=tuple(columns), units=tuple(units), text=text, issues=tuple(issues))
 
 
 def _plain(name: str) -> str:
     return " ".join(name.lower().split())
-
-
-def _refuse_endless_lines(path: Path) -> None:
-    run = 0
-    with path.open("rb") as file:
-        while chunk := file.read(1 << 20):
-            first, last = chunk.find(b"\n"), chunk.rfind(b"\n")
-            if first < 0 and b"\r" in chunk:
-                first, last = chunk.find(b"\r"), chunk.rfind(b"\r")
-            if first < 0:
-                run += len(chunk)
-            else:
-                if run + first > MAX_LINE_BYTES:
-                    break
-                run = len(chunk) - last - 1
-            if run > MAX_LINE_BYTES:
-                break
-        else:
-            return
-    raise FileError(f"{path.name} has a line longer than {MAX_LINE_BYTES >> 20} MB", "It is not a table of numbers.")
-
-
-def _encoding(head: bytes) -> str:
-    for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
-        if head.startswith(mark):
-            return name
-    if head[:200].count(b"\x00") > len(head[:200]) // 4:
-        return "utf-16-be" if head[:1] == b"\x00" else "utf-16-le"
-    try:
-        head[: max(len(head) - 3, 0) if len(head) == 4 * MAX_LINE_BYTES else len(head)].decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    if separator == " ":
-        return line.split()
-    return next(csv.reader(io.StringIO(line), delimiter=separator), [])
-
-
-def _is_comment(line: str) -> bool:
-    return not line.strip() or line.lstrip('\ufeff" \t').startswith("#")
-
-
-def _score(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
-    """Share of the cells that are numbers in rows of the commonest width (at least two columns), and that width."""
-    widths: dict[int, int] = {}
-    numeric: dict[int, float] = {}
-    total = 0
-    for line in lines:
-        if _is_comment(line):
-            continue
-        total += 1
-        cells = _cells(line, separator)
-        if _is_data(cells, decimal):
-            width = len(cells)
-            widths[width] = widths.get(width, 0) + 1
-            share = sum(number(cell, decimal) is not None for cell in cells) / width
-            numeric[width] = numeric.get(width, 0.0) + share
-    if not widths:
-        return 0.0, 0
-    width = max(widths, key=lambda w: (widths[w], w))
-    return round(numeric[width] / total, 3), width
-
-
-def _is_data(cells: list[str], decimal: str) -> bool:
-    """True where most cells are numbers: a text column (a branch, a note) is allowed beside them."""
-    values = [number(cell, decimal) for cell in cells]
-    numeric = sum(v is not None and not math.isnan(v) for v in values)
-    words = sum(v is None for v in values)
-    return len(cells) >= 2 and numeric >= 1 and numeric >= words
-
-
-def _dialect(lines: list[str], encoding: str, separator: str, decimal: str, width: int) -> Dialect:
-    above: list[list[str]] = []
-    comments: list[str] = []
-    data_line = 0
-    for at, line in enumerate(lines):
-        if _is_comment(line):
-            if line.strip():
-                whole = (
-                    next(csv.reader([line.lstrip("\ufeff")]), [""]) if line.startswith('"') else [line.lstrip("\ufeff")]
-                )
-                comments.append(whole[0].strip().lstrip("#").strip())
-            continue
-        cells = _cells(line.lstrip("\ufeff"), separator)
-        if len(cells) == width and _is_data(cells, decimal):
-            data_line = at
-            break
-        above.append(cells)
-    titles = [cells for cells in above if len(cells) in (width, width + 1) and any(c.strip() for c in cells)]
-    titles = [cells[:width] for cells in titles]
-    header, units = _header(titles)
-    return Dialect(encoding, separator, decimal, data_line, header, units, tuple(comments), width)
-
-
-def _header(titles: list[list[str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    if not titles:
-        return (), ()
-    last = titles[-1]
-    if len(titles) > 1 and all(len(cell.strip(' []()"')) <= 6 for cell in last):
-        return tuple(split_name(c)[0] for c in titles[-2]), tuple(c.strip(' []()"') for c in last)
-    return tuple(split_name(c)[0] for c in last), tuple(split_name(c)[1] for c in last)
 
 
 def _names(dialect: Dialect) -> tuple[str, ...]:
@@ -290,12 +123,14 @@ def _units(dialect: Dialect) -> tuple[str, ...]:
 def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
     """Read with pandas' C parser; None where rows are ragged or a cell is neither number nor clean text."""
     try:
-        frame = pd.read_csv(
-            path, sep=r"\s+" if dialect.separator == " " else dialect.separator, decimal=dialect.decimal,
-            header=None, names=list(range(dialect.columns)), index_col=False, skiprows=dialect.data_line,
-            comment="#", encoding=dialect.encoding, skipinitialspace=True, low_memory=False, memory_map=False,
-            on_bad_lines="error", na_values=list(MISSING), **_EXACT,
-        )  # fmt: skip
+        with path.open(encoding=dialect.encoding) as file:
+            for _ in range(dialect.data_line):  # by lines: a lone quotation mark above the data ends nothing
+                next(file)
+            frame = pd.read_csv(
+                file, sep=r"\s+" if dialect.separator == " " else dialect.separator, decimal=dialect.decimal,
+                header=None, names=list(range(dialect.columns)), index_col=False, skipinitialspace=True,
+                low_memory=False, on_bad_lines="error", na_values=list(MISSING), **_EXACT,
+            )  # fmt: skip
     except (ValueError, pd.errors.ParserError, pd.errors.ParserWarning, UnicodeError):
         return None
     mixed = [c for c in frame if frame[c].dtype == object or pd.api.types.is_string_dtype(frame[c])]
@@ -303,6 +138,9 @@ def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
         values = pd.to_numeric(frame[column], errors="coerce")
         if values.notna().any():  # numbers with some words between: the slow way names the lines
             return None
+        shown = frame[column].dropna().astype(str).head(SHOWN_WORDS)
+        if any(math.isfinite(number(cell, dialect.decimal) or math.nan) for cell in shown):
+            return None  # grouped thousands, another minus sign
     if frame.iloc[:, -1].isna().any() and not frame.iloc[:, -1].isna().all():
         return None  # perhaps rows too short: the slow way counts the fields
     return pd.DataFrame(frame)
@@ -328,7 +166,7 @@ def _count_masked(columns: tuple[npt.NDArray[np.float64], ...], text: dict[int, 
 def _lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
     with path.open(encoding=dialect.encoding, errors="replace", newline=None) as file:
         for at, line in enumerate(file):
-            if at >= dialect.data_line and not _is_comment(line):
+            if at >= dialect.data_line and not is_comment(line):
                 yield at + 1, line.rstrip("\n")
 
 
@@ -339,8 +177,8 @@ def _slow(path: Path, dialect: Dialect) -> Table:
     places: list[int] = []
     issues: list[str] = []
     broken = 0
-    for line_number, line in _lines(path, dialect):
-        cells = _cells(line, dialect.separator)
+    for line_number, line in records(_lines(path, dialect)):
+        cells = cells_of(line, dialect.separator)
         if len(cells) == width + 1 and not cells[-1].strip():
             cells = cells[:width]  # a separator at the end of the line
         if len(cells) != width:
@@ -370,7 +208,7 @@ def _slow(path: Path, dialect: Dialect) -> Table:
 
 def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
     """Return the line, counted from 1, on which data row `row`, counted from 0, stands."""
-    for at, (line_number, _) in enumerate(_lines(path, dialect)):
+    for at, (line_number, _) in enumerate(records(_lines(path, dialect))):
         if at == row:
             return line_number
     return dialect.data_line + row + 1

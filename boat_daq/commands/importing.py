@@ -32,15 +32,16 @@ def import_csv(
 
         boat-daq import lab.csv --out lab.boat --map pressure_kpa=3:bar --map s1_mv="Sensor A:V"
     """
+    from analysis import csv_columns
     from analysis import csv_import as importer
 
-    columns = importer.load_profile(profile) if profile else {}
+    columns = csv_columns.load_profile(profile) if profile else {}
     columns |= column_map(mapping)
     if save_profile is not None:
         from analysis.csv_table import read_table
 
         table = read_table(file)
-        importer.save_profile(save_profile, importer.map_columns(table, columns), table)
+        csv_columns.save_profile(save_profile, csv_columns.map_columns(table, columns), table)
         say(f"kept the map in {save_profile}")
     if preview:
         _show(importer.preview(file, columns), json)

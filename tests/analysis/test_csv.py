@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from analysis import AnalysisError, analyse, load_recording
 from analysis.boat_writer import write_boat_file
-from analysis.csv_import import import_csv, load_profile, map_columns, preview, save_profile
+from analysis.csv_columns import load_profile, map_columns, save_profile
+from analysis.csv_import import import_csv, preview
 from analysis.csv_table import read_table
 from analysis.export import export, neutral
 from analysis.import_check import first_difference
@@ -248,9 +249,9 @@ def test_a_name_with_a_comma_is_understood(tmp_path: Path) -> None:
 
 
 def test_a_column_of_text_is_named(tmp_path: Path) -> None:
-    """A time of day is no number: the refusal shows what stands in the column."""
-    path = written(tmp_path / "a.csv", "time,pressure_kpa,s1_mv", lambda i: f"10:00:{i:02d},{i}.5,{1600 + i}")
-    with pytest.raises(AnalysisError, match="column 'time' holds text like '10:00:00'"):
+    """3/4/2026 is the third of April or the fourth of March: the refusal shows what stands in the column."""
+    path = written(tmp_path / "a.csv", "time,pressure_kpa,s1_mv", lambda i: f"3/4/2026 10:{i:02d},{i}.5,{1600 + i}")
+    with pytest.raises(AnalysisError, match="column 'time' holds text like '3/4/2026 10:00'"):
         import_csv(path)
 
 

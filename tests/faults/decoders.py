@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from analysis.boat_writer import write_boat_file
+from analysis.csv_columns import load_profile as load_column_map
 from analysis.csv_import import import_csv, preview
-from analysis.csv_import import load_profile as load_column_map
 from analysis.elongation import read_elongation_file
 from analysis.errors import AnalysisError
 from analysis.optics.curve_file import read_curves

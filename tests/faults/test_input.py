@@ -202,7 +202,8 @@ def test_sql_has_parameters_and_the_linter_holds_it() -> None:
 READERS = """
 import resource, sys
 from pathlib import Path
-from analysis.csv_import import import_csv, load_profile as load_map
+from analysis.csv_columns import load_profile as load_map
+from analysis.csv_import import import_csv
 from analysis.elongation import read_elongation_file
 from analysis.optics.curve_file import read_curves
 from analysis.recording import load_recording

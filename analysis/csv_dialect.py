@@ -1,0 +1,237 @@
+"""How a text file of numbers is written: encoding, separator, decimal sign, header, units.
+
+Strategy: the encoding is read from the first bytes, separator and decimal sign are those that make the most rows
+numeric with one number of columns, the header is what stands above the first such row.
+
+Rules: no value is ever evaluated: a cell is a number or text; memory is bounded (a line above 1 MB or more than 1,000
+columns are refused).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.errors import FileError
+
+MAX_LINE_BYTES = 1 << 20
+MAX_COLUMNS = 1000
+HEAD_LINES = 300
+MAX_QUOTED_LINES = 20  # a quoted cell that goes on for longer is a lone quotation mark
+
+# in order of preference where two explain a file equally well
+DIALECTS = (
+    (",", "."), (";", "."), ("\t", "."), ("|", "."), (" ", "."),
+    (";", ","), ("\t", ","), ("|", ","), (" ", ","), (",", ","),
+)  # fmt: skip
+MISSING = {"", "nan", "na", "n/a", "null", "-", "#n/a"}
+_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*$", re.DOTALL)
+# a group sign is believed only beside a decimal part or a second group: 1,650 alone may be a decimal comma
+_GROUPED = {
+    ".": re.compile(r"^[+-]?[0-9]{1,3}(?:(?:,[0-9]{3})+\.[0-9]*|(?:,[0-9]{3}){2,})$"),
+    ",": re.compile(r"^[+-]?[0-9]{1,3}(?:(?:\.[0-9]{3})+,[0-9]*|(?:\.[0-9]{3}){2,})$"),
+}
+_MINUS = str.maketrans({"\u2212": "-", "\u2013": "-"})
+_LINE_END = re.compile(r"\r\n|\r|\n")
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a file is written. `separator` " " stands for any white space."""
+
+    encoding: str
+    separator: str
+    decimal: str
+    data_line: int
+    header: tuple[str, ...]
+    units: tuple[str, ...]
+    comments: tuple[str, ...]
+    columns: int
+
+
+def sniff(path: Path) -> Dialect:
+    """Find encoding, separator, decimal sign and header.
+
+    Raises
+    ------
+    FileError : the file is empty, binary, holds an endless line, or no row of numbers.
+    """
+    _refuse_endless_lines(path)
+    with path.open("rb") as file:
+        head = file.read(4 * MAX_LINE_BYTES)
+    encoding = _encoding(head)
+    text = head.decode(encoding, errors="replace")
+    if not text.strip("\ufeff \r\n\t"):
+        raise FileError(f"{path.name} is empty", "Export it again.")
+    if "\x00" in text:
+        raise FileError(f"{path.name} is a binary file, not text", "Export it as CSV.")
+    lines = list(records(enumerate(_LINE_END.split(text)[:HEAD_LINES])))
+    plain = [line for _, line in lines]
+    best = max((_score(plain, sep, dec), -i) for i, (sep, dec) in enumerate(DIALECTS))
+    separator, decimal = DIALECTS[-best[1]]
+    score, width = best[0]
+    if score <= 0:
+        raise FileError(
+            f"{path.name} holds no rows of numbers in columns",
+            "Look at its first lines with `boat-daq import --preview`.",
+        )
+    if width > MAX_COLUMNS:
+        raise FileError(f"{path.name} has {width} columns, more than {MAX_COLUMNS}", "Is it the right file?")
+    return _dialect(lines, encoding, separator, decimal, width)
+
+
+def number(cell: str, decimal: str) -> float | None:
+    """Return a cell as a number, NaN where it is empty or says so, None where it is something else."""
+    cell = cell.strip().strip('"').strip().translate(_MINUS)
+    if cell.lower() in MISSING:
+        return math.nan
+    if "_" in cell:
+        return None
+    if _GROUPED[decimal].match(cell):
+        cell = cell.replace("," if decimal == "." else ".", "")
+    if decimal == ",":
+        if "." in cell:
+            return None
+        cell = cell.replace(",", ".")
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def split_name(cell: str) -> tuple[str, str]:
+    """Split "pressure [kPa]" or "Tijd (s)" into name and unit."""
+    cell = " ".join(cell.strip().strip('"').split())
+    match = _IN_NAME.match(cell)
+    return (match["name"].strip(), match["unit"]) if match and match["name"].strip() else (cell, "")
+
+
+def records(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    """Join lines that one quoted cell spans; each record keeps the number of its first line."""
+    held: list[tuple[int, str]] = []
+    for at, line in lines:
+        held.append((at, line))
+        whole = "\n".join(text for _, text in held)
+        if whole.count('"') % 2 == 0:
+            yield held[0][0], whole
+            held = []
+        elif len(held) > MAX_QUOTED_LINES:
+            yield from held
+            held = []
+    yield from held
+
+
+def _refuse_endless_lines(path: Path) -> None:
+    run = 0
+    with path.open("rb") as file:
+        while chunk := file.read(1 << 20):
+            first, last = chunk.find(b"\n"), chunk.rfind(b"\n")
+            if first < 0 and b"\r" in chunk:
+                first, last = chunk.find(b"\r"), chunk.rfind(b"\r")
+            if first < 0:
+                run += len(chunk)
+            else:
+                if run + first > MAX_LINE_BYTES:
+                    break
+                run = len(chunk) - last - 1
+            if run > MAX_LINE_BYTES:
+                break
+        else:
+            return
+    raise FileError(f"{path.name} has a line longer than {MAX_LINE_BYTES >> 20} MB", "It is not a table of numbers.")
+
+
+def _encoding(head: bytes) -> str:
+    for mark, name in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
+        if head.startswith(mark):
+            return name
+    if head[:200].count(b"\x00") > len(head[:200]) // 4:
+        return "utf-16-be" if head[:1] == b"\x00" else "utf-16-le"
+    try:
+        head[: max(len(head) - 3, 0) if len(head) == 4 * MAX_LINE_BYTES else len(head)].decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    return next(csv.reader(io.StringIO(line), delimiter=separator), [])
+
+
+def is_comment(line: str) -> bool:
+    return not line.strip() or line.lstrip('\ufeff" \t').startswith("#")
+
+
+def _score(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
+    """Share of the cells that are numbers in rows of the commonest width (at least two columns), and that width."""
+    widths: dict[int, int] = {}
+    numeric: dict[int, float] = {}
+    total = 0
+    for line in lines:
+        if is_comment(line):
+            continue
+        total += 1
+        cells = cells_of(line, separator)
+        if _is_data(cells, decimal):
+            width = len(cells)
+            widths[width] = widths.get(width, 0) + 1
+            share = sum(number(cell, decimal) is not None for cell in cells) / width
+            numeric[width] = numeric.get(width, 0.0) + share
+    if not widths:
+        return 0.0, 0
+    width = max(widths, key=lambda w: (widths[w], w))
+    return round(numeric[width] / total, 3), width
+
+
+def _is_data(cells: list[str], decimal: str) -> bool:
+    """True where most cells are numbers: a text column (a branch, a note) is allowed beside them."""
+    values = [number(cell, decimal) for cell in cells]
+    numeric = sum(v is not None and not math.isnan(v) for v in values)
+    words = sum(v is None for v in values)
+    return len(cells) >= 2 and numeric >= 1 and numeric >= words
+
+
+def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decimal: str, width: int) -> Dialect:
+    above: list[list[str]] = []
+    comments: list[str] = []
+    data_line, bare_end = 0, False
+    for at, line in lines:
+        if is_comment(line):
+            if line.strip():
+                whole = (
+                    next(csv.reader([line.lstrip("\ufeff")]), [""]) if line.startswith('"') else [line.lstrip("\ufeff")]
+                )
+                comments.append(whole[0].strip().lstrip("#").strip())
+            continue
+        cells = cells_of(line.lstrip("\ufeff"), separator)
+        if len(cells) == width and _is_data(cells, decimal):
+            data_line, bare_end = at, not cells[-1].strip()
+            break
+        above.append(cells)
+    titles = [_fitted(cells, width, bare_end) for cells in above if abs(len(cells) - width) <= 1]
+    titles = [cells for cells in titles if any(cell.strip() for cell in cells)]
+    header, units = _header(titles)
+    return Dialect(encoding, separator, decimal, data_line, header, units, tuple(comments), width)
+
+
+def _fitted(titles: list[str], width: int, bare_end: bool) -> list[str]:
+    """Titles for every column: one too few leaves the empty last column bare, or the first one, of the rows' names."""
+    if len(titles) < width:
+        return [*titles, ""] if bare_end else ["", *titles]
+    return titles[:width]
+
+
+def _header(titles: list[list[str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    if not titles:
+        return (), ()
+    last = titles[-1]
+    if len(titles) > 1 and all(len(cell.strip(' []()"')) <= 6 for cell in last):
+        return tuple(split_name(c)[0] for c in titles[-2]), tuple(c.strip(' []()"') for c in last)
+    return tuple(split_name(c)[0] for c in last), tuple(split_name(c)[1] for c in last)

@@ -95,6 +95,8 @@ def _several(analyses: Sequence[Analysis], limits: Mapping[str, float]) -> Repor
         if limits
         else (f"{len(analyses)} runs of {len(known)} unit{'s' if len(known) > 1 else ''} compared; no limits were set.")
     )
+    if units.count("") > 1:
+        verdict = f"{verdict.rstrip('.')}. {units.count('')} runs name no unit and are taken to be of one."
     return Report(
         "Comparison of runs",
         ", ".join(known),

@@ -55,14 +55,20 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
 
 def _undefined(analysis: Analysis) -> list[str]:
     """A sentence for each reason why figures are void."""
-    by_reason: dict[str, dict[str, None]] = {}
+    by_reason: dict[tuple[int, str], list[str]] = {}
     for key, label in KEY_FIGURES:
         for number, sensor in enumerate(analysis.sensors, 1):
             figure = sensor.figures.get(key)
             if figure is not None and figure.void:
                 reason = figure.void.removeprefix("a part is void: ")
-                by_reason.setdefault(f"sensor {number}: {reason}", {})[label[0].lower() + label[1:]] = None
-    return [f"Undefined for {reason} ({', '.join(labels)})." for reason, labels in by_reason.items()]
+                by_reason.setdefault((number, reason), []).append(label[0].lower() + label[1:])
+    sensors: dict[str, list[int]] = {}
+    for (number, reason), labels in by_reason.items():
+        sensors.setdefault(f"{reason} ({'; '.join(labels)})", []).append(number)
+    return [
+        f"Undefined for sensor{'s' if len(who) > 1 else ''} {' and '.join(map(str, who))}: {what}."
+        for what, who in sensors.items()
+    ]
 
 
 def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> Table:
@@ -124,7 +130,7 @@ def coefficients(analysis: Analysis) -> Section:
             parts.append(f"Sensor {i + 1} is not calibrated: {sensor.calibration_void}.")
             continue
         rows = []
-        for k, (b, u) in enumerate(zip(c.coefficients, c.std_errors, strict=True)):
+        for k, (b, u) in enumerate(zip(c.coefficients, c.std_errors_with_reading, strict=True)):
             sampled = with_uncertainty(float(p.mean[k]), float(p.sd[k])) if p else NOTHING
             rows.append(
                 (f"b{k}", with_uncertainty(float(b), float(u)), sampled, "mV" if k == 0 else f"mV/mm{power(k)}")

@@ -153,6 +153,12 @@ def test_runs_of_one_unit_are_compared(calibration: Analysis) -> None:
     titles = [section.title for section in report.sections]
     assert any(title.startswith("Within-run and between-run spread") for title in titles)
     assert any(title.startswith("History of SA1") for title in titles)
+    assert "name no unit" not in report.verdict
+    nameless = [
+        replace(a, recording=replace(a.recording, meta={**a.recording.meta, "unit": None}))
+        for a in (calibration, second)
+    ]
+    assert "2 runs name no unit and are taken to be of one." in build_report(nameless).verdict
 
 
 def test_a_run_without_cycles_still_makes_a_report(tmp_path: Path) -> None:

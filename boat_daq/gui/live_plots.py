@@ -74,7 +74,7 @@ class LivePlots(PlotCard):
 
     def shorten(self) -> None:
         """Write short words beside the vertical axes where the rows are low, or their titles again."""
-        each = self.view.height() / len(self.rows)
+        each = (self.view.height() - style.AXIS_HEIGHT) / len(self.rows)
         wanted = ("",) * len(self.plots) if each >= style.ROW_FOR_TITLE else ("1, mV", "2, mV", "mm", "kPa")
         if each < style.ROW_FOR_SHORT:
             wanted = ("mV", "mV", "mm", "kPa")

@@ -95,8 +95,8 @@ PLOT_MORE = 64  # for each further plot of a card
 LIVE_PLOTS_MINIMUM = 88
 HEADING_LEAST = 72
 FIGURES_LEAST = 280  # below it the table of figures scrolls
-ROW_FOR_TITLE = 96  # a live plot's title and unit need so much height
-ROW_FOR_SHORT = 56  # and its number and unit so much; below, only the unit stands
+ROW_FOR_TITLE = 92  # a live plot's title and unit need so much height
+ROW_FOR_SHORT = 44  # and its number and unit so much; below, only the unit stands
 FORM_WIDTH = 560
 THUMBNAIL = (168, 44)
 

@@ -303,8 +303,10 @@ def state_text(snapshot: SessionSnapshot) -> str:
 
 
 def progress_text(snapshot: SessionSnapshot) -> str:
-    """Return cycle, step and time left in a line."""
+    """Return cycle, step and time left in a line; why the run ended, where it did before its time."""
     progress = snapshot.progress
+    if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and snapshot.run_ended.startswith("aborted"):
+        return snapshot.run_ended.removeprefix("aborted: ")
     if progress is None:
         return ""
     where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"

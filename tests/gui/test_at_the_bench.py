@@ -292,3 +292,14 @@ def test_a_run_that_is_started_elsewhere_is_shown_and_asks_from_everywhere(runni
     running.go("Live")
     running.refresh()
     assert (live.text(), live.accessibleName()) == ("Live", "Live")
+
+
+@pytest.mark.parametrize("state", [SessionState.FAULT, SessionState.ABORTED])
+def test_a_run_that_broke_off_says_why_where_its_button_is(live, state):
+    """The strip's message goes once the link is up again: "Fault" stood there without a reason."""
+    live.desk.session.change(state=state, run_ended="aborted: the board was unplugged", progress=None)
+    live.refresh()
+    assert live.live.sequence.progress.text() == "the board was unplugged"
+    live.desk.session.change(state=SessionState.IDLE, run_ended="finished")
+    live.refresh()
+    assert "plateaus" in live.live.sequence.progress.text()

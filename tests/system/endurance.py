@@ -1,10 +1,11 @@
 """The window for hours of board time on a fast virtual board: memory, frames, and not a sample lost.
 
-    python -m tests.system.endurance --hours 8 --speed 100
+    python -m tests.system.endurance --hours 24 --speed 100
 
 Offscreen, in a home and folder of its own. The board streams and is recorded; the pressure goes up and down all the
 time; halfway the window's thread is blocked for `--block` seconds. Every tenth of a board hour a line goes to standard
-output: resident memory, frames drawn and what they cost. The last line is JSON; `test_endurance.py` judges it.
+output: resident memory, frames drawn and what they cost. At the end come the measurements as JSON, then a line for each
+mark: kept or broken, with the figure. The exit code is 1 where one is broken.
 """
 
 from __future__ import annotations
@@ -17,15 +18,20 @@ import subprocess
 import sys
 import tempfile
 import time
+from array import array
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PySide6.QtTest import QTest
 
+from boat_daq.engine.verify import verify_recording
 from protocol.recording import open_recording
 
 PRESSURES_KPA = (45.0, -35.0)
+GROWTH = 1.05  # of the first hour's memory
+WORST_FRAME_MS = 100.0
 
 
 def resident_mb() -> float:
@@ -39,9 +45,9 @@ class Watch:
 
     def __init__(self, window) -> None:
         self.window = window
-        self.frames_ms: list[float] = []
-        self.cpu_ms: list[float] = []  # of the window's thread: what a frame costs on a busy computer, too
-        self.refreshes_ms: list[float] = []
+        self.frames_ms = array("d")  # small: what it keeps would count as the window's growth
+        self.cpu_ms = array("d")  # of the window's thread: what a frame costs on a busy computer, too
+        self.refreshes_ms = array("d")
         window.frame_timer.timeout.disconnect()
         window.frame_timer.timeout.connect(self.draw)
         window.calm_timer.timeout.disconnect()
@@ -50,7 +56,7 @@ class Watch:
     def forget(self) -> None:
         """Begin anew: the first frames make fonts and caches."""
         for costs in (self.frames_ms, self.cpu_ms, self.refreshes_ms):
-            costs.clear()
+            del costs[:]
 
     def draw(self) -> None:
         """One frame, painted at once so that its whole cost is seen."""
@@ -81,7 +87,33 @@ def recorded(path: Path) -> dict[str, int]:
     }
 
 
-def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str, object]:
+def marks(result: dict[str, Any]) -> list[tuple[str, bool | None, str]]:
+    """Return each mark of a run: what was promised, whether it was kept (None: not to be said), the figures."""
+    first = [mb for hour, mb in result["memory_mb"] if hour <= 1.01]
+    later = [mb for hour, mb in result["memory_mb"] if hour > 1.01]
+    growth = f"first hour {max(first):.1f} MB"
+    if later:
+        growth += f", later {max(later):.1f} MB at most, {later[-1]:.1f} MB at the end, {max(later) / max(first):.3f}"
+    worst, lost = max(result["frame_worst_ms"], result["refresh_worst_ms"]), result["lost"]
+    counted = f"{result['samples']} of {result['expected']}, {lost} lost, {result['gaps']} gaps"
+    exact = result["samples"] == result["expected"] and lost == 0 and result["gaps"] == 0
+    return [
+        ("memory within 5 % of its first hour", max(later) <= GROWTH * max(first) if later else None, growth),
+        ("no frame over 100 ms", worst <= WORST_FRAME_MS, f"worst {worst:.1f} ms of {result['frames']}"),
+        ("every sample recorded", exact, counted),
+        ("the file is identical to its bytes", not result["difference"], result["difference"] or "identical"),
+    ]
+
+
+def told_marks(result: dict[str, Any]) -> bool:
+    """Print the marks; returns whether none is broken."""
+    found = marks(result)
+    for what, kept, figures in found:
+        print(f"{'not asked' if kept is None else 'kept' if kept else 'BROKEN':10s} {what}: {figures}", flush=True)
+    return all(kept is not False for _, kept, _ in found)
+
+
+def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str, Any]:
     """Run it; returns what was measured."""
     from boat_daq.gui.app import make_application, make_window, spare_the_collector
 
@@ -122,13 +154,14 @@ def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str
             "frame_median_ms": round(statistics.median(watch.frames_ms), 2),
             "frame_p99_ms": round(float(np.percentile(watch.frames_ms, 99)), 2),
             "frame_cpu_p99_ms": round(float(np.percentile(watch.cpu_ms, 99)), 2),
-            "frame_worst_ms": round(max(watch.frames_ms), 1), "refresh_worst_ms": round(max(watch.refreshes_ms), 1),
+            "frame_worst_ms": round(max(watch.frames_ms), 1), "frame_cpu_worst_ms": round(max(watch.cpu_ms), 1),
+            "refresh_worst_ms": round(max(watch.refreshes_ms), 1),
             "lost": desk.snapshot.health.statistics.lost, "strip": window.strip.text.text(),
         }  # fmt: skip
         desk.session.stop_recording()
         window.close()
         app.processEvents()
-        return {**result, **recorded(path)}
+        return {**result, **recorded(path), "difference": verify_recording(path).difference}
     finally:
         board.kill()
         board.wait()
@@ -146,7 +179,7 @@ def steer(desk, target: int) -> int:
 
 def told(passed_s: float, watch: Watch) -> tuple[float, float]:
     """Print a line; returns board hours and memory."""
-    recent = watch.frames_ms[-500:] or [0.0]
+    recent = watch.frames_ms[-500:] or array("d", [0.0])
     megabytes = resident_mb()
     print(
         f"{passed_s / 3600:6.1f} h  {megabytes:7.1f} MB  {len(watch.frames_ms):7d} frames  "
@@ -179,8 +212,10 @@ def main() -> None:
         os.environ["BOAT_DAQ_HOME"] = folder
         os.environ["PYTHONPATH"] = str(Path(__file__).resolve().parents[2])
         os.chdir(folder)
-        print(json.dumps(run(chosen.hours, chosen.speed, chosen.block, chosen.window)), flush=True)
-    os._exit(0)
+        result = run(chosen.hours, chosen.speed, chosen.block, chosen.window)
+        print(json.dumps(result), flush=True)
+        kept = told_marks(result)
+    os._exit(0 if kept else 1)
 
 
 if __name__ == "__main__":

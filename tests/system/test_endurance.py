@@ -22,6 +22,7 @@ from boat_daq.engine.snapshot import LinkState
 from boat_daq.engine.summary import summarise
 from boat_daq.engine.verify import verify_recording
 from protocol.recording import dtype_from_description, open_recording, read_session
+from tests.system import endurance
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc and pseudo-terminals")
 
@@ -40,6 +41,39 @@ def recorded_indices(path: Path) -> np.ndarray:
         dtype = dtype_from_description(read_session(db)["sample_dtype"])
         blobs = db.execute("SELECT samples FROM block ORDER BY id")
         return np.concatenate([np.frombuffer(blob, dtype)["index"] for (blob,) in blobs])
+
+
+@pytest.mark.parametrize(
+    ("change", "broken"),
+    [
+        ({}, []),
+        ({"memory_mb": [(0.5, 200.0), (1.0, 300.0), (2.0, 315.0)]}, []),
+        ({"memory_mb": [(0.5, 200.0), (1.0, 300.0), (2.0, 315.2)]}, ["memory within 5 % of its first hour"]),
+        ({"frame_worst_ms": 100.0}, []),
+        ({"frame_worst_ms": 100.1}, ["no frame over 100 ms"]),
+        ({"refresh_worst_ms": 100.1}, ["no frame over 100 ms"]),
+        ({"samples": 999}, ["every sample recorded"]),
+        ({"lost": 1}, ["every sample recorded"]),
+        ({"gaps": 1}, ["every sample recorded"]),
+        ({"difference": "chunk 3"}, ["the file is identical to its bytes"]),
+    ],
+)
+def test_the_windows_endurance_names_each_mark_that_is_broken(change: dict, broken: list[str]) -> None:
+    """Both sides of each mark; the run itself takes a quarter of an hour and is started by hand."""
+    result = {
+        "memory_mb": [(1.0, 300.0), (2.0, 301.0)], "frame_worst_ms": 50.0, "refresh_worst_ms": 20.0, "frames": 9,
+        "samples": 1000, "expected": 1000, "lost": 0, "gaps": 0, "difference": "",
+    }  # fmt: skip
+    assert [what for what, kept, _ in endurance.marks({**result, **change}) if kept is False] == broken
+
+
+def test_an_hours_run_says_nothing_of_growth_after_its_first_hour() -> None:
+    """There is nothing yet to compare with."""
+    result = {
+        "memory_mb": [(0.0, 300.0), (1.0, 400.0)], "frame_worst_ms": 50.0, "refresh_worst_ms": 20.0, "frames": 9,
+        "samples": 1000, "expected": 1000, "lost": 0, "gaps": 0, "difference": "",
+    }  # fmt: skip
+    assert [kept for _, kept, _ in endurance.marks(result)] == [None, True, True, True]
 
 
 @pytest.mark.parametrize("times", [6, pytest.param(100, marks=[pytest.mark.nightly, pytest.mark.timeout(900)])])

@@ -102,7 +102,7 @@ def record(
     )
     if failure:
         say("the run did not end as planned (see above); the recording holds everything until then")
-        if chosen is not None:
+        if chosen is not None and summary.steps:
             say(f"  to go on at its next whole cycle: boat-daq record --resume {summary.path} --port {port}")
         raise typer.Exit(1)
 

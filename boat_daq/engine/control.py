@@ -78,6 +78,7 @@ class Controller:
         self._mv_per_count = 1.0
         self._recent = np.empty(0)
         self._cleared_by = ""
+        self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
         self._watched = False  # samples came on this link
         self._last_sample_ns = 0
         self._effects: list[Effect] = []
@@ -114,6 +115,11 @@ class Controller:
     def up(self) -> bool:
         """Whether samples come and their pace is known."""
         return self._watched and self.dialogue.meter.known and not self.silent
+
+    @property
+    def greeted(self) -> bool:
+        """Whether the board on this port has said who it is, and was told limits and watchdog."""
+        return self.hello is not None and not self.dialogue.identifying
 
     @property
     def no_samples(self) -> tuple[str, str] | None:
@@ -286,6 +292,7 @@ class Controller:
         """Say goodbye: vent, disarm the watchdog, stop the samples."""
         self.stop("disconnected")
         self.dialogue.vent()
+        self.dialogue.leaving = True
         self.dialogue.send(Heartbeat(0))
         self.dialogue.send(Stop())
         self._watched = False
@@ -340,15 +347,23 @@ class Controller:
         """The board says who it is: tell it limits and rate."""
         self.hello = hello
         self._mv_per_count = hello.vref_mv / 2**hello.adc_bits
-        low, high = hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000
-        if low <= 0 <= high and low < high:  # else there is nothing that could be kept, and no pressure
-            self.interlock.set_limits("board", (low, high))
+        self._take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
         if hello.rate_max_hz < self.rate_hz:
             self.dialogue.note("rate", f"the board samples at most {hello.rate_max_hz} times a second", "warning")
             self.rate_hz = hello.rate_max_hz
         self.dialogue.introduce(hello, self._limits_command())
         if not self.hold_samples:
             self.dialogue.send(Start(self.rate_hz))
+
+    def _take_limits(self, low_kpa: float, high_kpa: float) -> None:
+        """Keep the board's hard limits; limits that no vented unit is inside of leave no pressure at all."""
+        usable = low_kpa <= 0 <= high_kpa and low_kpa < high_kpa
+        self._no_pressure = None
+        self.interlock.set_limits("board", (low_kpa, high_kpa) if usable else None)
+        if not usable:
+            text = f"the board's own limits, {low_kpa:g} to {high_kpa:g} kPa, leave out 0 kPa, where a vented unit is"
+            self._no_pressure = (text, "look at the board's firmware: it is only listened to")
+            self.dialogue.note("limits", text, "warning", self._no_pressure[1])
 
     def release_samples(self) -> None:
         """Ask for the samples that were held back."""
@@ -452,6 +467,8 @@ class Controller:
         if not self.dialogue.can_command:
             why = f": {self.why_read_only}" if self.why_read_only else ""
             raise OperatorError(f"this link only listens{why}", "use firmware or a profile that commands pressure")
+        if self._no_pressure is not None:
+            raise OperatorError(*self._no_pressure)
 
     def _require_unlatched(self, what: str) -> None:
         latched = self.interlock.latched

@@ -60,6 +60,11 @@ class Core:
         hello, replayed = self.control.hello, self.port.replayed if self.port else None
         return bool(replayed["simulated"]) if replayed else hello is not None and "SIMULATED" in hello.board_id
 
+    @property
+    def good_frames(self) -> bool:
+        """Whether anything came that is a frame of the protocol."""
+        return self.acquisition is not None and self.acquisition.statistics.frames > 0
+
     def describe(self) -> dict[str, Any]:
         """Return what a recording says of board, link and plan (keys of `protocol.recording.SESSION_KEYS`)."""
         assert self.port is not None
@@ -196,6 +201,8 @@ class Core:
         """A board that came back is recorded on; what the screen shows begins with the first board."""
         assert self.acquisition is not None
         hello = self.control.hello
+        if self.health is not None:
+            self.health.asked_hz = self.control.rate_hz  # a board may give less than was wished
         if hello is not None and self.ring is None:
             kind = self.acquisition.link.sample_kind
             scale = hello.vref_mv / 2**hello.adc_bits if kind == "counts" else None

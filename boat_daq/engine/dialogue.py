@@ -91,6 +91,7 @@ class Dialogue:
         self.meter = SpeedMeter()
         self.identifying = False
         self.stopping = False  # a STOP waits for its answer
+        self.leaving = False  # the watchdog is being disarmed: nothing arms it again
         self.start_refused: tuple[str, str] | None = None  # cause and remedy
         self.now_ns = self.introduced_ns = 0
         self.board_us = 0  # of the newest sample
@@ -106,7 +107,7 @@ class Dialogue:
 
     def restart(self) -> None:
         """Forget what the board has forgotten."""
-        self.start_refused = None
+        self.start_refused, self.leaving = None, False
         self.feeder, self.meter = Feeder(), SpeedMeter()
         self.identifying, self._adopted = True, False
         self.forget_pending()
@@ -174,7 +175,7 @@ class Dialogue:
         """Repeat a vent, feed the watchdog; `idle`: nothing is under pressure and the board is at rest."""
         if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
             self.send(Vent())
-        if self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
+        if not self.leaving and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
             # A fast board's watchdog is not worth feeding while there is nothing to guard.
             fast = self.meter.speed > FAST
             off = fast and idle and not self.pending
@@ -244,7 +245,7 @@ class Dialogue:
 
     def lost(self, command: Command, *, watched: bool) -> Trip | None:
         """Nobody answered, three times: return the trip that follows, or ask again."""
-        text = f"the board did not answer {_name(command)}"
+        text = f"the board did not answer {_name(command)}, asked three times in 0.75 s"
         match command:
             case Vent():
                 self.send(Vent())

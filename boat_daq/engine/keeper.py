@@ -174,6 +174,11 @@ class Keeper:
     def _no_board(self) -> tuple[str, str]:
         if not self._core.heard:
             return f"nothing comes from {self.url}", "check cable and power; is it the right port?"
+        if self._profile is None and self._core.good_frames:
+            return (
+                f"the board at {self.url} answers in good frames, but with no HELLO that could be true",
+                "look at the HELLO of its firmware: 1 to 4 sensors, 1 to 16 bits, a rate above 0",
+            )
         if self._profile is not None:
             return f"what comes from {self.url} does not fit the profile", "check the profile, and the baud rate"
         return (
@@ -182,6 +187,9 @@ class Keeper:
         )
 
     def _fail(self, cause: str, remedy: str) -> None:
+        """Give up on what is on the port; a board that was greeted is left at rest, its watchdog disarmed."""
+        if self._core.control.greeted and self._core.lost is None and self._core.acquisition is not None:
+            self._leave()
         self._core.detach()
         if self._seeking:
             self.state, self._since_s = LinkState.LOST, self._clock_s()
@@ -233,10 +241,7 @@ class Keeper:
             with core.acting() as control:
                 control.stop("stopped")
             self._wait(lambda: core.control.sequencer.state is not SessionState.FINISHING, VENT_S)
-            with core.acting() as control:
-                control.leave()
-            dialogue = core.control.dialogue
-            self._wait(lambda: not (dialogue.venting or dialogue.stopping), GOODBYE_S)
+            self._leave()
         core.detach()
         try:
             self._end_recording("stopped")
@@ -244,6 +249,13 @@ class Keeper:
             core.tell("error", error.cause, error.remedy)
         core.expected_id, self._seeking, self._greeted = None, False, None
         self.state = LinkState.CLOSED
+
+    def _leave(self) -> None:
+        """Vent, disarm the board's watchdog and stop the samples, as far as it answers."""
+        with self._core.acting() as control:
+            control.leave()
+        dialogue = self._core.control.dialogue
+        self._wait(lambda: not (dialogue.venting or dialogue.stopping), GOODBYE_S)
 
     def _wait(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """Let time pass until the condition holds, the port is gone, or the time is over."""

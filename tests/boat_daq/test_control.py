@@ -374,3 +374,16 @@ def test_who_cleared_a_fault_is_in_the_recording(by: str) -> None:
     bench.do(lambda: bench.control.clear_fault(by))
     bench.run(1.0)
     assert [note.text for note in bench.said({"fault_cleared"})] == [f"fault cleared by {by}"]
+
+
+def test_a_goodbye_answered_late_leaves_the_watchdog_off() -> None:
+    """While the disarming waits for its turn, no heartbeat arms the watchdog again."""
+    bench = Bench("ack_late@3:200").connected()
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
+    bench.run(RUN_S, lambda: bench.state is SessionState.IDLE)
+    bench.do(bench.control.leave)
+    bench.run(3.0)
+    assert bench.sent_of(Heartbeat)[-1] == Heartbeat(0)
+    assert bench.board._control.watchdog_us is None
+    bench.run(6.0)
+    assert bench.board._control.state is BoardState.VENTED

@@ -1,0 +1,133 @@
+"""The program against boards of other makers, each within the contract or plainly outside it: what comes of a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from boat_daq.commands.run_session import SessionRequest, run_session
+from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.summary import Summary
+from boat_daq.engine.verify import verify_recording
+from boat_daq.errors import BoatDaqError
+from tests.system import strange_boards as boards
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
+
+PLAN = dataclasses.replace(built_in_plans()["repeatability"], cycles=1, ramp_kpa_per_s=40.0)
+
+
+def nightly(kind: type[boards.Board], *more: object) -> object:
+    return pytest.param(kind, *more, marks=pytest.mark.nightly, id=kind.__name__)
+
+
+def ci(kind: type[boards.Board], *more: object) -> object:
+    return pytest.param(kind, *more, id=kind.__name__)
+
+
+@contextmanager
+def served(kind: type[boards.Board]) -> Iterator[boards.Board]:
+    """A board at work; however it is left, it is vented, and has heard nothing between a command and its repeats."""
+    with closing(kind()) as board:
+        yield board
+        time.sleep(0.5)
+        assert abs(board.pressure) < 1_000
+        for number, (before, frame) in enumerate(pairwise(board.heard), 1):
+            assert frame == before or frame not in board.heard[max(0, number - 100) : number], board.heard[number - 5 :]
+
+
+def recorded(board: boards.Board, path: Path) -> tuple[Summary, str]:
+    summary, failure = run_session(SessionRequest(board.url, path, PLAN))
+    assert verify_recording(path).identical
+    return summary, failure
+
+
+@pytest.mark.fault(17, how="answers of another maker's board lost, late by 200 ms, and none of them", times=3)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        ci(boards.LosesStart),
+        nightly(boards.Board),
+        nightly(boards.Late),
+        nightly(boards.Slow),
+        nightly(boards.Four),
+        nightly(boards.BootsLate),
+        nightly(boards.Newer),
+        nightly(boards.Drops),
+        nightly(boards.Trickles),
+        nightly(boards.Running),
+        nightly(boards.Latched),
+    ],
+)
+def test_a_board_within_the_contract_runs_a_plan(
+    kind: type[boards.Board], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One cycle, every sample that the board sent after START, each command acted on once, and no error said."""
+    with served(kind) as board:
+        summary, failure = recorded(board, tmp_path / "run.boat")
+        assert failure == ""
+        assert summary.cycles.complete == 1
+        assert board.acts.count(boards.START) == 1
+        assert board.timeout_s == 0, "its watchdog is disarmed"
+        *_, stream = summary.segments
+        since_start = len(board.indices) - max(i for i, index in enumerate(board.indices) if index == 0)
+        assert (stream.reason, stream.samples) == ("started", since_start)
+        assert summary.lost_samples == (7 if kind is boards.Drops else 0)
+    assert "error" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("kind", "word", "remedy"),
+    [
+        ci(boards.NoStart, "refused START: out of its limits, at 100 Hz", "rate"),
+        ci(boards.Narrow, "above the board's limit of 30 kPa", "lower"),
+        nightly(boards.NoSensors, "no HELLO that could be true", "1 to 4 sensors"),
+        nightly(boards.NoScale, "no HELLO that could be true", "bits"),
+        nightly(boards.NoRate, "no HELLO that could be true", "rate above 0"),
+        nightly(boards.NoVacuum, "5 to 70 kPa, leave out 0 kPa", "firmware"),
+    ],
+)
+def test_a_board_that_cannot_is_refused_and_left_at_rest(
+    kind: type[boards.Board], word: str, remedy: str, tmp_path: Path
+) -> None:
+    """The reason and a remedy; no pressure was asked for, and no watchdog is left to trip behind us."""
+    with served(kind) as board:
+        with pytest.raises(BoatDaqError) as refusal:
+            run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
+        assert word in refusal.value.cause
+        assert remedy in refusal.value.remedy
+        assert boards.SET_PRESSURE not in board.acts
+        assert board.timeout_s == 0
+        assert board.state != boards.FAULT
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("kind", "word"),
+    [
+        ci(boards.TooLate, "did not answer"),
+        ci(boards.NoLimits, "refused SET_LIMITS"),
+        ci(boards.NoWatchdog, "refused HEARTBEAT"),
+        ci(boards.Leaks, "50 kPa was not reached"),
+        ci(boards.Resets, "restarted (brown out)"),
+    ],
+)
+def test_a_run_that_breaks_says_why_once(
+    kind: type[boards.Board], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Vented, recorded until then, and one error with its remedy."""
+    with served(kind) as board:
+        summary, failure = recorded(board, tmp_path / "run.boat")
+        assert word in failure
+        assert summary.cycles.complete == 0
+    told = capsys.readouterr().err
+    assert told.count("error:") == 1
+    assert told.count("try:") == 1
+    assert told.count(word) == 1

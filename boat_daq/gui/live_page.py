@@ -250,6 +250,7 @@ class LivePage(QWidget):
         """Show the table of readings."""
         self.desk.request("Live")
         self.pane.setCurrentWidget(self.table)
+        self.table.refresh(self.desk.snapshot)  # hidden, it knows no plateau to paste to
         self.table.view.setFocus()
 
     def paste_readings(self) -> None:

@@ -9,6 +9,7 @@ from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import QAbstractItemView, QApplication, QBoxLayout, QFrame, QHeaderView, QTableView, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
+from boat_daq.errors import OperatorError
 from boat_daq.gui import style, widgets
 from boat_daq.gui.files import ask_open
 from boat_daq.viewmodels.desk import Desk
@@ -192,9 +193,13 @@ class ReadingsView(QTableView):
     def paste(self, text: str) -> None:
         """Enter a column from the selected plateau on."""
         steps = [row.step_id for row in self.model_rows()]
-        if steps:
-            at = steps[max(self.currentIndex().row(), 0)]
-            self.desk.notices.attempt(lambda: self.readings.paste(text, at))
+
+        def deed() -> None:
+            if not steps:
+                raise OperatorError("there is no plateau yet to enter readings at", "Start the plan, or choose a run.")
+            self.readings.paste(text, steps[max(self.currentIndex().row(), 0)])
+
+        self.desk.notices.attempt(deed)
 
     def model_rows(self) -> list[Row]:
         """Return the rows shown."""

@@ -303,3 +303,17 @@ def test_a_run_that_broke_off_says_why_where_its_button_is(live, state):
     live.desk.session.change(state=SessionState.IDLE, run_ended="finished")
     live.refresh()
     assert "plateaus" in live.live.sequence.progress.text()
+
+
+def test_a_column_is_pasted_whatever_stands_beside_the_plots(live):
+    """With the plan in the pane, Ctrl+Shift+V used to open the readings and paste nothing, without a word."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    QApplication.clipboard().setText("4.1\n3.4")
+    live.live.paste_readings()
+    assert "no plateau" in live.desk.notices.current().cause
+    live.live.pane.setCurrentWidget(live.live.plan)
+    live.desk.session.marks = tuple(
+        StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6, status="reached") for n in (1, 2, 3)
+    )
+    live.live.paste_readings()
+    assert [(r.step_id, r.elongation_mm) for r in live.desk.session.kept] == [(1, 4.1), (2, 3.4)]

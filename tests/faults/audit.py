@@ -19,8 +19,9 @@ def audited(report: str) -> tuple[list[str], list[str], int]:
         for package in packages
         for found in package.get("vulns", [])
     ]
-    skipped = [package["name"] for package in packages if "skip_reason" in package]
-    return weak, skipped, len(packages) - len(skipped)
+    others = [package for package in packages if "editable" not in package.get("skip_reason", "")]  # all but our own
+    skipped = [package["name"] for package in others if "skip_reason" in package]
+    return weak, skipped, len(others) - len(skipped)
 
 
 def main() -> int:

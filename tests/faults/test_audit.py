@@ -11,6 +11,7 @@ from tests.faults import audit
 GOOD = {"name": "numpy", "version": "2.0", "vulns": []}
 WEAK = {"name": "old", "version": "1.0", "vulns": [{"id": "PYSEC-1", "fix_versions": ["1.1"]}]}
 SKIPPED = {"name": "odd", "skip_reason": "not found"}
+OURS = {"name": "boat-daq", "skip_reason": "distribution marked as editable"}  # as pip-audit 2.10 writes it
 
 
 @pytest.mark.parametrize(
@@ -18,6 +19,7 @@ SKIPPED = {"name": "odd", "skip_reason": "not found"}
     [
         ([GOOD], 0, "1 packages looked up, 0 known"),
         ([GOOD, WEAK], 1, "WEAK old 1.0: PYSEC-1, mended in 1.1"),
+        ([GOOD, OURS], 0, "1 packages looked up, 0 known"),
         ([GOOD, SKIPPED], 3, "NOT AUDITED: 1 packages"),
         (None, 3, "NOT AUDITED: the advisory service gave no answer"),
     ],

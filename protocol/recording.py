@@ -6,7 +6,7 @@ that every number can be derived again from the bytes. Changes are additive only
 and an older one is read as it is: NULLs stand in for the columns that it lacks (`ADDED`).
 
 Samples are kept in blocks: one row of table `block` holds many samples as little-endian records of `sample_dtype`.
-Fifteen lines read them in any language:
+Six lines read them; any language can do the same:
 
     import json, sqlite3, numpy as np
     db = sqlite3.connect("file:RUN.boat?mode=ro", uri=True)

@@ -52,7 +52,7 @@ def begin(path: Path, source: Source, **options: Any) -> Recorder:
 
 
 def stored_samples(path: Path) -> bytes:
-    """The fifteen lines of `protocol/recording.py`, which any language can follow."""
+    """The lines at the head of `protocol/recording.py`, which any language can follow."""
     db = sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)
     meta = {key: json.loads(value) for key, value in db.execute("SELECT key, value FROM session")}
     dtype = np.dtype([(name, code, *([tuple(shape)] if shape else [])) for name, code, shape in meta["sample_dtype"]])

@@ -1,4 +1,4 @@
-"""The example recording opens, verifies and is read by the fifteen lines of the schema's page."""
+"""The example recording opens, verifies and is read by the few lines of the schema's page."""
 
 from __future__ import annotations
 

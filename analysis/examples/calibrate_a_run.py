@@ -9,12 +9,13 @@ import sys
 
 import numpy as np
 
-from analysis import analyse, load_recording
+from analysis import AnalysisError, analyse, load_recording
+from analysis.numbers import with_interval
 from analysis.uncertainty import elongation_reader
 
 
 def main(run: str, readings: str | None = None) -> float:
-    """Print coefficients and key figures; return the largest elongation that the run reached, mm."""
+    """Print coefficients and key figures; return the largest elongation of the run, mm, NaN where it tells none."""
     recording = load_recording(run)
     analysis = analyse(recording, readings, mcmc=False)
     for sensor in analysis.sensors:
@@ -23,9 +24,12 @@ def main(run: str, readings: str | None = None) -> float:
             continue
         print(f"{sensor.name}: b = {sensor.calibration.coefficients}, R2 = {sensor.calibration.r2:.5f}")
         for name in ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db"):
-            figure = sensor.figures[name]
-            print(f"  {name}: {figure.value:.2f} [{figure.low:.2f}, {figure.high:.2f}] {figure.unit}")
-    elongation = elongation_reader(analysis).evaluate(recording.signal_mv)
+            print(f"  {name}: {with_interval(sensor.figures[name])}")
+    try:
+        elongation = elongation_reader(analysis).evaluate(recording.signal_mv)
+    except AnalysisError as error:
+        print(f"no elongation: {error.cause}. {error.remedy}")
+        return float("nan")
     largest = int(np.nanargmax(elongation.elongation_mm))
     expanded = 2 * elongation.standard_uncertainty_mm[largest]
     print(f"largest elongation: {elongation.elongation_mm[largest]:.2f} mm, U = {expanded:.2f} mm (k = 2)")

@@ -54,8 +54,10 @@ def finished(ax: Axes) -> None:
     for axis in (ax.xaxis, ax.yaxis):
         if isinstance(axis.get_major_locator(), AutoLocator):
             axis.set_major_locator(MaxNLocator(nbins="auto", steps=[1, 2, 5, 10]))
-    if not ax.has_data():
+    if not np.isfinite(ax.dataLim.bounds).all():  # nothing drawn, or nothing but NaN and a zero line
         ax.set(xticks=[], yticks=[])
+        if ax.get_legend() is not None:
+            ax.get_legend().remove()
         ax.text(0.5, 0.5, "undefined, see the notes", transform=ax.transAxes, ha="center", color=style.SOFT)
 
 

@@ -282,7 +282,7 @@ def readings(analysis: Analysis) -> Section:
                 str(p.number),
                 str(p.cycle),
                 p.branch,
-                f"{p.pressure_kpa:+.2f}",
+                f"{p.pressure_kpa:+.2f}" if np.isfinite(p.pressure_kpa) else NOTHING,
                 reading,
                 *signals,
                 str(min(p.n)),

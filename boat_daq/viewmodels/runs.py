@@ -136,6 +136,11 @@ def _outline(path: Path) -> tuple[tuple[float, float, float], ...]:
     )
 
 
+def _began(run: Run) -> tuple[str, str]:
+    """Return what the list is sorted by: a line keeps its place while its file is written, under the mouse too."""
+    return (run.summary.started_utc if run.summary is not None else "", run.path.name)
+
+
 class RunsModel:
     """State of the page.
 
@@ -171,16 +176,15 @@ class RunsModel:
             self.look()
 
     def _read(self) -> list[Run]:
-        paths = sorted(self.folder.glob(f"*{SUFFIX}"), key=lambda p: p.stat().st_mtime, reverse=True)
         found: dict[tuple[Path, int, int], Run] = {}
-        for path in paths:
+        for path in self.folder.glob(f"*{SUFFIX}"):
             stat = path.stat()
             key = (path, stat.st_size, stat.st_mtime_ns)
             run = self._known.get(key)
             fresh = run is None or run.summary is None or run.summary.status in ("recording", "interrupted")
             found[key] = read_run(path) if fresh or run is None else run
         self._known = found
-        return list(found.values())
+        return sorted(found.values(), key=_began, reverse=True)
 
     def poll(self) -> None:
         """Take the list where it has come."""

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -317,3 +320,23 @@ def test_a_column_is_pasted_whatever_stands_beside_the_plots(live):
     )
     live.live.paste_readings()
     assert [(r.step_id, r.elongation_mm) for r in live.desk.session.kept] == [(1, 4.1), (2, 3.4)]
+
+
+def test_a_recording_under_way_keeps_its_place_in_the_list(live, qtbot):
+    """The list went by the time a file was last written: lines changed places under the mouse every few seconds."""
+    folder, runs = live.desk.recordings, live.desk.runs
+    folder.mkdir()
+    for name in ("a", "b"):
+        shutil.copy(SAMPLE, folder / f"{name}.boat")
+    with closing(sqlite3.connect(folder / "a.boat")) as db, db:
+        later = json.dumps("2030-01-01T00:00:00+00:00")
+        db.execute("UPDATE session SET value = ? WHERE key = 'started_utc'", (later,))
+
+    def listed(written: str) -> list[str]:
+        os.utime(folder / written, ns=(2**62, 2**62))
+        os.utime(folder / {"a.boat": "b.boat", "b.boat": "a.boat"}[written], ns=(1, 1))
+        runs.look()
+        qtbot.waitUntil(lambda: (runs.poll(), runs._future is None)[1])
+        return [run.path.name for run in runs.runs]
+
+    assert listed("a.boat") == listed("b.boat") == ["a.boat", "b.boat"]

@@ -13,15 +13,17 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from analysis.csv_columns import COUNTS, PLAIN, ColumnMap, load_profile, map_columns, recognised
 from analysis.csv_hints import listed, map_by_hand, words_in
 from analysis.csv_table import Table, line_of_row, read_table
 from analysis.errors import DataError, RequestError
 from analysis.recording import FloatArray, Recording
+from protocol.recording import SampleFlag
 
 KNOWN_META = (
     "simulated",
@@ -37,6 +39,9 @@ KNOWN_META = (
 )
 MAX_SENSORS = 9
 MAX_COUNT = 65535
+WHOLE_MAX = 2.0**53  # beyond it a float has no whole numbers of its own
+
+Integers: TypeAlias = npt.NDArray[np.int64]
 
 
 def import_csv(
@@ -133,7 +138,7 @@ def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | No
         ]  # fmt: skip
     values = {name: column[keep] for name, column in values.items()}
     signal, lit, dark = _signals(values, meta)
-    whole = {name: _integers(values[name]) for name in PLAIN if name in values and np.isfinite(values[name]).all()}
+    whole = _whole_numbers(values, meta)
     return Recording.from_arrays(
         values["time_s"] - values["time_s"][0], values["pressure_kpa"], signal, lit=lit, dark=dark,
         **({"target_kpa": values["target_kpa"]} if "target_kpa" in values else {}), **whole, meta=meta,
@@ -202,8 +207,24 @@ def _counts_scale(meta: Mapping[str, Any]) -> float | None:
         ) from error
 
 
-def _integers(values: FloatArray) -> np.ndarray[Any, Any]:
-    return values.astype(np.int64)
+def _whole_numbers(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> dict[str, Integers]:
+    """Index, state, flags and segment; a row whose cell is no such number is flagged and follows the one before."""
+    columns = {name: values[name] for name in PLAIN if name in values}
+    good = {name: np.abs(column) <= WHOLE_MAX for name, column in columns.items()}  # False for NaN
+    gone = [name for name, rows in good.items() if not rows.any() or (name == "index" and not rows.all())]
+    doubtful = np.zeros(values["time_s"].size, dtype=bool)
+    whole: dict[str, Integers] = {}
+    for name in columns.keys() - gone:
+        rows = np.maximum.accumulate(np.where(good[name], np.arange(doubtful.size), int(np.argmax(good[name]))))
+        whole[name] = columns[name][rows].astype(np.int64)
+        doubtful |= ~good[name]
+    if doubtful.any():
+        flags = whole.get("flags", np.zeros(doubtful.size, dtype=np.int64))
+        whole["flags"] = np.where(doubtful, flags | int(SampleFlag.IMPLAUSIBLE), flags)
+    if gone:
+        said = f"not used, for they hold cells that are no whole numbers: {', '.join(sorted(gone))}"
+        meta["import_notes"] = [*meta.get("import_notes", ()), said]
+    return whole
 
 
 def _meta(table: Table, mapping: ColumnMap, path: Path) -> dict[str, Any]:

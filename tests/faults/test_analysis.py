@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from analysis import fit_calibration, sample_posterior
+from analysis import fit_calibration, load_recording, sample_posterior
 from analysis.calibration import reservations
 from analysis.loops import loop_width
 from analysis.optics.curves import default_curves, frames_of
@@ -42,6 +44,50 @@ def test_outliers_widen_the_band_and_are_named() -> None:
     assert widths[1] / widths[0] == pytest.approx(np.hypot(1.3, 52.0 * np.sqrt(2 / 90)) / 1.3, rel=0.25)
     assert any("off the curve" in said for said in reservations(fit_calibration(X, spoiled)))
     assert not any("off the curve" in said for said in reservations(fit_calibration(X, y)))
+
+
+def table(path: Path, **spoiled: str) -> Path:
+    """A CSV of 40 samples in two segments; the named columns hold that text in row 10."""
+    rows = np.arange(40)
+    columns = {
+        "index": rows, "time_s": rows * 0.01, "pressure_kpa": 50.0 - rows, "target_kpa": 50.0 - rows,
+        "s1_lit": 2000 + rows, "s1_dark": 100 + rows % 2, "state": 1 + rows // 20, "flags": 0 * rows,
+        "segment": 1 + rows // 20,
+    }  # fmt: skip
+    text = {name: [f"{value:g}" for value in values] for name, values in columns.items()}
+    for name, word in spoiled.items():
+        text[name][10] = word
+    lines = ["# vref_mv: 3300", "# adc_bits: 12", ",".join(text), *map(",".join, zip(*text.values(), strict=True))]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.fault(37, how="NaN, Inf and an empty cell in each column of a table", times=32)
+@pytest.mark.parametrize("word", ["nan", "inf", "-inf", ""])
+@pytest.mark.parametrize(
+    ("column", "counted"),
+    [
+        ("time_s", "repeated_times"), ("pressure_kpa", "pressure_not_finite"), ("s1_lit", "signal_not_finite"),
+        ("s1_dark", "signal_not_finite"), ("state", "implausible"), ("flags", "implausible"),
+        ("segment", "implausible"), ("index", "import_notes"),
+    ],
+)  # fmt: skip
+def test_a_cell_that_is_no_number_costs_its_row_and_nothing_else(
+    tmp_path: Path, column: str, counted: str, word: str
+) -> None:
+    """Left out with a count; no other row loses its state, its flags or its segment for it."""
+    whole = load_recording(table(tmp_path / "whole.csv"))
+    run = load_recording(table(tmp_path / "run.csv", **{column: word}))
+    told = {**run.meta, **run.masked}[counted]
+    assert told == 1 or "index" in told[0]
+    rows = np.delete(np.arange(40), 10) if column == "time_s" else np.arange(40)
+    assert run.n == rows.size
+    others = np.flatnonzero(rows != 10)
+    for name in ("state", "flags", "segment"):
+        assert (getattr(run, name)[others] == getattr(whole, name)[rows[others]]).all(), name
+    assert run.usable[others].all()
+    if column not in ("time_s", "index"):
+        assert not (run.usable[10, 0] and run.pressure_usable[10])
 
 
 @pytest.mark.nightly

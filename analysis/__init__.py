@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from analysis.cycles import find_cycles
     from analysis.errors import AnalysisError
     from analysis.inverse import Fusion, Inverse
-    from analysis.pipeline import Analysis, Options, analyse
+    from analysis.pipeline import Analysis, analyse
     from analysis.plateaus import PlateauSettings, find_plateaus, plateau_table
     from analysis.posterior import Posterior, sample_posterior
     from analysis.recording import Recording, load_recording
     from analysis.reports.writing import write_report
+    from analysis.sensor_analysis import Options
     from analysis.statistics import Figure
 
 __all__ = [
@@ -55,7 +56,7 @@ _HOME = {
     "Figure": "analysis.statistics",
     "Fusion": "analysis.inverse",
     "Inverse": "analysis.inverse",
-    "Options": "analysis.pipeline",
+    "Options": "analysis.sensor_analysis",
     "PlateauSettings": "analysis.plateaus",
     "Posterior": "analysis.posterior",
     "Recording": "analysis.recording",

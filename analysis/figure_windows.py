@@ -17,7 +17,7 @@ from analysis.losses import LossCounter, Losses
 from analysis.statistics import Figure
 
 if TYPE_CHECKING:
-    from analysis.pipeline import _Run
+    from analysis.sensor_analysis import Run
 
 OF_POINTS = (  # figures of the calibration's points; the others are those of the loops
     "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm",
@@ -25,7 +25,7 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 )  # fmt: skip
 
 
-def with_losses(run: _Run, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
+def with_losses(run: Run, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
     """Say of every figure what its window lost; void it above the limit, or where the losses left it nothing."""
     counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
     if run.plateaus:

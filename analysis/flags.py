@@ -10,14 +10,14 @@ from analysis.cycles import disagreements_with_marks
 from analysis.losses import LossCounter
 
 if TYPE_CHECKING:
-    from analysis.pipeline import SensorAnalysis, _Run
+    from analysis.sensor_analysis import Run, SensorAnalysis
 
 NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
 MOST_SAID = 5  # remarks of an import; the preview has them all
 BREAK_FLAGS = {"same": "break", "differs": "differs_over_break", "untested": "untested_break"}
 
 
-def flags_of(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ...]:
+def flags_of(run: Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ...]:
     """Return the flags of a run, those of its sensors last."""
     recording = run.recording
     flags: list[tuple[str, str]] = []
@@ -60,7 +60,7 @@ def flags_of(run: _Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], 
     return tuple({"code": code, "text": text} for code, text in flags)
 
 
-def _sensor_flags(sensor: SensorAnalysis, run: _Run) -> list[tuple[str, str]]:
+def _sensor_flags(sensor: SensorAnalysis, run: Run) -> list[tuple[str, str]]:
     flags: list[tuple[str, str]] = []
     number = run.recording.sensor_names.index(sensor.name)
     standing = LossCounter.of(run.recording, number).of_windows([slice(0, run.recording.n)]).standing

@@ -19,8 +19,9 @@ import numpy as np
 
 from analysis.boat_file import is_boat_file, opened, store_result
 from analysis.errors import AnalysisError
-from analysis.pipeline import Analysis, Options, analyse
+from analysis.pipeline import Analysis, analyse
 from analysis.plateaus import PlateauSettings
+from analysis.sensor_analysis import Options
 from protocol.recording import breaks_of, read_session
 
 

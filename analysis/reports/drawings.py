@@ -56,8 +56,9 @@ def finished(ax: Axes) -> None:
             axis.set_major_locator(MaxNLocator(nbins="auto", steps=[1, 2, 5, 10]))
     if not np.isfinite(ax.dataLim.bounds).all():  # nothing drawn, or nothing but NaN and a zero line
         ax.set(xticks=[], yticks=[])
-        if ax.get_legend() is not None:
-            ax.get_legend().remove()
+        legend = ax.get_legend()
+        if legend is not None:
+            legend.remove()
         ax.text(0.5, 0.5, "undefined, see the notes", transform=ax.transAxes, ha="center", color=style.SOFT)
 
 

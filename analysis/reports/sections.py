@@ -14,11 +14,12 @@ from analysis.boat_file import program_version
 from analysis.checks import fit_checks
 from analysis.errors import AnalysisError
 from analysis.numbers import NOTHING, rounded, with_uncertainty
-from analysis.pipeline import Analysis, SensorAnalysis
+from analysis.pipeline import Analysis
 from analysis.repeatability import LIMITS, per_cycle
 from analysis.reports import drawings
 from analysis.reports.cells import cells, p_value, power
 from analysis.reports.content import Drawing, Section, Table
+from analysis.sensor_analysis import SensorAnalysis
 from analysis.uncertainty import Budget, elongation_budget
 
 PUBLISHED = {

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.pipeline import Analysis, Options, analyse
+from analysis.pipeline import Analysis, analyse
 from analysis.polynomial import FloatArray
 from analysis.recording import IntArray, Recording
+from analysis.sensor_analysis import Options
 from analysis.statistics import Figure
 from analysis.tradeoff.atlas import Answer, joined
 from analysis.tradeoff.atlas_fit import NOISE_MV, cubic

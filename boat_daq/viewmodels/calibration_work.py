@@ -16,10 +16,11 @@ import numpy as np
 from analysis.break_comparison import Break, Comparison
 from analysis.fidelity import Level
 from analysis.loops import Loops
-from analysis.pipeline import Analysis, Options, analyse
+from analysis.pipeline import Analysis, analyse
 from analysis.posterior import MAX_STEPS, sample_posterior
 from analysis.recording import load_recording
 from analysis.repeatability import per_cycle, sensitivity_per_cycle
+from analysis.sensor_analysis import Options
 from analysis.uncertainty import signal_parts
 from boat_daq.viewmodels.figures import FIGURES, figure_rows, figure_text
 from boat_daq.viewmodels.formatting import NOTHING

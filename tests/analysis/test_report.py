@@ -199,3 +199,16 @@ def test_another_ending_is_refused(calibration: Analysis, tmp_path: Path) -> Non
         write_report([calibration], tmp_path / "r.docx")
     with pytest.raises(AnalysisError, match="cannot be written"):
         write_report([calibration], tmp_path / "no" / "r.pdf")
+
+
+def test_a_dead_sensor_is_named_and_in_no_mean(tmp_path: Path) -> None:
+    """The verdict names it, a sentence holds all that is undefined, the system's sensitivity is not half of one."""
+    stairs = Staircase(Plant(cubics=(PAPER[0], (1000.0,)), noise_mv=(1.0, 0.0)), cycles=2)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    analysis = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False))
+    assert analysis.sensors[0].figures["sensitivity_mv_per_mm"].value > 30
+    assert analysis.system_sensitivity.void == "s2 is flat"
+    report = build_report([analysis])
+    assert report.verdict.endswith("Not usable: sensor 2 is flat.")
+    said = [part for section in report.sections for part in section.parts if isinstance(part, str)]
+    assert sum("full-scale output is zero" in text for text in said) == 1

@@ -223,12 +223,15 @@ class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee come
 
 @dataclass(frozen=True, slots=True)
 class _Target:
-    """The log-probability in whitened z: basis coefficients = best + sd * R^-1 z[:-1], tau = sd * exp(z[-1]).
+    """The log-probability in whitened z: basis coefficients = best + root z[:-1], tau = residual sd * exp(z[-1]).
 
-    `design` [points, degree + 1] of the points, or [positions * edges, degree + 1] of the ends of the positions' cells.
+    `root` is that of the least-squares covariance, the reading of x included: an ensemble that starts far narrower than
+    its target leaves stragglers behind. `design` [points, degree + 1] of the points, or [positions * edges, degree + 1]
+    of the ends of the positions' cells.
     """
 
     calibration: Calibration
+    root: FloatArray
     design: FloatArray
     y: FloatArray
     relative_variance: FloatArray
@@ -254,20 +257,22 @@ class _Target:
         if positions is None:
             none = np.empty(0)
             return cls(
-                calibration, basis.design(calibration.x), calibration.y, 1.0 / calibration.fit.weights,
+                calibration, calibration.residual_sd * calibration.fit.basis_factor,
+                basis.design(calibration.x), calibration.y, 1.0 / calibration.fit.weights,
                 np.zeros(calibration.n), 0.0, 0.0, constraint, none, none,
             )  # fmt: skip
         by_reading = reading_sd * np.sqrt(np.mean(calibration.slope(positions.x) ** 2))
         by_scatter = np.sqrt(np.mean(positions.mean_variance))
         return cls(
-            calibration, basis.design(positions.edges.ravel()), positions.y, np.ones(positions.n),
+            calibration, np.linalg.cholesky(calibration.basis_covariance),
+            basis.design(positions.edges.ravel()), positions.y, np.ones(positions.n),
             positions.mean_variance, reading_sd, float(by_scatter or by_reading) / calibration.residual_sd, constraint,
             basis.design(positions.x), basis.slope_design(positions.x),
         )  # fmt: skip
 
     def coefficients(self, z: FloatArray) -> FloatArray:
         fit = self.calibration.fit
-        return fit.basis_coefficients + self.calibration.residual_sd * z[..., :-1] @ fit.basis_factor.T
+        return fit.basis_coefficients + z[..., :-1] @ self.root.T
 
     def sigma(self, z: FloatArray) -> FloatArray:
         """Return the sd of one new signal about the curve: tau, and the scatter within positions."""

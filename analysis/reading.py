@@ -34,7 +34,7 @@ IntArray = npt.NDArray[np.int64]
 
 SHARPEST_READER = 0.005  # of the grid: what a reader tells apart at the middle between two marks
 FINE, TAIL = 400, 2e-3  # points that L_p is computed on, and what is cut off at either end of it
-MOST_CELLS, FEWEST_CELLS, ALL_CELLS = 12, 4, 1500
+MOST_CELLS, FEWEST_CELLS, ALL_CELLS = 12, 4, 800
 SIGNIFICANT = 2.0  # standard errors: less movement of the actuator is not told from none
 
 

@@ -25,6 +25,7 @@ from protocol.messages import (
     AckStatus,
     BootReason,
     Command,
+    Heartbeat,
     Hello,
     Identify,
     SetPressure,

@@ -106,7 +106,9 @@ class ShadowLive:
         self.show_cost = False
         self.problem = ""
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
-        self._judged: dict[tuple[int | None, int | None], Future[bool]] = {}
+        self._unstable: frozenset[tuple[int, int]] | None = None  # places; None until they are judged
+        self._judge: Work | None = None
+        self._not_judged = ""
 
     # ---- loading -------------------------------------------------------------------------------------------------
 
@@ -132,7 +134,9 @@ class ShadowLive:
         """Take the model where it has come."""
         if self._loading is not None and self._loading.done():
             future, self._loading = self._loading, None
-            self.model, self._judged = future.result(), {}
+            self.model = future.result()
+            self._bench.cancel("stability")  # of another model
+            self._unstable, self._judge, self._not_judged = None, None, ""
 
     def close(self) -> None:
         """Let the thread end."""
@@ -178,7 +182,7 @@ class ShadowLive:
     def picture(self) -> ShadowPicture:
         """Return the picture of this instant; the same object while nothing has moved that could be seen."""
         now = self.now()
-        judged = sum(future.done() for future in self._judged.values())
+        judged = (self._unstable is not None, self._not_judged)
         seen = (*now.seen, self.model is not None, self.quantity, self.show_cost, self.problem, judged)
         if self._last is None or self._last[0] != seen:
             self._last = (seen, self._draw(now))
@@ -214,15 +218,29 @@ class ShadowLive:
             return None
         return self.model.state(pressure_kpa=now.pressure, elongation_mm=q)
 
-    def _held_unstable(self, state: ShadowState) -> bool:
-        """Whether this state is in balance but not stable; judged by the helper thread, once a neighbourhood."""
+    def _stability(self, state: ShadowState) -> str:
+        """Return what is to be said of a held state's stability: looked up, once a helper process has judged them all.
+
+        A judgement takes 30 ms of the interpreter, which a helper thread would take from the frames and the reader.
+        """
         pressure, mm = state.pressure_kpa, state.elongation_mm
-        if self.model is None or pressure > HELD_BELOW_KPA or abs(state.deviation_mm) < HELD_OFF_MM:
-            return False
-        place = (_step(pressure, HELD_KPA), _step(mm, HELD_MM))
-        if place not in self._judged:
-            self._judged[place] = self._pool.submit(_stable, self.model, pressure, mm)
-        return self._judged[place].done() and not self._judged[place].result()
+        if pressure > HELD_BELOW_KPA or abs(state.deviation_mm) < HELD_OFF_MM:
+            return ""
+        if self._unstable is None:
+            if self._judge is None:
+                self._judge = Work("Judging stability", "boat_daq.viewmodels.shadow_work:judge_held", self._level)
+                self._bench.start("stability", self._judge, self._judged)
+            return self._not_judged
+        unstable = (_step(pressure, HELD_KPA), _step(mm, HELD_MM)) in self._unstable
+        return "\u25b2 in balance, but not stable" if unstable else ""
+
+    def _judged(self, work: Work) -> None:
+        if work is not self._judge:
+            return
+        if work.state is WorkState.DONE:
+            self._unstable = work.result
+        else:
+            self._not_judged = f"\u25b2 not judged: {work.failure.cause if work.failure else 'cancelled'}"
 
     def _elements(self, state: ShadowState) -> tuple[Array, NDArray[np.int64]]:
         """Return the elements of both halves with their colour steps."""
@@ -245,18 +263,14 @@ class ShadowLive:
             mark = "\u25b2 beyond" if beyond else "\u25cf within"
             words = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm  {mark}"
             lines.append(("Deviation", words, "warning" if beyond else "ok"))
-        if self._held_unstable(state):
-            lines.append(("Stability", "\u25b2 in balance, but not stable", "warning"))
+        stability = self._stability(state)
+        if stability:
+            lines.append(("Stability", stability, "warning"))
         if now.disagree:
             lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
         if self.show_cost:
             lines.append(("Cost of a frame", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
         return tuple(lines)
-
-
-def _stable(model: Shadow, pressure_kpa: float, elongation_mm: float) -> bool:
-    solution, _ = model.solution(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm)
-    return model.model.stability.unstable_mode(solution) is None
 
 
 def _step(value: float, step: float) -> int | None:

@@ -1,13 +1,23 @@
-"""The shadow's table built, and its compiled parts made, in a process of its own; the window then only loads them."""
+"""The shadow's table built, its compiled parts made, and held states judged, in a process of its own; the window then
+only loads them, or looks them up.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import os
+from collections.abc import Callable, Iterable
+
+import numpy as np
 
 from analysis.fidelity import fidelity
 from analysis.shadow.fidelity import actuator, table_settings
 from analysis.shadow.shadow import Shadow
 from analysis.shadow.table import load_table
+from boat_daq.viewmodels.shadow_live import HELD_BELOW_KPA, HELD_KPA, HELD_MM, HELD_OFF_MM
+
+Place = tuple[int, int]  # steps of pressure and elongation
+LESS_URGENT = 10  # than the board and the window
 
 
 def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> Shadow:
@@ -26,3 +36,32 @@ def warm(level: str = "normal", *, progress: Callable[[float, float], None] | No
     """Build or load the table, answer one state; returns the seconds that one costs."""
     shadow = shadow_of(level, progress=progress)
     return shadow.state(pressure_kpa=20.0, elongation_mm=1.0).seconds
+
+
+def judge_held(level: str = "normal") -> frozenset[Place]:
+    """Return every place of the table under vacuum whose state is in balance but not stable, off the nominal curve.
+
+    30 ms a place and some hundred places: too much for the window's interpreter, even on another thread.
+    """
+    if hasattr(os, "nice"):
+        os.nice(LESS_URGENT)
+    shadow = shadow_of(level)
+    lowest = math.floor(float(shadow.table.pressure_range_kpa[0]) / HELD_KPA)
+    return unstable_places(shadow, range(lowest, math.floor(HELD_BELOW_KPA / HELD_KPA) + 1))
+
+
+def unstable_places(shadow: Shadow, steps: Iterable[int]) -> frozenset[Place]:
+    """Return the unstable places at these steps of pressure."""
+    table, found = shadow.table, set()
+    lowest, highest = (float(mm) / HELD_MM for mm in table.elongation_range_mm)
+    places = np.arange(math.floor(lowest), math.ceil(highest) + 1)
+    for step in steps:
+        pressure = step * HELD_KPA
+        nominal = float(table.nominal_elongation(np.array(pressure))[0])
+        held = table.holds(np.full(places.shape, pressure), places * HELD_MM)
+        near = np.abs(places * HELD_MM - nominal) < HELD_OFF_MM - HELD_MM / 2
+        for place in places[held & ~near].tolist():
+            solution, _ = shadow.solution(pressure_kpa=pressure, elongation_mm=place * HELD_MM)
+            if shadow.model.stability.unstable_mode(solution) is not None:
+                found.add((step, place))
+    return frozenset(found)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from concurrent.futures import wait
 
 import numpy as np
 import pytest
 
 from boat_daq.engine.session import Phase, Progress, StepMark
+from boat_daq.viewmodels import shadow_live
 from boat_daq.viewmodels.formatting import number
 from boat_daq.viewmodels.live import Elongation
 from boat_daq.viewmodels.overlay import OverlayModel
 from boat_daq.viewmodels.shadow_live import LEVELS, Moment, ShadowLive, load_model
 from boat_daq.viewmodels.shadow_monitor import ShadowMonitor
-from boat_daq.viewmodels.work import Bench
+from boat_daq.viewmodels.shadow_work import unstable_places
+from boat_daq.viewmodels.work import Bench, Failure, WorkState
 from tests.gui.recorded_session import connected, filled_ring
 
 MV_PER_MM = 40.0
@@ -100,16 +101,75 @@ def test_nan_from_the_calibration_is_said(ring, model):
     assert np.isnan(picture.measured_mm)
 
 
-@pytest.mark.parametrize(("elongation", "warned"), [(2.5, True), (-1.7, False)])
-def test_a_state_that_is_held_but_not_stable_is_said(ring, model, elongation, warned):
-    """At -42 kPa an elongated tip would buckle if it could, a shortened one would not (the full model's tangents)."""
+@pytest.fixture(scope="module")
+def unstable(model):
+    """What a helper would find at -42 kPa."""
+    return unstable_places(model, [-42])
+
+
+class Helper:
+    """A piece of work that ends when the test says so."""
+
+    def __init__(self, label, function, *args):
+        self.asked = (function, *args)
+        self.state, self.result, self.failure = WorkState.RUNNING, None, None
+
+    def end(self, state, result=None, failure=None):
+        self.state, self.result, self.failure = state, result, failure
+
+
+def held(ring, model, monkeypatch, elongation, pressure=-42.0):
+    """A pane at a held state, and what it gives to a helper."""
+    started = []
+    monkeypatch.setattr(shadow_live, "Work", Helper)
     pane = pane_on(ring, model, None)
-    pane.now = lambda: Moment(-42.0, elongation, 0.3, True)
+    pane._bench.start = lambda name, work, then: started.append((work, then))
+    pane.now = lambda: Moment(pressure, elongation, 0.3, True)
+    return pane, started
+
+
+def said(pane):
+    """The names and words under the picture."""
+    return {name: words for name, words, _ in pane.picture().lines}
+
+
+@pytest.mark.parametrize(("elongation", "warned"), [(2.5, True), (-1.7, False)])
+def test_a_state_that_is_held_but_not_stable_is_said(ring, model, unstable, monkeypatch, elongation, warned):
+    """At -42 kPa an elongated tip would buckle if it could, a shortened one would not (the full model's tangents)."""
+    pane, started = held(ring, model, monkeypatch, elongation)
+    assert "Stability" not in said(pane)  # nothing is said before it is known
+    ((work, then),) = started
+    assert work.asked == ("boat_daq.viewmodels.shadow_work:judge_held", "normal")
+    work.end(WorkState.DONE, unstable)
+    then(work)
+    assert ("Stability" in said(pane)) is warned
+    assert len(started) == 1
+
+
+@pytest.mark.parametrize(("pressure", "elongation"), [(-19.9, 3.0), (-42.0, -2.8)])
+def test_a_state_that_cannot_be_unstable_is_not_judged(ring, model, monkeypatch, pressure, elongation):
+    """Little vacuum, or a tip where the pressure alone would bring it: nobody is asked."""
+    pane, started = held(ring, model, monkeypatch, elongation, pressure)
+    assert pane.picture().corners.size
+    assert started == []
+
+
+@pytest.mark.parametrize(
+    ("state", "failure", "words"),
+    [
+        (WorkState.FAILED, Failure("out of memory", "", ""), "\u25b2 not judged: out of memory"),
+        (WorkState.CANCELLED, None, "\u25b2 not judged: cancelled"),
+    ],
+)
+def test_a_judgement_that_fails_is_said(ring, model, monkeypatch, state, failure, words):
+    """Unknown is not stable; it is not asked for again in every frame."""
+    pane, started = held(ring, model, monkeypatch, 2.5)
     pane.picture()
-    assert pane._judged
-    wait(list(pane._judged.values()), timeout=60)
-    said = {name for name, _, _ in pane.picture().lines}
-    assert ("Stability" in said) is warned
+    ((work, then),) = started
+    work.end(state, failure=failure)
+    then(work)
+    assert said(pane)["Stability"] == words
+    assert len(started) == 1
 
 
 def test_the_loop_is_drawn_through_pairs(ring, model):

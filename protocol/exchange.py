@@ -106,7 +106,7 @@ class Exchange:
         return b""
 
     def feed(self, command: Heartbeat, now_ns: int) -> bytes:
-        """Return a frame that leaves now: the heartbeat, or the repeat of what waits for its answer, brought forward."""
+        """Return a frame that leaves now: the heartbeat, or the early repeat of what waits for its answer."""
         waiting = self._in_flight
         if not self._in_turn or waiting is None or isinstance(waiting.command, Identify):
             return self.send(command, now_ns)

@@ -20,6 +20,7 @@ import meshio
 import numpy as np
 import pytest
 
+from analysis import analyse
 from analysis.batch import write_table
 from analysis.boat_writer import write_boat_file
 from analysis.cluster import check_scheduler
@@ -28,6 +29,7 @@ from analysis.errors import FileError, RequestError
 from analysis.export import neutral
 from analysis.optics.sweep_file import SweepFile
 from analysis.recording import load_recording
+from analysis.reports.writing import write_report
 from analysis.shadow.mesh_files import read_mesh
 from analysis.shadow.table import read_table
 from boat_daq.engine.board_carriers import TcpCarrier
@@ -207,6 +209,7 @@ from analysis.csv_import import import_csv
 from analysis.elongation import read_elongation_file
 from analysis.optics.curve_file import read_curves
 from analysis.recording import load_recording
+from analysis.reports.writing import write_report
 from analysis.shadow.mesh_files import read_mesh
 from analysis.shadow.parameter_files import read_parameters
 from boat_daq.engine.plan import load_plan
@@ -316,6 +319,35 @@ def test_nothing_evaluates_what_it_reads() -> None:
                 if called in {"np.load", "numpy.load"}:
                     options = {key.arg: ast.unparse(key.value) for key in node.keywords}
                     assert options.get("allow_pickle") == "False", path
+
+
+@pytest.mark.fault(51, how="the whole program searched for what would unpack an archive into files", times=1)
+def test_no_archive_is_unpacked() -> None:
+    """An archive is read in memory or not at all: no name inside one can become a path."""
+    for path, source in sources():
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Attribute):
+                assert node.attr not in {"extract", "extractall", "unpack_archive"} or "re." in ast.unparse(node), path
+            if isinstance(node, ast.Import):
+                assert not {alias.name for alias in node.names} & {"tarfile", "patoolib", "py7zr"}, path
+
+
+@pytest.mark.fault(
+    48, how="markup in the header, the comments and the name of an imported table, up to its report", times=4
+)
+def test_a_tables_markup_is_text_in_its_report(tmp_path: Path) -> None:
+    """A CSV from elsewhere: column names, operator, unit and note are words in the HTML, and nothing is loaded."""
+    bad = "<script src='//x'>alert(1)</script>"
+    rows = [f"{0.05 * n:g},{50 * np.cos(n / 60):.4f},{1600 + 200 * np.cos(n / 60):.3f}" for n in range(1500)]
+    head = [f"# {key}: {bad}" for key in ("operator", "unit", "note")]
+    path = tmp_path / "a&<b>.csv"
+    path.write_text("\n".join([*head, f"time_s,pressure_kpa,{bad} s1 [mV]", *rows]) + "\n", encoding="utf-8")
+    run = load_recording(path, columns={"s1_mv": "3"})
+    write_report([analyse(run)], tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<script" not in html
+    assert "&lt;script" in html
+    assert "a&<b>" not in html
 
 
 # ---- names that lead elsewhere ---------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ import meshio
 import numpy as np
 import pytest
 
-from analysis import analyse
+from analysis import Options, analyse
 from analysis.batch import write_table
 from analysis.boat_writer import write_boat_file
 from analysis.cluster import check_scheduler
@@ -302,9 +302,10 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
 
 
 @pytest.mark.fault(50, how="the whole program searched for what would unpickle, evaluate, or read YAML tags", times=1)
+@pytest.mark.fault(51, how="the whole program searched for what would unpack an archive into files", times=1)
 def test_nothing_evaluates_what_it_reads() -> None:
-    """No pickle, marshal, shelve, YAML, eval or exec in the product; arrays are loaded without objects."""
-    forbidden = {"pickle", "marshal", "shelve", "yaml", "dill", "joblib", "cloudpickle"}
+    """No pickle, YAML, eval or exec; arrays are loaded without objects, archives never unpacked into files."""
+    forbidden = {"pickle", "marshal", "shelve", "yaml", "dill", "joblib", "cloudpickle", "tarfile"}
     for path, source in sources():
         for node in ast.walk(ast.parse(source)):
             names: set[str] = set()
@@ -315,21 +316,11 @@ def test_nothing_evaluates_what_it_reads() -> None:
             assert not names & forbidden, path
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
+                assert not called.endswith((".extractall", ".extract", "unpack_archive")), path
                 assert called not in {"eval", "exec", "pd.read_pickle", "os.system"}, path
                 if called in {"np.load", "numpy.load"}:
                     options = {key.arg: ast.unparse(key.value) for key in node.keywords}
                     assert options.get("allow_pickle") == "False", path
-
-
-@pytest.mark.fault(51, how="the whole program searched for what would unpack an archive into files", times=1)
-def test_no_archive_is_unpacked() -> None:
-    """An archive is read in memory or not at all: no name inside one can become a path."""
-    for path, source in sources():
-        for node in ast.walk(ast.parse(source)):
-            if isinstance(node, ast.Attribute):
-                assert node.attr not in {"extract", "extractall", "unpack_archive"} or "re." in ast.unparse(node), path
-            if isinstance(node, ast.Import):
-                assert not {alias.name for alias in node.names} & {"tarfile", "patoolib", "py7zr"}, path
 
 
 @pytest.mark.fault(
@@ -338,12 +329,12 @@ def test_no_archive_is_unpacked() -> None:
 def test_a_tables_markup_is_text_in_its_report(tmp_path: Path) -> None:
     """A CSV from elsewhere: column names, operator, unit and note are words in the HTML, and nothing is loaded."""
     bad = "<script src='//x'>alert(1)</script>"
-    rows = [f"{0.05 * n:g},{50 * np.cos(n / 60):.4f},{1600 + 200 * np.cos(n / 60):.3f}" for n in range(1500)]
+    rows = [f"{0.05 * n:g},{50 * np.cos(n / 60):.4f},{1600 + 200 * np.cos(n / 60):.3f}" for n in range(800)]
     head = [f"# {key}: {bad}" for key in ("operator", "unit", "note")]
     path = tmp_path / "a&<b>.csv"
     path.write_text("\n".join([*head, f"time_s,pressure_kpa,{bad} s1 [mV]", *rows]) + "\n", encoding="utf-8")
     run = load_recording(path, columns={"s1_mv": "3"})
-    write_report([analyse(run)], tmp_path / "report.html")
+    write_report([analyse(run, options=Options(mcmc=False))], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<script" not in html
     assert "&lt;script" in html

@@ -196,14 +196,14 @@ class Plot:
             self._y_shown = (low, high)
             self.item.getViewBox().setYRange(low, high, padding=0)
 
-    def fit(self, *, x_margin: float = 0.04) -> None:
-        """Frame all that is drawn; for pages that change on request, never in a frame."""
+    def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0) -> None:
+        """Frame all that is drawn, at least `smallest` high; for pages that change on request, never in a frame."""
         layers = [layer for layer in self.layers if layer.item.isVisible() and layer.x.size]
         x_low, x_high = axis.extremes(*(layer.x for layer in layers))
         bands = (layer.low for layer in layers if isinstance(layer, Band))
         y_low, y_high = axis.extremes(*(layer.y for layer in layers), *bands)
         if x_low <= x_high and y_low <= y_high:
-            self._y_shown = axis.framed(y_low, y_high)
+            self._y_shown = axis.framed(y_low, y_high, smallest=smallest)
             box = self.item.getViewBox()  # both at once, or a locked aspect would cut one of them off
             box.setRange(xRange=axis.padded(x_low, x_high, x_margin), yRange=self._y_shown, padding=0)
 

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPointF, QRect, QSize, Qt
+from PySide6.QtCore import QItemSelectionModel, QModelIndex, QPersistentModelIndex, QPointF, QRect, QSize, Qt
 from PySide6.QtGui import QPainter, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QHBoxLayout,
+    QHeaderView,
     QMenu,
     QPushButton,
     QStyledItemDelegate,
@@ -33,6 +34,7 @@ from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.runs import HEADINGS, MOST_COMPARED, Run
 
 SPEEDS = (1, 5, 20, 100)
+NOTICEABLE_MV = 0.1  # two runs that differ by less look alike
 RUN_ROLE = Qt.ItemDataRole.UserRole
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
@@ -85,10 +87,11 @@ class RunsPage(QWidget):
         self.list.itemSelectionChanged.connect(self._enable)
         self.list.itemDoubleClicked.connect(lambda _: self.open())
         self.units = widgets.read_table("Units and their calibrations", UNIT_HEADINGS)
-        self.history = PlotCard("Sensitivity of the unit over its calibrations")
+        self.units.horizontalHeader().setSectionResizeMode(len(UNIT_HEADINGS) - 1, QHeaderView.ResizeMode.Stretch)
+        self.history = PlotCard("Sensitivity over calibrations")
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
         self.ages = [plot.points(f"Sensor {n}", sensor_ink(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
-        self.compare_card = PlotCard("Comparison: this run's curve less the first one's")
+        self.compare_card = PlotCard("Curves less the first run's")
         self.differences = self._comparison_plots()
         self.stack = Leaves()
         self.stack.addWidget(self._empty())
@@ -167,9 +170,10 @@ class RunsPage(QWidget):
         return button.isEnabled() and not button.isHidden()
 
     def selected(self) -> list[Run]:
-        """Return the chosen lines."""
+        """Return the chosen lines, as they are shown: the model may have a newer list already."""
         rows = sorted({index.row() for index in self.list.selectedIndexes()})
-        return [self.desk.runs.runs[row] for row in rows if row < len(self.desk.runs.runs)]
+        items = [self.list.item(row, 0) for row in rows]
+        return [item.data(RUN_ROLE) for item in items if item is not None]
 
     def _paths(self) -> list[Path]:
         return [run.path for run in self.selected()]
@@ -268,14 +272,20 @@ class RunsPage(QWidget):
                 item.setData(RUN_ROLE, run)
                 item.setToolTip(run.hover)
                 self.list.setItem(row, column, item)
-            if run.path in chosen:
-                self.list.selectRow(row)
+        self._choose([row for row, run in enumerate(runs.runs) if run.path in chosen])
         self.units.setRowCount(len(units))
         for row, cells in enumerate(units):
             for column, text in enumerate(cells):
                 self.units.setItem(row, column, QTableWidgetItem(text))
         self._show_history()
         self._enable()
+
+    def _choose(self, rows: list[int]) -> None:
+        """Choose these lines and no others; `selectRow` would leave the last one only."""
+        flags = QItemSelectionModel.SelectionFlag.Select | QItemSelectionModel.SelectionFlag.Rows
+        self.list.clearSelection()
+        for row in rows:
+            self.list.selectionModel().select(self.list.model().index(row, 0), flags)
 
     def _show_history(self) -> None:
         for points, (x, y) in zip(self.ages, self.desk.runs.ages(self.desk.unit_name), strict=False):
@@ -292,4 +302,4 @@ class RunsPage(QWidget):
                 x, y = curves[i] if i < len(curves) else self.desk.runs.nothing
                 curve.set(x, y)
         for plot in self.compare_card.plots:
-            plot.fit()
+            plot.fit(smallest=NOTICEABLE_MV)

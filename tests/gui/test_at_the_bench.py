@@ -340,3 +340,21 @@ def test_a_recording_under_way_keeps_its_place_in_the_list(live, qtbot):
         return [run.path.name for run in runs.runs]
 
     assert listed("a.boat") == listed("b.boat") == ["a.boat", "b.boat"]
+
+
+def test_chosen_runs_stay_chosen_when_the_list_is_read_again(live, qtbot):
+    """Two runs chosen to be compared; a recording under way renews the list every few seconds, and left one of them."""
+    live.desk.recordings.mkdir()
+    for name in "abc":
+        shutil.copy(SAMPLE, live.desk.recordings / f"{name}.boat")
+    live.go("Runs")
+    page, runs = live.pages["Runs"], live.desk.runs
+    qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 3)
+    page._choose([0, 1])
+    chosen = [run.path.name for run in page.selected()]
+    assert chosen == ["c.boat", "b.boat"]
+    runs.runs = [runs.runs[2], runs.runs[0], runs.runs[1]]  # as if another order had come
+    runs.revision += 1
+    page.refresh(live.desk.snapshot)
+    assert sorted(run.path.name for run in page.selected()) == sorted(chosen)
+    assert page.buttons["compare"].isEnabled()

@@ -89,6 +89,40 @@ def test_frame_of_the_moving_shadow(qtbot, desk, capsys, quantity):
     say(capsys, f"frame of the shadow, {quantity}", watch)
 
 
+def test_frame_under_strong_vacuum(qtbot, desk, capsys):
+    """Held at about -40 kPa off the nominal curve: every frame's state is looked up among those that a helper judged;
+    beside it what one judgement takes, which no frame does.
+    """
+    from boat_daq.gui.shadow_pane import ShadowPane
+    from boat_daq.viewmodels.live import Elongation
+    from boat_daq.viewmodels.shadow_work import unstable_places
+
+    model, looked, judging = desk.shadow.model, Watch(), Watch()
+    for step in range(-42, -37):
+        with judging:
+            unstable = unstable_places(model, [step])
+    desk.shadow._unstable = unstable
+    pane = ShadowPane(desk)
+    qtbot.addWidget(pane)
+    pane.resize(440, 660)
+    pane.show()
+    qtbot.waitExposed(pane)
+    for frame in range(FRAMES + 20):
+        pressure, mm = -40.0 + 2.0 * np.sin(frame / 20), 2.5 + np.sin(frame / 7)
+        part = {"time_s": np.arange(10.0), "pressure_kpa": np.full(10, pressure)} | dict.fromkeys(
+            ("target_kpa", "s1_mv", "s2_mv"), np.full(10, pressure)
+        )
+        desk.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
+        desk.live.inverse = lambda signal_mv, mm=mm: Elongation(np.full(1, mm), np.full(1, 0.3), np.zeros(1, bool))
+        with looked:
+            pane.draw()
+            pane.view.repaint()
+    assert pane.view.picture.corners.size
+    say(capsys, "frame of the shadow under strong vacuum", looked)
+    with capsys.disabled():
+        print(f"judging the places of one pressure, in a helper: {np.median(judging.cpu):.0f} ms of processor")
+
+
 def test_step_of_the_optics_slider(qtbot, desk, capsys):
     """From one state to the next: four polylines of some thousand points drawn and painted."""
     from boat_daq.gui.optics_page import OpticsPage
@@ -102,9 +136,11 @@ def test_step_of_the_optics_slider(qtbot, desk, capsys):
     page.show()
     qtbot.waitExposed(page)
     page.refresh(desk.snapshot)
-    watch = Watch()
+    watch, painted = Watch(), {}
     for step in range(150):
         with watch:
             page.slider.setValue(step % 15)
-            page.scene.view.grab()  # painted whole, into a picture
+            picture = page.scene.view.grab()  # painted whole, into a picture
+        painted[step % 15] = picture.toImage()
+    assert len({bytes(image.constBits()) for image in painted.values()}) == 15  # every state is another picture
     say(capsys, "step of the optics slider", watch)

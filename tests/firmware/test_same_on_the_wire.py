@@ -69,15 +69,15 @@ FAULTS = st.lists(
 QUIET = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 
 
-def play(bench: Bench, script: list[tuple[int, bytes]], faults: list[Fault], *, after: int) -> None:
-    """Hand a script to both boards, and see that both said the same."""
+def play(bench: Bench, script: list[tuple[int, bytes]], faults: list[Fault], *, after: int) -> BoardPair:
+    """Hand a script to both boards; what each said is in the pair."""
     with pytest.MonkeyPatch.context() as monkeypatch:
         pair = BoardPair(bench, monkeypatch, faults)
         for pause, frame in script:
             pair.wait(pause)
             pair.receive(frame)
         pair.wait(after)
-    assert_the_same(pair.virtual, pair.firmware)
+    return pair
 
 
 def frames(*steps: tuple[int, Command]) -> list[tuple[int, bytes]]:
@@ -116,7 +116,8 @@ STARTED_TWICE = frames((10, Start(100)), (150, Start(100)), (10, SetPressure(20_
 @example(TURNED_BACK, [])
 def test_any_order_of_commands_and_faults(bench: Bench, script: list[tuple[int, bytes]], faults: list[Fault]) -> None:
     """ACK statuses, states, flags, events and their values, sampling instants: the same, in the same order."""
-    play(bench, script, faults, after=45)
+    pair = play(bench, script, faults, after=45)
+    assert_the_same(pair.virtual, pair.firmware)
 
 
 @pytest.mark.nightly
@@ -124,4 +125,5 @@ def test_any_order_of_commands_and_faults(bench: Bench, script: list[tuple[int, 
 @given(SCRIPTS, FAULTS)
 def test_any_order_at_length(bench: Bench, script: list[tuple[int, bytes]], faults: list[Fault]) -> None:
     """The same with three thousand scripts, each long enough for a target to count as not reached."""
-    play(bench, script, faults, after=1000)
+    pair = play(bench, script, faults, after=1000)
+    assert_the_same(pair.virtual, pair.firmware)

@@ -70,9 +70,9 @@ class CurveCard(PlotCard):
         if shown.last is not None:
             self.before.set(shown.last[0], shown.last[1])
             self.apart.set(shown.last[0], shown.last[2])
-        bands = "" if shown.last is not None else ": 68, 95 %"  # there is no room for both; the hover says them
+        bands = "" if shown.last is not None else "68, 95 %: "  # there is no room for both; the hover says them
         last = "  \u2504 last" if shown.last is not None else ""
-        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   {SOURCES[shown.source]}{bands}")
+        self.readout.setText(f"\u25cf loading  \u25cb unloading{last}   {bands}{SOURCES[shown.source]}")
         self.top.fit()
         self.bottom.fit()
 

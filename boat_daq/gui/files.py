@@ -14,6 +14,29 @@ from boat_daq.viewmodels.desk import Desk
 Then = Callable[[Path], object]
 
 
+class FileDialog(QFileDialog):
+    """Asks for a file, and never through a box of Qt's own: while that is open no click reaches VENT."""
+
+    def __init__(self, parent: QWidget, title: str, folder: str, kinds: str) -> None:
+        super().__init__(parent, title, folder, kinds)
+        self.setOption(QFileDialog.Option.DontUseNativeDialog)
+        self.setOption(QFileDialog.Option.DontConfirmOverwrite)
+        self._told: Path | None = None
+
+    def accept(self) -> None:
+        """Take the file; one that is missing is refused, one that is there already is asked for twice."""
+        path = Path((self.selectedFiles() or ["."])[0])
+        saves = self.acceptMode() is QFileDialog.AcceptMode.AcceptSave
+        if saves and path.is_file() and path != self._told:
+            self._told = path
+            self.setWindowTitle(f"{path.name} is there already: Replace it, or type another name")
+            self.setLabelText(QFileDialog.DialogLabel.Accept, "Replace")
+        elif not saves and not path.exists():
+            self.setWindowTitle(f"There is no {path.name} in {path.parent}")
+        else:
+            super().accept()
+
+
 def ask_save(
     parent: QWidget, desk: Desk, stem: str, suffix: str, then: Then, *, done: str | None = None
 ) -> QFileDialog:
@@ -48,8 +71,7 @@ def _dialog(parent: QWidget, desk: Desk, title: str, suffixes: str) -> QFileDial
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
     usual = desk.recordings if desk.recordings.is_dir() else Path.home()
     folder = str(desk.preferences.get("folder", str(usual)))
-    dialog = QFileDialog(parent.window(), title, folder, f"{kinds} ({patterns})")
-    dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
+    dialog = FileDialog(parent.window(), title, folder, f"{kinds} ({patterns})")
     dialog.setWindowModality(Qt.WindowModality.NonModal)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     dialog.show()

@@ -36,7 +36,8 @@ class WindowKeys(QObject):
             return _kept(event) if isinstance(focus, QAbstractButton | QComboBox) else False
         if event.type() is not QEvent.Type.KeyPress:
             return False
-        if event.key() == Qt.Key.Key_Escape and QApplication.activePopupWidget() is not None:
+        over = QApplication.activePopupWidget() or QApplication.activeModalWidget()
+        if event.key() == Qt.Key.Key_Escape and over is not None:
             self.desk.vent()
         if event.key() in ENTER and isinstance(focus, QAbstractButton) and not _has_enter(focus):
             focus.click()

@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QScrollBar
+from PySide6.QtWidgets import QApplication, QLineEdit, QMessageBox, QScrollBar
 
 from boat_daq.engine.session import Phase, Progress, ReadingRequest, SessionState, StepMark
+from boat_daq.gui.files import ask_open, ask_save
 from boat_daq.viewmodels.figures import FigureRow, FigureText
 from boat_daq.viewmodels.notices import Level
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -358,3 +359,33 @@ def test_chosen_runs_stay_chosen_when_the_list_is_read_again(live, qtbot):
     page.refresh(live.desk.snapshot)
     assert sorted(run.path.name for run in page.selected()) == sorted(chosen)
     assert page.buttons["compare"].isEnabled()
+
+
+def test_no_box_of_a_file_dialog_stands_between_hand_and_vent(live, qtbot, tmp_path):
+    """A missing file and one that is there already were told by modal boxes: VENT could not be clicked behind them."""
+    there, opened, saved = tmp_path / "there.csv", [], []
+    there.write_text("kept")
+    dialog = ask_open(live, live.desk, "Open", "csv", opened.append)
+    for path, title in ((tmp_path / "missing.csv", "no missing.csv"), (there, "")):
+        dialog.findChild(QLineEdit).setText(str(path))
+        dialog.accept()
+        assert QApplication.activeModalWidget() is None
+        assert title in dialog.windowTitle()
+    assert opened == [there]
+    dialog = ask_save(live, live.desk, "plot", "csv", saved.append)
+    dialog.findChild(QLineEdit).setText(str(there))
+    dialog.accept()
+    assert QApplication.activeModalWidget() is None
+    assert (saved, "there already" in dialog.windowTitle()) == ([], True)
+    dialog.accept()
+    assert saved == [there]
+
+
+def test_escape_vents_over_a_modal_box(live, qtbot):
+    """No box of ours is modal; over one of Qt's own the key still vents."""
+    box = QMessageBox(live)
+    box.open()
+    qtbot.waitUntil(lambda: QApplication.activeModalWidget() is box)
+    live.window_keys.watch(box.windowHandle())
+    QTest.keyClick(box.windowHandle(), Qt.Key.Key_Escape)
+    assert "vent" in live.desk.session.asked

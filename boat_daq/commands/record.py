@@ -12,8 +12,10 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 
 if TYPE_CHECKING:
+    from boat_daq.commands.run_session import SessionRequest
     from boat_daq.engine.plan import Plan
     from boat_daq.engine.resumption import BrokenRun
+    from boat_daq.engine.summary import Summary
 
 
 class Changes(TypedDict):
@@ -22,6 +24,17 @@ class Changes(TypedDict):
     cycles: int | None
     dwell_s: float | None
     ramp_kpa_per_s: float | None
+
+
+class Given(TypedDict):
+    """What a call says of the session, whether its recording begins or goes on (`SessionRequest`)."""
+
+    port: str
+    profile: str | None
+    rate_hz: int | None
+    unit: str
+    metadata: dict[str, str]
+    allow_remote: bool
 
 
 def record(
@@ -53,58 +66,69 @@ def record(
 
     Example: boat-daq record --port /dev/ttyACM0 --plan calibration --unit SA1 --out SA1.boat
     """
-    from boat_daq.commands.run_session import SessionRequest, run_session
+    from boat_daq.commands.run_session import run_session
     from boat_daq.engine.readings import check_against_plan, enter_readings, read_elongation_csv
 
     if resume is not None and (out is not None or duration is not None):
         raise typer.BadParameter("--resume goes on in its own recording: leave --out and --duration out")
     changes: Changes = {"cycles": cycles, "dwell_s": dwell, "ramp_kpa_per_s": ramp}
-    metadata = {"operator": operator, "unit": unit, "note": note}
     readings = read_elongation_csv(elongation) if elongation is not None else None
+    given: Given = {
+        "port": port,
+        "profile": str(profile) if profile else None,
+        "rate_hz": rate,
+        "unit": unit,
+        "metadata": {"operator": operator, "unit": unit, "note": note},
+        "allow_remote": allow_remote,
+    }
     if resume is not None:
-        broken = take_up(resume, plan, changes, unit=unit)
-        chosen: Plan | None = broken.plan
-        profile_text = str(profile) if profile else broken.meta["profile"]
-        request = SessionRequest(
-            port=port,
-            path=resume,
-            plan=broken.plan,
-            profile=profile_text,
-            rate_hz=rate if rate is not None else broken.meta["rate_hz"],
-            unit=broken.unit,
-            metadata={**metadata, "unit": broken.unit},
-            broken=broken,
-            allow_remote=allow_remote,
-        )
+        request = resumed(take_up(resume, plan, changes, unit=unit), given)
     else:
-        chosen = choose_plan(plan, **changes)
-        if readings is not None and chosen is not None:
-            check_against_plan(readings, chosen)
-        request = SessionRequest(
-            port=port,
-            path=out if out is not None else dated_name(unit),
-            plan=chosen,
-            profile=str(profile) if profile else None,
-            rate_hz=rate,
-            unit=unit,
-            duration_s=duration,
-            metadata=metadata,
-            allow_remote=allow_remote,
-        )
+        request = begun(choose_plan(plan, **changes), out, duration, given)
+        if readings is not None and request.plan is not None:
+            check_against_plan(readings, request.plan)
     summary, failure = run_session(
         request, (lambda session: enter_readings(session, readings)) if readings is not None else None
     )
     if as_json:
         emit_json({**dataclasses.asdict(summary), "failed": bool(failure), "failure": failure})
+    tell(summary, failure, request)
+    if failure:
+        raise typer.Exit(1)
+
+
+def begun(plan: Plan | None, out: Path | None, duration_s: float | None, given: Given) -> SessionRequest:
+    """Return the request for a new recording."""
+    from boat_daq.commands.run_session import SessionRequest
+
+    path = out if out is not None else dated_name(given["unit"])
+    return SessionRequest(path=path, plan=plan, duration_s=duration_s, **given)
+
+
+def resumed(broken: BrokenRun, given: Given) -> SessionRequest:
+    """Return the request for a run that goes on in its own recording, as it was begun where nothing else is given."""
+    from boat_daq.commands.run_session import SessionRequest
+
+    own: Given = {
+        **given,
+        "profile": given["profile"] or broken.meta["profile"],
+        "rate_hz": given["rate_hz"] if given["rate_hz"] is not None else broken.meta["rate_hz"],
+        "unit": broken.unit,
+        "metadata": {**given["metadata"], "unit": broken.unit},
+    }
+    return SessionRequest(path=broken.path, plan=broken.plan, broken=broken, **own)
+
+
+def tell(summary: Summary, failure: str, request: SessionRequest) -> None:
+    """Say what was recorded, and how a run that broke goes on."""
     say(
         f"{summary.path}: {summary.samples} samples in {summary.duration_s:.1f} s, {summary.lost_samples} lost, "
         f"{summary.cycles.complete} complete cycles, {summary.readings} readings; {summary.stop_reason}"
     )
     if failure:
         say("the run did not end as planned (see above); the recording holds everything until then")
-        if chosen is not None and summary.steps:
-            say(f"  to go on at its next whole cycle: boat-daq record --resume {summary.path} --port {port}")
-        raise typer.Exit(1)
+    if failure and request.plan is not None and summary.steps:
+        say(f"  to go on at its next whole cycle: boat-daq record --resume {summary.path} --port {request.port}")
 
 
 def take_up(path: Path, plan: str | None, changes: Changes, *, unit: str) -> BrokenRun:

@@ -15,12 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from boat_daq.engine.actions import Ended, GoTo, VentNow
 from boat_daq.engine.columns import Columns, columns, last_sample
 from boat_daq.engine.dialogue import Dialogue, Effect
 from boat_daq.engine.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.preflight import Check, require, zero_check
-from boat_daq.engine.sequencer import VENTED_KPA, Ended, GoTo, Sequencer, VentNow
+from boat_daq.engine.sequencer import VENTED_KPA, Sequencer
 from boat_daq.engine.snapshot import LastSample, SessionState
 from boat_daq.errors import OperatorError
 from protocol.link import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples

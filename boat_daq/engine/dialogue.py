@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from boat_daq.engine.actions import Ended, Marked, Noted, SegmentBreak
 from boat_daq.engine.interlock import Trip
-from boat_daq.engine.sequencer import Ended, Marked, Noted, SegmentBreak
 from boat_daq.engine.watchdog import FAST, LONGEST_MS, Feeder, SpeedMeter
 from protocol.messages import (
     AckStatus,

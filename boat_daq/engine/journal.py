@@ -10,10 +10,10 @@ import math
 from collections import deque
 from datetime import UTC, datetime
 
+from boat_daq.engine.actions import Ended, Marked, Noted, SegmentBreak
 from boat_daq.engine.log import note
 from boat_daq.engine.recorder import Recorder
 from boat_daq.engine.resumption import BrokenRun
-from boat_daq.engine.sequencer import Ended, Marked, Noted, SegmentBreak
 from boat_daq.engine.snapshot import Message, Reading, StepMark
 from boat_daq.errors import OperatorError
 

@@ -18,71 +18,23 @@ import dataclasses
 import itertools
 import statistics
 from collections import deque
-from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
+from boat_daq.engine.actions import Action, Ended, GoTo, Marked, Noted, SegmentBreak, VentNow
 from boat_daq.engine.columns import Columns
 from boat_daq.engine.plan import Plan, PlannedStep
 from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, SessionState, StepMark
 from boat_daq.engine.step_watch import StepWatch
 from boat_daq.errors import OperatorError
 
+__all__ = ["VENTED_KPA", "Ended", "GoTo", "Marked", "Noted", "SegmentBreak", "Sequencer", "VentNow", "resume_point"]
+
 VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5
 VENT_TIMEOUT_S = 60.0
 PACE_STEPS = 40  # as many of the last steps say how long the rest will take
 
-
-@dataclass(frozen=True, slots=True)
-class GoTo:
-    """Wish for a pressure."""
-
-    target_kpa: float
-    ramp_kpa_per_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class VentNow:
-    """Wish for a vent."""
-
-
-@dataclass(frozen=True, slots=True)
-class Marked:
-    """A step began or became something else; `new` the first time."""
-
-    mark: StepMark
-    new: bool
-
-
-@dataclass(frozen=True, slots=True)
-class SegmentBreak:
-    """The recording's next segment begins here."""
-
-    reason: str
-    paused: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Noted:
-    """An event for the recording; `level` says how loudly the operator is told, "" not at all."""
-
-    kind: str
-    text: str
-    level: str = ""
-    remedy: str = ""
-    value: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """The run is over; once for each run."""
-
-    reason: str  # "finished", "stopped", "aborted: ..."
-
-
-Action: TypeAlias = GoTo | VentNow | Marked | SegmentBreak | Noted | Ended
 
 _RUN = (SessionState.RUNNING, SessionState.PAUSED)
 

@@ -106,7 +106,10 @@ class ActuatorCard(PlotCard):
 
     def show_loops(self, loops: LoopSet) -> None:
         """Draw the loops, where the elongation was read."""
-        if loops.elongation_mm is not None:
+        if loops.elongation_mm is None:
+            self.clear("no elongation was read")
+        else:
+            self.readout.clear()
             self.curve.set(*loops.broken(loops.pressure_kpa, loops.elongation_mm, range(len(loops.numbers))))
             self.plot.fit()
 
@@ -239,14 +242,26 @@ class CalibrationPage(QWidget):
         self.sample.setEnabled(result is not None and result.calibrated)
         self.report.setEnabled(result is not None)
         if result is None:
+            self._clear()
             return
         for i, (card, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
             if sensor.x.size:
                 card.show_sensor(sensor, self.model.shown(i))
+            else:
+                card.clear("no elongation was read")
         self.loops.show_loops(result.loops)
         self.actuator.show_loops(result.loops)
         self.table.show_rows(result.figures, [sensor_words(s.name) for s in result.sensors])
         self._show_words()
+
+    def _clear(self) -> None:
+        """Take an earlier run's curves and figures away: none of them is of the run in the head."""
+        for card in (*self.curves, self.loops, self.actuator):
+            card.clear()
+        self.table.show_rows((), ())
+        for words in (self.posterior, self.flags, self.comparison):
+            words.clear()
+        self.beside.setRowCount(0)
 
     def _show_words(self) -> None:
         result = self.model.result

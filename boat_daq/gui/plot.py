@@ -56,6 +56,10 @@ class Layer:
         """Take the colours of `theme`."""
         self._paint(self.item, self.ink(theme))
 
+    def clear(self) -> None:
+        """Draw nothing any more."""
+        self.x = self.y = EMPTY
+
     def show(self, visible: bool) -> None:
         """Show or hide."""
         self.item.setVisible(visible)
@@ -71,6 +75,10 @@ class Curve(Layer):
         self.x, self.y = x, y
         self.item.draw_line(x, y, gaps=self.gaps)
 
+    def clear(self) -> None:
+        """Draw nothing any more."""
+        self.set(EMPTY, EMPTY)
+
 
 class Band(Layer):
     """The surface between two curves."""
@@ -82,6 +90,10 @@ class Band(Layer):
         self.x, self.low, self.y = x, low, high
         self.item.fill_between(x, low, high)
 
+    def clear(self) -> None:
+        """Draw nothing any more."""
+        self.set(EMPTY, EMPTY, EMPTY)
+
 
 class Points(Layer):
     """Markers; filled or open, of one shape."""
@@ -90,6 +102,10 @@ class Points(Layer):
         """Put a marker at each (x, y)."""
         self.x, self.y = x, y
         self.item.setData(x=x, y=y)
+
+    def clear(self) -> None:
+        """Draw nothing any more."""
+        self.set(EMPTY, EMPTY)
 
 
 class Plot:
@@ -184,6 +200,11 @@ class Plot:
             self.title, self.unit = title, unit
             if self._theme is not None:
                 self._titles(self._theme)
+
+    def clear(self) -> None:
+        """Take all data away; what was added stays."""
+        for layer in self.layers:
+            layer.clear()
 
     def x_range(self, low: float, high: float) -> None:
         """Show [low, high] horizontally."""

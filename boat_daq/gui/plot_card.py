@@ -92,6 +92,12 @@ class PlotCard(QFrame):
         for plot in self.plots[1:]:
             plot.item.setXLink(first)
 
+    def clear(self, why: str = "") -> None:
+        """Draw nothing any more, and say why."""
+        for plot in self.plots:
+            plot.clear()
+        self.readout.setText(why)
+
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         self.view.setBackground(theme.surface)

@@ -10,6 +10,7 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
@@ -389,3 +390,26 @@ def test_escape_vents_over_a_modal_box(live, qtbot):
     live.window_keys.watch(box.windowHandle())
     QTest.keyClick(box.windowHandle(), Qt.Key.Key_Escape)
     assert "vent" in live.desk.session.asked
+
+
+def test_nothing_of_an_earlier_run_is_left_on_the_calibration_page(live):
+    """A run without readings, opened after one with, was shown with the curves of the other."""
+    live.go("Calibrate")
+    page, model = live.pages["Calibrate"], live.desk.calibration
+    model.show(result())
+    live.refresh()
+    card = page.curves[0]
+    assert card.loading.x.size and page.curves[0].columns()
+    bare = dataclasses.replace(result().sensors[0], x=np.zeros(0), y=np.zeros(0), content=None, void="none was read")
+    model.show(dataclasses.replace(result(), sensors=(bare, bare)))
+    live.refresh()
+    assert not any(layer.x.size for shown in page.curves for plot in shown.plots for layer in plot.layers)
+    assert card.readout.text() == "no elongation was read"
+    model.show(result())
+    live.refresh()
+    model.result = None
+    model.revision += 1
+    live.refresh()
+    assert not any(layer.x.size for layer in (*card.top.layers, *page.loops.plots[0].layers))
+    assert page.table.rowCount() == 0
+    assert live.grab().width() == live.width()  # it paints

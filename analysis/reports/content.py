@@ -37,7 +37,7 @@ class Drawing:
     caption: str
     height: float = 2.9
     ratios: tuple[float, ...] = ()
-    left: float = 0.62
+    left: float = 0.72  # room for ticks like −0.015
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,15 +6,12 @@ Rules: nothing is computed here but what a drawing needs (a grid, a thinning); c
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from analysis.comparison import unit_of
@@ -29,24 +26,6 @@ from analysis.uncertainty import Budget
 Draw = Callable[[Axes], None]
 CURVE_POINTS = 201
 TRACE_POINTS = 3000
-
-
-def as_svg(draw: Sequence[Draw], *, width: float = 7.0, height: float = 3.2, ratios: Sequence[float] = ()) -> str:
-    """Draw below one another, in these ratios of height, and return the SVG element alone."""
-    with mpl.rc_context(style.RC):
-        canvas = Canvas(figsize=(width, height), layout="constrained")
-        FigureCanvasSVG(canvas)
-        shares = {"height_ratios": list(ratios or [1.0] * len(draw))}
-        axes = canvas.subplots(len(draw), 1, sharex=True, gridspec_kw=shares)
-        for ax, one in zip(np.atleast_1d(axes).ravel(), draw, strict=True):
-            one(ax)
-            finished(ax)
-            if one is not draw[-1]:
-                ax.set_xlabel("")
-        text = io.StringIO()
-        canvas.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :]
 
 
 def finished(ax: Axes) -> None:
@@ -117,7 +96,7 @@ def system_loop(analysis: Analysis, sensor: int) -> Draw:
                 bar = ax.figure.colorbar(scale, ax=ax, pad=0.03, aspect=30)
                 bar.ax.set_title("cycle", fontsize=7.5, fontweight="normal", color=style.SOFT)
                 bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-        ax.set(xlabel="pressure, kPa", ylabel="signal, mV", title=f"Sensor {sensor + 1}: signal over pressure")
+        ax.set(xlabel="pressure, kPa", ylabel="signal, mV", title=f"Sensor {sensor + 1}, every cycle")
 
     return draw
 

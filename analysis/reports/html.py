@@ -6,6 +6,7 @@ inside their own box, so that the page never overflows a narrow screen.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from markupsafe import Markup
 
 from analysis.reports import style
 from analysis.reports.content import Drawing, Report, Table, aligned, right_aligned, typeset
-from analysis.reports.drawings import as_svg
+from analysis.reports.panels import as_svg
 
 WIDTH_INCH = 7.4
 
@@ -43,9 +44,8 @@ def _part(part: str | Table | Drawing) -> dict[str, Any]:
         sides = ["right" if right else "left" for right in right_aligned(part)]
         return {"kind": "table", "table": shown, "sides": sides, "caption": typeset(shown.caption)}
     if isinstance(part, Drawing):
-        panels = [part.draw] if part.ratios else [[one] for one in part.draw]
-        width = WIDTH_INCH / len(panels)
-        svgs = [as_svg(panel, width=width, height=part.height, ratios=part.ratios) for panel in panels]
+        panels = [part] if part.ratios else [replace(part, draw=(one,)) for one in part.draw]
+        svgs = [as_svg(panel, WIDTH_INCH / len(panels)) for panel in panels]
         drawn = [Markup(svg) for svg in svgs]  # noqa: S704 - matplotlib's own SVG
         return {"kind": "drawing", "panels": drawn, "caption": typeset(part.caption)}
     return {"kind": "text", "text": typeset(part)}

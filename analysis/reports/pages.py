@@ -100,8 +100,12 @@ def broken(blocks: Sequence[Block], room: float) -> list[list[Block]]:
     for first in range(len(blocks)):
         if best[first] == float("inf"):
             continue
+        height, stretch, shrink = _sums(_page(blocks, first, first))
         for end in range(first + 1, len(blocks) + 1):
-            cost = _cost(_page(blocks, first, end), room, last=end == len(blocks))
+            block = blocks[end - 1]
+            height += block.height + (block.space if end > first + 1 else 0.0)
+            stretch, shrink = stretch + block.stretch, shrink + block.shrink
+            cost = _cost((height, stretch, shrink), room, last=end == len(blocks))
             if cost is None and end > first + 1:
                 break
             total = best[first] + (PARTED if cost is None else cost) + PAGE + _parting(blocks, end)
@@ -116,8 +120,15 @@ def broken(blocks: Sequence[Block], room: float) -> list[list[Block]]:
 
 
 def _page(blocks: Sequence[Block], first: int, end: int) -> list[Block]:
+    """The blocks of a page, the head of a table that goes on included; with `end` = `first`, that head alone."""
     top = blocks[first]
-    return [*([top.head] if top.head else []), replace(top, space=0.0), *blocks[first + 1 : end]]
+    head = [top.head] if top.head else []
+    return head if end == first else [*head, replace(top, space=0.0), *blocks[first + 1 : end]]
+
+
+def _sums(page: Sequence[Block]) -> tuple[float, float, float]:
+    """Height of a page's blocks, and by how much they may grow and become shorter."""
+    return sum(b.space + b.height for b in page), sum(b.stretch for b in page), sum(b.shrink for b in page)
 
 
 def _parting(blocks: Sequence[Block], end: int) -> float:
@@ -127,28 +138,25 @@ def _parting(blocks: Sequence[Block], end: int) -> float:
     return PARTED * blocks[end - 1].kept + TABLE * (after.head is not None) + SECTION * (not after.starts)
 
 
-def _cost(page: Sequence[Block], room: float, *, last: bool) -> float | None:
+def _cost(sums: tuple[float, float, float], room: float, *, last: bool) -> float | None:
     """Cost of a page, None where it does not hold the blocks."""
-    height = _height(page)
+    height, stretch, shrink = sums
     if height > room:
-        pressed = (height - room) / (sum(b.shrink for b in page) or 1e-9)
+        pressed = (height - room) / (shrink or 1e-9)
         return None if pressed > 1.0 else 0.05 * pressed**2
     if last:
         return max(0.0, 1.0 - height / (LEAST_LAST * room)) * 0.5
     white = room - height
-    grown = min(white, sum(b.stretch for b in page))
-    return float(((white - grown) / room) ** 2 + 0.05 * (grown / room) ** 2)
-
-
-def _height(page: Sequence[Block]) -> float:
-    return sum(b.space + b.height for b in page)
+    grown = min(white, stretch)
+    return ((white - grown) / room) ** 2 + 0.05 * (grown / room) ** 2
 
 
 def placed(page: Sequence[Block], room: float, top: float, *, last: bool) -> list[Item]:
     """Return the items of a page where they stand, its drawings and rows fitted to the page."""
-    white = room - _height(page)
-    grow = 0.0 if last or white < 0 else min(1.0, white / (sum(b.stretch for b in page) or 1e9))
-    press = min(1.0, -white / (sum(b.shrink for b in page) or 1e9)) if white < 0 else 0.0
+    total, stretch, shrink = _sums(page)
+    white = room - total
+    grow = 0.0 if last or white < 0 else min(1.0, white / (stretch or 1e9))
+    press = min(1.0, -white / (shrink or 1e9)) if white < 0 else 0.0
     items: list[Item] = []
     y = top
     for block in page:

@@ -22,10 +22,10 @@ from matplotlib.patches import Rectangle
 
 from analysis.reports import style
 from analysis.reports.content import Drawing, Report, Table, aligned, right_aligned, typeset
-from analysis.reports.drawings import finished
 from analysis.reports.glyphs import families, printable
 from analysis.reports.lines import shortened, width_of, wrapped
-from analysis.reports.pages import Block, Item, Placed, Rule, Text, broken, placed
+from analysis.reports.pages import Block, Item, Rule, Text, broken, placed
+from analysis.reports.panels import set_drawing
 
 WIDTH, HEIGHT = style.A4_INCH
 LEFT = style.MARGIN_INCH
@@ -38,7 +38,6 @@ KEPT_TOGETHER = 0.4  # of a page: a shorter table is not broken
 ORPHANS = 4  # rows of a table that stand together at its ends
 PAD_INCH = 0.16
 LABEL_INCH = 1.0
-AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12
 TEXT_PT, SMALL_PT, MIN_PT = 8.5, 7.5, 5.5
 
 
@@ -77,7 +76,7 @@ def _page(report: Report, items: list[Item], number: int, count: int) -> Canvas:
             ends = [item.x / WIDTH, (item.x + item.length) / WIDTH]
             canvas.add_artist(Line2D(ends, [y, y], color=item.colour, linewidth=item.thick))
         else:
-            _draw(canvas, item)
+            set_drawing(canvas, item.drawing, LEFT, item.y, INNER)
     if report.simulated:
         band = Rectangle((0, 1 - 0.34 / HEIGHT), 1, 0.34 / HEIGHT, facecolor=style.WARNING, edgecolor="none")
         canvas.add_artist(band)
@@ -171,26 +170,6 @@ def _caption(text: str) -> list[Block]:
     return [replace(line, space=0.0, kept=True) for line in lines[:-1]] + [
         replace(line, space=0.0, height=line.height + 0.06) for line in lines[-1:]
     ]
-
-
-def _draw(canvas: Canvas, placed: Placed) -> None:
-    drawing, count = placed.drawing, len(placed.drawing.draw)
-    for at, draw in enumerate(drawing.draw):
-        if drawing.ratios:
-            shares = np.asarray(drawing.ratios) / sum(drawing.ratios)
-            usable = drawing.height - AXES_TOP - AXES_BOTTOM - 0.1 * (count - 1)
-            top = placed.y + AXES_TOP + usable * shares[:at].sum() + 0.1 * at
-            left, width, height = LEFT + drawing.left, INNER - drawing.left - AXES_RIGHT, usable * shares[at]
-        else:
-            cell = INNER / count
-            left, width = LEFT + at * cell + drawing.left, cell - drawing.left - AXES_RIGHT
-            top, height = placed.y + AXES_TOP, drawing.height - AXES_TOP - AXES_BOTTOM
-        ax = canvas.add_axes((left / WIDTH, 1 - (top + height) / HEIGHT, width / WIDTH, height / HEIGHT))
-        draw(ax)
-        finished(ax)
-        if drawing.ratios and at < count - 1:
-            ax.tick_params(labelbottom=False)
-            ax.set_xlabel("")
 
 
 def _table(table: Table) -> list[Block]:

@@ -15,7 +15,8 @@ from analysis import Analysis, AnalysisError, Options, analyse
 from analysis.repeatability import judge, per_cycle
 from analysis.reports import drawings
 from analysis.reports.build import build_report
-from analysis.reports.content import Table, aligned
+from analysis.reports.content import Drawing, Table, aligned
+from analysis.reports.panels import as_svg
 from analysis.reports.pdf import INNER, LEFT
 from analysis.reports.writing import WRITERS, write_report
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
@@ -181,7 +182,7 @@ def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_
     signal = np.full_like(recording.signal_mv, 1650.0)
     analysis = analyse(Recording.from_arrays(recording.time_s, recording.pressure_kpa, signal), mcmc=False)
     for draw in (drawings.loop_difference(analysis), drawings.drift_of_levels(analysis, 0)):
-        assert drawings.as_svg([draw]).startswith("<svg")
+        assert as_svg(Drawing((draw,), ""), 7.0).startswith("<svg")
     write_report([analysis], tmp_path / "r.html")
     assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")
 

@@ -26,7 +26,7 @@ def cost(blocks: list[Block], counts: list[int], room: float) -> float:
     total, first = 0.0, 0
     for n in counts:
         end = first + n
-        found = pages._cost(pages._page(blocks, first, end), room, last=end == len(blocks))
+        found = pages._cost(pages._sums(pages._page(blocks, first, end)), room, last=end == len(blocks))
         own = found if found is not None else pages.PARTED if n == 1 else np.inf
         total += own + pages.PAGE + pages._parting(blocks, end)
         first = end

@@ -1,0 +1,66 @@
+"""What the shadow's commands share: its options, the models they choose, and the file of a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from boat_daq.commands.console import progress_bar, say
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from analysis.fidelity import Level
+    from analysis.shadow.full_model import FullModel
+    from analysis.shadow.parameters import ActuatorParameters
+    from analysis.shadow.shadow import Shadow
+
+ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
+MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
+
+
+def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
+    """Return the parameters of a file, or the defaults, on the mesh of a fidelity; normal leaves a file's own mesh."""
+    from analysis.fidelity import fidelity
+    from analysis.shadow.fidelity import actuator
+    from analysis.shadow.parameter_files import read_parameters
+
+    if path is None:
+        return actuator(fidelity(level))
+    read = read_parameters(path)
+    return read if level == "normal" else actuator(fidelity(level), read)
+
+
+def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "normal") -> FullModel:
+    """Return the full model of the chosen parameters and mesh."""
+    from analysis.shadow.full_model import FullModel
+    from analysis.shadow.mesh_files import read_mesh
+
+    return FullModel(chosen_parameters(parameters, level), mesh=None if mesh is None else read_mesh(mesh))
+
+
+def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
+    """Return the shadow of the chosen parameters, its table of the fidelity's size."""
+    from analysis.fidelity import fidelity
+    from analysis.shadow.fidelity import table_settings
+    from analysis.shadow.shadow import Shadow
+    from analysis.shadow.table import load_table
+
+    chosen = chosen_parameters(parameters, level)
+    with progress_bar("building the table") as progress:
+        return Shadow(chosen, load_table(chosen, table_settings(fidelity(level)), progress=progress))
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of its suffix."""
+    from analysis.errors import FileError
+
+    try:
+        figure.savefig(path, dpi=144)
+    except (OSError, ValueError) as error:
+        raise FileError(
+            f"{path} cannot be written: {error}", "choose a .png, .svg or .pdf in a writable folder"
+        ) from error
+    say(f"wrote {path}")

@@ -26,6 +26,7 @@ LARGEST = 1e150  # its square is still a number
 MONOMIAL_ROUNDING = 1e-6  # of the span of y: more is seen in a figure
 OUTLIER_CHANCE = 0.02  # of a sound calibration having a point called off
 NEAR_TURN = 0.07  # of the range: a turning point this near to an end puts what lies twice as far beyond back inside
+EXACT = 1e-9  # of the largest y: what the rounding of an exact fit may leave
 HIGHEST_LEVERAGE = 0.85  # beyond it a point's own error goes into the curve, not into its residual
 
 
@@ -175,6 +176,10 @@ class Calibration:
 def reservations(calibration: Calibration) -> tuple[str, ...]:
     """Say what a reader of the numbers alone would not see, one sentence each; none where all is well."""
     said = []
+    value, last = calibration.y_range
+    if value == last and calibration.n > 1 and calibration.degree > 0:
+        said.append(f"y is constant, {value:.6g} at all {calibration.n} points: it does not answer to x")
+        return tuple(said)
     if calibration.dof < 1:
         said.append(f"{calibration.n} points for {calibration.degree + 1} coefficients: no uncertainty can be given")
     powers = np.vander(calibration.x, calibration.degree + 1, increasing=True)
@@ -224,9 +229,11 @@ def _suspect_points(calibration: Calibration) -> list[str]:
         studentised = np.sqrt(own / rest)
     worst = int(np.argmax(studentised))
     if calibration.n * 2.0 * float(stats.t.sf(studentised[worst], dof - 1)) < OUTLIER_CHANCE:
+        exact = np.sqrt(rest[worst]) <= EXACT * np.abs(calibration.y).max()
+        far = "on which all others lie" if exact else f"{studentised[worst]:.1f} of its standard deviations"
         said.append(
             f"the point at x = {calibration.x[worst]:.4g}, y = {calibration.y[worst]:.6g} is "
-            f"{abs(fit.residuals[worst]):.3g} off the curve, {studentised[worst]:.1f} of its standard deviations"
+            f"{abs(fit.residuals[worst]):.3g} off the curve{' ' if exact else ', '}{far}"
         )
     return said
 

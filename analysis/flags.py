@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from analysis import metrics
 from analysis.calibration import reservations
 from analysis.cycles import disagreements_with_marks
@@ -63,6 +65,11 @@ def flags_of(run: Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], .
 def _sensor_flags(sensor: SensorAnalysis, run: Run) -> list[tuple[str, str]]:
     flags: list[tuple[str, str]] = []
     number = run.recording.sensor_names.index(sensor.name)
+    signal = run.recording.signal_mv[:, number]
+    signal = signal[np.isfinite(signal)]
+    if signal.size > 1 and signal.min() == signal.max():
+        text = f"the signal is constant, {signal[0]:.6g} mV in all {signal.size} samples: the sensor measured nothing"
+        flags.append(("constant_signal", text))
     standing = LossCounter.of(run.recording, number).of_windows([slice(0, run.recording.n)]).standing
     if standing:
         share = f"{standing / run.recording.n:.1%}"

@@ -31,7 +31,10 @@ CLOSED = "closed form, reading error left out"
 
 @cache
 def readings() -> tuple[FloatArray, FloatArray]:
-    """Return x as read on the grid and y, [n]: each level of a staircase twice a cycle, five cycles."""
+    """Return x as read on the grid and y, [n]: each level of a staircase twice a cycle, five cycles.
+
+    Every reading has an error of its own, anywhere in its cell.
+    """
     levels = np.arange(RANGE_OF_READINGS_MM[0], RANGE_OF_READINGS_MM[1] + 0.01, GRID_MM)
     return _read(np.repeat(levels, 2 * CYCLES), 4)
 
@@ -44,7 +47,7 @@ def few_readings() -> tuple[FloatArray, FloatArray]:
 
 def _read(x: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
-    true = x + READING_MM * rng.standard_normal(x.size)
+    true = x + GRID_MM * rng.uniform(-0.5, 0.5, x.size)
     return x, CUBIC(true) + NOISE_MV * rng.standard_normal(x.size)
 
 
@@ -75,7 +78,9 @@ def _widths(at: FloatArray, covariance: FloatArray) -> FloatArray:
 def _sampler(walkers: int, steps: int) -> Callable[[int], FloatArray | None]:
     def call(repeat: int) -> FloatArray | None:
         usual, few = (
-            sample_posterior(x, y, reading_sd=READING_MM, seed=repeat, walkers=walkers, max_steps=steps)
+            sample_posterior(
+                x, y, reading_sd=READING_MM, positions=np.arange(x.size), seed=repeat, walkers=walkers, max_steps=steps
+            )
             for x, y in (readings(), few_readings())
         )
         change = np.asarray(usual.calibration.fit.basis.to_monomials(), dtype=float)

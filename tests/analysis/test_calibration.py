@@ -153,3 +153,36 @@ def test_too_few_points_name_no_degree() -> None:
     checks = fit_checks(fit_calibration([0, 1, 2, 3], [1, 5, 2, 9], 3))
     assert checks["preferred_degree"] is None
     assert np.isnan(checks["degrees"][2]["prediction_rms"])
+
+
+@pytest.mark.parametrize(("grid", "reader"), [(0.1, 0.0), (0.1, 0.3), (0.5, 0.0), (0.5, 0.3), (1.0, 0.0), (1.0, 0.3)])
+def test_stated_errors_hold_the_truth_where_x_is_read_on_a_grid(grid: float, reader: float) -> None:
+    """120 actuators, 18 positions, five cycles: the errors with reading cover 60 and 92 % or more, rounded alike or not.
+
+    The fit's own hold the truth far less often, for five equal readings count five times.
+    """
+    rng, truth, share = np.random.default_rng(1), np.polynomial.Polynomial(PAPER[0]), np.repeat(np.arange(9) / 9, 2)
+    loop, coefficients = np.tile([-0.12, 0.12], 9) * 4.0 * share * (1.0 - share), np.asarray(PAPER[0])
+    away = []
+    for _ in range(120):
+        x = rng.uniform(-2.9, -2.5) + 6.5 * rng.uniform(0.95, 1.05) * share + rng.uniform(0.5, 1.5) * loop
+        x = np.tile(x + rng.uniform(-0.4, 0.4) * np.sin(np.pi * share), 5)
+        read = np.round((x + grid * reader * rng.standard_normal(x.size)) / grid) * grid
+        fit = fit_calibration(read, truth(x) + 0.3 * rng.standard_normal(x.size))
+        fit = fit.with_reading(grid / 12**0.5, np.tile(np.arange(18), 5))
+        off = np.abs(fit.coefficients - coefficients)
+        away.append([off / fit.std_errors_with_reading, off / fit.std_errors])
+    honest, plain = np.moveaxis(away, 1, 0)
+    assert (honest < 1.0).mean() > 0.6
+    assert (honest < 2.0).mean() > 0.92
+    assert reader > 0 or (plain < 2.0).mean() < 0.9
+
+
+def test_a_constant_and_a_point_off_an_exact_curve_are_said_plainly() -> None:
+    """A constant y does not answer to x; off a curve that all others lie on no multiple of a deviation is given."""
+    x = np.arange(12.0)
+    (said,) = reservations(fit_calibration(x, np.full(12, 5.0)))
+    assert said == "y is constant, 5 at all 12 points: it does not answer to x"
+    (said,) = reservations(fit_calibration(x, np.where(x == 5, 6.0, 5.0)))
+    assert said.endswith("off the curve on which all others lie")
+    assert "inf" not in said

@@ -97,3 +97,17 @@ def test_unknown_unit_is_refused_with_the_names():
     with pytest.raises(LocalError, match="SA9") as refusal:
         truth_figures("SA9")
     assert all(name in refusal.value.remedy for name in UNIT_NAMES)
+
+
+def test_a_staircases_truth_is_that_of_its_holds():
+    """The loop through the holds is narrower than the one through every tick of the ramps, and a cut of it."""
+    held = truth_figures("SA1", cycle_kpa=STAIRCASE, dwell_s=4.0)
+    run = noise_free_run("SA1", (*STAIRCASE, *STAIRCASE[1:], *STAIRCASE[1:]), ramp_kpa_per_s=10.0, dwell_s=4.0)
+    cycle = run.time_s > run.arrivals_s[-len(STAIRCASE)]
+    for number, sensor in enumerate(held.sensors):
+        every_tick = 100 * loop_width(run.pressure_kpa[cycle], run.signal_mv[cycle, number]) / sensor.fso_mv
+        assert 0.96 * every_tick < sensor.system_hysteresis_percent_fso < every_tick
+    pressure, elongation, signal = run.holds(1.0, 4.0)
+    assert pressure == pytest.approx(run.pressure_kpa[np.searchsorted(run.time_s, run.arrivals_s + 3.9)], abs=0.02)
+    assert elongation.shape == (len(run.arrivals_s),)
+    assert signal.shape == (len(run.arrivals_s), 2)

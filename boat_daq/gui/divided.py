@@ -26,6 +26,7 @@ class Divided(QSplitter):
         super().__init__(Qt.Orientation.Horizontal)
         self._key, self._preferences, self._width = f"side {name}", preferences, width
         self._stacks, self.stacked = stacks, False
+        self._left, self._right = left, right
         self.setHandleWidth(style.GAP)
         self.setChildrenCollapsible(False)
         self.addWidget(left)
@@ -51,8 +52,8 @@ class Divided(QSplitter):
     def _stack(self, narrow: bool) -> None:
         self.stacked = narrow
         self.setOrientation(Qt.Orientation.Vertical if narrow else Qt.Orientation.Horizontal)
-        self.widget(0).setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
-        self.widget(1).setMinimumHeight(style.STACKED_TABLE if narrow else 0)
+        self._left.setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
+        self._right.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
 
     def _keep(self) -> None:
         if not self.stacked:

@@ -220,7 +220,8 @@ class Desk:
         if read:
             self._offer = self.notices.say(
                 Level.INFORMATION,
-                f"the run is finished, {count(read, 'plateau')} read",
+                f"the run {'was stopped' if self.snapshot.run_ended == 'stopped' else 'is finished'}, "
+                f"{count(read, 'plateau')} read",
                 "Next: fit and look at it.",
                 action_text="Calibrate",
                 action=self._calibrate_now,

@@ -413,3 +413,12 @@ def test_nothing_of_an_earlier_run_is_left_on_the_calibration_page(live):
     assert not any(layer.x.size for layer in (*card.top.layers, *page.loops.plots[0].layers))
     assert page.table.rowCount() == 0
     assert live.grab().width() == live.width()  # it paints
+
+
+@pytest.mark.parametrize(("ended", "words"), [("finished", "the run is finished"), ("stopped", "the run was stopped")])
+def test_the_next_step_is_offered_in_the_run_s_own_words(running, ended, words):
+    """A run that was stopped with some plateaus read was called finished."""
+    running.desk.readings.put(4, 1.5, "typed")
+    running.desk.session.change(state=SessionState.IDLE, progress=None, run_ended=ended)
+    running.refresh()
+    assert running.desk.notices.current().cause == f"{words}, 1 plateau read"

@@ -19,14 +19,13 @@ from typing import Any
 
 from boat_daq.engine.control import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.core import Core, SampleSink
-from boat_daq.engine.disk_space import check_space
 from boat_daq.engine.health_log import HealthLog, Vitals
 from boat_daq.engine.journal import now_utc
 from boat_daq.engine.keeper import Keeper
 from boat_daq.engine.log import note
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.preflight import Check
-from boat_daq.engine.recorder import Recorder
+from boat_daq.engine.recordings import Recordings
 from boat_daq.engine.resumption import BrokenRun
 from boat_daq.engine.ring_buffer import RingBuffer
 from boat_daq.engine.sequencer import resume_point
@@ -44,7 +43,7 @@ from boat_daq.engine.snapshot import (
     SessionState,
     StepMark,
 )
-from boat_daq.errors import DeviceError, OperatorError, StorageError
+from boat_daq.errors import DeviceError, OperatorError
 from protocol.messages import Vent
 
 __all__ = [
@@ -79,10 +78,9 @@ class Session:
         self.settings = load_settings() if settings is None else settings
         self.units = UnitLibrary() if units is None else units
         self._core = Core()
-        self._keeper = Keeper(self._core, self.settings, end_recording=self._end_recording)
+        self._recordings = Recordings(self._core, self.settings, self.units)
+        self._keeper = Keeper(self._core, self.settings, end_recording=self._recordings.end)
         self._health_log = HealthLog(self._vitals)
-        self._unit = ""
-        self._recording_since_us = 0
         self._tell_remarks()
         self._goes_on: tuple[int, int] | None = None  # first cycle and complete cycles of an armed run that goes on
 
@@ -131,7 +129,7 @@ class Session:
             limits = self.units.load(unit)
             control.interlock.set_limits("unit", (limits.min_kpa, limits.max_kpa))
         self._tell_remarks()
-        self._unit = unit
+        self._recordings.unit = unit
         path = go_on_in.path if go_on_in is not None else record_to
 
         def greeted() -> None:
@@ -139,7 +137,7 @@ class Session:
             if for_plan is not None:
                 with self._core.acting() as board:
                     board.check_plan(for_plan)
-            self._record(path, metadata, go_on_in)
+            self._recordings.begin(path, metadata, go_on_in, port=port)
 
         self._keeper.open(port, profile, control, greeted=greeted if path is not None else None)
         note("info", f"connecting to {port}, profile {'none' if profile is None else 'given'}, {control.rate_hz} Hz")
@@ -174,7 +172,7 @@ class Session:
     def close(self) -> None:
         """Disconnect and end the threads; waits for them. The session is not used again."""
         self._keeper.end()
-        self._end_recording("stopped")
+        self._recordings.end("stopped")
         self._health_log.stop()
 
     def _tell_remarks(self) -> None:
@@ -200,7 +198,7 @@ class Session:
         StorageError : the folder cannot be written.
         OperatorError : a recording runs already, a run goes on, the name cannot be used, or nothing is connected.
         """
-        self._record(path, metadata, None)
+        self._recordings.begin(path, metadata, None, port=self._keeper.url)
 
     def resume_recording(self, broken: BrokenRun, metadata: Mapping[str, Any] | None = None) -> None:
         """Go on in the recording of a broken run (`resumption.prepare_resumption`), as a new segment.
@@ -215,41 +213,7 @@ class Session:
         ------
         OperatorError : another board, unit or rate; or as `start_recording`. StorageError : it cannot be written.
         """
-        self._record(broken.path, metadata, broken)
-
-    def _record(self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None) -> None:
-        core = self._core
-        ours = {
-            "operator": self.settings.operator,
-            "unit": self._unit,
-            "note": "",
-            "port": self._keeper.url,
-            "polarity": self.units.load(self._unit).polarity if self._unit else -1,
-            "settings": dataclasses.asdict(self.settings),
-        }
-        with core.lock:
-            acquisition = core.acquisition
-            if acquisition is None or not (core.control.up or core.control.hold_samples):
-                raise OperatorError("there is nothing to record yet", "connect a board first")
-            if core.journal.recorder is not None:
-                raise OperatorError(f"{core.journal.recorder.path} is being recorded", "stop that recording first")
-            if core.control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
-                raise OperatorError("a recording begins before its run", "stop the run first")
-            meta = {**ours, **core.describe(), **(metadata or {})}
-        if broken is not None:
-            broken.check_same(meta, can_command=core.control.dialogue.can_command)
-        recorder = Recorder(path, meta, health=core.health_now, on_error=core.storage_failed, goes_on=broken)
-        with core.lock:
-            raced = core.journal.recorder is not None or core.acquisition is not acquisition
-            if not raced:
-                acquisition.add_recorder(recorder)
-                core.journal.begin(recorder, broken)
-                core.control.sequencer.marks[:] = broken.marks if broken else ()
-                self._recording_since_us = core.control.dialogue.board_us
-        note("info", f"recording {'goes on in' if broken else 'begins in'} {path}")
-        if raced:
-            recorder.close("stopped")
-            raise OperatorError("the session changed while the recording began", "try again")
+        self._recordings.begin(broken.path, metadata, broken, port=self._keeper.url)
 
     def stop_recording(self) -> Path | None:
         """Close the recording properly and return its path; a run that still goes is stopped and vented first.
@@ -262,23 +226,7 @@ class Session:
         """
         self.stop()
         self.wait(lambda s: s.state is not SessionState.FINISHING or s.link is not LinkState.UP, VENTING_WAIT_S)
-        return self._end_recording("stopped")
-
-    def _end_recording(self, reason: str) -> Path | None:
-        """Close the recording as it is, without a word to the board; `reason` where no run gives one."""
-        core = self._core
-        with core.lock:
-            recorder, core.journal.recorder = core.journal.recorder, None
-            reason, acquisition = core.journal.ended or reason, core.acquisition
-        if recorder is None:
-            return None
-        if acquisition is not None:
-            acquisition.remove_sink(recorder)
-        path = recorder.close(reason)
-        note("info", f"recording ended, {reason}: {path}")
-        if recorder.remark:
-            core.tell("warning", recorder.remark)
-        return path
+        return self._recordings.end("stopped")
 
     # ---- the run ---------------------------------------------------------------------------------------------------
 
@@ -325,7 +273,7 @@ class Session:
         ------
         OperatorError : what the pre-flight found: link, limits, e-stop, zero of the pressure sensor, disk space.
         """
-        space = self._space_check()
+        space = self._recordings.check_space()
         with self._core.acting() as control:
             control.start([space])
             journal, goes_on, self._goes_on = self._core.journal, self._goes_on, None
@@ -334,23 +282,9 @@ class Session:
                 cause = journal.ended or "interrupted"
                 journal.recorder.run_goes_on(cause, first_cycle=first, complete_cycles=complete)
 
-    def _space_check(self) -> Check:
-        """Whether what the plan will record fits on the disk; nothing to ask where nothing is recorded."""
-        core = self._core
-        with core.lock:
-            recorder, plan, rate_hz = core.journal.recorder, core.control.sequencer.plan, core.control.rate_hz
-            n_sensors = core.port.link.n_sensors if core.port else None
-        if recorder is None or plan is None:
-            return Check("space")
-        try:
-            check_space(recorder.path.parent, rate_hz=rate_hz, duration_s=plan.duration_s, n_sensors=n_sensors or 2)
-        except StorageError as error:
-            return Check("space", error.cause, error.remedy)
-        return Check("space")
-
     def preflight(self) -> list[Check]:
         """Return the lines of the check before the first pressure, good and bad."""
-        space = self._space_check()
+        space = self._recordings.check_space()
         with self._core.lock:
             return [*self._core.control.preflight(), space]
 
@@ -462,7 +396,7 @@ class Session:
             control, recorder, port = core.control, core.journal.recorder, core.port
             latched, link = control.interlock.latched, keeper.state
             up = link is LinkState.UP
-            since_us = max(self._recording_since_us, control.first_us)
+            since_us = max(self._recordings.since_us, control.first_us)
             return SessionSnapshot(
                 state=control.sequencer.state,
                 link=LinkState.SILENT if up and control.silent else link,
@@ -486,7 +420,7 @@ class Session:
                 run_ended=control.sequencer.ended,
                 recording=recorder.path if recorder else None,
                 recorded_s=(control.dialogue.board_us - since_us) / 1e6 if recorder else 0.0,
-                unit=self._unit,
+                unit=self._recordings.unit,
             )
 
     def add_sink(self, sink: SampleSink) -> Callable[[], None]:

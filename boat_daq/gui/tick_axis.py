@@ -119,12 +119,14 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             self._draw_labels(painter, room, places, self.tickStrings(values, 1.0, step))
 
     def _room(self) -> QRectF:
-        return self.mapRectFromParent(self.geometry())
+        room: QRectF = self.mapRectFromParent(self.geometry())
+        return room
 
     def _field(self) -> QRectF:
         """Return the room of the data."""
         view = self.linkedView()
-        return self._room() if view is None else view.mapRectToItem(self, view.rect())
+        room: QRectF = self._room() if view is None else view.mapRectToItem(self, view.rect())
+        return room
 
     def _ticks(self) -> tuple[float, list[float], list[float]]:
         """Return the step, the ticks' values, and how far along the axis each is, in pixels."""
@@ -146,7 +148,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         """Draw lines of the grid; a dense one is faint."""
         share = min(1.0, 0.05 * length / (len(lines) + 1))
         ink, ground = self._looks().tick.color(), self.ground
-        mixed = (round(g + (i - g) * share) for i, g in zip(ink.getRgb()[:3], ground.getRgb()[:3], strict=True))
+        pairs = ((ink.red(), ground.red()), (ink.green(), ground.green()), (ink.blue(), ground.blue()))
+        mixed = (round(there + (here - there) * share) for here, there in pairs)
         painter.setPen(QPen(QColor(*mixed), 0))
         painter.drawLines(lines)
 

@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.fidelity import fidelity
 from analysis.shadow.fidelity import actuator, table_settings
@@ -54,13 +55,14 @@ def unstable_places(shadow: Shadow, steps: Iterable[int]) -> frozenset[Place]:
     """Return the unstable places at these steps of pressure."""
     table, found = shadow.table, set()
     lowest, highest = (float(mm) / HELD_MM for mm in table.elongation_range_mm)
-    places = np.arange(math.floor(lowest), math.ceil(highest) + 1)
+    places = np.arange(math.floor(lowest), math.ceil(highest) + 1, dtype=np.float64)
     for step in steps:
         pressure = step * HELD_KPA
         nominal = float(table.nominal_elongation(np.array(pressure))[0])
-        held = table.holds(np.full(places.shape, pressure), places * HELD_MM)
-        near = np.abs(places * HELD_MM - nominal) < HELD_OFF_MM - HELD_MM / 2
-        for place in places[held & ~near].tolist():
+        mm: NDArray[np.float64] = places * HELD_MM
+        held = table.holds(np.full(mm.shape, pressure), mm)
+        near = np.abs(mm - nominal) < HELD_OFF_MM - HELD_MM / 2
+        for place in places[held & ~near].astype(int).tolist():
             solution, _ = shadow.solution(pressure_kpa=pressure, elongation_mm=place * HELD_MM)
             if shadow.model.stability.unstable_mode(solution) is not None:
                 found.add((step, place))

@@ -80,7 +80,8 @@ def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: f
     LocalError : no such unit.
     """
     model = find_unit(unit)
-    pneumatics, pressure = Pneumatics(), []
+    pneumatics = Pneumatics()
+    pressure: list[float] = []
     arrivals = []
     for start, target in itertools.pairwise((0.0, *targets_kpa)):
         pneumatics.command(target, ramp_kpa_per_s)

@@ -22,7 +22,7 @@ from boat_daq.viewmodels.figures import FigureRow, FigureText
 from boat_daq.viewmodels.notices import Level
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.gui.test_result_pages import result
-from tests.gui.test_runs_page import SAMPLE
+from tests.gui.test_runs_page import PATIENCE_MS, SAMPLE
 
 RAMPING = Progress("calibration", 4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20.0, 130.0)
 ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0, 600.0)
@@ -41,7 +41,7 @@ def running(live):
 def test_the_plots_do_not_move_when_a_plateau_asks(running, qtbot):
     """The question's line is there for the whole run: what comes next, then the question; the plots stay as high."""
     bar, plots = running.live.reading, running.live.plots
-    qtbot.waitUntil(bar.isVisible)
+    qtbot.waitUntil(bar.isVisible, timeout=PATIENCE_MS)
     QApplication.processEvents()
     before = plots.height()
     assert (bar.question.text(), bar.field.isReadOnly()) == ("Next: elongation at +20 kPa, unloading, cycle 1", True)
@@ -79,11 +79,11 @@ def test_escape_closes_the_dialog_in_front_and_vents(live, qtbot):
     """A hand on the keyboard gets out of the connect panel; the key vents all the same, and again without a dialog."""
     live.desk.ask_connect()
     live.connect_panel.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is live.connect_panel)
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live.connect_panel, timeout=PATIENCE_MS)
     live.vent()
     assert not live.connect_panel.isVisible()
     live.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is live)
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
     live.vent()
     assert live.isVisible()
     assert live.desk.session.asked.count("vent") == 2
@@ -94,7 +94,7 @@ def test_tab_goes_on_from_every_field_of_the_connect_panel(live, qtbot):
     panel = live.connect_panel
     live.desk.ask_connect()
     panel.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is panel)
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is panel, timeout=PATIENCE_MS)
     seen = set()
     for _ in range(16):
         seen.add(panel.focusWidget())
@@ -167,7 +167,7 @@ def test_the_pane_beside_the_plots_is_remembered(make, qtbot):
 def test_a_focused_button_is_pressed_by_space_and_enter(live, qtbot, key):
     """Space is a shortcut of the plots, and took itself from every button; without a button it holds the picture."""
     live.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is live)
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
     live.live.sequence.buttons["arm"].setFocus()
     QTest.keyClick(live.windowHandle(), key)
     assert live.desk.session.asked.count("arm") == 1
@@ -180,7 +180,7 @@ def test_a_focused_button_is_pressed_by_space_and_enter(live, qtbot, key):
 def test_a_button_that_goes_takes_no_other_with_it(live, qtbot):
     """Start is pressed and gone: the focus is nowhere, not on Pause, where the next Space would vent."""
     live.activateWindow()
-    qtbot.waitUntil(lambda: QApplication.activeWindow() is live)
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
     live.desk.session.change(state=SessionState.ARMED)
     live.refresh()
     live.live.sequence.buttons["start"].setFocus()
@@ -239,7 +239,7 @@ def test_nothing_beside_the_plots_scrolls_sideways(live, qtbot, index):
     live.resize(853, 533)
     live.live.pane.setCurrentIndex(index)
     live.refresh()
-    qtbot.waitUntil(lambda: live.rooms["Live"].horizontalScrollBar().maximum() == 0)
+    qtbot.waitUntil(lambda: live.rooms["Live"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
     bars = [bar for bar in live.live.pane.findChildren(QScrollBar) if bar.orientation() is Qt.Orientation.Horizontal]
     assert [bar.maximum() for bar in bars if bar.isVisible()] == []
 
@@ -255,9 +255,9 @@ def test_the_list_of_runs_keeps_to_the_window(live, qtbot):
         live.refresh()
         return live.pages["Runs"].list.rowCount() > 0
 
-    qtbot.waitUntil(listed)
+    qtbot.waitUntil(listed, timeout=PATIENCE_MS)
     live.pages["Runs"].list.selectRow(0)
-    qtbot.waitUntil(lambda: live.rooms["Runs"].horizontalScrollBar().maximum() == 0)
+    qtbot.waitUntil(lambda: live.rooms["Runs"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
     assert live.pages["Runs"].buttons["report"].isVisible()
 
 
@@ -276,7 +276,7 @@ def test_an_empty_page_never_scrolls(empty, qtbot, name):
     empty.resize(853, 533)
     empty.go(name)
     room = empty.rooms[name]
-    qtbot.waitUntil(lambda: room.verticalScrollBar().maximum() == 0)
+    qtbot.waitUntil(lambda: room.verticalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
     assert room.horizontalScrollBar().maximum() == 0
     assert empty.pages[name].stack.currentIndex() == 0
 
@@ -338,7 +338,7 @@ def test_a_recording_under_way_keeps_its_place_in_the_list(live, qtbot):
         os.utime(folder / written, ns=(2**62, 2**62))
         os.utime(folder / {"a.boat": "b.boat", "b.boat": "a.boat"}[written], ns=(1, 1))
         runs.look()
-        qtbot.waitUntil(lambda: (runs.poll(), runs._future is None)[1])
+        qtbot.waitUntil(lambda: (runs.poll(), runs._future is None)[1], timeout=PATIENCE_MS)
         return [run.path.name for run in runs.runs]
 
     assert listed("a.boat") == listed("b.boat") == ["a.boat", "b.boat"]
@@ -351,7 +351,7 @@ def test_chosen_runs_stay_chosen_when_the_list_is_read_again(live, qtbot):
         shutil.copy(SAMPLE, live.desk.recordings / f"{name}.boat")
     live.go("Runs")
     page, runs = live.pages["Runs"], live.desk.runs
-    qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 3)
+    qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 3, timeout=PATIENCE_MS)
     page._choose([0, 1])
     chosen = [run.path.name for run in page.selected()]
     assert chosen == ["c.boat", "b.boat"]
@@ -386,7 +386,7 @@ def test_escape_vents_over_a_modal_box(live, qtbot):
     """No box of ours is modal; over one of Qt's own the key still vents."""
     box = QMessageBox(live)
     box.open()
-    qtbot.waitUntil(lambda: QApplication.activeModalWidget() is box)
+    qtbot.waitUntil(lambda: QApplication.activeModalWidget() is box, timeout=PATIENCE_MS)
     live.window_keys.watch(box.windowHandle())
     QTest.keyClick(box.windowHandle(), Qt.Key.Key_Escape)
     assert "vent" in live.desk.session.asked

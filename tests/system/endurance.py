@@ -95,11 +95,12 @@ def marks(result: dict[str, Any]) -> list[tuple[str, bool | None, str]]:
     if later:
         growth += f", later {max(later):.1f} MB at most, {later[-1]:.1f} MB at the end, {max(later) / max(first):.3f}"
     worst, lost = max(result["frame_worst_ms"], result["refresh_worst_ms"]), result["lost"]
+    processor = f", {result['frame_cpu_worst_ms']:.1f} ms of its thread's processor time at most"
     counted = f"{result['samples']} of {result['expected']}, {lost} lost, {result['gaps']} gaps"
     exact = result["samples"] == result["expected"] and lost == 0 and result["gaps"] == 0
     return [
         ("memory within 5 % of its first hour", max(later) <= GROWTH * max(first) if later else None, growth),
-        ("no frame over 100 ms", worst <= WORST_FRAME_MS, f"worst {worst:.1f} ms of {result['frames']}"),
+        ("no frame over 100 ms", worst <= WORST_FRAME_MS, f"worst {worst:.1f} ms of {result['frames']}{processor}"),
         ("every sample recorded", exact, counted),
         ("the file is identical to its bytes", not result["difference"], result["difference"] or "identical"),
     ]

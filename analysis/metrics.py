@@ -332,6 +332,9 @@ def noise_and_snr(
         replicates = np.sqrt(totals[:, 0] / totals[:, 1])
         snr_replicates = 20.0 * np.log10(full_scale_value / replicates)
     noise_figure = _figure(noise, replicates, "mV", len(numbers), "rms about the plateau's mean or a local cubic")
+    # a few cycles may agree by chance: white noise of so many samples is known no better than this (chi-square)
+    least = 1.96 / np.sqrt(2.0 * dof.sum())
+    noise_figure = _at_least(noise_figure, noise * least)
     definition = "20 log10(FSO / noise rms)"
     if not np.isfinite(full_scale_value):
         return noise_figure, Figure.nothing("dB", "the full-scale output is not known", definition)
@@ -344,7 +347,16 @@ def noise_and_snr(
             float("-inf"), "dB", len(numbers), void="the full-scale output is zero", definition=definition
         )
     value = float(20.0 * np.log10(full_scale_value / noise))
-    return noise_figure, _figure(value, snr_replicates, "dB", len(numbers), definition)
+    snr = _figure(value, snr_replicates, "dB", len(numbers), definition)
+    return noise_figure, _at_least(snr, 20.0 * np.log10(1.0 + least))
+
+
+def _at_least(figure: Figure, reach: float) -> Figure:
+    """Widen an interval, where there is one, to `reach` on either side of the value."""
+    if not np.isfinite([figure.low, figure.high]).all():
+        return figure
+    low = min(figure.low, max(figure.value - reach, 0.0 if figure.unit in NEVER_NEGATIVE else -np.inf))
+    return replace(figure, low=float(low), high=float(max(figure.high, figure.value + reach)))
 
 
 def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:

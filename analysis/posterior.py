@@ -264,7 +264,7 @@ class _Target:
         by_reading = reading_sd * np.sqrt(np.mean(calibration.slope(positions.x) ** 2))
         by_scatter = np.sqrt(np.mean(positions.mean_variance))
         return cls(
-            calibration, np.linalg.cholesky(calibration.basis_covariance),
+            calibration, np.asarray(np.linalg.cholesky(calibration.basis_covariance), dtype=np.float64),
             basis.design(positions.edges.ravel()), positions.y, np.ones(positions.n),
             positions.mean_variance, reading_sd, float(by_scatter or by_reading) / calibration.residual_sd, constraint,
             basis.design(positions.x), basis.slope_design(positions.x),

@@ -98,7 +98,7 @@ class Positions:
         """
         fit = calibration.fit
         root = np.sqrt(np.bincount(self.of_point, fit.weights))
-        influence = np.linalg.pinv(fit.basis.design(self.x) * root[:, None]) * root
+        influence: FloatArray = np.asarray(np.linalg.pinv(fit.basis.design(self.x) * root[:, None]) * root, dtype=float)
         return influence, influence @ self.y - fit.basis_coefficients
 
 

@@ -172,7 +172,7 @@ def test_stated_errors_hold_the_truth_where_x_is_read_on_a_grid(grid: float, rea
         fit = fit.with_reading(grid / 12**0.5, np.tile(np.arange(18), 5))
         off = np.abs(fit.coefficients - coefficients)
         away.append([off / fit.std_errors_with_reading, off / fit.std_errors])
-    honest, plain = np.moveaxis(away, 1, 0)
+    honest, plain = np.moveaxis(np.asarray(away), 1, 0)
     assert (honest < 1.0).mean() > 0.6
     assert (honest < 2.0).mean() > 0.92
     assert reader > 0 or (plain < 2.0).mean() < 0.9

@@ -101,7 +101,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 def test_the_object_of_the_surface_is_complete_and_plain(tmp_path: Path) -> None:
     """Every key of the contract is there, and the whole is JSON without NaN."""
     stairs = Staircase(cycles=2)
-    analysis = analyse(stairs.recording(), elongation_file(stairs, tmp_path), seed=1)
+    options = Options(seed=1, x_resolution_mm=0.02)
+    analysis = analyse(stairs.recording(), elongation_file(stairs, tmp_path), options=options)
     content = json.loads(json.dumps(finite(analysis.to_json()), allow_nan=False))
     assert set(content) >= ANALYZE_KEYS
     for sensor in content["sensors"]:

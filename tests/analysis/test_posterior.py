@@ -214,7 +214,7 @@ def errors_in_variables(read: np.ndarray, y: np.ndarray, sd: float, *, steps: in
     now, kept = log_density(state), []
     for step in range(steps):
         move = 0.85 * rng.standard_normal(state.shape) @ root.T
-        far = rng.random(state.shape[0]) < 0.15  # now and then the noise alone takes a long step
+        far = np.asarray(rng.random(state.shape[0]) < 0.15)  # now and then the noise alone takes a long step
         move[far] = 0.0
         move[far, 4] = 2.0 * rng.standard_normal(int(far.sum()))
         density = log_density(state + move)

@@ -10,6 +10,7 @@ byte to be waiting, and one call a byte is too slow for any board.
 from __future__ import annotations
 
 import errno
+import os
 import re
 import select
 import socket
@@ -132,7 +133,7 @@ class SerialTransport:
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
-        _or_gone(self.description, lambda: self._port.write(data))
+        _or_gone(self.description, lambda: _write_all(self._port, data))
 
     def _receive(self) -> bytes:
         """Wait for a byte, then take what came with it: alone it would be a block, and cost as much as all the rest."""
@@ -145,6 +146,23 @@ class SerialTransport:
             self._port.close()
         except _PORT_ERRORS:
             return
+
+
+def _write_all(port: serial.Serial, data: bytes) -> None:
+    """Write until nothing is left, or the port takes nothing for `WRITE_WAIT_S`.
+
+    pyserial's own `write` on POSIX looks at its clock once more behind the last byte, and takes a stall of this program
+    there for a port that takes nothing.
+    """
+    if sys.platform == "win32":
+        port.write(data)
+        return
+    while data:
+        try:
+            data = data[os.write(port.fileno(), data) :]
+        except BlockingIOError:
+            if not select.select([], [port.fileno()], [], WRITE_WAIT_S)[1]:
+                raise serial.SerialTimeoutException("Write timeout") from None
 
 
 class SocketTransport:

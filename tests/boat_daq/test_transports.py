@@ -20,6 +20,7 @@ from pathlib import Path
 import pytest
 import serial
 
+from boat_daq.engine import transports
 from boat_daq.engine.replay import ReplayEnded
 from boat_daq.engine.transports import SerialTransport, list_ports, open_error, open_transport
 from boat_daq.errors import DeviceError
@@ -150,11 +151,27 @@ def test_every_type_that_pyserial_raises_becomes_one(terminal, monkeypatch, erro
         raise error
 
     monkeypatch.setattr(port._port, "read", fail)
-    monkeypatch.setattr(port._port, "write", fail)
+    monkeypatch.setattr(transports, "_write_all", fail)
     with pytest.raises(DeviceError, match="is gone"):
         port.read()
     with pytest.raises(DeviceError, match="is gone"):
         port.write(b"x")
+    port.close()
+
+
+def test_a_stall_behind_a_frame_is_no_port_that_takes_nothing(terminal, monkeypatch):
+    """This program stands still for longer than a write may take, just after its bytes have left: they have left."""
+    master, name = terminal
+    port, plain = open_transport(name), os.write
+
+    def stalled(fd, data):
+        written = plain(fd, data)
+        time.sleep(0.3)
+        return written
+
+    monkeypatch.setattr(os, "write", stalled)
+    port.write(b"command")
+    assert master.read(7) == b"command"
     port.close()
 
 

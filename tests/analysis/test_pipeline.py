@@ -284,7 +284,7 @@ def test_the_reading_error_is_in_the_intervals_of_the_curve(tmp_path: Path) -> N
         figures = [metrics.sensitivities(fit, one)["sensitivity_mv_per_mm"] for one in both]
         low, high = fit.x_range
         inside.append([f.low <= (truth(high) - truth(low)) / (high - low) <= f.high for f in figures])
-    without, with_reading = np.sum(inside, axis=0)
+    without, with_reading = np.sum(np.asarray(inside), axis=0)
     assert with_reading >= 36
     assert without <= 8
 
@@ -340,3 +340,19 @@ def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
     found = analyse(path, options=QUICK)
     assert found.to_json()["crc_errors"] == 5
     assert next(f["text"] for f in found.flags if f["code"] == "crc_errors").startswith("5 frames")
+
+
+def test_a_constant_signal_is_flagged_by_its_own_name(tmp_path: Path) -> None:
+    """One value in all samples of one sensor: said with the value and the count, and of that sensor alone."""
+    stairs = Staircase(cycles=1)
+    run = stairs.recording()
+    signal = run.signal_mv.copy()
+    signal[:, 1] = 1650.0
+    constant = Recording.from_arrays(run.time_s, run.pressure_kpa, signal)
+    found = analyse(constant, elongation_file(stairs, tmp_path), options=QUICK)
+    said = [flag["text"] for flag in found.flags if flag["code"] == "constant_signal"]
+    assert len(said) == 1
+    assert f"the signal is constant, 1650 mV in all {run.n} samples" in said[0]
+    assert said[0].startswith(found.sensors[1].name)
+    assert np.isfinite(found.sensors[0].figures["snr_db"].value)
+    assert not np.isfinite(found.sensors[1].figures["snr_db"].value)

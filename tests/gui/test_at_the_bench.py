@@ -215,6 +215,7 @@ def test_each_run_has_a_recording_of_its_own(live):
     assert session.asked[-2:] == ["stop_recording", "arm"]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("width", [853, 1280])
 def test_no_table_of_figures_scrolls_sideways(whole, width):
     """At 150 % on 1280 x 800 the figures stood in a column of which only the names were to be seen."""
@@ -233,6 +234,7 @@ def test_no_table_of_figures_scrolls_sideways(whole, width):
         assert whole.rooms[name].horizontalScrollBar().maximum() == 0
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("index", range(3))
 def test_nothing_beside_the_plots_scrolls_sideways(live, qtbot, index):
     """Fields, units and words of the pane are whole at 150 % on 1280 x 800."""
@@ -270,6 +272,7 @@ def test_a_method_that_is_not_measured_says_what_will_be_there(whole):
     assert chart.heading.geometry().bottom() < chart.height() / 4
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["Calibrate", "Repeat", "Runs"])
 def test_an_empty_page_never_scrolls(empty, qtbot, name):
     """An empty Calibrate page used to ask for the height of the filled one behind it."""

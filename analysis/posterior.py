@@ -196,7 +196,9 @@ def sample_posterior(
         if progress is not None:
             progress(steps, max_steps)
         burn = steps // 5
-        tau = float(np.max(sampler.get_autocorr_time(discard=burn, tol=0)))
+        with np.errstate(invalid="ignore"):  # a walker that has not moved yet has no autocorrelation
+            tau = float(np.max(sampler.get_autocorr_time(discard=burn, tol=0)))
+        tau = tau if np.isfinite(tau) else float("inf")
         if steps - burn >= 1.2 * REQUIRED_TAUS * tau and (steps - burn) * walkers / tau >= ENOUGH_SAMPLES:
             break
     return _summary(target, sampler, burn, tau)

@@ -2,8 +2,8 @@
 
 Run as `python tests/tradeoff/make_posterior_reference.py`; some minutes. Nothing is shared with the sampler: the
 draws are quasi-random from Student's t, weighted, the coefficients are those of plain powers of x, and each point's
-error, anywhere in the grid's cell, is integrated in twelve parts of the cell. The prior is the program's: flat in the coefficients, 1 / (sigma + t) with t = reading sd times the rms
-slope of the least-squares cubic.
+error, anywhere in the grid's cell, is integrated in twelve parts of the cell. The prior is the program's: flat in the
+coefficients, 1 / (sigma + t) with t = reading sd times the rms slope of the least-squares cubic.
 """
 
 from __future__ import annotations

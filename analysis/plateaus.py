@@ -30,6 +30,7 @@ MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
 MIN_SAMPLES = 5
 NEAR_TARGET_KPA = 3.0  # a hold farther from a step's target is not that step's
 WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
+NEAR_SHARE, MIN_NEAR = 0.05, 0.6  # of the span; share of a hold's rows that are so near its level
 MIN_COVERED = 0.15  # share of the run that a staircase stands still
 MIN_PASSED = 0.3  # share of its holds that lie between a lower and a higher one
 MIN_TOLD = 0.6  # of the holds found must be told from pieces of a ramp
@@ -88,11 +89,7 @@ def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSetting
     settings = settings or PlateauSettings()
     if recording.n < 20 or cycles.span_kpa <= 2 * settings.tolerance_kpa:
         return ()
-    found = _best_holds(recording, cycles, settings)
-    speed = _usual_speed(cycles, recording.n)
-    holds = [hold for hold in found if _told_from_a_ramp(hold, speed, cycles.noise_kpa)]
-    if len(holds) < MIN_TOLD * len(found):
-        return ()
+    holds = _best_holds(recording, cycles, settings)
     if sum(last - first + 1 for first, last in holds) < MIN_COVERED * recording.n:
         return ()
     holds = [part for hold in holds for part in _split_at_breaks(hold, recording)]
@@ -128,16 +125,28 @@ def _best_holds(recording: Recording, cycles: Cycles, settings: PlateauSettings)
     good = recording.pressure_usable
     pressure = recording.pressure_kpa if good.all() else np.interp(rows, rows[good], recording.pressure_kpa[good])
     sums = np.concatenate([[0.0], np.cumsum(pressure - pressure.mean())])
+    speed = _usual_speed(cycles, recording.n)
     found = []
     for seconds in WINDOWS_S:
         window = max(3, round(seconds / recording.interval_s))
         if 4 * window > recording.n:
             break
-        found.append(_holds(sums, window, cycles.noise_kpa, settings.tolerance_kpa, recording.interval_s))
+        holds = _holds(sums, window, cycles.noise_kpa, settings.tolerance_kpa, recording.interval_s)
+        holds = [hold for hold in holds if _stands(hold, cycles, settings.tolerance_kpa)]
+        told = [hold for hold in holds if _told_from_a_ramp(hold, speed, cycles.noise_kpa)]
+        # under noise a window too short finds pieces of ramps: it has no say
+        found.append(told if len(told) >= MIN_TOLD * len(holds) else [])
     covered = [sum(last - first + 1 for first, last in holds) for holds in found]
     # a short window takes pieces of slow ramps into its holds, a long one cuts holds off: the count decides
     enough = [holds for holds, length in zip(found, covered, strict=True) if length >= 0.6 * max(covered)]
     return max(enough, key=len, default=[])
+
+
+def _stands(hold: tuple[int, int], cycles: Cycles, tolerance: float) -> bool:
+    """True where the pressure itself is near its median: the means of a window as long as a cycle stand still too."""
+    inside = cycles.smooth_kpa[hold[0] : hold[1] + 1]
+    near = np.abs(inside - np.median(inside)) <= max(tolerance, NEAR_SHARE * cycles.span_kpa)
+    return bool(near.mean() >= MIN_NEAR)
 
 
 def _usual_speed(cycles: Cycles, n: int) -> float:

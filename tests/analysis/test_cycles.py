@@ -120,6 +120,31 @@ def test_the_turns_of_a_growing_wave_are_no_plateaus() -> None:
     assert find_plateaus(recording, find_cycles(recording)) == ()
 
 
+@pytest.mark.parametrize("period_s", [5.6, 6.0, 6.1, 6.5])
+def test_a_window_as_long_as_a_cycle_makes_no_staircase(period_s: float) -> None:
+    """The mean over a whole cycle stands still, the pressure does not: here cycles of about 6 s, ramps +- 50 ms."""
+    rng = np.random.default_rng(1)
+    times, levels = [0.0, 5.0, 6.2], [0.0, 0.0, 50.0]
+    for level in (-40.0, 50.0) * 30:
+        hold, ramp = 0.3 + rng.uniform(-0.05, 0.05), period_s / 2 - 0.3 + rng.uniform(-0.05, 0.05)
+        times += [times[-1] + hold, times[-1] + hold + ramp]
+        levels += [levels[-1], level]
+    time = np.arange(0.0, times[-1], 0.01)
+    recording = continuous(np.interp(time, times, levels), noise_kpa=0.04)
+    cycles = find_cycles(recording)
+    assert len(cycles.used) == 30
+    assert find_plateaus(recording, cycles) == ()
+
+
+def test_a_staircase_under_noise_is_not_lost_to_a_window_too_short() -> None:
+    """One cycle at 200 Hz with 1 kPa of noise and slow ramps: pieces of the ramps do not outvote the 19 holds."""
+    plant = Plant(rate_hz=200.0, pressure_noise_kpa=1.0, seed=3)
+    recording = Staircase(plant=plant, cycles=1, dwell_s=6.0, ramp_kpa_per_s=5.0).recording()
+    holds = [p for p in find_plateaus(recording, find_cycles(recording)) if p.branch]
+    levels = [50, 40, 30, 20, 10, 0, -10, -20, -30, -40, -30, -20, -10, 0, 10, 20, 30, 40, 50]
+    np.testing.assert_allclose([p.pressure_kpa for p in holds], levels, atol=0.3)
+
+
 @pytest.mark.fault(22, how="a third of a hold's samples saturated", times=1)
 def test_a_damaged_plateau_is_void_with_its_share() -> None:
     """A third of a hold's samples saturated: void, with the share; its neighbours are not."""

@@ -77,7 +77,7 @@ class Inverse:
             by default.
         model_sd : sd of what the curve leaves out and the sensors share (hysteresis, repeatability, drift), mV.
         reading_sd : sd of the readings of x, mm, of a calibration that does not know its positions
-            (`Calibration.with_reading`): then the readings of one x are one position.
+            (`Calibration.with_reading`).
 
         Raises
         ------

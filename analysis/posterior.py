@@ -166,7 +166,8 @@ def sample_posterior(
     x, y : [n].
     degree : 0 to 10.
     reading_sd : sd of the reading error in x: the grid / sqrt(12) for a reading to the nearest mark.
-    positions : [n] labels; readings of one position share what the grid rounds alike. None: points of one x do.
+    positions : [n] labels; readings of one position share what the grid rounds alike. None: each its own, unless the
+        signals refute it (`analysis.reading`).
     standard_uncertainty : [n] of y where the noise is unequal; only the ratios matter, their scale is sampled.
     monotone : leave out curves that turn inside the range.
     seed : same seed, same draws.
@@ -267,7 +268,7 @@ class _Target:
         by_scatter = np.sqrt(np.mean(positions.mean_variance))
         return cls(
             calibration, np.asarray(np.linalg.cholesky(calibration.basis_covariance), dtype=np.float64),
-            basis.design(positions.edges.ravel()), positions.y, np.ones(positions.n),
+            basis.design(positions.edges.ravel()), positions.y, positions.relative_variance,
             positions.mean_variance, reading_sd, float(by_scatter or by_reading) / calibration.residual_sd, constraint,
             basis.design(positions.x), basis.slope_design(positions.x),
         )  # fmt: skip

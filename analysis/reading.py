@@ -11,8 +11,9 @@ u_c^2 the rounding error's part that is common to a position (Fourier series of 
 I. Kollar, Quantization Noise, 2008, 4); it is solved for s. Where the actuator itself moves from cycle to cycle the
 signal moves with the reading: what the signal tells of that is taken off each reading first.
 
-Rules: nothing here knows of sensors or cycles; positions are labels. Without labels readings of one value are taken
-for one position, which is never too narrow.
+Rules: nothing here knows of sensors or cycles; positions are labels. Without labels each reading is a position of its
+own, unless the signals refute it: those of readings of one value whose errors were independent would spread evenly
+over the slope times d. Where they lie closer, or in groups, readings of one value are one position.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize, special
+from scipy import optimize, special, stats
 
 from analysis.errors import DataError
 
@@ -36,6 +37,8 @@ SHARPEST_READER = 0.005  # of the grid: what a reader tells apart at the middle 
 FINE, TAIL = 400, 2e-3  # points that L_p is computed on, and what is cut off at either end of it
 MOST_CELLS, FEWEST_CELLS, ALL_CELLS = 12, 4, 800
 SIGNIFICANT = 2.0  # standard errors: less movement of the actuator is not told from none
+REFUTED = 0.01  # chance of such signals at which readings of one value are not believed to err independently
+CLOSE = 0.1  # of even spacing, and the chance of a smaller gap
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +53,9 @@ class Positions:
     edges, shares : [positions, cells + 1] ends of equal cells of x, and the share of L_p in each, [positions, cells].
     x_variance : [positions] of L_p.
     mean_variance : [positions] of y by the scatter within positions; zeros where no position was read twice.
+    relative_variance : [positions] of what misses the curve besides: ones, or that of a reading that stands alone.
     noise_sd : scatter of the signal within positions, for a point of weight 1; 0 where it is not known.
-    misfit_sd : moment estimate of what the positions' means scatter about the curve beyond all that.
+    misfit_sd : moment estimate of what the positions' means scatter beyond all that, for a relative variance of 1.
     reader_sd : s. grid : d, sqrt(12) times the reading sd.
     """
 
@@ -63,6 +67,7 @@ class Positions:
     shares: FloatArray
     x_variance: FloatArray
     mean_variance: FloatArray
+    relative_variance: FloatArray
     noise_sd: float
     misfit_sd: float
     reader_sd: float
@@ -80,7 +85,8 @@ class Positions:
         misfit together. Readings that scatter about their position flatten a curve through each of them (attenuation):
         its distance from the curve through the means is an uncertainty of its own.
         """
-        variance = calibration.slope(self.x) ** 2 * self.x_variance + self.mean_variance + self.misfit_sd**2
+        variance = calibration.slope(self.x) ** 2 * self.x_variance + self.mean_variance
+        variance = variance + self.misfit_sd**2 * self.relative_variance
         influence, flattened = self._influence(calibration)
         return np.asarray((influence * variance) @ influence.T + np.outer(flattened, flattened), dtype=np.float64)
 
@@ -108,14 +114,18 @@ def gather(calibration: Calibration, reading_sd: float, labels: npt.ArrayLike | 
     Parameters
     ----------
     reading_sd : of one reading to the nearest mark: the grid / sqrt(12).
-    labels : [n] anything that names the position of each point; None: points of one x are one position.
+    labels : [n] anything that names the position of each point; None: each is its own, unless equal readings share
+        their error (`share_their_error`).
 
     Raises
     ------
     DataError : there is not one label for each point.
     """
     x, y, weights = calibration.x, calibration.y, calibration.fit.weights
-    named = np.round(x, 9) if labels is None else np.asarray(labels)
+    if labels is not None:
+        named = np.asarray(labels)
+    else:
+        named = np.round(x, 9) if share_their_error(calibration, reading_sd) else np.arange(x.size)
     if named.shape[:1] != x.shape:
         raise DataError(f"{named.shape[0]} positions for {x.size} points", "Give one for each point.")
     _, of_point = np.unique(named, axis=0, return_inverse=True)
@@ -137,14 +147,44 @@ def gather(calibration: Calibration, reading_sd: float, labels: npt.ArrayLike | 
     cells = int(np.clip(ALL_CELLS // count.size, FEWEST_CELLS, MOST_CELLS))
     edges, shares, variance = _likelihoods(x - moved, mean_x, of_point, count, grid, reader, cells)
     mean_variance = noise_variance / mass
+    relative = np.ones(count.size) if noise_variance > 0 else 1.0 / mass  # once each: what misses the curve is noise
     residual = mean_y - calibration.predict(mean_x)
     free = count.size - calibration.degree - 1
-    known = float(np.mean(calibration.slope(mean_x) ** 2 * variance + mean_variance))
-    misfit = max(float(residual @ residual) / free - known, 0.0) if free > 0 else 0.0
+    known = calibration.slope(mean_x) ** 2 * variance + mean_variance
+    misfit = (
+        max(float((residual**2 / relative).sum()) / free - float(np.mean(known / relative)), 0.0) if free > 0 else 0
+    )
     return Positions(
-        of_point, count, mean_x, mean_y, edges, shares, variance, mean_variance, float(np.sqrt(noise_variance)),
-        float(np.sqrt(misfit)), reader, grid,
+        of_point, count, mean_x, mean_y, edges, shares, variance, mean_variance, relative,
+        float(np.sqrt(noise_variance)), float(np.sqrt(misfit)), reader, grid,
     )  # fmt: skip
+
+
+def share_their_error(calibration: Calibration, reading_sd: float) -> bool:
+    """Return whether readings of one x cannot have independent errors: their signals lie too close together.
+
+    Independent errors spread the signals of one x over f' d. Two tests at 1 %: the pooled variance within equal x
+    against (f' s_x)^2, chi-square; and how many neighbours are closer than a tenth of even spacing, binomial, which
+    finds the groups that several positions of one x make.
+    """
+    x, weights = calibration.x, calibration.fit.weights
+    values, of_x, many = np.unique(np.round(x, 9), return_inverse=True, return_counts=True)
+    dof = x.size - values.size
+    if dof == 0:
+        return False
+    steep = np.abs(calibration.slope(values)) * reading_sd
+    mean_y = np.bincount(of_x, weights * calibration.y) / np.bincount(of_x, weights)
+    within = calibration.y - mean_y[of_x]
+    least = float((many - 1) @ steep**2) / dof
+    order = np.lexsort((calibration.y, of_x))
+    neighbours = np.diff(of_x[order]) == 0
+    gaps = np.diff(calibration.y[order])[neighbours]
+    even = (steep * np.sqrt(12.0) / (many + 1))[of_x[order][1:]][neighbours]
+    close = int((gaps < CLOSE * even).sum())
+    return bool(
+        float(within @ within) < least * stats.chi2.ppf(REFUTED, dof)
+        or close > stats.binom.ppf(1 - REFUTED, dof, CLOSE)
+    )
 
 
 def _movement(

@@ -31,7 +31,9 @@ def fit(
     ] = 0.0,
     position: Annotated[
         str | None,
-        typer.Option(metavar="COL", help="Column naming the position read; without it, readings of one x share one."),
+        typer.Option(
+            metavar="COL", help="Column naming the position read: its readings share what the grid rounds alike."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the posterior.")] = 0,
     level: FidelityOption = "normal",
@@ -72,12 +74,15 @@ def fit(
     if x_resolution > 0:
         from analysis.fidelity import fidelity
         from analysis.posterior import sample_posterior
+        from analysis.reading import share_their_error
 
         posterior = sample_posterior(
             kept[0], kept[1], degree, reading_sd=reading_sd, positions=labels, standard_uncertainty=uncertainty,
             seed=seed, max_steps=fidelity(level).posterior_steps,
         )  # fmt: skip
         content["posterior"] = posterior.as_json()
+        if labels is None and share_their_error(calibration, reading_sd):
+            say("signals at equal x scatter less than independent reading errors would: their error is taken for one")
         if not posterior.converged:
             say(f"the posterior is not converged: {posterior.steps} steps, autocorrelation time {posterior.tau:.0f}")
     if bands:

@@ -7,6 +7,7 @@ import pytest
 from scipy import special, stats
 
 from analysis import AnalysisError, fit_calibration, sample_posterior
+from analysis.reading import share_their_error
 from tests.analysis.boat_builder import PAPER
 
 X = np.tile(np.linspace(-2.7, 3.8, 10), 9)
@@ -85,8 +86,8 @@ def test_readings_rounded_alike_in_every_cycle_share_their_error() -> None:
     assert off[1] > 4.0
 
 
-def test_positions_unnamed_are_never_too_narrow() -> None:
-    """Without labels readings of one value are one position: the band is as wide as with them, or wider."""
+def test_unnamed_positions_that_round_alike_are_not_too_narrow() -> None:
+    """Without labels: signals in groups tell that readings share their error; the band is as wide as with labels."""
     true = np.tile(np.linspace(-2.7, 3.8, 10), 5)
     y = TRUTH(true) + 0.3 * np.random.default_rng(4).standard_normal(true.size)
     unnamed, named = (
@@ -95,6 +96,35 @@ def test_positions_unnamed_are_never_too_narrow() -> None:
     )
     at = np.linspace(-2.5, 3.6, 13)
     assert (unnamed.curves(at).std(axis=0) > 0.9 * named.curves(at).std(axis=0)).all()
+
+
+@pytest.mark.parametrize(("noise_mv", "cycles", "shared"), [(0.3, 5, True), (0.3, 1, False), (30.0, 5, False)])
+def test_the_signals_say_whether_readings_share_their_error(noise_mv: float, cycles: int, shared: bool) -> None:
+    """The same ten positions again and again, or fifty of them once each, on one grid: told apart in 20 of 20 runs.
+
+    It fails where the noise is as large as the grid times the slope: independence is then not refuted.
+    """
+    told = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        true = np.tile(rng.uniform(-2.7, 3.8, 50 // cycles), cycles)
+        y = TRUTH(true) + noise_mv * rng.standard_normal(true.size)
+        told.append(share_their_error(fit_calibration(np.round(true), y), GRID_SD))
+    assert told.count(shared) == 20
+
+
+def test_unequal_noise_counts_beside_the_reading_too() -> None:
+    """A point said to be fifty times noisier hardly moves the mean, with a fine grid as without one."""
+    x = np.linspace(-2.7, 3.8, 24)
+    y = TRUTH(x) + np.random.default_rng(2).standard_normal(24)
+    y[20] += 60.0
+    u = np.ones(24)
+    u[20] = 50.0
+    fine, none = (
+        sample_posterior(x, y, reading_sd=sd, standard_uncertainty=u, seed=0, max_steps=400) for sd in (1e-3, 0.0)
+    )
+    assert np.abs(fine.mean - none.mean).max() / none.sd.max() < 0.2
+    np.testing.assert_allclose(fine.sd, none.sd, rtol=0.12)
 
 
 def test_unequal_noise_weighs_the_points() -> None:

@@ -165,9 +165,9 @@ class Connection:
         """Return bytes that feed a fast virtual board's watchdog at once; see `Link`."""
         return self._exchange.feed(command, now_ns)
 
-    def poll(self, now_ns: int) -> tuple[list[LinkEvent], bytes]:
+    def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
         """Return the commands that were lost, and the bytes of those to repeat or whose turn has come."""
-        return self._exchange.poll(now_ns)
+        return self._exchange.poll(now_ns, heard_ns)
 
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
         """Return what the bytes tell, in their order; samples carry `now_ns` as their `host_ns`.

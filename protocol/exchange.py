@@ -13,6 +13,8 @@ it is lost. Rules of this file:
   SET_PRESSURE by VENT, START and STOP by each other. It is not sent again, so the newer one need not wait; its answer
   is still reported, its silence only if the board has answered nothing at all since it was sent.
 - After a restart of the board nothing from before goes out but VENT and IDENTIFY.
+- A stall of this program is not the board's silence: nothing is given up before all that had come by its deadline was
+  read, nor by a caller that comes late, behind whose backlog the answer may stand.
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ from protocol.messages import (
 )
 
 RETRY_NS = 250_000_000
+LATE_NS = 100_000_000  # twice as long as a read waits: a caller so late was stalled itself
 ATTEMPTS = 3
 _SUPERSEDES: dict[type[Command], type[Command]] = {Vent: SetPressure, Start: Stop, Stop: Start}
 _ONCE_ONLY = (Start, ClearFault)  # done twice, a stream begins anew, or a fault of the meantime is forgotten
@@ -50,6 +53,7 @@ class _Pending:
     attempts: int = 1
     superseded: bool = False
     overtaken: bool = False  # by a VENT, and not to be done twice
+    stalls: int = 0  # deadlines that this program itself came late to
 
     @property
     def live(self) -> bool:
@@ -186,19 +190,27 @@ class Exchange:
         """Forget what waits for its turn and is none of these."""
         self._queue = [command for command in self._queue if isinstance(command, kinds)]
 
-    def poll(self, now_ns: int) -> tuple[list[LinkEvent], bytes]:
-        """Return what is lost at `now_ns`, and the frames to send: repeats, and a command whose turn has come."""
+    def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
+        """Return what is lost, and the frames to send: repeats, and a command whose turn has come; see `Link`."""
         events: list[LinkEvent] = []
         frames = b""
+        heard_ns = now_ns if heard_ns is None else heard_ns
         for pending in self._due_in_turn():
             if now_ns < pending.deadline_ns:
                 continue
             if pending.attempts < ATTEMPTS and pending.live:
                 frames += self._repeat(pending, now_ns)
                 continue
-            del self._pending[COMMAND_TYPES[type(pending.command)], pending.seq]
+            if heard_ns < pending.deadline_ns:
+                continue
             heard_since = self._last_answer_ns is not None and self._last_answer_ns >= pending.first_ns
-            if not (pending.superseded and heard_since):
+            missed = not (pending.superseded and heard_since)
+            if missed and heard_ns - pending.deadline_ns > LATE_NS and pending.stalls < ATTEMPTS:
+                pending.stalls += 1
+                pending.deadline_ns = now_ns + RETRY_NS
+                continue
+            del self._pending[COMMAND_TYPES[type(pending.command)], pending.seq]
+            if missed:
                 events.append(CommandLost(pending.command, pending.seq))
         if self._queue and self._in_flight is None:
             frames += self._put(self._queue.pop(0), now_ns)

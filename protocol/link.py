@@ -153,5 +153,8 @@ class Link(Protocol):
         For a virtual board that runs faster than its host: in 250 ms of ours, its watchdog's time may be over.
         """
 
-    def poll(self, now_ns: int) -> tuple[list[LinkEvent], bytes]:
-        """Return the commands that were lost, and the bytes of those to repeat or whose turn has come."""
+    def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
+        """Return the commands that were lost, and the bytes of those to repeat or whose turn has come.
+
+        What had come by `heard_ns` (`now_ns`, where left out) has been received: nothing is lost that was due later.
+        """

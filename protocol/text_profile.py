@@ -148,7 +148,7 @@ class TextConnection:
         """Return the text that feeds the watchdog, where the firmware has one: nothing here waits for an answer."""
         return self.send(command, now_ns)
 
-    def poll(self, now_ns: int) -> tuple[list[LinkEvent], bytes]:
+    def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
         """Return the answers that wait, and the IDENTIFYs that nothing good came after; never bytes."""
         answers, self._answers = self._answers, []
         late = [entry for entry in self._identifying if now_ns >= entry[2]]

@@ -148,6 +148,7 @@ class Acquisition:
 
     def _turn(self) -> None:
         """One read, and what is due besides."""
+        heard_ns = self._clock_ns()
         data = self.transport.read()
         now_ns = self._clock_ns()
         self._tell_sent()
@@ -159,18 +160,18 @@ class Acquisition:
         elif not self._silent and now_ns - self._last_byte_ns > self._silence_ns:
             self._silent = True
             self._tell(PortSilent((now_ns - self._last_byte_ns) * 1e-9))
-        self._poll(now_ns)
+        self._poll(heard_ns)
         if self._failed:
             failed, self._failed = self._failed, []
             self._tell(*failed)
 
-    def _poll(self, now_ns: int) -> None:
-        """Repeat commands that had no answer, and tell those that are lost."""
+    def _poll(self, heard_ns: int) -> None:
+        """Repeat commands that had no answer, and tell those that had none in all that was there at `heard_ns`."""
         with self._lock:
-            deadline = self._link.next_deadline_ns
+            now_ns, deadline = self._clock_ns(), self._link.next_deadline_ns
             if deadline is None or now_ns < deadline:
                 return
-            events, again = self._link.poll(now_ns)
+            events, again = self._link.poll(now_ns, heard_ns)
             self._write(again, now_ns)
         if events:
             self._tell(*events)

@@ -125,6 +125,45 @@ def test_a_command_without_an_answer_goes_out_three_times_and_is_lost():
     assert sent == transport.written
 
 
+def test_an_answer_that_waits_in_the_port_through_a_stall_is_read_before_the_command_is_given_up():
+    """The board answers the last repeat at once; this program sleeps over it for two seconds, behind 100 reads."""
+
+    class Clock:
+        now_ns = 0
+
+        def __call__(self) -> int:
+            return self.now_ns
+
+    clock = Clock()
+
+    class Stalled(BoardTransport):
+        written, backlog = 0, 0
+
+        def read(self) -> bytes:
+            if self.written < 3:
+                clock.now_ns += 50_000_000
+                return b""
+            if self.backlog == 0:
+                clock.now_ns += 2_000_000_000
+            self.backlog += 1
+            clock.now_ns += 1_000_000
+            return super().read() if self.backlog > 100 else b"\0"
+
+        def write(self, data: bytes) -> None:
+            self.written += 1
+            if self.written == 3:
+                super().write(data)
+
+    transport = Stalled(VirtualBoard())
+    seen, acquisition = Seen(), Acquisition(transport, Connection(in_turn=True), clock_ns=clock)
+    acquisition.add_sink(seen)
+    acquisition.send(Heartbeat(5000))
+    acquisition.start()
+    assert seen.wait(CommandDone)
+    acquisition.stop()
+    assert not seen.events(CommandLost)
+
+
 def test_commands_from_many_threads_are_all_sent_and_told_in_the_order_sent():
     """`send` is thread-safe; what the sinks hear as sent is what the port got."""
     transport = BoardTransport(VirtualBoard())

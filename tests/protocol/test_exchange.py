@@ -79,6 +79,46 @@ def test_a_host_that_slept_repeats_before_it_despairs(desk: Desk) -> None:
     assert desk.answer(MessageType.VENT, seq, 5200) == [CommandDone(Vent(), seq, AckStatus.DONE)]
 
 
+@pytest.mark.parametrize("in_turn", [False, True])
+def test_a_stall_of_this_program_is_not_the_boards_silence(*, in_turn: bool) -> None:
+    """Late to the last deadline by more than 100 ms: the answer, which may wait in the port, gets a window more."""
+    desk = Desk(in_turn=in_turn)
+    seq = desk.send(Heartbeat(5000), 0)
+    desk.poll(250)
+    desk.poll(500)
+    assert desk.poll(1500) == ([], [])
+    assert desk.poll(1749) == ([], [])
+    answered = CommandDone(Heartbeat(5000), seq, AckStatus.DONE)
+    assert desk.answer(MessageType.HEARTBEAT, seq, 1749) == [answered]
+    assert desk.poll(10_000) == ([], [])
+
+
+@pytest.mark.parametrize(("late_ms", "lost"), [(100, True), (101, False)])
+def test_both_sides_of_late(desk: Desk, late_ms: int, *, lost: bool) -> None:
+    """A read waits 50 ms; a turn of twice that is a stall."""
+    desk.send(Heartbeat(5000), 0)
+    desk.poll(250)
+    desk.poll(500)
+    assert bool(desk.poll(750 + late_ms)[0]) is lost
+    assert bool(desk.poll(1000 + late_ms)[0]) is not lost
+
+
+def test_a_program_that_stalls_for_ever_still_despairs(desk: Desk) -> None:
+    """Three windows more, and no fourth."""
+    seq = desk.send(Heartbeat(5000), 0)
+    events = [desk.poll(at_ms)[0] for at_ms in range(1000, 9000, 1000)]
+    assert events == [[], [], [], [], [], [CommandLost(Heartbeat(5000), seq)], [], []]
+
+
+def test_nothing_is_given_up_before_what_has_come_by_its_deadline_is_read(desk: Desk) -> None:
+    """The read began at 749 ms and was stalled behind it: bytes of 750 ms may wait in the port."""
+    seq = desk.send(Heartbeat(5000), 0)
+    desk.poll(250)
+    desk.poll(500)
+    assert desk.link.poll(800 * MS, 749 * MS) == ([], b"")
+    assert desk.link.poll(801 * MS, 750 * MS) == ([CommandLost(Heartbeat(5000), seq)], b"")
+
+
 @pytest.mark.parametrize("status", [*AckStatus, 99])
 def test_every_answer_ends_the_waiting_and_carries_its_status(desk: Desk, status: int) -> None:
     """Refused is not done: the status is handed on, one nobody knows too."""

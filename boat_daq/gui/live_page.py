@@ -284,6 +284,7 @@ class LivePage(QWidget):
         self._show_spans(self.desk.live.statistics())
         self.sequence.refresh(snapshot)
         self.reading.refresh(snapshot)
+        self.photograph.refresh()
         self.pane_refresh(snapshot)
 
     def pane_refresh(self, snapshot: SessionSnapshot) -> None:

@@ -36,6 +36,7 @@ class SceneCard(PlotCard):
     def show_state(self, model: OpticsModel) -> None:
         """Draw the state that the slider is on."""
         scene = model.scene()
+        self.say_empty("" if scene is not None else "The design and its rays come here once it is traced.")
         self.readout.setText(model.state_text())
         if scene is None:
             return
@@ -64,6 +65,9 @@ class ResponseCard(PlotCard):
     def show_result(self, model: OpticsModel) -> None:
         """Draw a design's response."""
         r = model.result
+        self.say_empty(
+            "" if r is not None else "The detected rays over the states come here once the design is traced."
+        )
         self.readout.setText(model.design_text())
         if r is None:
             return
@@ -246,6 +250,7 @@ class ParetoCard(PlotCard):
     def show_sweep(self) -> None:
         """Draw the sweep."""
         s = self.model.sweep
+        self.say_empty("" if s is not None else "Each design comes here as a point. Sweep all designs brings them.")
         if s is None:
             self.numbers.set([])
             for layer in (self.all, self.front, self.paper):

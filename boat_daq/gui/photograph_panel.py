@@ -26,6 +26,7 @@ from boat_daq.viewmodels.formatting import NOTHING, number, plain_number
 from boat_daq.viewmodels.photograph import Photograph
 
 PICTURES = "png jpg jpeg bmp tif tiff"
+NOBODY_WAITS = "Read. No plateau waits for a reading now: it can be taken when one does, or typed."
 MARKS = ("scale 1", "scale 2", "rest", "tip")
 
 
@@ -150,11 +151,17 @@ class PhotographPanel(QDialog):
         widgets.set_state(self.distance, "", "wrong")
         self._refresh()
 
+    def refresh(self) -> None:
+        """Follow the run: a plateau may begin or cease to wait while the picture is looked at."""
+        if self.isVisible() and not self.view.picture.pixmap().isNull():
+            self._refresh()
+
     def _refresh(self) -> None:
         x = self.state.elongation_mm
-        self.instruction.setText(self.state.instruction)
+        waits = self.desk.snapshot.waiting_for_reading is not None
+        widgets.set_text(self.instruction, self.state.instruction if waits or x is None else NOBODY_WAITS)
         self.value.setText(f"{number(x, 2, sign=True)} mm" if x is not None else NOTHING)
-        self.take.setEnabled(x is not None and self.desk.snapshot.waiting_for_reading is not None)
+        self.take.setEnabled(x is not None and waits)
         self.view.show_marks(self.state.clicks)
 
     def accept_reading(self) -> None:

@@ -85,11 +85,17 @@ class PlanForm(QScrollArea):
         return field
 
     def _edit(self, key: str, field: QLineEdit) -> None:
-        why = self.desk.sequence.edit(key, field.text())
-        self.refused.setVisible(bool(why))
-        widgets.set_text(self.refused, why)
-        widgets.set_state(self.refused, "fault" if why else "")
-        widgets.set_state(field, "true" if why else "", "wrong")
+        self.desk.sequence.edit(key, field.text())
+        self._show_refused()
+
+    def _show_refused(self) -> None:
+        """Mark the fields whose entry is not in the plan, and say why of the last one."""
+        refused = self.desk.sequence.refused
+        for key, field in self.fields.items():
+            widgets.set_state(field, "true" if key in refused else "", "wrong")
+        widgets.set_text(self.refused, list(refused.values())[-1] if refused else "")
+        widgets.set_state(self.refused, "fault" if refused else "")
+        self.refused.setVisible(bool(refused))
 
     def _choose(self) -> None:
         self.desk.sequence.choose(str(self.choice.currentData()))
@@ -128,9 +134,8 @@ class PlanForm(QScrollArea):
         self.ask_readings.setChecked(model.wait_for_reading)
         self.choice.setCurrentIndex(self.choice.findData(model.plan.name))
         for key, field in self.fields.items():
-            widgets.set_text(field, model.value(key))
-            widgets.set_state(field, "", "wrong")
+            if key not in model.refused:
+                widgets.set_text(field, model.value(key))
         self.fields["step_kpa"].setEnabled(model.plan.kind == "staircase")
         widgets.set_text(self.estimate, model.estimate)
-        widgets.set_text(self.refused, "")
-        self.refused.hide()
+        self._show_refused()

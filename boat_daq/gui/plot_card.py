@@ -56,6 +56,10 @@ class PlotCard(QFrame):
         self.bar = widgets.row(self.heading, None, self.readout, self.menu_button)
         layout.addLayout(self.bar)
         layout.addWidget(self.view, 1)
+        self.nothing = widgets.label("", "muted", wrap=True)
+        self.nothing.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.nothing.hide()
+        layout.addWidget(self.nothing, 1)
         self.setLayout(layout)
         self.inside = layout
 
@@ -91,6 +95,13 @@ class PlotCard(QFrame):
         first = self.plots[0].item
         for plot in self.plots[1:]:
             plot.item.setXLink(first)
+
+    def say_empty(self, words: str) -> None:
+        """Say what will be here, in the plots' place, as empty axes look like data; no words show the plots."""
+        widgets.set_text(self.nothing, words)
+        if self.nothing.isHidden() is bool(words):
+            self.nothing.setVisible(bool(words))
+            self.view.setVisible(not words)
 
     def clear(self, why: str = "") -> None:
         """Draw nothing any more, and say why."""

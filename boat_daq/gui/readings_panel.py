@@ -63,7 +63,7 @@ class ReadingBar(QFrame):
         if step == self.asked and self.field.isReadOnly() is (step is None):
             return
         self.asked = step
-        self.field.clear()
+        self.field.setText("")  # not clear(): undo would bring the last plateau's reading into this one's field
         self._open(step is not None)
         if step is not None and (
             not isinstance(QGuiApplication.focusObject(), QWidget) or self.window().isActiveWindow()
@@ -152,6 +152,8 @@ class ReadingsTableModel(QAbstractTableModel):
             font = QFont(style.base_font())
             font.setBold(True)
             return font
+        if role == Qt.ItemDataRole.ToolTipRole and row.outlier:
+            return "far from the running fit: read it again, or leave it; it is kept"
         if role == Qt.ItemDataRole.ToolTipRole and row.source:
             return f"source: {row.source}"
         return None
@@ -191,13 +193,14 @@ class ReadingsView(QTableView):
             super().keyPressEvent(event)
 
     def paste(self, text: str) -> None:
-        """Enter a column from the selected plateau on."""
+        """Enter a column from the selected plateau on, or where there is no reading yet."""
         steps = [row.step_id for row in self.model_rows()]
 
         def deed() -> None:
             if not steps:
                 raise OperatorError("there is no plateau yet to enter readings at", "Start the plan, or choose a run.")
-            self.readings.paste(text, steps[max(self.currentIndex().row(), 0)])
+            chosen = [index.row() for index in self.selectionModel().selectedRows()]  # a current line is not chosen
+            self.readings.paste(text, steps[min(chosen)] if chosen else None)
 
         self.desk.notices.attempt(deed)
 
@@ -229,6 +232,7 @@ class ReadingsTable(QWidget):
         header = self.view.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header.setStretchLastSection(True)
+        header.setHighlightSections(False)
         self.empty = widgets.label(
             "Each plateau of a staircase gets a line here. Arm and start a plan to begin.", "muted", wrap=True
         )

@@ -82,6 +82,9 @@ class RunsPage(QWidget):
         self.readings: ClosedReadings | None = None  # of an older recording, while they are edited
         self.list = widgets.read_table("Recordings", HEADINGS)
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
+        head = self.list.horizontalHeader()
+        head.setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
+        head.setSectionResizeMode(len(HEADINGS) - 1, QHeaderView.ResizeMode.Stretch)  # a long name is cut, not scrolled
         self.thumbnail = Thumbnail(self.list)
         self.list.setItemDelegateForColumn(0, self.thumbnail)
         self.list.itemSelectionChanged.connect(self._enable)
@@ -154,8 +157,10 @@ class RunsPage(QWidget):
         return body
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the buttons the heading's room on a narrow page."""
-        self.heading.setVisible(self.width() >= style.STACKED_BELOW)
+        """Give the buttons the heading's room on a narrow page, and the file's name some of the thumbnail's."""
+        narrow = self.width() < style.STACKED_BELOW
+        self.heading.setVisible(not narrow)
+        self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
         super().resizeEvent(event)
 
     def _menu(self, key: str, entries: list[tuple[str, Callable[[], object]]]) -> None:

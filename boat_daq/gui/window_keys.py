@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QKeyEvent, QWindow
-from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QPushButton
+from PySide6.QtGui import QKeyEvent, QKeySequence, QWindow
+from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QLineEdit, QPushButton
 
 from boat_daq.viewmodels.desk import Desk
 
@@ -15,7 +15,9 @@ class WindowKeys(QObject):
     """Watches the windows of the program.
 
     Esc vents where no shortcut is heard: while a menu, a list or a dialog is open. Space is a shortcut of the plots,
-    but belongs to a button or a choice that has the focus; Enter presses a focused button too.
+    but belongs to a button or a choice that has the focus; Enter presses a focused button too. Undo and redo belong to
+    a field while it has typing to take back, and to the window's history else: the reading's field has the focus for a
+    whole run.
     """
 
     def __init__(self, desk: Desk) -> None:
@@ -34,6 +36,8 @@ class WindowKeys(QObject):
         focus = QApplication.focusWidget()
         if event.type() is QEvent.Type.ShortcutOverride and event.key() == Qt.Key.Key_Space:
             return _kept(event) if isinstance(focus, QAbstractButton | QComboBox) else False
+        if event.type() is QEvent.Type.ShortcutOverride and isinstance(focus, QLineEdit):
+            return _leaves(event, focus)
         if event.type() is not QEvent.Type.KeyPress:
             return False
         over = QApplication.activePopupWidget() or QApplication.activeModalWidget()
@@ -49,6 +53,15 @@ def _kept(event: QKeyEvent) -> bool:
     """Keep a key from the shortcuts, so that it comes as a press."""
     event.accept()
     return True
+
+
+def _leaves(event: QKeyEvent, field: QLineEdit) -> bool:
+    """Leave undo and redo to the shortcuts where a field has nothing of its own to take back."""
+    undo, redo = (event.matches(key) for key in (QKeySequence.StandardKey.Undo, QKeySequence.StandardKey.Redo))
+    if (undo and not field.isUndoAvailable()) or (redo and not field.isRedoAvailable()):
+        event.ignore()
+        return True
+    return False
 
 
 def _has_enter(button: QAbstractButton) -> bool:

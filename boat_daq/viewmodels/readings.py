@@ -43,11 +43,7 @@ class Row:
     @property
     def cells(self) -> tuple[str, ...]:
         """Return the row as text: cycle, branch, pressure, elongation, remark."""
-        remark = (
-            "far from the fit"
-            if self.outlier
-            else {"timeout": "not steady", "aborted": "cut short"}.get(self.status, "")
-        )
+        remark = "outlier?" if self.outlier else {"timeout": "not steady", "aborted": "cut short"}.get(self.status, "")
         if self.current and not remark:
             remark = "now"
         return (
@@ -169,8 +165,11 @@ class ReadingsModel:
         resolution = resolution_mm or self.resolution_mm
         self.session.add_reading(step_id, elongation_mm, source, resolution_mm=resolution, reader=self.reader)
 
-    def paste(self, text: str, first_step_id: int) -> int:
+    def paste(self, text: str, first_step_id: int | None = None) -> int:
         """Enter a column copied from a spreadsheet, from a plateau on; returns how many were entered.
+
+        Where no plateau is named, a column of all plateaus begins at the first, a shorter one at the first without a
+        reading: what was read before is not written over unasked.
 
         Of several columns the last is taken (pressure and elongation side by side). All are checked before any is kept.
 
@@ -179,7 +178,8 @@ class ReadingsModel:
         OperatorError : a line that is no length, by number; more lines than plateaus.
         """
         values = column_of_lengths(text)
-        numbers = [step.number for step in self.session.steps() if step.number >= first_step_id]
+        first = self._first_for(len(values)) if first_step_id is None else first_step_id
+        numbers = [step.number for step in self.session.steps() if step.number >= first]
         if len(values) > len(numbers):
             raise OperatorError(
                 f"{len(values)} values were pasted, but only {len(numbers)} plateaus follow",
@@ -199,6 +199,14 @@ class ReadingsModel:
 
         self._changes.push(Change(f"paste of {len(values)} readings", redo, undo))
         return len(values)
+
+    def _first_for(self, values: int) -> float:
+        """Return the plateau at which a column of so many values begins where none is chosen."""
+        steps, read = [step.number for step in self.session.steps()], self.latest()
+        if values == len(steps):
+            return 0
+        unread = (n for n in steps if n not in read or read[n].elongation_mm is None)
+        return next(unread, float("inf"))
 
 
 def parse_mm(text: str) -> float:

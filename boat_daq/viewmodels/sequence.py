@@ -10,14 +10,13 @@ import dataclasses
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session import Limits, Phase, Session, SessionSnapshot, SessionState
-from boat_daq.errors import BoatDaqError
+from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.changes import Change, Changes
 from boat_daq.viewmodels.formatting import duration, number, plain_number, target
 from boat_daq.viewmodels.preferences import Preferences
@@ -147,6 +146,8 @@ class SequenceModel:
         self.plans = built_in_plans()
         self.plan = self.plans["calibration"]
         self.wait_for_reading = True
+        self.refused: dict[str, str] = {}  # why a field's last entry is not in the plan
+        self._typed: dict[str, int | float] = {}  # refused numbers: together with the next one they may make a plan
         self.revision = 0
         self._picture: tuple[Plan, Staircase] | None = None
         self._preferences: Preferences | None = None
@@ -218,23 +219,40 @@ class SequenceModel:
         path.write_text(self.plan.to_toml(), encoding="utf-8")
 
     def edit(self, key: str, text: str) -> str:
-        """Set one field from what was typed; return why it was refused, or an empty string."""
+        """Set one field from what was typed; return why it was refused, or an empty string.
+
+        What was refused is tried again with the next entry: highest and step often fit each other only together.
+        """
         entry = next(e for e in ENTRIES if e.key == key)
         try:
             value = plain_number(text)
         except ValueError:
-            return f"{entry.label}: {text!r} is not a number"
+            return self._refuse(key, f"{entry.label}: {text!r} is not a number")
         if entry.whole and value != int(value):
-            return f"{entry.label}: a whole number is needed"
+            return self._refuse(key, f"{entry.label}: a whole number is needed")
+        self.refused.pop(key, None)
+        self._typed.pop(key, None)
         if value == getattr(self.plan, key):
             return ""
-        try:
-            changed: dict[str, Any] = {key: int(value) if entry.whole else value}
-            plan = dataclasses.replace(self.plan, **changed)
-        except BoatDaqError as error:
-            return f"{error.cause}. {error.remedy}".strip()
-        self._replace(plan, f"{entry.label} of the plan")
-        return ""
+        number_typed = int(value) if entry.whole else value
+        alone = {key: number_typed}
+        for changed in (self._typed | alone, alone):
+            try:
+                plan = dataclasses.replace(self.plan, **changed)  # type: ignore[arg-type]
+            except BoatDaqError as error:
+                why = f"{_in_form_words(error.cause, self.plan.name)}. {_in_form_words(error.remedy, '')}".strip()
+            else:
+                left = {k: v for k, v in self._typed.items() if k not in changed}
+                reasons = {k: why for k, why in self.refused.items() if k not in changed}
+                self._replace(plan, f"{entry.label} of the plan")
+                self._typed, self.refused = left, reasons
+                return ""
+        self._typed[key] = number_typed
+        return self._refuse(key, why)
+
+    def _refuse(self, key: str, why: str) -> str:
+        self.refused[key] = why
+        return why
 
     def value(self, key: str) -> str:
         """Return a field as text."""
@@ -247,6 +265,7 @@ class SequenceModel:
 
     def _take(self, plan: Plan) -> None:
         self.plan = plan
+        self.refused, self._typed = {}, {}
         self._remember()
 
     def allowed(self, snapshot: SessionSnapshot) -> tuple[str, ...]:
@@ -281,6 +300,11 @@ class SequenceModel:
         ------
         BoatDaqError : what stands in the way.
         """
+        if self.refused:
+            raise OperatorError(
+                f"the plan's form is not valid: {next(iter(self.refused.values()))}",
+                "Correct what is marked in the plan, then arm.",
+            )
         asks = self.wait_for_reading and self.plan.kind == "staircase"
         self.session.arm(self.plan, wait_for_reading=asks, go_on=go_on)
         self._asks = asks
@@ -294,6 +318,15 @@ class SequenceModel:
         ValueError : not a number.
         """
         self.session.set_pressure(plain_number(text), plain_number(ramp))
+
+
+def _in_form_words(text: str, plan: str) -> str:
+    """Return a refusal of the plan with the form's names for its keys, as a sentence."""
+    text = text.removeprefix(f"plan {plan!r:.60}: ")
+    for entry in ENTRIES:
+        text = text.replace(f"'{entry.key}'", entry.label).replace(entry.key, entry.label)
+    text = text.replace("'window_s'", "the steadiness window").replace("window_s", "the steadiness window")
+    return text[:1].upper() + text[1:]
 
 
 def state_text(snapshot: SessionSnapshot) -> str:

@@ -1,0 +1,126 @@
+"""What a second new user stumbled over: typing, undo, pasting, a refused plan, an early photograph, empty plots."""
+
+from __future__ import annotations
+
+import shutil
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QPixmap
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from boat_daq.engine.session import ReadingRequest, SessionState, StepMark
+from boat_daq.gui.style import THUMBNAIL
+from boat_daq.viewmodels.runs import HEADINGS
+from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.gui.test_runs_page import PATIENCE_MS, SAMPLE
+
+
+def test_undo_takes_back_the_reading_while_its_field_has_the_focus(make, qtbot):
+    """Ctrl+Z brought the last plateau's number into the next one's field, where Enter would have kept it."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = tuple(StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6) for n in (3, 4))
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0, 99.0), state=SessionState.RUNNING)
+    window = make(session)
+    window.refresh()
+    field = window.live.reading.field
+    field.setFocus()
+    handle = window.windowHandle()
+    window.window_keys.watch(handle)
+    QTest.keyClicks(field, "9.9")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    session.change(waiting_for_reading=ReadingRequest(4, 1, "unloading", 10.0, 10.0, 99.0))
+    window.refresh()
+    QTest.keyClick(handle, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert field.text() == ""
+    assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(3, 9.9), (3, None)]
+    QTest.keyClicks(field, "12")
+    QTest.keyClick(handle, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert (field.text(), len(session.kept)) == ("", 2)
+
+
+def test_an_unchosen_paste_overwrites_nothing(make):
+    """With no line chosen, two pasted rows went over the first two readings, out of sight."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = tuple(StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6) for n in (1, 2, 3, 4))
+    window = make(session)
+    window.desk.readings.put(1, 4.0, "typed")
+    window.live.show_readings()
+    window.live.table.view.paste("2\tunloading\t30\t3,0\n2\tunloading\t20\t2,1")
+    assert [(r.step_id, r.elongation_mm) for r in session.kept[1:]] == [(2, 3.0), (3, 2.1)]
+    window.live.table.view.paste("1\n2")
+    assert len(session.kept) == 3
+    assert "plateaus follow" in window.desk.notices.current().cause
+    window.live.table.view.paste("4\n3\n2\n1")
+    assert [r.elongation_mm for r in session.kept[3:]] == [4.0, 3.0, 2.0, 1.0]
+
+
+def test_a_refused_plan_is_marked_and_not_armed(live):
+    """A step of 20 kPa was refused in red, and Arm ran the old step of 10 kPa."""
+    plan, model = live.live.plan, live.desk.sequence
+    plan.fields["step_kpa"].setText("20")
+    plan.fields["step_kpa"].editingFinished.emit()
+    assert plan.refused.text() == "Step must divide the span of 90 kPa evenly."
+    live.desk.press("arm")
+    assert live.desk.session.asked == []
+    assert "Step must divide" in live.desk.notices.current().cause
+    plan.fields["cycles"].setText("2")
+    plan.fields["cycles"].editingFinished.emit()
+    plan.refresh(live.desk.snapshot)
+    assert (model.plan.cycles, plan.fields["step_kpa"].text(), plan.fields["step_kpa"].property("wrong")) == (
+        2, "20", "true",
+    )  # fmt: skip
+    plan.fields["high_kpa"].setText("40")
+    plan.fields["high_kpa"].editingFinished.emit()
+    assert (model.plan.high_kpa, model.plan.step_kpa, model.refused) == (40.0, 20.0, {})
+    live.desk.press("arm")
+    assert "arm" in live.desk.session.asked
+
+
+def test_a_photograph_read_before_its_plateau_waits_can_be_taken_then(make):
+    """It said "Enter takes it" where nothing waited, and stayed shut when a plateau did."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    panel = window.live.photograph
+    window.live.open_photograph()
+    picture = QPixmap(200, 100)
+    picture.fill()
+    panel.view.set_picture(picture)
+    for x in (20.0, 120.0, 150.0, 173.0):
+        panel.view.clicked.emit(x, 50.0)
+    assert "No plateau waits" in panel.instruction.text()
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0, 99.0), state=SessionState.RUNNING)
+    window.refresh()
+    assert panel.instruction.text().startswith("Enter takes it")
+    assert panel.take.isEnabled()
+    panel.close()
+
+
+def test_the_list_of_runs_does_not_scroll_sideways_on_a_narrow_window(live, qtbot):
+    """At 853 px (150 % on 1280) the last columns were out of sight."""
+    live.desk.recordings.mkdir()
+    shutil.copy(SAMPLE, live.desk.recordings / "SA1_2026-11-21_223500.boat")
+    live.go("Runs")
+    live.desk.runs.look()
+    qtbot.waitUntil(lambda: (live.refresh(), live.pages["Runs"].list.rowCount())[1] == 1, timeout=PATIENCE_MS)
+    for width, thumbnail in ((853, THUMBNAIL[0] // 2), (1280, THUMBNAIL[0])):
+        live.resize(width, 500)
+        QApplication.processEvents()
+        table = live.pages["Runs"].list
+        assert table.columnWidth(0) == thumbnail
+        assert table.horizontalScrollBar().maximum() == 0
+        assert table.columnWidth(len(HEADINGS) - 1) >= THUMBNAIL[0] // 4
+
+
+def test_plots_of_the_optics_say_what_comes_before_they_have_it(live, monkeypatch):
+    """Empty axes from 0 to 1 stood there, like data that are missing."""
+    monkeypatch.setattr(live.desk.optics, "choose", lambda *_: None)
+    live.go("Optics")
+    page = live.pages["Optics"]
+    page.response.show_result(live.desk.optics)
+    for card in (page.scene, page.response, page.pareto):
+        assert not card.view.isVisible()
+        assert "here" in card.nothing.text()
+    page.response.say_empty("")
+    assert page.response.view.isVisible()
+    assert not page.response.nothing.isVisible()

@@ -25,7 +25,7 @@ CURVE_POINTS = 201
 ONE_CYCLE = "one cycle gives no interval"
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
 IN_PART, LEAST_SHARED = "the branches share only", 0.85  # of the abscissa
-BOUND, BOUND_SHARE = "an upper bound", 0.25  # said of a hysteresis of which so much may be noise
+BOUND, BOUND_SHARE = "a bound, no value", 0.25  # said of a hysteresis of which so much may be noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +176,7 @@ def loop_made_by_noise(
 def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -> Figure:
     """Say where something else than a loop, `floor` in the unit of the figure, makes a share of a hysteresis.
 
-    A maximum is only ever lifted by it: the interval reaches down to the figure less the floor.
+    It lifts the maximum: the interval reaches down to the figure less the floor.
     """
     figure = replace(figure, low=min(figure.low, max(figure.value - floor, 0.0)))
     if not floor > share * figure.value:

@@ -192,7 +192,8 @@ def _actuator_hysteresis(run: Run) -> tuple[Figure, tuple[float, ...]]:
     width = loop_width(run.loops.pressure_kpa, x, run.weights)
     figure = metrics.hysteresis(width, span, run.loops.n_cycles, definition)
     per_cycle = tuple((100.0 / span * width.per_cycle).tolist()) if span > 0 else ()
-    return limited_by_reading(replace(figure, unit="%"), run.reading_sd_mm, x), per_cycle
+    per_mm = 100.0 / span if span > 0 else 0.0
+    return limited_by_reading(replace(figure, unit="%"), run.reading_sd_mm, per_mm), per_cycle
 
 
 def _system_sensitivity(sensors: list[SensorAnalysis]) -> Figure:

@@ -200,8 +200,9 @@ def _loop_figures(
             own, fso, n, "max over x of |loading - unloading| / FSO, mean loop"
         )
         per_cycle = tuple((100.0 / fso * own.per_cycle).tolist()) if fso > 0 else ()
+        per_mm = _percent_per_mm(calibration, loops.elongation_mm)
         figures["sensor_hysteresis_percent_fso"] = limited_by_reading(
-            figures["sensor_hysteresis_percent_fso"], run.reading_sd_mm, loops.elongation_mm
+            figures["sensor_hysteresis_percent_fso"], run.reading_sd_mm, per_mm
         )
     system_cycles = tuple((100.0 / fso * system.per_cycle).tolist()) if fso > 0 else ()
     if run.plateaus:
@@ -223,8 +224,23 @@ def _loop_figures(
     return figures, per_cycle, system_cycles, levels
 
 
-def limited_by_reading(figure: Figure, reading_sd_mm: float, elongation_mm: FloatArray) -> Figure:
-    """Say where the reading error of x alone would make most of the sensor's loop: two readings, two sigma."""
+def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: float) -> Figure:
+    """Widen the interval of a loop by the reading error of x, and say where that alone would make most of it.
+
+    `percent_per_mm` is what a millimetre makes at the steepest place. The largest of many differences of two readings
+    comes near the grid's whole step (sqrt(12) sd) and lifts the maximum; the one at the loop's widest place may
+    also hide it, within two sigma.
+    """
+    floor = np.sqrt(12.0) * reading_sd_mm * percent_per_mm
+    hidden = 2.0 * np.sqrt(2.0) * reading_sd_mm * percent_per_mm
+    figure = replace(figure, high=figure.value + float(np.hypot(figure.high - figure.value, hidden)))
+    return metrics.limited(figure, float(floor), f"a reading error of {reading_sd_mm:.2f} mm", 0.5)
+
+
+def _percent_per_mm(calibration: Calibration | None, elongation_mm: FloatArray) -> float:
+    """Return the steepest slope of the fit in % of its full scale; without one, of the straight line; 0 if flat."""
+    if calibration is not None and calibration.full_scale > 0:
+        grid = np.linspace(*calibration.x_range, metrics.CURVE_POINTS)
+        return 100.0 / calibration.full_scale * float(np.abs(calibration.slope(grid)).max())
     span = float(np.nanmax(elongation_mm) - np.nanmin(elongation_mm)) if np.isfinite(elongation_mm).any() else 0.0
-    floor = 100.0 * 2.0 * np.sqrt(2.0) * reading_sd_mm / span if span > 0 else 0.0
-    return metrics.limited(figure, floor, f"a reading error of {reading_sd_mm:.2f} mm", 0.5)
+    return 100.0 / span if span > 0 else 0.0

@@ -327,6 +327,26 @@ def test_readings_on_a_millimetre_grid_widen_whatever_they_enter(tmp_path: Path)
         assert sensor.figures["sensor_hysteresis_percent_fso"].low == 0.0
 
 
+@pytest.mark.parametrize(("loop_mm", "own_mv", "grid_mm"), [(0.45, 0.0, 0.5), (0.45, 4.0, 0.5), (0.3, 14.0, 1.0)])
+def test_a_grid_both_makes_and_hides_a_sensors_loop(
+    tmp_path: Path, loop_mm: float, own_mv: float, grid_mm: float
+) -> None:
+    """Sensors whose own loop is known, read on a grid: the interval reaches up as well as down to the truth."""
+    stairs = Staircase(Plant(loop_mm=loop_mm), cycles=5, dwell_s=1.2, ramp_kpa_per_s=40.0)
+    pressure, loading, _, _ = stairs.trace()
+    share = np.clip((pressure + 40.0) / 90.0, 0.0, 1.0)
+    run = stairs.recording()
+    own = np.where(loading, -1.0, 1.0) * 2.0 * share * (1.0 - share) * own_mv
+    table = stairs.elongations()
+    table["elongation_mm"] = (table["elongation_mm"] / grid_mm).round() * grid_mm
+    table.to_csv(tmp_path / "grid.csv", index=False)
+    recording = Recording.from_arrays(run.time_s, run.pressure_kpa, run.signal_mv + own[:, None])
+    options = Options(mcmc=False, x_resolution_mm=grid_mm)
+    for sensor, cubic in zip(analyse(recording, tmp_path / "grid.csv", options=options).sensors, PAPER, strict=True):
+        figure = sensor.figures["sensor_hysteresis_percent_fso"]
+        assert figure.low <= 100.0 * own_mv / true_hysteresis(cubic)[1] <= figure.high
+
+
 def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
     """The link's counter over two connections grows by 3 and by 2: five frames; 7 from before do not count."""
     path = write_boat(tmp_path / "a.boat", Staircase(cycles=1).recording())

@@ -244,6 +244,8 @@ class CalibrationPage(QWidget):
         if result is None:
             self._clear()
             return
+        for shown in (*self.curves, self.loops, self.actuator):
+            shown.say_empty("")
         for i, (card, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
             if sensor.x.size:
                 card.show_sensor(sensor, self.model.shown(i))
@@ -258,6 +260,7 @@ class CalibrationPage(QWidget):
         """Take an earlier run's curves and figures away: none of them is of the run in the head."""
         for card in (*self.curves, self.loops, self.actuator):
             card.clear()
+            card.say_empty("Nothing to show yet." if self.model.working else "Nothing to show.")
         self.table.show_rows((), ())
         for words in (self.posterior, self.flags, self.comparison):
             words.clear()

@@ -39,7 +39,7 @@ def session(window: MainWindow) -> list[Command]:
         ),
         Command("Session", "Dismiss the message", "Ctrl+D", window.strip.dismiss, window.strip.stands),
         Command("Session", "Cancel the work under way", "Ctrl+.", window.strip.cancel_work, window.strip.works),
-        Command("Session", "Close the window", "Ctrl+Q", window.close, apart=True),
+        Command("Session", "Close the window", "Ctrl+Q", window.leave, apart=True),
     ]
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 from functools import partial
+from time import monotonic
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
@@ -22,6 +23,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from boat_daq.engine.session import SessionState
 from boat_daq.gui import style
 from boat_daq.gui.command_list import register
 from boat_daq.gui.commands import Registry
@@ -39,9 +41,12 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.undo import UndoStack
 from boat_daq.gui.window_keys import WindowKeys
 from boat_daq.viewmodels.desk import PAGES, Desk
+from boat_daq.viewmodels.notices import Level
 
 CALM_MS = 150
+LEAVE_S = 10.0  # a run is stopped where closing is asked for twice within it
 FRAME = 48  # what a system puts around a window, at most
+UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
 
@@ -54,6 +59,7 @@ class MainWindow(QMainWindow):
         super().__init__()
         self.desk = desk
         self.theme: Theme = style.system_theme()
+        self._leave_until = 0.0
         self.undo = UndoStack(desk.notices)
         desk.changes.to = self.undo
         desk.request = self.show_request
@@ -269,8 +275,27 @@ class MainWindow(QMainWindow):
         )
         super().resizeEvent(event)
 
+    def leave(self) -> None:
+        """Close the window, as a hand asks for it."""
+        if self._may_leave():
+            self.close()
+
+    def _may_leave(self) -> bool:
+        """Whether closing is meant: a slip of the hand must not end a run of a hundred cycles."""
+        asked_again = monotonic() < self._leave_until
+        if asked_again or self.desk.snapshot.state not in UNDER_WAY:
+            return True
+        self._leave_until = monotonic() + LEAVE_S
+        self.desk.notices.say(
+            Level.WARNING, "a run is under way", "Close once more within 10 s to stop it, vent and close the recording."
+        )
+        return False
+
     def closeEvent(self, event: QCloseEvent) -> None:
         """Remember the window; vent and close properly."""
+        if event.spontaneous() and not self._may_leave():
+            event.ignore()
+            return
         self.desk.preferences.set("geometry", base64.b64encode(bytes(self.saveGeometry().data())).decode())
         self.live.remember()
         self.frame_timer.stop()

@@ -165,8 +165,10 @@ class CalibrationModel:
     # ---- what the page says --------------------------------------------------------------------------------------
 
     def headline(self) -> str:
-        """Return run and size in a line."""
+        """Return run and size in a line; the remedy of what failed."""
         result = self.result
+        if self.failure is not None:
+            return str(self.failure.remedy)
         if result is None:
             return self.last_path.name if self.working and self.last_path is not None else ""
         parts = [result.unit or "no unit", count(result.cycles, "complete cycle"), duration(result.duration_s)]
@@ -188,7 +190,7 @@ class CalibrationModel:
     def verdict(self) -> tuple[str, str]:
         """Return (state, words) for the top of the page."""
         if self.failure is not None:
-            return "fault", f"{self.failure.cause}. {self.failure.remedy}".strip()
+            return "fault", f"\u25a0 {self.failure.cause}"
         if self.result is None:
             return "", "Analysing \u2026" if self.working else ""
         if self.accepted is not None:

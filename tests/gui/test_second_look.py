@@ -10,6 +10,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session import ReadingRequest, SessionState, StepMark
+from boat_daq.errors import OperatorError
 from boat_daq.gui.style import THUMBNAIL
 from boat_daq.viewmodels.runs import HEADINGS
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -124,3 +125,31 @@ def test_plots_of_the_optics_say_what_comes_before_they_have_it(live, monkeypatc
     page.response.say_empty("")
     assert page.response.view.isVisible()
     assert not page.response.nothing.isVisible()
+
+
+def test_a_slip_on_close_does_not_end_a_run(live):
+    """Ctrl+Q beside Ctrl+1 stopped a run without a word; asked again at once, it is meant."""
+    live.desk.session.change(state=SessionState.RUNNING)
+    live.refresh()
+    live.leave()
+    assert live.isVisible()
+    assert live.desk.notices.current().cause == "a run is under way"
+    live.leave()
+    assert not live.isVisible()
+
+
+def test_without_a_run_the_window_closes_at_once(live):
+    """Nothing is asked where nothing is lost."""
+    live.leave()
+    assert not live.isVisible()
+
+
+def test_what_cannot_be_analysed_says_its_remedy_under_its_cause(live):
+    """Both stood in one line, cut with an ellipsis before the remedy, over axes from 0 to 1."""
+    live.go("Calibrate")
+    model, page = live.desk.calibration, live.pages["Calibrate"]
+    model.failure = OperatorError("x.boat is not a recording", "Choose another one.")
+    model.revision += 1
+    page.refresh(live.desk.snapshot)
+    assert (page.verdict.text(), page.headline.text()) == ("\u25a0 x.boat is not a recording", "Choose another one.")
+    assert all(card.nothing.text() == "Nothing to show." for card in page.curves)

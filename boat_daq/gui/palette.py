@@ -22,6 +22,31 @@ from boat_daq.viewmodels.matching import ranked
 
 SHEET = (("Session", "Edit", "Go", "Help"), ("View", "Models"), ("Sequence", "Runs"))  # the menus in columns
 
+ALSO = {  # what people type for a command that says it in other words
+    "Vent now": "emergency release deflate",
+    "Close the window": "quit exit leave",
+    "Mark this moment \u2026": "marker note comment",
+    "Connect \u2026": "port serial board",
+    "Start the virtual board": "demo simulate simulation",
+    "Start": "begin run",
+    "Stop": "abort end",
+    "Set the pressure by hand": "manual",
+    "Cursor A": "statistics measure",
+    "Cursor B": "statistics measure",
+    "Copy the plot": "screenshot picture clipboard",
+    "Save the plot as PNG \u2026": "screenshot picture image export",
+    "Save the plot's data as CSV \u2026": "export",
+    "Dark": "night theme",
+    "Light": "day theme",
+    "Sample the posterior": "mcmc emcee uncertainty",
+    "Report of the run shown \u2026": "pdf html print",
+    "Report of the chosen runs \u2026": "pdf html print",
+    "Calibrate": "fit curve hysteresis",
+    "Repeat": "repeatability drift hysteresis",
+    "Runs": "recordings units export replay compare recover report",
+    "Keys": "shortcuts help",
+}
+
 
 class Palette(QDialog):
     """A field and the commands that match it; Enter does the first."""
@@ -72,7 +97,8 @@ class Palette(QDialog):
     def _match(self, text: str) -> None:
         self.list.clear()
         able = [c for c in self.registry.commands if c.available()]
-        for command in ranked(text, able, lambda c: f"{c.menu} {c.text}"):
+        found = ranked(text, able, lambda c: f"{c.menu} {c.text} {ALSO.get(c.text, '')}")
+        for command in sorted(found, key=lambda c: c.text.lower() != text.strip().lower()):  # its own name goes first
             item = QTreeWidgetItem([command.text, shown(command)])
             item.setData(0, Qt.ItemDataRole.UserRole, command)
             self.list.addTopLevelItem(item)

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session import ReadingRequest, SessionState, StepMark
 from boat_daq.errors import OperatorError
+from boat_daq.gui.palette import ALSO
 from boat_daq.gui.style import THUMBNAIL
 from boat_daq.viewmodels.runs import HEADINGS
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -153,3 +154,18 @@ def test_what_cannot_be_analysed_says_its_remedy_under_its_cause(live):
     page.refresh(live.desk.snapshot)
     assert (page.verdict.text(), page.headline.text()) == ("\u25a0 x.boat is not a recording", "Choose another one.")
     assert all(card.nothing.text() == "Nothing to show." for card in page.curves)
+
+
+def test_the_palette_knows_ordinary_words(live):
+    """ "quit" proposed to edit the plan, and "night", "marker", "begin" nothing at all."""
+    palette = live.palette_
+    assert set(ALSO) <= {command.text for command in live.commands.commands}
+    live.desk.session.change(state=SessionState.ARMED)
+    live.refresh()
+    for typed, meant in (
+        ("quit", "Close the window"), ("exit", "Close the window"), ("night", "Dark"), ("start", "Start"),
+        ("marker", "Mark this moment \u2026"), ("begin", "Start"), ("screenshot", "Copy the plot"),
+        ("statistics", "Cursor A"), ("emergency", "Vent now"), ("compare", "Runs"), ("fit", "Calibrate"),
+    ):  # fmt: skip
+        palette._match(typed)
+        assert palette.list.topLevelItem(0).text(0) == meant, typed

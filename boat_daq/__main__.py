@@ -1,6 +1,17 @@
-"""`python -m boat_daq` is `boat-daq`."""
+"""`python -m boat_daq` is `boat-daq`: the command line, left quietly if Ctrl-C comes while it is still loading."""
 
-from boat_daq.cli import main
+import sys
+
+
+def main() -> None:
+    """Load the command line and run it; exit code 130 after Ctrl-C."""
+    try:
+        from boat_daq.cli import main as run
+
+        run()
+    except KeyboardInterrupt:
+        sys.exit(130)
+
 
 if __name__ == "__main__":
     main()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
+import sys
+
 import pytest
 
 from boat_daq.commands import console
@@ -19,3 +22,19 @@ def test_no_bar_where_there_is_no_screen(capsys: pytest.CaptureFixture[str]) -> 
     with console.progress_bar("working") as advance:
         advance(1, 2)
     assert capsys.readouterr() == ("", "")
+
+
+def test_ctrl_c_while_the_program_loads_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is open yet: the commands' modules are half imported, and it leaves with 130 as later."""
+
+    class PressedWhileLoading:
+        @staticmethod
+        def find_spec(name: str, *_: object) -> None:
+            if name == "boat_daq.cli":
+                raise KeyboardInterrupt
+
+    monkeypatch.delitem(sys.modules, "boat_daq.cli", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [PressedWhileLoading, *sys.meta_path])
+    with pytest.raises(SystemExit) as left:
+        runpy.run_module("boat_daq", run_name="__main__")
+    assert left.value.code == 130

@@ -120,17 +120,20 @@ def _near(plateaus: tuple[Plateau, ...]) -> float:
 def _by_order(
     frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], *, near: float, name: str
 ) -> FloatArray:
-    """Rows in plateau order: of all plateaus, of those in cycles, or of the sequencer's steps, as a run that broke off
-    has them; equal neighbours in the file are one hold.
+    """Rows in plateau order: of all plateaus, of those in cycles, of the sequencer's steps, as a run that broke off
+    has them, or of those at a pressure that was read (a plan without zero is vented at either end);
+    equal neighbours in the file are one hold.
     """
     everything = list(range(len(plateaus)))
     in_cycles = [i for i in everything if plateaus[i].branch]
     without_start = [i for i in in_cycles if plateaus[i].branch != "start"]
     of_steps = [i for i in everything if plateaus[i].step is not None]
     of_reached = [i for i in of_steps if plateaus[i].step in reached]
+    read_kpa = frame["pressure_kpa"].unique()
+    at_read = [i for i in everything if np.abs(read_kpa - plateaus[i].pressure_kpa).min() <= near]
     misfit = ""
     for rows in (frame, _merged(frame)):
-        for chosen in (everything, in_cycles, without_start, of_reached, of_steps):
+        for chosen in (everything, in_cycles, without_start, of_reached, of_steps, at_read):
             if len(rows) != len(chosen):
                 continue
             reason = _first_misfit(rows, [plateaus[i] for i in chosen], near)

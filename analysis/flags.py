@@ -41,7 +41,9 @@ def flags_of(run: Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], .
         flags.append(("damaged", f"{recording.meta['damaged_blocks']} blocks of the file are damaged and left out"))
     if run.cycles.noise_kpa > NOISY_SHARE * run.cycles.span_kpa > 0:
         share = run.cycles.noise_kpa / run.cycles.span_kpa
-        text = f"the pressure's noise of {run.cycles.noise_kpa:.2g} kPa is {share:.1%} of its span: holds are uncertain"
+        wave = "full scale reads short, loops read wide, by more than their intervals say"
+        hit = "holds are uncertain" if run.plateaus else wave
+        text = f"the pressure's noise of {run.cycles.noise_kpa:.2g} kPa is {share:.1%} of its span: {hit}"
         flags.append(("noisy_pressure", text))
     if not run.cycles.used:
         flags.append(("no_cycle", f"no complete cycle, {run.cycles.as_json()['partial']} partial"))

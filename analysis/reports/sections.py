@@ -320,7 +320,7 @@ def run(analysis: Analysis) -> Section:
         ("Void above", f"{o.plateau.max_damaged:.0%} of a window lost or left out"),
         ("Seed", str(o.seed)),
         ("Program", f"boat-daq {program_version()}"),
-        ("Recorded with", str(analysis.recording.meta.get("program_version"))),
+        ("Recorded with", str(analysis.recording.meta.get("program_version") or "–")),
         ("Recording", str(analysis.recording.meta.get("uuid") or analysis.recording.source)),
     )
     flags = tuple((f["code"].replace("_", " "), f["text"]) for f in analysis.flags)

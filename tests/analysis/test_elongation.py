@@ -10,10 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from analysis import find_cycles, find_plateaus
 from analysis.elongation import elongations_of
 from analysis.errors import DataError
 from analysis.plateaus import Plateau
 from analysis.recording import Recording
+from tests.analysis.boat_builder import Plant
 
 HELD = ((0.0, None), (50.0, 1), (40.0, 2), (30.0, 3), (0.0, None))  # kPa and step: rest, three steps, vented
 BROKEN = cast(
@@ -48,3 +50,18 @@ def test_rows_at_other_pressures_are_refused(tmp_path: Path) -> None:
     plateaus = tuple(plateau(n, *held) for n, held in enumerate(HELD, 1))
     with pytest.raises(DataError, match=r"row 2 says 20 kPa where the run held 40\.0 kPa"):
         elongations_of(BROKEN, plateaus, write(tmp_path / "readings.csv", [50.0, 20.0]))
+
+
+def test_a_plan_of_negative_pressures_leaves_its_vented_ends_unread(tmp_path: Path) -> None:
+    """Holds from -5 to -45 kPa, two cycles, vented before and after: the file's 33 rows go to the 33 holds."""
+    down = np.arange(-5.0, -46.0, -5.0)
+    read = np.concatenate([down, down[-2::-1], down[1:], down[-2::-1]])
+    held = np.repeat(np.concatenate([[0.0], read, [0.0]]), 300)
+    recording = Plant().run(held, np.gradient(held) > 0, np.zeros(held.size))
+    plateaus = find_plateaus(recording, find_cycles(recording))
+    table = tmp_path / "readings.csv"
+    pd.DataFrame({"pressure_kpa": read, "elongation_mm": read / 20.0}).to_csv(table, index=False)
+    found = elongations_of(recording, plateaus, table)
+    assert found is not None
+    assert np.isnan(found.elongation_mm[[0, -1]]).all()
+    np.testing.assert_allclose(found.elongation_mm[1:-1], read / 20.0)

@@ -81,6 +81,7 @@ def run(port: str | None = None, *, board: bool = False, speed: float = 1.0) -> 
         interrupted.append(True)
         window.close()  # vents, and closes the recording
 
-    signal.signal(signal.SIGINT, stop)  # heard between two ticks of the window's timers
+    for number in (signal.SIGINT, signal.SIGTERM):  # heard between two ticks; an exception would be lost in a slot
+        signal.signal(number, stop)
     code = app.exec()
     return INTERRUPTED if interrupted else code

@@ -252,12 +252,14 @@ class MainWindow(QMainWindow):
         return QSize(*style.WINDOW_SIZE)
 
     def fit_screen(self) -> None:
-        """Fill a screen that has no room for the size of a first start; before the window is shown."""
+        """Fill a screen that has no room for the window, at a first start or as remembered; before it is shown.
+
+        A window remembered at 100 % would else stand with VENT beyond the edge of the same screen at 150 %.
+        """
         room = self.screen().availableSize()
         remembered = bool(self.desk.preferences.get("geometry", ""))
-        if not remembered and (
-            room.width() < style.WINDOW_SIZE[0] + FRAME or room.height() < style.WINDOW_SIZE[1] + FRAME
-        ):
+        wanted = self.size() if remembered else QSize(style.WINDOW_SIZE[0] + FRAME, style.WINDOW_SIZE[1] + FRAME)
+        if room.width() < wanted.width() or room.height() < wanted.height():
             self.setWindowState(Qt.WindowState.WindowMaximized)
 
     def _restore(self) -> None:

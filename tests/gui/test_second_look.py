@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
 
-from PySide6.QtCore import Qt
+import pytest
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QPixmap
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -169,3 +176,27 @@ def test_the_palette_knows_ordinary_words(live):
     ):  # fmt: skip
         palette._match(typed)
         assert palette.list.topLevelItem(0).text(0) == meant, typed
+
+
+def test_a_remembered_window_fits_a_screen_that_became_smaller(live, monkeypatch):
+    """Remembered at 100 %, opened at 150 %: VENT stood beyond the edge of the screen."""
+    live.desk.preferences.set("geometry", "remembered")
+    live.resize(1280, 800)
+    monkeypatch.setattr(live, "screen", lambda: SimpleNamespace(availableSize=lambda: QSize(1280, 800)))
+    live.fit_screen()
+    assert not live.isMaximized()
+    monkeypatch.setattr(live, "screen", lambda: SimpleNamespace(availableSize=lambda: QSize(853, 533)))
+    live.fit_screen()
+    assert live.isMaximized()
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_polite_kill_closes_the_window(tmp_path, number):
+    """SIGTERM raised KeyboardInterrupt inside a slot, where Qt lost it: the window went on."""
+    home = {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path), "QT_QPA_PLATFORM": "offscreen"}
+    command = [sys.executable, "-m", "boat_daq", "gui", "--board"]
+    window = subprocess.Popen(command, cwd=tmp_path, env={**os.environ, **home})
+    time.sleep(12)
+    window.send_signal(number)
+    assert window.wait(60) == 130

@@ -94,7 +94,7 @@ class Run:
         simulated = "  SIMULATED" if s.simulated else ""
         cycles = str(s.cycles.complete) + (f" + {s.cycles.partial} partial" if s.cycles.partial else "")
         when = s.started_utc[:16].replace("T", "  ")
-        state = STATES.get(s.status, s.status) + (f", {count(len(s.breaks), 'break')}" if s.breaks else "")
+        state = _state(s.status, s.stop_reason or "") + (f", {count(len(s.breaks), 'break')}" if s.breaks else "")
         return (
             "",
             f"{s.unit or NOTHING}{simulated}",
@@ -105,6 +105,15 @@ class Run:
             state,
             self.path.name,
         )
+
+
+def _state(status: str, stop_reason: str) -> str:
+    """Return what became of a run: a file that is closed in order may hold a run that was not finished."""
+    if status == "closed" and stop_reason.startswith("aborted"):
+        return "\u25b2 broken off"
+    if status == "closed" and stop_reason == "stopped":
+        return "\u25a0 stopped"
+    return STATES.get(status, status)
 
 
 def read_run(path: Path) -> Run:

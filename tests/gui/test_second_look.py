@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from types import SimpleNamespace
 
 import pytest
@@ -20,7 +23,7 @@ from boat_daq.engine.session import ReadingRequest, SessionState, StepMark
 from boat_daq.errors import OperatorError
 from boat_daq.gui.palette import ALSO
 from boat_daq.gui.style import THUMBNAIL
-from boat_daq.viewmodels.runs import HEADINGS
+from boat_daq.viewmodels.runs import HEADINGS, read_run
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.gui.test_runs_page import PATIENCE_MS, SAMPLE
 
@@ -200,3 +203,21 @@ def test_a_polite_kill_closes_the_window(tmp_path, number):
     time.sleep(12)
     window.send_signal(number)
     assert window.wait(60) == 130
+
+
+@pytest.mark.parametrize(
+    ("status", "reason", "words"),
+    [
+        ("closed", "finished", "\u25cf complete"),
+        ("closed", "stopped", "\u25a0 stopped"),
+        ("closed", "aborted: the board is gone", "\u25b2 broken off"),
+        ("recovered", "interrupted", "\u25cf recovered"),
+    ],
+)
+def test_the_list_says_what_became_of_a_run(tmp_path, status, reason, words):
+    """A run that was stopped, or whose board was unplugged, was listed as complete."""
+    shutil.copy(SAMPLE, tmp_path / "a.boat")
+    with closing(sqlite3.connect(tmp_path / "a.boat")) as db, db:
+        for key, value in (("status", status), ("stop_reason", reason)):
+            db.execute("UPDATE session SET value = ? WHERE key = ?", (json.dumps(value), key))
+    assert read_run(tmp_path / "a.boat").cells[HEADINGS.index("State")] == words

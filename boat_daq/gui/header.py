@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
@@ -29,14 +30,22 @@ class Header(QWidget):
             "", desk.show_unit, name="Unit and calibration", tip="Unit on the bench and its calibration"
         )
         self.vent = vent_button(desk)
-        layout = QHBoxLayout(self)
+        layout = self.line = QHBoxLayout(self)
         layout.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         layout.setSpacing(style.CARD_PADDING)
-        for widget in (widgets.label("boat-daq", "brand"), self.simulated, self.link, *self.figures):
+        self.brand = widgets.label("boat-daq", "brand")
+        for widget in (self.brand, self.simulated, self.link, *self.figures):
             layout.addWidget(widget, 0, Qt.AlignmentFlag.AlignVCenter)
         layout.addStretch(1)
         layout.addWidget(self.unit)
         layout.addWidget(self.vent)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave the program's name out on a narrow window: it stands in the title, and VENT must be whole."""
+        narrow = self.width() < style.NARROW_BELOW
+        self.brand.setVisible(not narrow)
+        self.line.setSpacing(style.GAP if narrow else style.CARD_PADDING)
+        super().resizeEvent(event)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the link, its figures, the unit."""

@@ -221,3 +221,18 @@ def test_the_list_says_what_became_of_a_run(tmp_path, status, reason, words):
         for key, value in (("status", status), ("stop_reason", reason)):
             db.execute("UPDATE session SET value = ? WHERE key = ?", (json.dumps(value), key))
     assert read_run(tmp_path / "a.boat").cells[HEADINGS.index("State")] == words
+
+
+def test_vent_is_whole_on_a_narrow_window(live):
+    """At 853 px a simulated board's head was wider than the window, and VENT was cut."""
+    live.resize(853, 500)
+    live.refresh()
+    QApplication.processEvents()
+    header = live.header
+    header.layout().activate()
+    assert header.width() <= 853
+    assert header.rect().contains(header.vent.geometry())
+    assert not header.brand.isVisible()
+    live.resize(1280, 800)
+    QApplication.processEvents()
+    assert header.brand.isVisible()

@@ -123,7 +123,7 @@ def tell(summary: Summary, failure: str, request: SessionRequest) -> None:
     """Say what was recorded, and how a run that broke goes on."""
     say(
         f"{summary.path}: {summary.samples} samples in {summary.duration_s:.1f} s, {summary.lost_samples} lost, "
-        f"{summary.cycles.complete} complete cycles, {summary.readings} readings; {summary.stop_reason}"
+        f"{summary.cycles.complete} complete cycles, {summary.readings} readings; {summary.stop_reason or 'not closed'}"
     )
     if failure:
         say("the run did not end as planned (see above); the recording holds everything until then")

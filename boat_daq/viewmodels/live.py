@@ -24,6 +24,7 @@ Columns = Mapping[str, Array]
 
 WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
 HEADLINE_S = 0.2  # a figure is the mean of so much signal, so that it can be read
+HOLE_S = 1.0  # without a sample: an unplugged board, not a lost frame
 PIXELS_A_FRAME = 0.6  # a picture that has moved by less need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
 
@@ -54,9 +55,15 @@ class Elongation:
     disagree: NDArray[np.bool_]
 
     def band(self, time_s: Array) -> tuple[Array, Array, Array]:
-        """Return times, lower and upper edge where the elongation is known."""
-        keep = np.isfinite(self.mm)
-        return time_s[keep], (self.mm - self.expanded_mm)[keep], (self.mm + self.expanded_mm)[keep]
+        """Return times, lower and upper edge where the elongation is known; the band closes at both ends of a hole."""
+        known = np.isfinite(self.mm)
+        begins, ends = known & ~np.append(False, known[:-1]), known & ~np.append(known[1:], False)
+        copies = known.astype(np.int64) + begins + ends
+        at = np.repeat(np.arange(known.size), copies)
+        width, last = self.expanded_mm[at], np.cumsum(copies)
+        width[(last - copies)[begins]] = 0.0
+        width[(last - 1)[ends]] = 0.0
+        return time_s[at], self.mm[at] - width, self.mm[at] + width
 
 
 Inverse = Callable[[Array], Elongation]  # [n, sensors] mV -> elongation
@@ -127,6 +134,20 @@ def sensor_names(columns: Columns) -> list[str]:
 def signals(columns: Columns) -> Array:
     """Return the signals side by side, [n, sensors] mV."""
     return np.column_stack([columns[name] for name in sensor_names(columns)])
+
+
+def with_holes(columns: Columns) -> Columns:
+    """Return the columns with a missing value in each hole of time: no line is drawn where nothing was measured.
+
+    A hole is longer than a second and than five of the steps that nine in ten of the picture's points keep to.
+    """
+    time_s = columns["time_s"]
+    steps = np.diff(time_s)
+    if not steps.size or steps.max() <= HOLE_S:
+        return columns
+    behind = np.flatnonzero(steps > max(HOLE_S, 5 * float(np.percentile(steps, 90)))) + 1
+    middle = 0.5 * (time_s[behind - 1] + time_s[behind])
+    return {name: np.insert(v, behind, middle if name == "time_s" else math.nan) for name, v in columns.items()}
 
 
 @dataclass(slots=True)
@@ -216,6 +237,7 @@ class LiveModel:
         )
         if not columns["time_s"].size:
             return None
+        columns = with_holes(columns)
         elongation = self.inverse(signals(columns)) if self.inverse is not None else None
         return Frame(low, high, columns, elongation, len(sensor_names(columns)))
 

@@ -15,7 +15,7 @@ from boat_daq.engine.session import LinkState, Phase, Progress, ReadingRequest, 
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.changes import History
 from boat_daq.viewmodels.connection import link_text
-from boat_daq.viewmodels.live import Elongation, LiveModel
+from boat_daq.viewmodels.live import Elongation, LiveModel, with_holes
 from boat_daq.viewmodels.overlay import OverlayModel
 from boat_daq.viewmodels.photograph import Photograph
 from boat_daq.viewmodels.readings import ReadingsModel, column_of_lengths, outlying, parse_mm
@@ -42,6 +42,22 @@ def test_a_frame_never_has_more_points_than_the_screen(ring):
     for name in ("s1_mv", "s2_mv", "pressure_kpa"):
         assert frame.columns[name].min() == everything[name].min()
         assert frame.columns[name].max() == everything[name].max()
+
+
+@pytest.mark.parametrize("column_s", [0.01, 2.0])
+def test_no_line_and_no_band_where_nothing_was_measured(column_s):
+    """An unplugged board: the line breaks and the band closes over its hole; a lost sample breaks nothing."""
+    time_s = np.repeat(np.arange(0.0, 400 * column_s, column_s), 2)
+    time_s[200:] += 30 * max(column_s, 1.0)
+    time_s[500:] += column_s
+    columns = with_holes({"time_s": time_s, "s1_mv": np.ones(800)})
+    assert np.flatnonzero(np.isnan(columns["s1_mv"])).tolist() == [200]
+    assert time_s[199] < columns["time_s"][200] < time_s[200]
+    mm = columns["s1_mv"]
+    at, low, high = Elongation(mm, np.full(801, 0.5), np.zeros(801, bool)).band(columns["time_s"])
+    inside = (at >= time_s[199]) & (at <= time_s[200])
+    assert (high - low)[inside].tolist() == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    assert np.isfinite(low).all()
 
 
 def test_following_and_looking_back(ring):

@@ -232,12 +232,12 @@ class LiveModel:
         low, high = self.span_s()
         if ring is None:
             return None
-        columns = ring.draw(
+        points = ring.draw(
             low, high, max_points=max(200, self.points_a_column * width), column_s=(high - low) / max(width, 1)
         )
-        if not columns["time_s"].size:
+        if not points["time_s"].size:
             return None
-        columns = with_holes(columns)
+        columns = with_holes(points)
         elongation = self.inverse(signals(columns)) if self.inverse is not None else None
         return Frame(low, high, columns, elongation, len(sensor_names(columns)))
 

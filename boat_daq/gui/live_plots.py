@@ -114,7 +114,7 @@ class LivePlots(PlotCard):
             found = frame.elongation
             self.mm.set(time_s, found.mm)
             self.band.set(*found.band(time_s))
-        self.first.x_range(frame.low_s, frame.high_s)
+        self.x_range(frame.low_s, frame.high_s)
         self._ranges(frame)
         self.view.scene().prepareForPaint()  # now, or the paint itself would ask for a second one
         return True

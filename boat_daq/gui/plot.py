@@ -209,7 +209,8 @@ class Plot:
     def x_range(self, low: float, high: float) -> None:
         """Show [low, high] horizontally."""
         if high > low:
-            self.item.getViewBox().setXRange(low, high, padding=0)
+            # ranges are never automatic here: to switch that off each time costs as much as the range
+            self.item.getViewBox().setRange(xRange=(low, high), padding=0, disableAutoRange=False)
 
     def y_range(self, low: float, high: float) -> None:
         """Show [low, high] vertically; costs nothing where it is shown already."""

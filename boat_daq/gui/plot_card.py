@@ -96,6 +96,18 @@ class PlotCard(QFrame):
         for plot in self.plots[1:]:
             plot.item.setXLink(first)
 
+    def x_range(self, low: float, high: float) -> None:
+        """Show [low, high] in all plots; for a frame: each link would ask for two views' places on the screen."""
+        boxes = [plot.item.getViewBox() for plot in self.plots]
+        for box in boxes:
+            box.blockLink(True)
+        try:
+            for plot in self.plots:
+                plot.x_range(low, high)
+        finally:
+            for box in boxes:
+                box.blockLink(False)
+
     def say_empty(self, words: str) -> None:
         """Say what will be here, in the plots' place, as empty axes look like data; no words show the plots."""
         widgets.set_text(self.nothing, words)

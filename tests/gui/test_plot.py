@@ -13,6 +13,7 @@ from PySide6.QtGui import QColor
 from boat_daq.gui import style
 from boat_daq.gui.drawn import Drawn
 from boat_daq.gui.plot import Plot, make_item, sensor_ink
+from boat_daq.gui.plot_card import PlotCard
 
 
 @pytest.fixture
@@ -112,3 +113,20 @@ def test_the_grid_stands_where_its_ticks_are(view):
     assert not any(ground(x, 2.5) for x in (10.0, 20.0, 60.0))
     assert not any(ground(25.0, y) for y in (1.0, 3.0, 6.0))
     assert all(ground(x, 2.5) for x in (15.0, 25.0, 65.0))
+
+
+def test_plots_over_each_other_show_the_same_time(qtbot):
+    """A frame sets all ranges itself; a wheel on one plot still moves the others."""
+    card = PlotCard("time")
+    for name in "abc":
+        card.add(name, "mV")
+    qtbot.addWidget(card)
+    card.resize(600, 600)
+    card.link_x()
+    card.show()
+    qtbot.waitExposed(card)
+    card.x_range(10.0, 20.0)
+    boxes = [plot.item.getViewBox() for plot in card.plots]
+    assert [box.viewRange()[0] for box in boxes] == [[10.0, 20.0]] * 3
+    boxes[0].setXRange(5.0, 8.0, padding=0)
+    assert [box.viewRange()[0] for box in boxes] == [pytest.approx([5.0, 8.0])] * 3

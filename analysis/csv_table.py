@@ -52,6 +52,11 @@ class Table:
         """Number of rows read."""
         return self.columns[0].size if self.columns else 0
 
+    def labels(self, wanted: str) -> list[str]:
+        """Return a column as names, whether its cells are numbers or words; raises as `position`."""
+        at = self.position(wanted)
+        return list(self.text[at]) if at in self.text else [str(value) for value in self.columns[at]]
+
     def position(self, wanted: str) -> int:
         """Return the position of a column by its name (case and blanks aside) or its number from 1.
 

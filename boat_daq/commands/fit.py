@@ -52,8 +52,7 @@ def fit(
     from analysis.csv_table import read_table
 
     table = read_table(file)
-    names = [name for name in (x, y, u, position) if name is not None]
-    columns = [table.columns[table.position(name)] for name in names]
+    columns = [table.columns[table.position(name)] for name in (x, y, u) if name is not None]
     known = np.isfinite(columns).all(axis=0)
     masked = int((~known).sum()) + table.broken
     if masked:
@@ -62,7 +61,7 @@ def fit(
         say(issue)
     kept = [column[known] for column in columns]
     uncertainty = kept[2] if u is not None else None
-    labels = kept[-1] if position is not None else None
+    labels = np.asarray(table.labels(position))[known] if position is not None else None
     reading_sd = x_resolution / 12**0.5
     calibration = fit_calibration(kept[0], kept[1], degree, standard_uncertainty=uncertainty)
     calibration = calibration.with_reading(reading_sd, labels)

@@ -63,6 +63,21 @@ def test_fit_meets_certified_digits_and_gives_bands(shared_data: Path, tmp_path:
     assert len(found["bands"]["curve_95"][0]) == len(found["bands"]["x"])
 
 
+@pytest.mark.parametrize("names", [("low", "mid", "up", "high"), ("1", "2", "3", "4")])
+def test_positions_are_named_by_words_or_numbers(tmp_path: Path, names: tuple[str, ...]) -> None:
+    """Four positions read twice: no row is lost for its name, and what a position shares is not counted twice."""
+    rows = [f"{x},{10 * x + 0.1 * (-1) ** (x + again)},{names[x]}" for again in (0, 1) for x in range(4)]
+    path = tmp_path / "positions.csv"
+    path.write_text("\n".join(["x,y,p", *rows]))
+    own = [f"{row},{number}" for number, row in enumerate(rows)]
+    (tmp_path / "own.csv").write_text("\n".join(["x,y,p,q", *own]))
+    options = ("--x", "x", "--y", "y", "--degree", 1, "--x-resolution", 1.0)
+    shared = run("fit", path, *options, "--position", "p")
+    each = run("fit", tmp_path / "own.csv", *options, "--position", "q")
+    assert (shared["n"], shared["masked"]) == (8, 0)
+    assert shared["std_errors_with_reading"][1] > 1.2 * each["std_errors_with_reading"][1]
+
+
 def test_fit_masks_what_is_missing_and_refuses_what_cannot_be(tmp_path: Path) -> None:
     """A row without a number is left out and counted; too few distinct x are an error of the family."""
     (tmp_path / "a.csv").write_text("x,y\n0,0\n1,1\n2,4\n3,\n4,16\n5,25\n")

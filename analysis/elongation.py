@@ -87,6 +87,8 @@ def _from_session(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elonga
         return None
     current = recording.current_readings
     read = pd.to_numeric(current["elongation_mm"], errors="coerce").astype(float)
+    if not np.isfinite(read).any():
+        return None  # every reading was withdrawn
     elongation = dict(zip(current["step"].tolist(), read.tolist(), strict=True))
     taken: set[int] = set()
     values = np.full(len(plateaus), np.nan)

@@ -130,8 +130,8 @@ class Recording:
 
     @property
     def current_readings(self) -> pd.DataFrame:
-        """The reading that counts for each step: the last one entered."""
-        return self.readings.sort_values("id").groupby("step", as_index=False).last()
+        """The reading that counts for each step: the last one entered, also where it withdraws the one before."""
+        return self.readings.sort_values("id").dropna(subset="step").drop_duplicates("step", keep="last")
 
     @classmethod
     def from_arrays(

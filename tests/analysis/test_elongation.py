@@ -14,7 +14,7 @@ from analysis import find_cycles, find_plateaus
 from analysis.elongation import elongations_of
 from analysis.errors import DataError
 from analysis.plateaus import Plateau
-from analysis.recording import Recording
+from analysis.recording import READING_COLUMNS, Recording
 from tests.analysis.boat_builder import Plant
 
 HELD = ((0.0, None), (50.0, 1), (40.0, 2), (30.0, 3), (0.0, None))  # kPa and step: rest, three steps, vented
@@ -65,3 +65,26 @@ def test_a_plan_of_negative_pressures_leaves_its_vented_ends_unread(tmp_path: Pa
     assert found is not None
     assert np.isnan(found.elongation_mm[[0, -1]]).all()
     np.testing.assert_allclose(found.elongation_mm[1:-1], read / 20.0)
+
+
+@pytest.mark.parametrize(("entered", "counts"), [([1.5, None], np.nan), ([1.5, None, 2.5], 2.5), ([1.5, 2.0], 2.0)])
+def test_a_withdrawn_reading_counts_no_more(entered: list[float | None], counts: float) -> None:
+    """The last entry for a step counts: a correction, and also an empty one, which withdraws; its neighbour stays."""
+    readings = pd.DataFrame(
+        [(i, "", 2, mm, 0.5, "typed", "", "") for i, mm in enumerate(entered)]
+        + [(9, "", 1, 3.0, 0.5, "typed", "", "")],
+        columns=list(READING_COLUMNS),
+    )
+    recording = Recording.from_arrays([0.0, 1.0], [0.0, 0.0], [1.0, 1.0], readings=readings)
+    found = elongations_of(recording, tuple(plateau(n, *held) for n, held in enumerate(HELD, 1)))
+    assert found is not None
+    np.testing.assert_array_equal(found.elongation_mm, [np.nan, 3.0, counts, np.nan, np.nan])
+
+
+def test_a_run_whose_readings_were_all_withdrawn_was_not_read() -> None:
+    """One reading, withdrawn: the run counts as one that nobody read."""
+    readings = pd.DataFrame(
+        [(i, "", 1, mm, 0.5, "typed", "", "") for i, mm in enumerate([3.0, None])], columns=list(READING_COLUMNS)
+    )
+    recording = Recording.from_arrays([0.0, 1.0], [0.0, 0.0], [1.0, 1.0], readings=readings)
+    assert elongations_of(recording, tuple(plateau(n, *held) for n, held in enumerate(HELD, 1))) is None

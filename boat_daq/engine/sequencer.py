@@ -34,6 +34,8 @@ VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5
 VENT_TIMEOUT_S = 60.0
 PACE_STEPS = 40  # as many of the last steps say how long the rest will take
+READING_S = 10.0  # a reading takes a hand so long, as long as little is known of it
+FIRST_READINGS = 3  # of so many one may be a long wait: fewer are filled up with it
 
 
 _RUN = (SessionState.RUNNING, SessionState.PAUSED)
@@ -57,7 +59,8 @@ class Sequencer:
         self._watch: StepWatch | None = None
         self._time_us = self._started_us = 0
         self._pressure_kpa = self._from_kpa = 0.0
-        self._paces: deque[float] = deque(maxlen=PACE_STEPS)  # of the last steps, taken over planned time
+        self._paces: deque[float] = deque(maxlen=PACE_STEPS)  # of the last steps, taken over planned time, waits apart
+        self._waits_s: deque[float] = deque(maxlen=PACE_STEPS)  # of the last plateaus, for their readings
         self._low_since_us: int | None = None
         self._actions: list[Action] = []
 
@@ -98,6 +101,7 @@ class Sequencer:
         self.state, self.cycle = SessionState.RUNNING, self._first_cycle - 1
         self._started_us = self._time_us
         self._paces.clear()
+        self._waits_s.clear()
         self.ended = ""
         self._say("run_started", f"{self.plan.name}: {self.plan.cycles} cycles")
         self._open()
@@ -260,12 +264,20 @@ class Sequencer:
 
     def _change(self, mark: StepMark) -> None:
         assert self.plan is not None
-        if mark.ended_us is not None and self._step is not None:
-            planned_s = self.plan.step_duration_s(self._from_kpa, self._step.target_kpa)
-            if planned_s > 0:
-                self._paces.append((mark.ended_us - mark.started_us) / 1e6 / planned_s)
+        if mark.status == "reached" and self._step is not None and self._watch is not None:
+            self._learn(mark, self._step, self._watch)
         self.marks[-1] = mark
         self._actions.append(Marked(mark, new=False))
+
+    def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch) -> None:
+        """Keep how long a step took over its planned time, and how long it waited for its reading."""
+        assert self.plan is not None
+        assert mark.ended_us is not None
+        planned_s, waited_s = self.plan.step_duration_s(self._from_kpa, step.target_kpa), watch.waited_s(mark.ended_us)
+        if planned_s > 0:
+            self._paces.append(((mark.ended_us - mark.started_us) / 1e6 - waited_s) / planned_s)
+        if self._wait_for_reading and step.plateau:
+            self._waits_s.append(waited_s)
 
     def _break_step(self) -> None:
         """End the step under way before its time; its cycle does not count."""
@@ -342,9 +354,10 @@ class Sequencer:
         return max(0, self.plan.cycles - self.complete_cycles - under_way)
 
     def _left(self) -> tuple[float, int]:
-        """Estimated seconds and number of steps left, in the median pace of the last steps.
+        """Estimated seconds and number of steps left: the plan's own time in the median pace of the last steps, and the
+        median wait for a reading at each plateau that will ask for one.
 
-        A plateau that waits for its reading takes nothing off the steps behind it, and one long wait is no pace.
+        A plateau that waits takes nothing off the steps behind it, and one long wait is no habit.
         """
         assert self.plan is not None
         if self.state is SessionState.FINISHING:
@@ -354,9 +367,25 @@ class Sequencer:
         each_s = [pace * self.plan.step_duration_s(a, b) for a, b in itertools.pairwise(path)]
         cycles = self._cycles_left()
         steps = len(self._queue) + cycles * len(self.plan.targets_kpa)
-        gone_s = (self._time_us - self.marks[-1].started_us) / 1e6 if self._watch else 0.0
-        under_way_s = max(0.0, each_s[0] - gone_s) if each_s else 0.0
-        return under_way_s + sum(each_s[1:]) + pace * cycles * self.plan.cycle_duration_s, steps
+        plan_s = self._step_left_s(each_s[0] if each_s else 0.0) + sum(each_s[1:])
+        return plan_s + pace * cycles * self.plan.cycle_duration_s + self._readings_left_s(cycles), steps
+
+    def _step_left_s(self, planned_s: float) -> float:
+        """Estimated seconds of the step under way, its wait for a reading apart."""
+        if self._watch is None:
+            return planned_s
+        gone_s = (self._time_us - self.marks[-1].started_us) / 1e6 - self._watch.waited_s(self._time_us)
+        return max(0.0, planned_s - gone_s)
+
+    def _readings_left_s(self, cycles: int) -> float:
+        """Estimated seconds that readings will still take, with so many cycles to begin yet."""
+        if self.plan is None or not self._wait_for_reading:
+            return 0.0
+        each_s = statistics.median([*self._waits_s, *[READING_S] * (FIRST_READINGS - len(self._waits_s))])
+        behind = sum(s.plateau for s in self._queue) + cycles * sum(s.plateau for s in self.plan.cycle_steps(1))
+        watch = self._watch
+        now_s = max(0.0, each_s - watch.waited_s(self._time_us)) if watch and watch.reading_awaited else 0.0
+        return now_s + behind * each_s
 
 
 def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:

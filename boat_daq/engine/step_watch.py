@@ -75,6 +75,12 @@ class StepWatch:
             return None
         return self._steady_since_us + _us(self._plan.reading_timeout_s)
 
+    def waited_s(self, now_us: int) -> float:
+        """Return how long the plateau has waited for its reading by `now_us`, seconds; 0 where it did not."""
+        if self._steady_since_us is None:
+            return 0.0
+        return ((self.ended_us or now_us) - self._steady_since_us) / 1e6
+
     def feed(self, block: Columns) -> None:
         """Take the next samples."""
         known = block.pressure_known

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from boat_daq.engine.columns import Columns
 from boat_daq.engine.plan import Plan, PlannedStep
-from boat_daq.engine.sequencer import Ended, GoTo, Marked, SegmentBreak, Sequencer, VentNow, resume_point
+from boat_daq.engine.sequencer import READING_S, Ended, GoTo, Marked, SegmentBreak, Sequencer, VentNow, resume_point
 from boat_daq.engine.snapshot import Phase, SessionState, StepMark
 from boat_daq.engine.step_watch import StepWatch
 from boat_daq.errors import OperatorError
@@ -305,27 +305,50 @@ def test_time_left_comes_down_to_the_truth() -> None:
     assert progress.time_left_s == pytest.approx((rig.time_us - begun) / 1e6, rel=0.2)
 
 
-def test_a_wait_for_a_reading_takes_nothing_off_the_rest() -> None:
-    """Two minutes at a plateau that waits: the steps behind it still take what they did, before and after it."""
-    plan = dataclasses.replace(PLAN, reading_timeout_s=600.0)
-    rig = Rig(plan, wait_for_reading=True)
+class Reader:
+    """A rig whose plateaus wait for a reading, and a hand that gives it."""
 
-    def left_s() -> float:
-        progress = rig.sequencer.progress()
+    def __init__(self) -> None:
+        self.plan = dataclasses.replace(PLAN, reading_timeout_s=600.0)
+        self.rig = Rig(self.plan, wait_for_reading=True)
+        self.plateaus = sum(step.plateau for step in self.plan.cycle_steps(1))
+
+    @property
+    def left_s(self) -> float:
+        progress = self.rig.sequencer.progress()
         assert progress is not None
         return progress.time_left_s
 
-    def until_it_waits() -> None:
-        while rig.sequencer.waiting() is None:
-            rig.run(0.1)
+    def read_after(self, seconds: float) -> None:
+        """Let the next plateau wait so long, then give its reading."""
+        while self.rig.sequencer.waiting() is None:
+            self.rig.run(0.1)
+        self.rig.run(seconds)
+        self.rig.sequencer.reading_given(self.rig.sequencer.marks[-1].number)
+        self.rig.run(0.2)
 
-    until_it_waits()
-    rig.run(10)
-    behind_s = left_s()
-    rig.run(120)
-    assert left_s() == behind_s == pytest.approx(2 * plan.cycle_duration_s)
-    for _ in range(3):
-        rig.sequencer.reading_given(rig.sequencer.marks[-1].number)
-        rig.run(1)
-        until_it_waits()
-    assert left_s() < 2 * behind_s  # one long wait is not the pace of the run
+
+def test_a_wait_for_a_reading_takes_nothing_off_the_rest() -> None:
+    """Forty seconds at a plateau that waits: the steps behind it still take what they did, their readings with them."""
+    reader = Reader()
+    while reader.rig.sequencer.waiting() is None:
+        reader.rig.run(0.1)
+    reader.rig.run(READING_S)
+    behind_s = reader.left_s
+    reader.rig.run(40)
+    plan_s = 2 * reader.plan.cycle_duration_s
+    assert reader.left_s == pytest.approx(behind_s)
+    assert behind_s == pytest.approx(plan_s + 2 * reader.plateaus * READING_S, abs=0.5)
+
+
+@pytest.mark.parametrize("long_s", [3.0, 60.0])
+def test_one_long_wait_is_no_habit(long_s: float) -> None:
+    """A hand that takes 3 s, at its first plateau a minute: what is left is then the truth within a fifth."""
+    reader = Reader()
+    reader.read_after(long_s)
+    for _ in range(4):
+        reader.read_after(3.0)
+    estimate_s, begun_us = reader.left_s, reader.rig.time_us
+    while not reader.rig.ended:
+        reader.read_after(3.0) if reader.rig.sequencer.waiting() else reader.rig.run(0.1)
+    assert estimate_s == pytest.approx((reader.rig.time_us - begun_us) / 1e6, rel=0.2)

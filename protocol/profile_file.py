@@ -31,7 +31,6 @@ unknown key, a wrong type, a missing part is refused by name, and a limit has no
 from __future__ import annotations
 
 import re
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -42,6 +41,7 @@ from protocol.messages import SENSORS_MAX
 from protocol.recording import SampleKind
 from protocol.rx8 import PacketFormat, parse_format
 from protocol.text_lines import LineFormat
+from protocol.toml_text import read_toml
 
 _US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0}
 _SENSOR = re.compile(r"s([1-9])_(lit|dark|signal)")
@@ -135,8 +135,8 @@ def load_profile(source: str | Path) -> TextProfile:
     """
     text = source if isinstance(source, str) and "\n" in source else _read(Path(source))
     try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        content = read_toml(text)
+    except ValueError as error:
         raise ProfileError(f"the profile is not TOML: {error}", "mend the line that is named") from None
     top = _table(content, "", _TOP)
     device = _table(top["device"], "device.", _DEVICE)
@@ -148,7 +148,7 @@ def load_profile(source: str | Path) -> TextProfile:
         case "rx8":
             names, fields, format_ = _rx8(_table(top["rx8"], "rx8.", _RX8))
         case kind:
-            raise ProfileError(f"kind = {kind!r} is not known", 'write kind = "lines" or kind = "rx8"')
+            raise ProfileError(f"kind = {kind!r:.60} is not known", 'write kind = "lines" or kind = "rx8"')
     sample_kind = _sample_kind(names, device)
     return TextProfile(
         name=top["name"],
@@ -184,12 +184,12 @@ def _table(content: Any, prefix: str, rules: _Rules) -> dict[str, Any]:
         raise ProfileError(f"{prefix.rstrip('.')} is not a table", "see the examples that come with the program")
     for key, value in content.items():
         if key not in rules:
-            raise ProfileError(f"unknown key {prefix}{key}", f"known here: {', '.join(rules)}")
+            raise ProfileError(f"unknown key {prefix}{key:.60}", f"known here: {', '.join(rules)}")
         expected = rules[key][0]
         if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
             kinds = expected if isinstance(expected, tuple) else (expected,)
             names = " or ".join(kind.__name__ for kind in kinds)
-            raise ProfileError(f"{prefix}{key} is {value!r}, not of type {names}", f"write a value of type {names}")
+            raise ProfileError(f"{prefix}{key} is {value!r:.60}, not of type {names}", f"write a value of type {names}")
     for key, (_, default) in rules.items():
         if default is ... and key not in content:
             raise ProfileError(f"the key {prefix}{key} is missing", "add it; the shipped examples show how")
@@ -232,7 +232,7 @@ def _lines(table: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], Line
         )
     comments = table["comments"]
     if not all(isinstance(comment, str) and comment for comment in comments):
-        raise ProfileError(f"lines.comments = {comments!r}", 'write a list of prefixes such as ["#"]')
+        raise ProfileError(f"lines.comments = {comments!r:.60}", 'write a list of prefixes such as ["#"]')
     wanted = [at for at, entry in enumerate(entries) if _has_meaning(entry["name"])]
     format_ = LineFormat(
         delimiter=table["delimiter"].encode(),
@@ -309,7 +309,7 @@ def _column(entry: dict[str, Any], device: dict[str, Any]) -> Column:
             units["counts"] = device["vref_mv"] / (1 << device["adc_bits"])
     if unit not in units:
         known = ", ".join(str(unit_name) for unit_name in units if unit_name)
-        raise ProfileError(f"{name} has the unit {unit!r}", f"write one of {known}" if known else "leave it out")
+        raise ProfileError(f"{name} has the unit {unit!r:.60}", f"write one of {known}" if known else "leave it out")
     scale, offset = entry["scale"], entry["offset"]
     measured = name == "pressure" or name.endswith("signal")
     if not measured and (offset or scale <= 0 or (scale != 1 and name != "time")):

@@ -164,7 +164,7 @@ def value_fits(declared_as: tuple[str, bool], value: object) -> bool:
 
 
 def _number(low: float, high: float) -> Callable[[Any], bool]:
-    return lambda v: isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) and low <= v <= high
+    return lambda v: isinstance(v, int | float) and not isinstance(v, bool) and low <= v <= high
 
 
 def _whole(low: int, high: int) -> Callable[[Any], bool]:

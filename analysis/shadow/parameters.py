@@ -127,6 +127,8 @@ def check_number(name: str, value: float, *, whole: bool = False) -> None:
     RequestError
         Naming the parameter.
     """
+    if isinstance(value, int) and abs(value) >= 2**63:  # no float, and of too many digits to be printed
+        raise RequestError(f"{name} is a number of more than 64 bits", f"give {name} as a plain number")
     if whole and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
         raise RequestError(f"{name} = {value} is not a whole number of 1 or more", f"give {name} as 1, 2, 3, ...")
     if not isinstance(value, int | float) or not math.isfinite(value):

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
 from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 from boat_daq.errors import OperatorError
+from protocol.toml_text import read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +24,7 @@ MAX_BYTES = 1_000_000  # a plan or a settings file is a few kilobytes; more is s
 
 def refuse(where: str, key: str, why: str, remedy: str = "") -> OperatorError:
     """Return the error that names file and key."""
-    return OperatorError(f"{where}: '{key}' {why}", remedy)
+    return OperatorError(f"{where}: '{key:.60}' {why}", remedy)
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
@@ -35,8 +35,8 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     OperatorError : not TOML; says the line.
     """
     try:
-        return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        return read_toml(text)
+    except ValueError as error:
         raise OperatorError(f"{where} is not a readable TOML file: {error}", "mend that line") from error
 
 

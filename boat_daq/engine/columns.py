@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from protocol.recording import NOT_FOR_FIGURES, BoardState, SampleFlag
 _PRESSURE_UNKNOWN = int(SampleFlag.PRESSURE_INVALID)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Columns:
     """n samples in order of board time.
 
@@ -38,21 +39,21 @@ class Columns:
     def __len__(self) -> int:
         return len(self.time_us)
 
-    @property
+    @cached_property
     def usable(self) -> NDArray[np.bool_]:
         """Samples that may enter a figure [n]."""
         unusable: NDArray[np.bool_] = (self.flags & int(NOT_FOR_FIGURES)) != 0
         return ~unusable
 
-    @property
+    @cached_property
     def pressure_known(self) -> NDArray[np.bool_]:
         """Samples whose pressure the board vouches for [n]."""
         unknown: NDArray[np.bool_] = (self.flags & _PRESSURE_UNKNOWN) != 0
         return ~unknown & np.isfinite(self.pressure_kpa)
 
-    def part(self, start: int, stop: int) -> Columns:
-        """Return samples `start` to `stop`, not copied."""
-        return Columns(*(getattr(self, name)[start:stop] for name in self.__slots__))
+    def part(self, where: slice | NDArray[np.bool_]) -> Columns:
+        """Return the samples there; those of a slice are not copied."""
+        return Columns(*(getattr(self, field.name)[where] for field in fields(self)))
 
 
 def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:

@@ -10,10 +10,10 @@ virtual board answers it without a thread.
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from boat_daq.engine.actions import Ended, GoTo, VentNow
 from boat_daq.engine.columns import Columns, columns, last_sample
@@ -50,6 +50,7 @@ _FAULT_BEFORE = (
     "the board had vented and latched a fault before this program came: its host may have died under pressure"
 )
 _AT_REST = (BoardState.IDLE, BoardState.VENTED)
+_WATCHDOG_ARMED = int(SampleFlag.WATCHDOG_ARMED)  # as numbers: each sample asks
 _RUN = (SessionState.RUNNING, SessionState.PAUSED)
 
 
@@ -77,7 +78,7 @@ class Controller:
         self.why_read_only = ""  # where the link cannot command
         self._zero_tolerance_kpa = zero_tolerance_kpa
         self._mv_per_count = 1.0
-        self._recent = np.empty(0)
+        self._recent: deque[float] = deque(maxlen=ZERO_SAMPLES)  # kPa
         self._cleared_by = ""
         self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
         self._watched = False  # samples came on this link
@@ -190,7 +191,7 @@ class Controller:
     def preflight(self) -> list[Check]:
         """Return the lines of the check before the first pressure."""
         latched = self.interlock.latched
-        recent = float(self._recent.mean()) if len(self._recent) else None
+        recent = math.fsum(self._recent) / len(self._recent) if self._recent else None
         at_rest = self.last is not None and self.last.state in _AT_REST
         return [
             Check("link") if self.up else Check("link", "no samples come from the board", "check the link"),
@@ -313,7 +314,7 @@ class Controller:
         if first:
             self.first_us = int(block.time_us[0])
         self.last = last_sample(block, self.target_kpa)
-        self._recent = np.concatenate([self._recent, block.pressure_kpa[block.pressure_known]])[-ZERO_SAMPLES:]
+        self._recent.extend(block.pressure_kpa[block.pressure_known].tolist())
         found = self.interlock.inspect(block)
         if found is not None:
             if first and found.kind == "board_fault":
@@ -326,7 +327,7 @@ class Controller:
         self._act()
         if self.target_kpa is None and not dialogue.venting and abs(self.last.pressure_kpa) <= VENTED_KPA:
             self.pressurised = False
-        if self.last.flags & SampleFlag.WATCHDOG_ARMED:
+        if int(self.last.flags) & _WATCHDOG_ARMED:
             dialogue.adopt_watchdog()
         dialogue.tick(idle=self._idle)
 

@@ -25,6 +25,7 @@ MARGIN_KPA = 2.0  # beyond a limit by more than this the board vents by itself, 
 IMPLAUSIBLE_KPA = 1000.0  # a good checksum is no validation: no unit of this kind reads ten atmospheres
 FLAT_PRESSURE_KPA = 20.0  # a sensor whose reading stays the same while the pressure moves so far is frozen
 FLAT_SAMPLES = 20
+_TRIPPING = int(SampleFlag.ESTOP | SampleFlag.PRESSURE_INVALID)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,7 @@ class Interlock:
     def __init__(self) -> None:
         self._limits: dict[str, tuple[float, float]] = {}
         self._standing: Trip | None = None
+        self.limits: Limits | None = None  # the tightest; None before any is known
         self.latched: Trip | None = None
 
     # ---- limits ----------------------------------------------------------------------------------------------------
@@ -57,6 +59,7 @@ class Interlock:
         """
         if limits_kpa is None:
             self._limits.pop(source, None)
+            self.limits = _tightest(self._limits)
             return
         low, high = limits_kpa
         if not (math.isfinite(low) and math.isfinite(high) and low <= 0 <= high and low < high):
@@ -64,11 +67,7 @@ class Interlock:
                 f"the {source}'s limits {low:g} .. {high:g} kPa cannot be kept", "give a range around 0 kPa, low < high"
             )
         self._limits[source] = (low, high)
-
-    @property
-    def limits(self) -> Limits | None:
-        """The tightest limits; None before any is known."""
-        return _tightest(self._limits)
+        self.limits = _tightest(self._limits)
 
     def check(self, target_kpa: float, *, new_plan: bool = False) -> None:
         """Refuse a target outside the limits; for a new plan those of the one before do not count.
@@ -113,6 +112,9 @@ class Interlock:
         """Look at every sample; latch and return the first trip, None where nothing new is found."""
         if not len(block):
             return None
+        if self._well(block):
+            self._standing = None
+            return None
         levels = self._levels(block)
         self._standing = self._describe(block, len(block) - 1, levels)
         found = [int(np.argmax(level)) for level in levels.values() if level[-1] or level.any()]
@@ -135,6 +137,17 @@ class Interlock:
         """
         if self._standing is not None and self._standing.kind != "board_fault":
             raise OperatorError(f"the fault stands: {self._standing.cause}", self._standing.remedy)
+
+    def _well(self, block: Columns) -> bool:
+        """Whether no sample shows anything: what nearly every block comes to, for a fifth of the work."""
+        low, high = self._bounds
+        pressure = block.pressure_kpa
+        return (
+            int(np.bitwise_or.reduce(block.flags)) & _TRIPPING == 0
+            and int(block.state.max()) < BoardState.FAULT
+            and float(pressure.min()) >= max(low - MARGIN_KPA, -IMPLAUSIBLE_KPA)  # never true of what is no number
+            and float(pressure.max()) <= min(high + MARGIN_KPA, IMPLAUSIBLE_KPA)
+        )
 
     def _levels(self, block: Columns) -> dict[str, NDArray[np.bool_]]:
         """Return for each kind of trip which samples show it [n]; of one sample's kinds the first here is named."""
@@ -195,8 +208,8 @@ class FlatLine:
     """Watches for a sensor that reads the same value while the pressure moves."""
 
     def __init__(self) -> None:
-        self._value: np.ndarray[tuple[int], np.dtype[np.float64]] | None = None
-        self._extremes: list[tuple[float, float]] = []
+        self._value: list[float] = []  # of each sensor's newest sample
+        self._extremes: list[tuple[float, float]] = []  # of the pressure since it reads that value
         self._samples: list[int] = []
         self._told: set[int] = set()
 
@@ -207,29 +220,35 @@ class FlatLine:
 
     def inspect(self, block: Columns) -> list[int]:
         """Return the sensors (from 1) newly found frozen."""
-        if not len(block):
+        n = len(block)
+        if not n:
             return []
-        n_sensors = block.raw.shape[1]
-        if self._value is None or len(self._value) != n_sensors:
-            self._value = np.full(n_sensors, np.nan)
-            self._extremes, self._samples = [(math.inf, -math.inf)] * n_sensors, [0] * n_sensors
-        return [sensor + 1 for sensor in range(n_sensors) if self._watch(sensor, block)]
+        newest = block.raw[-1]
+        other = (block.raw != newest)[::-1].argmax(axis=0).tolist()  # samples since another reading; 0: there was none
+        value = newest.tolist()
+        if len(self._value) != len(value):
+            self._value = [math.nan] * len(value)
+            self._extremes, self._samples = [(math.inf, -math.inf)] * len(value), [0] * len(value)
+        found = []
+        for sensor, length in enumerate(other):
+            if length or value[sensor] != self._value[sensor]:
+                self._extremes[sensor], self._samples[sensor] = (math.inf, -math.inf), 0
+                self._told.discard(sensor + 1)
+            self._continue(sensor, block.pressure_kpa[n - (length or n) :])
+            if self._flat(sensor):
+                found.append(sensor + 1)
+        self._value = value
+        self._told.update(found)
+        return found
 
-    def _watch(self, sensor: int, block: Columns) -> bool:
-        """Continue the run of equal readings of one sensor; True when it has just become a flat line."""
-        assert self._value is not None
-        readings, pressure = block.raw[:, sensor], block.pressure_kpa
-        different = np.flatnonzero(readings != readings[-1])
-        if len(different) or readings[-1] != self._value[sensor]:
-            start = int(different[-1]) + 1 if len(different) else 0
-            readings, pressure = readings[start:], pressure[start:]
-            self._value[sensor], self._extremes[sensor], self._samples[sensor] = readings[-1], (math.inf, -math.inf), 0
-            self._told.discard(sensor + 1)
+    def _continue(self, sensor: int, pressure_kpa: NDArray[np.float64]) -> None:
+        """Go on with the run of equal readings of one sensor."""
         low, high = self._extremes[sensor]
-        self._extremes[sensor] = min(low, float(pressure.min())), max(high, float(pressure.max()))
-        self._samples[sensor] += len(readings)
+        self._extremes[sensor] = min(low, float(pressure_kpa.min())), max(high, float(pressure_kpa.max()))
+        self._samples[sensor] += len(pressure_kpa)
+
+    def _flat(self, sensor: int) -> bool:
+        """Whether one sensor's run has become a flat line, and nobody was told."""
         low, high = self._extremes[sensor]
-        if high - low < FLAT_PRESSURE_KPA or self._samples[sensor] < FLAT_SAMPLES or sensor + 1 in self._told:
-            return False
-        self._told.add(sensor + 1)
-        return True
+        flat = high - low >= FLAT_PRESSURE_KPA and self._samples[sensor] >= FLAT_SAMPLES
+        return flat and sensor + 1 not in self._told

@@ -85,7 +85,7 @@ class StepWatch:
         """Take the next samples."""
         known = block.pressure_known
         if not known.all():
-            block = Columns(*(getattr(block, name)[known] for name in Columns.__slots__))
+            block = block.part(known)
         if not len(block) or self.outcome is not None:
             return
         inside = np.abs(block.pressure_kpa - self._step.target_kpa) <= self._plan.tolerance_kpa
@@ -119,7 +119,7 @@ class StepWatch:
         n = len(block)
         left = n if inside[i:].all() else i + int(np.argmin(inside[i:]))
         check = max(i, int(np.searchsorted(block.time_us, self._next_check_us)))
-        self._kept.append(block.part(i, min(left, check + 1, n)))
+        self._kept.append(block.part(slice(i, min(left, check + 1, n))))
         settled_us = self.arrived_us + _us(self._plan.settling_s)
         if self.settled_us is None and block.time_us[min(left, check + 1, n) - 1] >= settled_us and left > i:
             self.settled_us = settled_us

@@ -136,7 +136,9 @@ class SerialTransport:
         _or_gone(self.description, lambda: _write_all(self._port, data))
 
     def _receive(self) -> bytes:
-        """Wait for a byte, then take what came with it: alone it would be a block, and cost as much as all the rest."""
+        """Wait for a byte, and take what came with it: alone it would be a block, and cost as much as all the rest."""
+        if sys.platform != "win32":
+            return _read_some(self._port)
         first = bytes(self._port.read(1))
         return first + bytes(self._port.read(self._port.in_waiting)) if first else first
 
@@ -146,6 +148,19 @@ class SerialTransport:
             self._port.close()
         except _PORT_ERRORS:
             return
+
+
+def _read_some(port: serial.Serial) -> bytes:
+    """Return what is there on POSIX, waiting for the first byte: two calls of the system where pyserial makes five."""
+    if not select.select([port.fileno()], [], [], READ_WAIT_S)[0]:
+        return b""
+    try:
+        data = os.read(port.fileno(), _RECEIVE_BYTES)
+    except BlockingIOError:  # called ready, and there is nothing yet
+        return b""
+    if not data:  # ready, and nothing to read: the device has left
+        raise serial.SerialException("the device has left the port")
+    return data
 
 
 def _write_all(port: serial.Serial, data: bytes) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 
 import pytest
 
+from boat_daq.engine.control import ZERO_SAMPLES
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
@@ -217,7 +218,7 @@ def test_a_pressure_by_hand() -> None:
 def test_the_zero_of_the_pressure_sensor_is_looked_at() -> None:
     """A vented unit that reads 10 kPa is not started."""
     bench = Bench().connected()
-    bench.control._recent[:] = 10.0
+    bench.control._recent.extend([10.0] * ZERO_SAMPLES)
     bench.control.arm(QUICK)
     with pytest.raises(OperatorError, match="on a vented unit"):
         bench.control.start()

@@ -65,7 +65,7 @@ def test_the_cut_into_blocks_changes_nothing(lengths: list[int], overshoot: bool
     data = samples(pressure)
     whole.feed(data)
     for length in [*lengths, len(data)]:
-        cut.feed(data.part(at, min(at + length, len(data))))
+        cut.feed(data.part(slice(at, min(at + length, len(data)))))
         at = min(at + length, len(data))
     times = [(s.arrived_us, s.settled_us, s.ended_us, s.outcome) for s in (whole, cut)]
     assert times[0] == times[1]
@@ -140,12 +140,12 @@ def test_a_plateau_waits_for_its_reading() -> None:
     given_one, not_given = watch(wait=True), watch(wait=True)
     data = samples(ramp_and_hold(50.0, 20.0))
     for step in (given_one, not_given):
-        step.feed(data.part(0, 700))
+        step.feed(data.part(slice(700)))
         assert step.phase is Phase.WAITING_FOR_READING and step.outcome is None
     given_one.reading_awaited = False
-    given_one.feed(data.part(700, 760))
+    given_one.feed(data.part(slice(700, 760)))
     assert given_one.outcome == "reached"
-    not_given.feed(data.part(700, len(data)))
+    not_given.feed(data.part(slice(700, None)))
     assert not_given.detail()["reading_timed_out"] is True
 
 

@@ -150,12 +150,27 @@ def test_every_type_that_pyserial_raises_becomes_one(terminal, monkeypatch, erro
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(port._port, "read", fail)
+    monkeypatch.setattr(transports, "_read_some", fail)
     monkeypatch.setattr(transports, "_write_all", fail)
     with pytest.raises(DeviceError, match="is gone"):
         port.read()
     with pytest.raises(DeviceError, match="is gone"):
         port.write(b"x")
+    port.close()
+
+
+def test_a_port_that_is_ready_and_has_nothing_is_not_gone(terminal, monkeypatch):
+    """A system may call a port ready by mistake: that is no byte, and no unplug."""
+    port = open_transport(terminal[1])
+
+    def nothing_yet(*_):
+        raise BlockingIOError(errno.EAGAIN, "nothing yet")
+
+    with monkeypatch.context() as system:
+        system.setattr(os, "read", nothing_yet)
+        terminal[0].write(b"x")
+        assert port.read() == b""
+    assert port.read() == b"x"
     port.close()
 
 

@@ -222,7 +222,9 @@ class Connection:
         rows["host_ns"] = host_ns
         rows["lit"] = wire["counts"][:, :, 0]
         rows["dark"] = wire["counts"][:, :, 1]
-        rows["flags"][implausible(rows, self._adc_bits)] |= np.uint16(SampleFlag.IMPLAUSIBLE)
+        absurd = implausible(rows, self._adc_bits)
+        if absurd.any():
+            rows["flags"][absurd] |= np.uint16(SampleFlag.IMPLAUSIBLE)
         return rows
 
     def _take_message(self, body: bytes, now_ns: int) -> list[LinkEvent]:

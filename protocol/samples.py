@@ -65,7 +65,7 @@ def implausible(rows: Rows, adc_bits: int) -> Booleans:
         return result
     lit, dark, full = rows["lit"], rows["dark"], 1 << adc_bits
     excess = dark > lit + np.uint32(full * DARK_EXCESS)
-    absurd |= (excess | (lit >= full) | (dark >= full)).any(axis=1)
+    absurd |= np.logical_or.reduce(excess | (np.maximum(lit, dark) >= full), axis=1)
     return absurd
 
 
@@ -233,7 +233,7 @@ class SampleStream:
         neighbours = steps == 1
         neighbours[0] &= not self._no_neighbour
         self._no_neighbour = False
-        if elapsed.min() < 0 or elapsed.max() >= self._time_wrap // 2 or steps.max() > 1:
+        if elapsed.min() < 0 or elapsed.max() >= self._time_wrap // 2 or not neighbours.all():
             elapsed = _wrapped(elapsed, self._time_wrap)
             for at in np.flatnonzero(steps > 1):
                 before = np.flatnonzero(neighbours[:at])

@@ -19,6 +19,8 @@ from protocol.recording import SampleFlag
 
 DEFAULT_CAPACITY = 360_000  # an hour at 100 Hz
 LATER_US = 1_000_000
+_IMPLAUSIBLE = int(SampleFlag.IMPLAUSIBLE)
+_NOT_SHOWN = _IMPLAUSIBLE | int(SampleFlag.PRESSURE_INVALID)
 
 
 class RingBuffer:
@@ -63,13 +65,12 @@ class RingBuffer:
         time_us, flags = block.time_us, samples["flags"]
         entries = np.empty((len(self.names), len(samples)))
         entries[0] = (np.maximum.accumulate(time_us) + self._offset(time_us, samples["host_ns"])) * 1e-6
-        entries[1] = np.where(flags & SampleFlag.PRESSURE_INVALID, np.nan, block.pressure_kpa)
+        entries[1] = block.pressure_kpa
         entries[2] = self.target_kpa
         entries[3:] = block.signal_mv.T
-        implausible = (flags & SampleFlag.IMPLAUSIBLE) != 0
-        if implausible.any():
-            entries[1, implausible] = np.nan
-            entries[3:, implausible] = np.nan
+        if int(np.bitwise_or.reduce(flags)) & _NOT_SHOWN:
+            entries[1, (flags & _NOT_SHOWN) != 0] = np.nan
+            entries[3:, (flags & _IMPLAUSIBLE) != 0] = np.nan
         self._pyramid.append(entries)
 
     def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, NDArray[np.float64]]:

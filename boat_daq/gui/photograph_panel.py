@@ -21,11 +21,11 @@ from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGra
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style, widgets
 from boat_daq.gui.files import ask_open
+from boat_daq.gui.picture_file import KINDS, REMEDY, read_picture
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.formatting import NOTHING, number, plain_number
 from boat_daq.viewmodels.photograph import Photograph
 
-PICTURES = "png jpg jpeg bmp tif tiff"
 NOBODY_WAITS = "Read. No plateau waits for a reading now: it can be taken when one does, or typed."
 MARKS = ("scale 1", "scale 2", "rest", "tip")
 
@@ -102,7 +102,7 @@ class PhotographPanel(QDialog):
         self.take.setDefault(True)
         self.take.setEnabled(False)
         head = widgets.row(
-            widgets.button("Load …", lambda: ask_open(self, desk, "Open a picture", PICTURES, self.load)),
+            widgets.button("Load …", lambda: ask_open(self, desk, "Open a picture", " ".join(KINDS), self.load)),
             widgets.button("Paste", self.paste), widgets.label("scale clicks are apart by", "muted"), self.distance,
             widgets.label("mm", "muted"), None, self.value, widgets.button("Back", self.back), self.take,
         )  # fmt: skip
@@ -119,15 +119,15 @@ class PhotographPanel(QDialog):
         ------
         OperatorError : it is no picture.
         """
-        self._show(QPixmap(str(path)), path.name)
+        self._show(read_picture(path))
 
     def paste(self) -> None:
         """Show the picture on the clipboard."""
-        self.desk.notices.attempt(lambda: self._show(QGuiApplication.clipboard().pixmap(), "the clipboard"))
+        self.desk.notices.attempt(lambda: self._show(QGuiApplication.clipboard().pixmap()))
 
-    def _show(self, pixmap: QPixmap, source: str) -> None:
+    def _show(self, pixmap: QPixmap) -> None:
         if pixmap.isNull():
-            raise OperatorError(f"{source} holds no picture", "Copy or choose a PNG or JPEG of the millimetre grid.")
+            raise OperatorError("the clipboard holds no picture", REMEDY)
         self.state = self.state.next_picture()
         self.view.set_picture(pixmap)
         self._refresh()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis import metrics
-from analysis.calibration import reservations
+from analysis.calibration import Words, reservations
 from analysis.cycles import disagreements_with_marks
 from analysis.losses import LossCounter
 
@@ -92,7 +92,7 @@ def _sensor_flags(sensor: SensorAnalysis, run: Run) -> list[tuple[str, str]]:
         inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
         where = f"turns at {', '.join(f'{t:.2f}' for t in inside)} mm" if inside else "is flat"
         flags.append(("not_monotone", f"the curve {where}: its inverse is refused"))
-    flags += [("calibration", text) for text in reservations(calibration)]
+    flags += [("calibration", text) for text in reservations(calibration, _words(sensor, run))]
     if posterior is None and run.options.mcmc:
         flags.append(("no_posterior", sensor.calibration_void))
     flags += [("posterior", text) for text in (posterior.reservations if posterior is not None else ())]
@@ -111,3 +111,10 @@ def _sensor_flags(sensor: SensorAnalysis, run: Run) -> list[tuple[str, str]]:
             )
         )
     return flags
+
+
+def _words(sensor: SensorAnalysis, run: Run) -> Words:
+    """Return how the sensor's points are called: reading, pressure, branch and cycle of their plateaus."""
+    plateaus = [run.plateaus[int(i)] for i in sensor.point_plateau]
+    x = sensor.calibration.x if sensor.calibration is not None else np.zeros(0)
+    return Words(lambda i: f"the reading {x[i]:+.2f} mm at {plateaus[i].place}", "mm", "mV")

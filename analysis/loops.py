@@ -85,7 +85,7 @@ def staircase_loops(
                     x[b, k, g] = elongation_mm[i]
     ends = (float(levels[0]), float(levels[-1])) if levels.size else (float("nan"), float("nan"))
     void = tuple(
-        f"plateau {p.number}{f' ({p.pressure_kpa:+.0f} kPa)' if np.isfinite(p.pressure_kpa) else ''}{which}: {reason}"
+        f"plateau {p.number}{f' ({p.place})' if p.place else ''}{which}: {reason}"
         for p in inside
         for which, reason in ([("", p.void)] if p.void else [(f" of s{i}", r) for i, r in enumerate(p.damaged, 1)])
         if reason

@@ -77,6 +77,14 @@ class Plateau:
     damaged: tuple[str, ...] = ()
     losses: tuple[Losses, ...] = ()
 
+    @property
+    def place(self) -> str:
+        """Where it is, in words: pressure, branch, cycle; what is not known is left out."""
+        pressure = f"{self.pressure_kpa:+.0f} kPa" if np.isfinite(self.pressure_kpa) else ""
+        branch = {"start": "opening"}.get(self.branch, self.branch)
+        cycle = f"cycle {self.cycle}" if self.cycle and self.branch != "start" else ""
+        return ", ".join(part for part in (pressure, branch, cycle) if part)
+
 
 def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSettings | None = None) -> tuple[Plateau, ...]:
     """Find the holds of a staircase; an empty tuple for a continuous run.

@@ -21,6 +21,7 @@ from analysis.posterior import MAX_STEPS, sample_posterior
 from analysis.recording import load_recording
 from analysis.repeatability import per_cycle, sensitivity_per_cycle
 from analysis.sensor_analysis import Options
+from analysis.shortfalls import shortfalls
 from analysis.uncertainty import signal_parts
 from boat_daq.viewmodels.figures import FIGURES, figure_rows, figure_text
 from boat_daq.viewmodels.formatting import NOTHING
@@ -63,7 +64,17 @@ def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: 
         flags=tuple(_in_words(str(flag["text"])) for flag in found.flags),
         reading_sd_mm=found.reading_sd_mm,
         breaks=tuple(_break(each) for each in found.breaks),
+        plateaus=_asked(found),
+        read=int(found.elongations.known.sum()) if found.elongations is not None else 0,
     )
+
+
+def _asked(found: Analysis) -> int:
+    """Return at how many plateaus a run is read: its own steps but the last way out, else those of its cycles."""
+    steps = found.recording.steps
+    if len(steps):
+        return int((steps["branch"] != "end").sum())
+    return sum(bool(p.branch) for p in found.plateaus)
 
 
 def _tell(progress: Progress | None, done: float, total: float) -> None:
@@ -73,7 +84,7 @@ def _tell(progress: Progress | None, done: float, total: float) -> None:
 
 def _in_words(text: str) -> str:
     """Return a flag with its sensor's name written out, e.g. `s1: ...` as `Sensor 1: ...`."""
-    return re.sub(r"^s(\d)(_mv)?: ", r"Sensor \1: ", text)
+    return re.sub(r"\bof s(\d)\b", r"of sensor \1", re.sub(r"^s(\d)(_mv)?: ", r"Sensor \1: ", text))
 
 
 def _sensor(found: Analysis, index: int) -> SensorResult:
@@ -94,6 +105,7 @@ def _sensor(found: Analysis, index: int) -> SensorResult:
         sensor.name, "", values, cycles, calibration.x, calibration.y, calibration.residuals, loading,
         np.array([p.cycle for p in points]), grid, calibration.predict(grid), calibration.band(grid, 0.68),
         calibration.band(grid, 0.95), _content(found, index), calibration.turning_points,
+        shortfalls(sensor, found.reading_sd_mm),
     )  # fmt: skip
 
 

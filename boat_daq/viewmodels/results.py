@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.shortfalls import Shortfall
 from boat_daq.viewmodels.figures import FigureRow, FigureText
 
 Array = NDArray[np.float64]
@@ -74,6 +75,7 @@ class SensorResult:
     band_95: Band
     content: Mapping[str, Any] | None
     turning_points: tuple[float, ...]
+    poor: tuple[Shortfall, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,7 @@ class BreakResult:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """All a page shows of one run."""
+    """All a page shows of one run; of its `plateaus`, `read` have an elongation."""
 
     path: str
     unit: str
@@ -108,6 +110,8 @@ class RunResult:
     flags: tuple[str, ...]
     reading_sd_mm: float
     breaks: tuple[BreakResult, ...] = ()
+    plateaus: int = 0
+    read: int = 0
 
     @property
     def calibrated(self) -> bool:

@@ -11,8 +11,13 @@ from boat_daq.commands.console import JsonOption, emit_json, out, say
 from boat_daq.commands.fidelity import FidelityOption
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from analysis.calibration import Calibration
     from analysis.posterior import Posterior
+
+    Array = NDArray[np.float64]
 
 BAND_POINTS = 101
 
@@ -45,26 +50,13 @@ def fit(
 
         boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
     """
-    import numpy as np
-
     from analysis.calibration import fit_calibration, reservations
     from analysis.checks import fit_checks
-    from analysis.csv_table import read_table
 
-    table = read_table(file)
-    columns = [table.columns[table.position(name)] for name in (x, y, u) if name is not None]
-    known = np.isfinite(columns).all(axis=0)
-    masked = int((~known).sum()) + table.broken
-    if masked:
-        say(f"{masked} rows left out: not every number is there")
-    for issue in table.issues:
-        say(issue)
-    kept = [column[known] for column in columns]
-    uncertainty = kept[2] if u is not None else None
-    labels = np.asarray(table.labels(position))[known] if position is not None else None
+    (at, signal, *given), labels, masked = _readings(file, [x, y] if u is None else [x, y, u], position)
+    uncertainty = given[0] if given else None
     reading_sd = x_resolution / 12**0.5
-    calibration = fit_calibration(kept[0], kept[1], degree, standard_uncertainty=uncertainty)
-    calibration = calibration.with_reading(reading_sd, labels)
+    calibration = fit_calibration(at, signal, degree, standard_uncertainty=uncertainty).with_reading(reading_sd, labels)
     content: dict[str, Any] = calibration.as_json() | {"masked": masked, "checks": fit_checks(calibration)}
     content["notes"] = reservations(calibration)
     for note in content["notes"]:
@@ -76,7 +68,7 @@ def fit(
         from analysis.reading import share_their_error
 
         posterior = sample_posterior(
-            kept[0], kept[1], degree, reading_sd=reading_sd, positions=labels, standard_uncertainty=uncertainty,
+            at, signal, degree, reading_sd=reading_sd, positions=labels, standard_uncertainty=uncertainty,
             seed=seed, max_steps=fidelity(level).posterior_steps,
         )  # fmt: skip
         content["posterior"] = posterior.as_json()
@@ -90,6 +82,24 @@ def fit(
         emit_json(content)
     else:
         _print(content)
+
+
+def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[Array], NDArray[Any] | None, int]:
+    """Return the rows of these columns in which no number is missing, the positions they name, and how many are not."""
+    import numpy as np
+
+    from analysis.csv_table import read_table
+
+    table = read_table(file)
+    columns = [table.columns[table.position(name)] for name in names]
+    known = np.isfinite(columns).all(axis=0)
+    masked = int((~known).sum()) + table.broken
+    if masked:
+        say(f"{masked} rows left out: not every number is there")
+    for issue in table.issues:
+        say(issue)
+    labels = np.asarray(table.labels(position))[known] if position is not None else None
+    return [column[known] for column in columns], labels, masked
 
 
 def _bands(calibration: Calibration, posterior: Posterior | None) -> dict[str, Any]:

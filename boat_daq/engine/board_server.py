@@ -5,9 +5,10 @@ bytes are handed over before each step, so that a stalled machine does not starv
 lies in the buffer; for the same reason a fast board does not make up for a stall: its time then simply went slower. At
 1x it does, so that its clock keeps to the wall's. Nor does a fast board count milliseconds of a busy computer as
 seconds without a host: just before its watchdog would vent, it waits up to a second of wall time for one that is
-connected. A host that does not read never holds the board up: beyond the
-transmit buffer samples are dropped, counted and told, as the contract says. With no host at all bytes go nowhere, as on
-a wire without a listener.
+connected. Nor does it run ahead of what that host has read: an answer would stand behind seconds of samples, and count
+as none; while bytes wait for the port its time stands still, again for up to a second without a byte taken. Longer, a
+host that does not read holds no board up: beyond the transmit buffer samples are dropped, counted and told, as the
+contract says. With no host at all bytes go nowhere, as on a wire without a listener.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ SPEEDS = (1.0, 1000.0)
 _STEP_S = 0.005
 _FAST_STEP_S = 0.002  # from 20x on, where the host waits for more board time in each step
 _LONGEST_STEP_S = 0.02
-_GRACE_S = 1.0  # wall time without a byte from a connected host, before a fast board's watchdog may vent
+_GRACE_S = 1.0  # wall time for which a fast board waits for a connected host that sends nothing, or takes nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +93,7 @@ class BoardServer:
         self._congested = False
         self._connected = False
         self._plugged = True
-        self._heard_s = 0.0
+        self._heard_s = self._taken_s = 0.0  # wall time at which the host last sent, and last took, a byte
         self._carrier.plug()
 
     @property
@@ -112,7 +113,7 @@ class BoardServer:
                 due_us = int((time.monotonic() - origin) * clock_us) - done_us
             now_us = min(due_us, int(_LONGEST_STEP_S * clock_us))
             if self._speed > 1.0:
-                now_us = min(now_us, self._until_watchdog_us())
+                now_us = min(now_us, self._for_host_us())
                 origin += (due_us - now_us) / clock_us
             done_us += now_us
             self._step(now_us)
@@ -138,10 +139,14 @@ class BoardServer:
         if self._truth is not None:
             _write_truth(self._truth, self.board)
 
-    def _until_watchdog_us(self) -> int:
-        """Return the board time left before the watchdog vents, while a connected host has its grace."""
-        watchdog_us = self.board.watchdog_us
-        if watchdog_us is None or not self._connected or time.monotonic() - self._heard_s > _GRACE_S:
+    def _for_host_us(self) -> int:
+        """Return how far a fast board's time may go on before it has to wait for its host; one with grace, if any."""
+        now_s, watchdog_us = time.monotonic(), self.board.watchdog_us
+        if not self._connected:
+            return sys.maxsize
+        if self._pending and now_s - self._taken_s < _GRACE_S:
+            return 0
+        if watchdog_us is None or now_s - self._heard_s > _GRACE_S:
             return sys.maxsize
         return max(0, watchdog_us - self.board.now_us - 1)
 
@@ -156,6 +161,7 @@ class BoardServer:
             taken = self._carrier.write(self._pending)
             if not taken:
                 return
+            self._taken_s = time.monotonic()
             del self._pending[:taken]
 
     def _follow_plug(self, replugged: Callable[[str], None] | None) -> None:

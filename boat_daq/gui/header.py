@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
@@ -12,6 +14,8 @@ from boat_daq.viewmodels.connection import link_text
 from boat_daq.viewmodels.desk import Desk
 
 FIGURES = 4
+SEPARATOR = "  \u00b7  "
+CHOOSE = "Choose the port (Ctrl+K)"
 
 
 class Header(QWidget):
@@ -24,11 +28,13 @@ class Header(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFixedHeight(style.HEADER_HEIGHT)
         self.simulated = widgets.label("SIMULATED", "simulated", name="This board is simulated")
-        self.link = widgets.button("", desk.ask_connect, name="Connection", tip="Choose the port (Ctrl+K)")
+        self.link = widgets.button("", desk.ask_connect, name="Connection", tip=CHOOSE)
         self.figures = [widgets.label("", "muted") for _ in range(FIGURES)]
         self.unit = widgets.button(
             "", desk.show_unit, name="Unit and calibration", tip="Unit on the bench and its calibration"
         )
+        self._unit_words = ""
+        self._lengths: tuple[object, ...] = ()
         self.vent = vent_button(desk)
         layout = self.line = QHBoxLayout(self)
         layout.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
@@ -41,11 +47,44 @@ class Header(QWidget):
         layout.addWidget(self.vent)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Leave the program's name out on a narrow window: it stands in the title, and VENT must be whole."""
-        narrow = self.width() < style.NARROW_BELOW
-        self.brand.setVisible(not narrow)
-        self.line.setSpacing(style.GAP if narrow else style.CARD_PADDING)
+        """Leave out what a narrow window has no room for: VENT must be whole."""
+        self.line.setSpacing(style.GAP if self.width() < style.NARROW_BELOW else style.CARD_PADDING)
         super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Leave out by weight what has no room; the hover of link and unit still tells it all.
+
+        The order: the program's name (it stands in the title), the calibration's date, figures that are well, from
+        the last on, the calibration.
+        """
+        wide = self.width() >= style.NARROW_BELOW
+        told = [label for label in self.figures if label.text()]
+        left = [label for label in reversed(told) if not label.property("state")]
+        unit, _, calibration = self._unit_words.partition(SEPARATOR)
+        names = [self._unit_words, SEPARATOR.join((unit, calibration.rpartition(" ")[0] or calibration)), unit]
+        widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
+        around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())
+        fixed = (self.simulated, self.link, self.vent, *([self.brand] if wide else []))
+        needed = self._needed([w for w in fixed if w is self.brand or not w.isHidden()]) + around
+
+        def too_wide() -> bool:
+            return needed + self._needed(told, 0) + widths[names[0]] > self.width()
+
+        names = names[too_wide() :]
+        while left and too_wide():
+            told.remove(left.pop(0))
+        names = names[-1:] if too_wide() else names
+        self.brand.setVisible(wide)
+        for label in self.figures:
+            label.setVisible(label in told)
+        widgets.set_text(self.unit, names[0])
+
+    def _needed(self, shown: Sequence[QWidget], around: int = 1) -> int:
+        """Return the width of these with a space behind each, and `around` times the margins and one space."""
+        margins, space = self.line.contentsMargins(), self.line.spacing()
+        ends = around * (margins.left() + margins.right() + space)
+        return sum(widget.sizeHint().width() + space for widget in shown) + ends
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the link, its figures, the unit."""
@@ -63,8 +102,18 @@ class Header(QWidget):
             figure, state = text.figures[i] if i < len(text.figures) else ("", "")
             widgets.set_text(label, figure)
             widgets.set_state(label, state)
-            label.setVisible(bool(figure))
-        widgets.set_text(self.unit, self.desk.unit_text(snapshot))
+        self._unit_words = self.desk.unit_text(snapshot)
+        self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
+        self.unit.setToolTip(f"{self._unit_words}\nThe unit on the bench and its calibration")
+        lengths = (
+            words,
+            snapshot.simulated,
+            self._unit_words,
+            *((len(figure), state) for figure, state in text.figures),
+        )
+        if lengths != self._lengths:  # figures are of one width: where none is longer, nothing is measured again
+            self._lengths = lengths
+            self._fit()
 
 
 def vent_button(desk: Desk) -> QPushButton:

@@ -31,11 +31,15 @@ from boat_daq.gui.room import Leaves
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.closed_run import ClosedRun
 from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.run_offers import obstacle, told
 from boat_daq.viewmodels.runs import HEADINGS, MOST_COMPARED, Run
 
 SPEEDS = (1, 5, 20, 100)
 NOTICEABLE_MV = 0.1  # two runs that differ by less look alike
 RUN_ROLE = Qt.ItemDataRole.UserRole
+GIVEN_UP = ("Readings", "Length", "Cycles")  # columns, in this order, where the file's name has no room
+REPAIRS = ("resume", "recover")
+NO_UNITS = "Each calibration that is accepted on the Calibrate page comes here with its unit."
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
 
@@ -137,11 +141,19 @@ class RunsPage(QWidget):
         self._menu("replay", [(f"{speed} times real time", partial(self.replay, speed)) for speed in SPEEDS])
         self._menu("export", [("CSV …", partial(self.export, "csv")), ("Parquet …", partial(self.export, "parquet"))])
         self.heading = widgets.label("Recordings", "subtitle")
-        inside.addLayout(widgets.row(self.heading, None, *self.buttons.values()))
+        repairs = [self.buttons[key] for key in REPAIRS]  # beside what is said of the run; above there is no room
+        inside.addLayout(widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in repairs)))
         inside.addWidget(self.list, 1)
+        self.told = widgets.label("", "small", name="What is known of the chosen recordings", elide=True)
+        below = widgets.row(self.told, *repairs)
+        below.setStretch(0, 1)
+        inside.addLayout(below)
         side, column = widgets.card()
         column.addWidget(widgets.label("Units", "subtitle"))
         column.addWidget(self.units, 1)
+        self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
+        self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        column.addWidget(self.no_units, 1)
         lower = QHBoxLayout()
         lower.setSpacing(style.GAP)
         lower.addWidget(side, 1)
@@ -157,11 +169,22 @@ class RunsPage(QWidget):
         return body
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the buttons the heading's room on a narrow page, and the file's name some of the thumbnail's."""
-        narrow = self.width() < style.STACKED_BELOW
-        self.heading.setVisible(not narrow)
-        self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
+        """Give the buttons the heading's room on a narrow page."""
+        self.heading.setVisible(self.width() >= style.STACKED_BELOW)
         super().resizeEvent(event)
+        self._share_columns()
+
+    def _share_columns(self) -> None:
+        """Leave columns out until the file's name has room: what they say stands under the list for a chosen line."""
+        self.list.setColumnWidth(0, style.THUMBNAIL[0] // (1 if self.width() >= style.STACKED_BELOW else 2))
+        header, last = self.list.horizontalHeader(), len(HEADINGS) - 1
+        needed = {k: max(self.list.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(1, last)}
+        room = self.list.viewport().width() - self.list.columnWidth(0) - style.FILE_LEAST
+        for column in map(HEADINGS.index, GIVEN_UP):
+            hidden = sum(needed.values()) > room
+            self.list.setColumnHidden(column, hidden)
+            if hidden:
+                del needed[column]
 
     def _menu(self, key: str, entries: list[tuple[str, Callable[[], object]]]) -> None:
         menu = QMenu(self.buttons[key])
@@ -242,14 +265,11 @@ class RunsPage(QWidget):
 
     def _enable(self) -> None:
         chosen = self.selected()
-        one = len(chosen) == 1 and chosen[0].summary is not None
-        for key in ("open", "repeat", "replay", "export"):
-            self.buttons[key].setEnabled(one)
-        self.buttons["report"].setEnabled(bool(chosen))
-        self.buttons["compare"].setEnabled(2 <= len(chosen) <= 4)
-        self.buttons["readings"].setEnabled(one and chosen[0].closed)
-        self.buttons["resume"].setVisible(one and chosen[0].resumable)
+        for key in ("open", "repeat", "replay", "export", "readings", "report", "compare"):
+            widgets.allow(self.buttons[key], obstacle(key, chosen))
+        self.buttons["resume"].setVisible(len(chosen) == 1 and chosen[0].resumable)
         self.buttons["recover"].setVisible(any(run.interrupted for run in chosen))
+        self.told.setText(told(chosen))
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
@@ -278,10 +298,10 @@ class RunsPage(QWidget):
                 item.setToolTip(run.hover)
                 self.list.setItem(row, column, item)
         self._choose([row for row, run in enumerate(runs.runs) if run.path in chosen])
-        self.units.setRowCount(len(units))
-        for row, cells in enumerate(units):
-            for column, text in enumerate(cells):
-                self.units.setItem(row, column, QTableWidgetItem(text))
+        self._share_columns()
+        widgets.fill_table(self.units, units, [cells[-1] for cells in units])
+        self.units.setVisible(bool(units))
+        self.no_units.setVisible(not units)
         self._show_history()
         self._enable()
 
@@ -293,10 +313,17 @@ class RunsPage(QWidget):
             self.list.selectionModel().select(self.list.model().index(row, 0), flags)
 
     def _show_history(self) -> None:
-        for points, (x, y) in zip(self.ages, self.desk.runs.ages(self.desk.unit_name), strict=False):
+        unit = self.desk.unit_name
+        ages = self.desk.runs.ages(unit)
+        for points, (x, y) in zip(self.ages, ages, strict=False):
             points.set(x, y)
-        self.history.plots[0].fit(x_margin=0.1)
-        self.history.readout.setText(f"{self.desk.unit_name}   \u25cf sensor 1   \u25a0 sensor 2")
+        for points in self.ages[len(ages) :]:
+            points.clear()
+        known = any(x.size for x, _ in ages)
+        self.history.say_empty("" if known else f"The sensitivity at each accepted calibration of {unit} comes here.")
+        self.history.readout.setText(f"{unit}   \u25cf sensor 1   \u25a0 sensor 2" if known else "")
+        if known:
+            self.history.plots[0].fit(x_margin=0.1)
 
     def _show_comparison(self) -> None:
         lines, words = self.desk.runs.comparison_lines()

@@ -94,11 +94,13 @@ PLOT_MINIMUM = (168, 116)  # below it a page scrolls
 PLOT_MORE = 64  # for each further plot of a card
 LIVE_PLOTS_MINIMUM = 88
 HEADING_LEAST = 72
+REMARKS_MOST = 116  # words under the figures; more of them scroll
 FIGURES_LEAST = 280  # below it the table of figures scrolls
 ROW_FOR_TITLE = 92  # a live plot's title and unit need so much height
 ROW_FOR_SHORT = 44  # and its number and unit so much; below, only the unit stands
 FORM_WIDTH = 560
 THUMBNAIL = (168, 44)
+FILE_LEAST = 168  # of a recording's name in the list
 
 # Type, pixels: measured is large and still, set is medium, chrome is small.
 FONT_CHROME = 13

@@ -162,6 +162,16 @@ def set_state(widget: QWidget, value: str, key: str = "state") -> None:
         widget.style().polish(widget)
 
 
+def allow(control: QWidget, obstacle: str = "") -> None:
+    """Let `control` be used, or grey it and say why: on hover, and to a screen reader."""
+    if control.property("tip") is None:
+        control.setProperty("tip", control.toolTip())
+    if control.isEnabled() is bool(obstacle) or control.accessibleDescription() != obstacle:
+        control.setEnabled(not obstacle)
+        control.setToolTip(obstacle or str(control.property("tip")))
+        control.setAccessibleDescription(obstacle)
+
+
 def read_table(name: str, headings: Sequence[str]) -> QTableWidget:
     """Return an empty table that is read, not edited."""
     widget = QTableWidget(0, len(headings))

@@ -77,6 +77,8 @@ class Run:
             for b in s.breaks
         )
         told = (
+            self.path.name,
+            f"{duration(s.duration_s)} long, {count(s.readings, 'reading')}",
             breaks,
             s.note,
             f"operator {s.operator}" if s.operator else "",
@@ -90,7 +92,7 @@ class Run:
         """Return the line as text, in the order of `HEADINGS`."""
         s = self.summary
         if s is None:
-            return ("", NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, f"\u25a0 {self.problem}", self.path.name)
+            return ("", NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, "\u25a0 cannot be read", self.path.name)
         simulated = "  SIMULATED" if s.simulated else ""
         cycles = str(s.cycles.complete) + (f" + {s.cycles.partial} partial" if s.cycles.partial else "")
         when = s.started_utc[:16].replace("T", "  ")

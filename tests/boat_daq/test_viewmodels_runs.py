@@ -19,6 +19,7 @@ from boat_daq.viewmodels.closed_run import ClosedRun
 from boat_daq.viewmodels.going_on import GoingOn
 from boat_daq.viewmodels.notices import Notices
 from boat_daq.viewmodels.readings import ReadingsModel
+from boat_daq.viewmodels.run_offers import NONE_CHOSEN, obstacle, told
 from boat_daq.viewmodels.runs import Run, RunsModel, read_run
 from boat_daq.viewmodels.sequence import SequenceModel
 from boat_daq.viewmodels.work import Bench
@@ -143,3 +144,24 @@ def test_a_closed_run_goes_on_only_on_a_free_board(tmp_path, closed):
     assert session.asked == ["resume_recording", "arm"]
     assert "goes on at cycle 3: press Start" in notices.current().cause
     runs.close()
+
+
+def test_what_cannot_be_done_with_the_chosen_runs_says_why(closed):
+    """Grey buttons stood there without a word; both sides of each border."""
+    good = read_run(closed)
+    damaged = dataclasses.replace(good, summary=None, problem="it is no recording")
+    written = dataclasses.replace(good, summary=dataclasses.replace(good.summary, status="recording"))
+    deeds = ("open", "repeat", "replay", "export", "readings", "report", "compare")
+
+    def refused(*chosen: Run) -> set[str]:
+        return {deed for deed in deeds if obstacle(deed, chosen)}
+
+    assert refused() == set(deeds)
+    assert refused(good) == {"compare"}
+    assert refused(written) == {"compare", "readings"}
+    assert refused(good, good) == refused(*[good] * 4) == set(deeds) - {"report", "compare"}
+    assert refused(*[good] * 5) == set(deeds) - {"report"}
+    assert refused(damaged) == refused(good, damaged) == set(deeds)
+    assert obstacle("report", [good, damaged]) == "older.boat: it is no recording."
+    assert "2 recordings are chosen" in obstacle("open", [good, good])
+    assert (told([]), "37 readings" in told([good]), told([damaged])) == (NONE_CHOSEN, True, damaged.problem)

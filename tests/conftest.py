@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import boat_daq  # noqa: F401  before numpy: it gives the BLAS one thread, as the program does
+
 ROOT = Path(__file__).resolve().parents[1]
 
 

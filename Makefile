@@ -15,7 +15,10 @@ NIGHTLY_PACKAGES := calculix-ccx chromium gcc-arm-none-eabi
 
 SECONDS ?= 600
 
-.PHONY: demo test check nightly bench fuzz faults audit setup setup-test system system-test compiled clean help
+# Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: demo test check nightly bench fuzz faults audit setup setup-test system system-test compiled collected clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -24,7 +27,7 @@ demo: setup      ## set up, then a whole calibration session on the virtual boar
 	$(BIN)/boat-daq demo --out $(OUT)
 
 test: setup-test  ## set up, then linters, types, import directions and the tests
-	@$(MAKE) --no-print-directory -j 2 check compiled
+	@$(MAKE) --no-print-directory -j 2 check compiled collected
 	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not nightly and not benchmark_run"
 
 check: setup-test
@@ -35,6 +38,9 @@ check: setup-test
 
 compiled: setup-test  # what numba compiles, once and not in each of the tests' workers
 	$(BIN)/python -m tests.compiled
+
+collected: setup-test  # rewritten asserts, once and not in each of the workers; what fails here fails there, and says why
+	-@QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest --collect-only -qq >/dev/null
 
 nightly: setup-test  ## the tests that take minutes
 	@$(call debian_install,$(NIGHTLY_PACKAGES))

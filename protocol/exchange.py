@@ -14,7 +14,7 @@ it is lost. Rules of this file:
   is still reported, its silence only if the board has answered nothing at all since it was sent.
 - After a restart of the board nothing from before goes out but VENT and IDENTIFY.
 - A stall of this program is not the board's silence: nothing is given up before all that had come by its deadline was
-  read, nor by a caller that comes late, behind whose backlog the answer may stand.
+  read, nor by a caller that comes late; behind a backlog the answer may stand. Three windows more are given for that.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class _Pending:
     attempts: int = 1
     superseded: bool = False
     overtaken: bool = False  # by a VENT, and not to be done twice
-    stalls: int = 0  # deadlines that this program itself came late to
+    stalls: int = 0  # deadlines that this program came late to, or was behind the port at
 
     @property
     def live(self) -> bool:
@@ -201,11 +201,12 @@ class Exchange:
             if pending.attempts < ATTEMPTS and pending.live:
                 frames += self._repeat(pending, now_ns)
                 continue
-            if heard_ns < pending.deadline_ns:
+            late_ns = now_ns - pending.deadline_ns
+            if heard_ns < pending.deadline_ns and late_ns <= LATE_NS:
                 continue
             heard_since = self._last_answer_ns is not None and self._last_answer_ns >= pending.first_ns
             missed = not (pending.superseded and heard_since)
-            if missed and heard_ns - pending.deadline_ns > LATE_NS and pending.stalls < ATTEMPTS:
+            if missed and late_ns > LATE_NS and pending.stalls < ATTEMPTS:
                 pending.stalls += 1
                 pending.deadline_ns = now_ns + RETRY_NS
                 continue

@@ -60,7 +60,7 @@ class Acquisition:
         self._failing: list[Sink] = []  # told of once, until they take a block again
         self._failed: list[SinkFailed] = []  # to be told
         self._stop = threading.Event()
-        self._last_byte_ns = clock_ns()
+        self._last_byte_ns = self._heard_ns = clock_ns()  # of the last byte; and all that had come by then was read
         self._silent = False
         self._thread = threading.Thread(target=self._run, name=f"reader {transport.description}", daemon=True)
 
@@ -148,7 +148,6 @@ class Acquisition:
 
     def _turn(self) -> None:
         """One read, and what is due besides."""
-        heard_ns = self._clock_ns()
         data = self.transport.read()
         now_ns = self._clock_ns()
         self._tell_sent()
@@ -160,18 +159,20 @@ class Acquisition:
         elif not self._silent and now_ns - self._last_byte_ns > self._silence_ns:
             self._silent = True
             self._tell(PortSilent((now_ns - self._last_byte_ns) * 1e-9))
-        self._poll(heard_ns)
+        self._poll()
         if self._failed:
             failed, self._failed = self._failed, []
             self._tell(*failed)
 
-    def _poll(self, heard_ns: int) -> None:
-        """Repeat commands that had no answer, and tell those that had none in all that was there at `heard_ns`."""
+    def _poll(self) -> None:
+        """Repeat commands that had no answer, and tell those that had none in all that had come."""
         with self._lock:
             now_ns, deadline = self._clock_ns(), self._link.next_deadline_ns
             if deadline is None or now_ns < deadline:
                 return
-            events, again = self._link.poll(now_ns, heard_ns)
+            if not self.transport.unread:
+                self._heard_ns = now_ns
+            events, again = self._link.poll(now_ns, self._heard_ns)
             self._write(again, now_ns)
         if events:
             self._tell(*events)

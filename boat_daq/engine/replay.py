@@ -84,6 +84,11 @@ class ReplayTransport:
             return b""
         return self._take()
 
+    @property
+    def unread(self) -> bool:
+        """False: nothing here answers a command."""
+        return False
+
     def write(self, data: bytes) -> None:
         """Refuse: nobody is there.
 

@@ -59,6 +59,15 @@ class Transport(Protocol):
         DeviceError : the port is gone.
         """
 
+    @property
+    def unread(self) -> bool:
+        """Whether there is more than `read` has returned.
+
+        Raises
+        ------
+        DeviceError : the port is gone.
+        """
+
     def write(self, data: bytes) -> None:
         """Send all of `data`.
 
@@ -130,6 +139,11 @@ class SerialTransport:
     def read(self) -> bytes:
         """Return what is there, waiting up to 50 ms for the first byte."""
         return _or_gone(self.description, self._receive)
+
+    @property
+    def unread(self) -> bool:
+        """Whether there is more than `read` has returned."""
+        return _or_gone(self.description, lambda: bool(self._port.in_waiting))
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""
@@ -205,6 +219,11 @@ class SocketTransport:
     def read(self) -> bytes:
         """Return what is there, waiting up to 50 ms for the first byte."""
         return _or_gone(self.description, self._receive)
+
+    @property
+    def unread(self) -> bool:
+        """Whether there is more than `read` has returned."""
+        return _or_gone(self.description, lambda: bool(select.select([self._socket], [], [], 0)[0]))
 
     def write(self, data: bytes) -> None:
         """Send all of `data`."""

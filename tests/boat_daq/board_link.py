@@ -41,6 +41,10 @@ class BoardTransport:
         time.sleep(0.001)
         return b""
 
+    @property
+    def unread(self) -> bool:
+        return False
+
     def write(self, data: bytes) -> None:
         with self._lock:
             self.board.receive(data)

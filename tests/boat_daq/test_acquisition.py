@@ -164,6 +164,38 @@ def test_an_answer_that_waits_in_the_port_through_a_stall_is_read_before_the_com
     assert not seen.events(CommandLost)
 
 
+def test_an_answer_behind_a_backlog_that_is_read_slowly_is_waited_for():
+    """Answered at once, behind fifty reads of 20 ms each: no stall, but a program that is behind the port all along."""
+
+    class Clock:
+        now_ns = 0
+
+        def __call__(self) -> int:
+            return self.now_ns
+
+    clock = Clock()
+
+    class Behind(BoardTransport):
+        backlog = 50
+
+        @property
+        def unread(self) -> bool:
+            return self.backlog > 0
+
+        def read(self) -> bytes:
+            clock.now_ns += 20_000_000
+            self.backlog -= 1
+            return super().read() if self.backlog < 0 else b"\0"
+
+    seen, acquisition = Seen(), Acquisition(Behind(VirtualBoard()), Connection(in_turn=True), clock_ns=clock)
+    acquisition.add_sink(seen)
+    acquisition.send(Heartbeat(5000))
+    acquisition.start()
+    assert seen.wait(CommandDone)
+    acquisition.stop()
+    assert not seen.events(CommandLost)
+
+
 def test_commands_from_many_threads_are_all_sent_and_told_in_the_order_sent():
     """`send` is thread-safe; what the sinks hear as sent is what the port got."""
     transport = BoardTransport(VirtualBoard())

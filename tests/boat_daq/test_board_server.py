@@ -227,7 +227,7 @@ def test_next_host_does_not_read_the_past():
 
 @needs_pty
 def test_an_answer_does_not_stand_behind_seconds_of_samples():
-    """At 100x a host that has stood still for 0.5 s is answered behind what the port holds, not behind 5,000 samples."""
+    """At 100x a host that has stood still for 0.5 s is answered behind what the port holds, not 5,000 samples."""
     with served("pty", speed=100.0) as board, Host(board.url) as host:
         host.hello()
         host.send(Start(100))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import pairwise
 
 import pytest
 
 from boat_daq.engine.control import ZERO_SAMPLES
+from boat_daq.engine.dialogue import Dialogue
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
@@ -55,6 +57,20 @@ def test_a_second_press_of_start_is_one_start() -> None:
     bench.do(lambda: bench.control.arm(QUICK), bench.control.start, bench.control.start)
     bench.run(1.0)
     assert len([n for n in bench.notes if n.kind == "run_started"]) == 1
+
+
+def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
+    """Ten seconds of a link that tells of each lost vent only 1.2 s later: one in each 0.75 s all the same."""
+    sent_ms: list[int] = []
+    dialogue = Dialogue(lambda _: sent_ms.append(dialogue.now_ns // 1_000_000))
+    dialogue.vent()
+    for now_ms in range(0, 10_000, 10):
+        dialogue.now_ns = now_ms * 1_000_000
+        for _ in range(sent_ms.count(now_ms - 1200)):
+            assert dialogue.lost(Vent(), watched=True) is None
+        dialogue.tick(idle=True)
+    assert len(sent_ms) == 14
+    assert {after - before for before, after in pairwise(sent_ms)} == {760}
 
 
 @pytest.mark.fault(21, how="virtual board's faults in a run, stalled and dead pumps among them", times=9)

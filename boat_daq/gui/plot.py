@@ -177,9 +177,13 @@ class Plot:
         label: str = "",
     ) -> Any:
         """Add a straight line over the whole plot."""
-        item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=label or None)
+        words = label.replace("{", "{{").replace("}", "}}")  # a note is no format
+        item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=words or None)
         if label:
-            item.label.setPosition(0.94)
+            item.label.setFont(style.small_font())
+            if vertical:  # its words hang from the upper edge, whole on a low plot too, on the side that has room
+                item.label.anchors = [(0, 0), (1, 0)]
+            item.label.setPosition(1.0 if vertical else 0.94)
         self._lines.append((item, ink, style_))
         self.item.addItem(item, ignoreBounds=True)
         return item

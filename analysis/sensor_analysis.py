@@ -120,7 +120,7 @@ class Run:
         """[plateaus] True for plateaus of complete cycles whose elongation was read and that are not void."""
         used = set(self.loops.numbers)
         inside = np.asarray(
-            [p.cycle in used and not p.void and np.isfinite(p.signal_mv[sensor]) for p in self.plateaus]
+            [p.cycle in used and not p.void and np.isfinite(p.signal_mv[sensor]) for p in self.plateaus], dtype=bool
         )
         return inside & self.elongations.known if self.elongations is not None else np.zeros_like(inside)
 

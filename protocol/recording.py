@@ -33,7 +33,16 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from protocol.errors import RecordingError
-from protocol.recording_checks import DAMAGE, Columns, check_layout, check_session, check_values, declared, harden
+from protocol.recording_checks import (
+    DAMAGE,
+    MAX_TEXT,
+    Columns,
+    check_layout,
+    check_session,
+    check_values,
+    declared,
+    harden,
+)
 
 APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, so that `file` and we know the file for ours
 SCHEMA_VERSION = 2  # SQLite's `user_version`
@@ -360,7 +369,10 @@ def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
     RecordingError : a value is not JSON, or a key that every recording has is missing.
     """
     try:
-        meta = {str(key): json.loads(value) for key, value in connection.execute("SELECT key, value FROM session")}
+        rows = connection.execute("SELECT key, value FROM session").fetchall()
+        if sum(len(value) for _, value in rows) > MAX_TEXT:
+            raise RecordingError(f"the session's description is longer than {MAX_TEXT} signs", "It is no recording's.")
+        meta = {str(key): json.loads(value) for key, value in rows}
     except (*DAMAGE, ValueError, TypeError, RecursionError) as error:
         raise RecordingError(f"the session's description cannot be read: {error}") from error
     missing = [key for key in SESSION_KEYS if key not in meta]

@@ -23,6 +23,7 @@ Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (de
 # what sqlite3 raises of a damaged file; a broken name in SQLite's own message cannot be decoded
 DAMAGE = (sqlite3.Error, UnicodeDecodeError, MemoryError)
 MAX_VALUE_BYTES = 64 * 2**20  # no honest text or blob of ours comes near; a larger one is refused by SQLite itself
+MAX_TEXT = 8 * 2**20  # characters; as JSON it may take 25 times as many bytes
 _STEPS_A_CALL = 10_000  # of SQLite's machine
 _BYTES_A_CALL = 300  # a row of 15 columns takes some 150 steps, and no less than 5 bytes of the file
 _FEWEST_CALLS = 100
@@ -114,14 +115,15 @@ def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -
     """Refuse rows with a value of another type than its column is declared with, or beyond any measure.
 
     The reading is given up after more steps than a file of that size can need: the pages of a forged file may lead
-    back to themselves, and a scan of it would never end.
+    back to themselves, and a scan of it would never end. Nor may texts and blobs be longer together than the file:
+    in a forged one many rows share the pages of one long value.
 
     Raises
     ------
     RecordingError : there is one; names table and column. sqlite3.Error : the rows cannot be read.
     """
-    files = (path, path.with_name(path.name + "-wal"))
-    left = _FEWEST_CALLS + sum(file.stat().st_size for file in files if file.exists()) // _BYTES_A_CALL
+    size = bytes_of(path)
+    left = _FEWEST_CALLS + size // _BYTES_A_CALL
 
     def give_up() -> bool:
         nonlocal left
@@ -132,8 +134,15 @@ def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -
     try:
         for table, kinds in columns.items():
             _check_table(path, connection, table, kinds)
+            _check_lengths(path, connection, table, kinds, size)
     finally:
         connection.set_progress_handler(None, 0)
+
+
+def bytes_of(path: Path) -> int:
+    """Return the size of a recording and its log."""
+    files = (path, path.with_name(path.name + "-wal"))
+    return sum(file.stat().st_size for file in files if file.exists())
 
 
 def _check_table(path: Path, connection: sqlite3.Connection, table: str, kinds: Mapping[str, tuple[str, bool]]) -> None:
@@ -148,6 +157,24 @@ def _check_table(path: Path, connection: sqlite3.Connection, table: str, kinds: 
         raise RecordingError(
             f"{path}: table {table!r} has a value that cannot stand in column {column!r}",
             "The file is damaged, or was not made by boat-daq.",
+        )
+
+
+def _check_lengths(
+    path: Path, connection: sqlite3.Connection, table: str, kinds: Mapping[str, tuple[str, bool]], size: int
+) -> None:
+    held, longest = 0, 0
+    if blobs := [f"sum(length({name}))" for name, (kind, _) in kinds.items() if kind == "BLOB"]:
+        held = connection.execute(f"SELECT {' + '.join(blobs)} FROM {table}").fetchone()[0] or 0  # noqa: S608
+    if texts := [f"coalesce(length({name}), 0)" for name, (kind, _) in kinds.items() if kind == "TEXT"]:
+        for lengths in connection.execute(f"SELECT {', '.join(texts)} FROM {table}"):  # noqa: S608
+            held, longest = held + sum(lengths), max(longest, *lengths)
+            if held > size or longest > MAX_TEXT:  # each was read to be measured: no further
+                break
+    if held > size or longest > MAX_TEXT:
+        what = "more than the file can" if held > size else f"a text of more than {MAX_TEXT} signs"
+        raise RecordingError(
+            f"{path}: table {table!r} says that it holds {what}", "The file is damaged, or was not made by boat-daq."
         )
 
 

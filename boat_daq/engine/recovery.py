@@ -8,6 +8,7 @@ be read is named.
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -19,8 +20,8 @@ from zlib import crc32
 
 import numpy as np
 
-from boat_daq.engine.file_lock import is_being_written
-from boat_daq.engine.recording_file import RecordingFile, Statement, set_meta
+from boat_daq.engine.file_lock import WriterLock, is_being_written
+from boat_daq.engine.recording_file import RecordingFile, Statement, set_meta, storage_error
 from boat_daq.engine.recording_rows import INSERT_EVENT, Overview, mv_per_count
 from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import RecordingError
@@ -35,11 +36,13 @@ from protocol.recording import (
     refuse_newer,
     session_dtype,
 )
-from protocol.recording_checks import DAMAGE, harden, refuse_active, value_fits
+from protocol.recording_checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
 
 Progress = Callable[[float, float], None]
 _ROWS = 1_000  # of one transaction
+_BYTES = 16 * 2**20
 _KEYS_MAX = 1 << 40
+_NAMES_ANOTHER = bytes.fromhex("d9d505f920a163d7")  # how a journal ends that belongs to a change of several files
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +84,7 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "Let that program close it.")
     refuse_newer(path)
+    _roll_back(path)
     faults = _check(path, progress)
     if any(fault.structural for fault in faults):
         return _salvage(path, faults, progress)
@@ -94,6 +98,33 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     elif log_left:
         RecordingFile.reopen(path).close()
     return Recovery(status, path, *counts, tuple(fault.text for fault in faults))
+
+
+def _roll_back(path: Path) -> None:
+    """Undo what a killed program had half added to a closed recording: its -journal lies beside the file.
+
+    A journal that names another file is not ours: SQLite would look into that one, and may delete it.
+    """
+    journal = path.with_name(path.name + "-journal")
+    if not os.path.lexists(journal):
+        return
+    if journal.is_symlink() or not journal.is_file() or _end_of(journal) == _NAMES_ANOTHER:
+        raise RecordingError(f"{journal} leads to another file: boat-daq leaves none like it", "Move it away.")
+    lock = WriterLock(path)
+    try:
+        with closing(sqlite3.connect(path, isolation_level=None)) as db:
+            harden(db)
+            db.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+    except DAMAGE as error:
+        raise storage_error(path, error) from error
+    finally:
+        lock.release()
+
+
+def _end_of(journal: Path) -> bytes:
+    with journal.open("rb") as file:
+        file.seek(-min(len(_NAMES_ANOTHER), journal.stat().st_size), os.SEEK_END)
+        return file.read()
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +258,7 @@ def _salvage(path: Path, faults: list[_Fault], progress: Progress | None) -> Rec
         meta = read_session(db)
         session_dtype(meta)  # nothing else says what the bytes are
         file = RecordingFile.create(target, meta)
-        reader = _RowReader(db)
+        reader = _RowReader(db, bytes_of(path))
         try:
             file.commit(set_meta(meta))
             for done, table in enumerate(name for name in TABLE_NAMES if name not in {"session", "overview"}):
@@ -256,6 +287,7 @@ def _free_name(path: Path) -> Path:
 
 def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:
     batch: list[Statement] = []
+    size = 0
     theirs = reader.columns(table)
     names = [name for name in file.columns(table) if name in theirs]
     if names[:1] != ["id"]:
@@ -265,17 +297,27 @@ def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:
     sql = f"INSERT OR IGNORE INTO {table} ({', '.join(names)}) VALUES ({marks})"  # noqa: S608 - names are the schema's
     for row in reader.rows(table, names):
         batch.append((sql, row))
-        if len(batch) >= _ROWS:
+        size += _length(row)
+        if len(batch) >= _ROWS or size > _BYTES:
             file.commit(batch)
-            batch = []
+            batch, size = [], 0
     file.commit(batch)
+
+
+def _length(row: tuple[Any, ...]) -> int:
+    """Return the bytes, or letters, of a row's long values."""
+    return sum(len(value) for value in row if isinstance(value, bytes | str))
 
 
 @dataclass(slots=True)
 class _RowReader:
-    """Reads tables by their keys and goes on behind what cannot be read."""
+    """Reads tables by their keys and goes on behind what cannot be read.
+
+    `left` is how many bytes the file can still hold: in a forged one many rows may share the pages of one long value.
+    """
 
     db: sqlite3.Connection
+    left: int
     lost: list[str] = field(default_factory=list)
 
     def columns(self, table: str) -> set[str]:
@@ -286,6 +328,10 @@ class _RowReader:
         """Give the readable rows in order, those left out that no column of ours could hold."""
         kinds = [layout()[table][name] for name in names]
         for row in self._readable(table, names):
+            self.left -= _length(row)
+            if self.left < 0:
+                self.lost.append(f"{table}: from row {row[0]} on more than a file of this size can hold")
+                return
             if all(map(value_fits, kinds, row)):
                 yield row
             else:

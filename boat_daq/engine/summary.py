@@ -15,7 +15,7 @@ from typing import Any
 from boat_daq.engine.file_lock import is_being_written
 from protocol.errors import RecordingError
 from protocol.recording import breaks_of, layout_version, open_recording, read_session, session_dtype
-from protocol.recording_checks import DAMAGE
+from protocol.recording_checks import DAMAGE, bytes_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     meta = read_session(db)
     segments = tuple(_segments(db))
     samples = sum(segment.samples for segment in segments)
-    if samples * session_dtype(meta).itemsize > path.stat().st_size + _log_size(path):
+    if samples * session_dtype(meta).itemsize > bytes_of(path):
         raise RecordingError(
             f"{path} says that it holds {samples} samples: more samples than its size can hold",
             f"boat-daq recover {path}",
@@ -155,12 +155,6 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         layout=layout_version(path),
         breaks=tuple(_break(entry) for entry in breaks_of(meta)),
     )
-
-
-def _log_size(path: Path) -> int:
-    """Return the bytes of the log beside a recording that is not closed."""
-    log = path.with_name(path.name + "-wal")
-    return log.stat().st_size if log.exists() else 0
 
 
 def _break(entry: dict[str, Any]) -> Break:

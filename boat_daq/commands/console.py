@@ -18,9 +18,24 @@ import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
 
-out = Console()
-err = Console(stderr=True)
+
+class PlainConsole(Console):
+    """A console to which words from files are words: no markup, no emoji, no control characters of a terminal."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Make a text of `text`, what would steer the terminal shown as a box."""
+        return super().render_str(text.translate(_CONTROLS), **options)
+
+
+_STEERS = (*range(32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xD800, 0xE000))
+_CONTROLS = {code: "\ufffd" for code in _STEERS if chr(code) not in "\n\t"}  # C0, C1, right to left, no characters
+out = PlainConsole()
+err = PlainConsole(stderr=True)
 
 
 class _JsonOwed:
@@ -65,7 +80,8 @@ def plain(value: Any) -> Any:
 def emit_json(value: Any) -> None:
     """Print one JSON object on standard output."""
     _JsonOwed.owed = False
-    typer.echo(json.dumps(plain(value), ensure_ascii=False, allow_nan=False))
+    text = json.dumps(plain(value), ensure_ascii=False, allow_nan=False)
+    typer.echo(text.encode("utf-8", "backslashreplace").decode())  # a name that is no UTF-8 becomes JSON's escape
 
 
 def emit_error(kind: str, cause: str, remedy: str) -> None:
@@ -86,7 +102,7 @@ def say(text: str) -> None:
 def progress_bar(label: str) -> Iterator[Advance]:
     """A bar on standard error for work of more than a second; yields ``advance(done, total)``."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),

@@ -295,7 +295,7 @@ class RunsPage(QWidget):
             for column, text in enumerate(run.cells):
                 item = QTableWidgetItem(text)
                 item.setData(RUN_ROLE, run)
-                item.setToolTip(run.hover)
+                item.setToolTip(as_words(run.hover))
                 self.list.setItem(row, column, item)
         self._choose([row for row, run in enumerate(runs.runs) if run.path in chosen])
         self._share_columns()

@@ -78,7 +78,7 @@ class Strip(QWidget):
         self.mark.setText(f"{SHAPES[notice.level]}  {WORDS[notice.level]}" if notice else "")
         widgets.set_state(self.mark, {"warning": "warning", "fault": "fault"}.get(level, "ok"))
         self.text.setText(" ".join(_sentence(part) for part in (notice.cause, notice.remedy) if part) if notice else "")
-        self.text.setToolTip(notice.text if notice else "")
+        self.text.setToolTip(as_words(notice.text) if notice else "")
         self.act.setText(notice.action_text if notice else "")
         self.act.setVisible(bool(notice and notice.action))
         self.more.setVisible(bool(notice and notice.details))

@@ -29,6 +29,7 @@ from PySide6.QtWidgets import (
 )
 
 from boat_daq.gui import style
+from boat_daq.gui.tips import as_words
 
 
 class ElidedLabel(QLabel):
@@ -198,7 +199,7 @@ def fill_table(widget: QTableWidget, rows: Sequence[Sequence[str]], hovers: Sequ
         for k, text in enumerate(cells):
             item = QTableWidgetItem(text)
             if hovers:
-                item.setToolTip(hovers[i])
+                item.setToolTip(as_words(hovers[i]))
             widget.setItem(i, k, item)
 
 

@@ -82,7 +82,7 @@ class Controller:
         self._cleared_by = ""
         self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
         self._watched = False  # samples came on this link
-        self._last_sample_ns = 0
+        self._last_sample_ns = self._pause_ended_ns = 0
         self._effects: list[Effect] = []
         self.dialogue = Dialogue(self._effects.append)
 
@@ -137,8 +137,8 @@ class Controller:
                     self._take_samples(columns(array, self._mv_per_count))
                 case CommandDone(command, _, status) if status is not None:
                     self._answered(command, status)
-                case CommandLost(Heartbeat(), _) if now_ns - self._last_sample_ns > SILENCE_S / 2 * 1e9:
-                    pass  # nothing comes at all: that is silence, and watched as such
+                case CommandLost(Heartbeat(), _) if self._paused_lately:
+                    pass  # nothing came at all: that is silence, and watched as such
                 case CommandLost(command, _):
                     self._trip(self.dialogue.lost(command, watched=self._watched))
                 case BoardEventReceived(found, _):
@@ -153,7 +153,7 @@ class Controller:
     def tick(self, now_ns: int) -> None:
         """Do what time alone brings: feed, repeat a vent, notice silence. Called every few ten milliseconds."""
         self.dialogue.now_ns = now_ns
-        silence_s = max(SILENCE_S, 3.0 / self.rate_hz)
+        silence_s = self._silence_s
         if self._watched and not self.silent and now_ns - self._last_sample_ns > silence_s * 1e9:
             self.silent = True
             self._silence(f"no data for {silence_s:g} s")
@@ -305,6 +305,8 @@ class Controller:
         if not len(block):
             return
         dialogue = self.dialogue
+        if self._pausing:
+            self._pause_ended_ns = dialogue.now_ns
         self._last_sample_ns, dialogue.board_us = dialogue.now_ns, int(block.time_us[-1])
         dialogue.meter.add(dialogue.now_ns, dialogue.board_us)
         if self.silent:
@@ -335,6 +337,21 @@ class Controller:
     def _idle(self) -> bool:
         """Whether there is nothing to guard."""
         return not self.pressurised and self.last is not None and self.last.state in _AT_REST
+
+    @property
+    def _silence_s(self) -> float:
+        """How long no sample may come."""
+        return max(SILENCE_S, 3.0 / self.rate_hz)
+
+    @property
+    def _pausing(self) -> bool:
+        """Whether no sample has come for half as long."""
+        return self.dialogue.now_ns - self._last_sample_ns > self._silence_s / 2 * 1e9
+
+    @property
+    def _paused_lately(self) -> bool:
+        """Whether so long a pause reached into the time in which a command that is lost now was asked three times."""
+        return self._pausing or self.dialogue.now_ns - self._pause_ended_ns < SILENCE_S * 1e9
 
     def _silence(self, text: str) -> None:
         if self.pressurised or self.sequencer.state in _RUN:

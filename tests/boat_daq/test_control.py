@@ -73,6 +73,25 @@ def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
     assert {after - before for before, after in pairwise(sent_ms)} == {760}
 
 
+@pytest.mark.parametrize(("starved_s", "survives"), [(0.70, True), (0.40, False)])
+def test_a_heartbeat_lost_over_a_pause_of_the_board_is_no_broken_link(starved_s: float, *, survives: bool) -> None:
+    """Samples stay away for 0.7 s and come again just before its answer is given up; after 0.4 s none is excused."""
+    bench = Bench().running(built_in_plans()["repeatability"])
+    bench.run(1.0)
+    hears, makes, waiting = bench.board.receive, bench.board.advance, []
+    bench.board.receive = waiting.append
+    beats = len(bench.sent_of(Heartbeat))
+    assert bench.run(0.5, lambda: len(bench.sent_of(Heartbeat)) > beats)
+    bench.board.advance = lambda _: b""
+    bench.run(starved_s)
+    bench.board.advance = makes
+    bench.run(0.80 - starved_s)
+    bench.board.receive = hears
+    hears(b"".join(waiting))
+    bench.run(0.5)
+    assert (bench.state is SessionState.RUNNING) is survives
+
+
 @pytest.mark.fault(21, how="virtual board's faults in a run, stalled and dead pumps among them", times=9)
 @pytest.mark.parametrize(
     ("fault", "word"),

@@ -29,6 +29,7 @@ from boat_daq.gui.plot import Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.room import Leaves
 from boat_daq.gui.style import Theme
+from boat_daq.gui.tips import as_words
 from boat_daq.viewmodels.closed_run import ClosedRun
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.run_offers import obstacle, told

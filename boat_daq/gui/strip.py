@@ -7,6 +7,7 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QSizePolicy, QVBoxLayout, QWidget
 
 from boat_daq.gui import style, widgets
+from boat_daq.gui.tips import as_words
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.notices import SHAPES, WORDS, Level, Notice
 

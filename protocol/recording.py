@@ -371,7 +371,7 @@ def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
     try:
         rows = connection.execute("SELECT key, value FROM session").fetchall()
         if sum(len(value) for _, value in rows) > MAX_TEXT:
-            raise RecordingError(f"the session's description is longer than {MAX_TEXT} signs", "It is no recording's.")
+            raise RecordingError(f"the session's description is longer than {MAX_TEXT} bytes", "It is no recording's.")
         meta = {str(key): json.loads(value) for key, value in rows}
     except (*DAMAGE, ValueError, TypeError, RecursionError) as error:
         raise RecordingError(f"the session's description cannot be read: {error}") from error

@@ -23,7 +23,7 @@ Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (de
 # what sqlite3 raises of a damaged file; a broken name in SQLite's own message cannot be decoded
 DAMAGE = (sqlite3.Error, UnicodeDecodeError, MemoryError)
 MAX_VALUE_BYTES = 64 * 2**20  # no honest text or blob of ours comes near; a larger one is refused by SQLite itself
-MAX_TEXT = 8 * 2**20  # characters; as JSON it may take 25 times as many bytes
+MAX_TEXT = 8 * 2**20  # bytes; as JSON it may take 25 times as many
 _STEPS_A_CALL = 10_000  # of SQLite's machine
 _BYTES_A_CALL = 300  # a row of 15 columns takes some 150 steps, and no less than 5 bytes of the file
 _FEWEST_CALLS = 100
@@ -166,13 +166,13 @@ def _check_lengths(
     held, longest = 0, 0
     if blobs := [f"sum(length({name}))" for name, (kind, _) in kinds.items() if kind == "BLOB"]:
         held = connection.execute(f"SELECT {' + '.join(blobs)} FROM {table}").fetchone()[0] or 0  # noqa: S608
-    if texts := [f"coalesce(length({name}), 0)" for name, (kind, _) in kinds.items() if kind == "TEXT"]:
+    if texts := [f"coalesce(length(CAST({name} AS BLOB)), 0)" for name, (kind, _) in kinds.items() if kind == "TEXT"]:
         for lengths in connection.execute(f"SELECT {', '.join(texts)} FROM {table}"):  # noqa: S608
             held, longest = held + sum(lengths), max(longest, *lengths)
             if held > size or longest > MAX_TEXT:  # each was read to be measured: no further
                 break
     if held > size or longest > MAX_TEXT:
-        what = "more than the file can" if held > size else f"a text of more than {MAX_TEXT} signs"
+        what = "more than the file can" if held > size else f"a text of more than {MAX_TEXT} bytes"
         raise RecordingError(
             f"{path}: table {table!r} says that it holds {what}", "The file is damaged, or was not made by boat-daq."
         )

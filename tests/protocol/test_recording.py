@@ -103,14 +103,13 @@ def test_what_is_not_ours_is_refused_before_it_is_read(path, statements, says):
         open_recording(path)
 
 
-@pytest.mark.fault(52, how="a value of 80 MB in a recording", times=1)
-def test_a_giant_value_is_not_read(path):
-    """A text or blob beyond the bound is refused by SQLite itself, in bounded memory."""
-    change(path, "INSERT INTO result VALUES (1, '', '', '', 0, '', CAST(zeroblob(80000000) AS TEXT))")
-    db = open_recording(path)
-    with pytest.raises(sqlite3.DatabaseError, match="too big"):
-        db.execute("SELECT content FROM result").fetchone()
-    db.close()
+@pytest.mark.fault(52, how="a value of 80 MB, and one of 9 MB, in a recording", times=2)
+@pytest.mark.parametrize(("size", "why"), [(80_000_000, "too big"), (9_000_000, "8388608 bytes")])
+def test_a_giant_value_is_not_read(path, size, why):
+    """A text beyond the bound of SQLite's own values, or of what becomes JSON, is refused when the file is opened."""
+    change(path, f"INSERT INTO result VALUES (1, '', '', '', 0, '', CAST(zeroblob({size}) AS TEXT))")
+    with pytest.raises(RecordingError, match=why):
+        open_recording(path)
 
 
 @pytest.mark.parametrize("value", ["not json", "[" * 100_000, ""])

@@ -1,4 +1,4 @@
-"""What is said on hover, as words: Qt takes a tip with a tag in it for rich text, and loads the pictures that it names."""
+"""What is said on hover, as words: Qt takes a text with a tag for rich text, and loads the pictures that it names."""
 
 from __future__ import annotations
 

@@ -35,13 +35,13 @@ class Bound:
 
 
 BOUNDS = (
-    Bound("sensor_hysteresis_percent_fso", "sensor hysteresis", 5.0, "% FSO", "published: less than 5 % FSO"),
-    Bound("system_hysteresis_percent_fso", "system hysteresis", 5.0, "% FSO", "published: less than 5 % FSO"),
+    Bound("sensor_hysteresis_percent_fso", "sensor hysteresis", 5.0, "% FSO", "published, less than 5 % FSO"),
+    Bound("system_hysteresis_percent_fso", "system hysteresis", 5.0, "% FSO", "published, less than 5 % FSO"),
     Bound(
         "combined_error_percent_fso", "combined error", 12.1, "% FSO",
-        "the published curve of sensor 1, 11.0 % from a straight line, with its hysteresis of 4.95 %",
+        "that of the published sensor 1",
     ),
-    Bound("snr_db", "SNR", 38.7, "dB", "twice the published noise: 44.7 dB less 6 dB", least=True),
+    Bound("snr_db", "SNR", 38.7, "dB", "twice the published noise", least=True),
 )  # fmt: skip
 
 
@@ -76,8 +76,8 @@ def shortfalls(sensor: SensorAnalysis, reading_sd_mm: float) -> tuple[Shortfall,
     least_r2 = _least_r2(sensor.calibration, reading_sd_mm)
     found = []
     if sensor.calibration.r2 < least_r2:
-        grid = f", less what readings with an sd of {reading_sd_mm:.2g} mm make" if reading_sd_mm > 0 else ""
-        source = f"residuals twice as large as published (R\u00b2 {PUBLISHED_R2}){grid}"
+        grid = f" and what a grid of {np.sqrt(12.0) * reading_sd_mm:.2g} mm makes" if reading_sd_mm > 0 else ""
+        source = f"twice the published residuals{grid}"
         found.append(Shortfall("R\u00b2", sensor.calibration.r2, least_r2, "", source, True, 4))
     for bound in BOUNDS:
         figure = sensor.figures.get(bound.name)

@@ -6,10 +6,20 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QBoxLayout,
+    QFrame,
+    QHBoxLayout,
+    QLayout,
+    QScrollArea,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from boat_daq.engine.session import SessionSnapshot
 from boat_daq.gui import style, widgets
+from boat_daq.gui.closed_readings import ClosedReadings
 from boat_daq.gui.divided import Divided
 from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.figure_table import FigureTable
@@ -18,15 +28,20 @@ from boat_daq.gui.plot import sensor_ink
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.room import Leaves
 from boat_daq.viewmodels.calibration import CalibrationModel, CurveShown, sensor_words
+from boat_daq.viewmodels.closed_run import ClosedRun
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.results import LoopSet, SensorResult
 
 SENSORS = 2
-SOURCES = {"least squares": "fit", "posterior": "posterior"}  # what the curve and its bands are of
+SOURCES = {"least squares": "fit", "posterior": "emcee"}  # what the curve and its bands are of
+BANDS = "Compute uncertainty bands"
+BANDS_TIP = (
+    "Bands that also hold what the grid of the readings leaves open: samples the posterior of the coefficients with "
+    "emcee, a Markov chain Monte Carlo; takes a while, in the background"
+)
+ACCEPT, ACCEPT_TIP = "Accept", "Store it with the unit and use it live"
+ANYWAY, ANYWAY_TIP = "Accept anyway", "Store it with the unit, marked as poor, and use it live"
 BESIDE = ("", "now", "last", "E\u2099")
-MOST_FLAGS = 5  # shown; all of them on hover
-
-
 SIDE = style.PANE_WIDTH_WIDE - 8 * style.STEP
 
 
@@ -89,8 +104,12 @@ class LoopCard(PlotCard):
         self.link_x()
 
     def show_loops(self, loops: LoopSet) -> None:
-        """Draw the loops."""
+        """Draw the loops, where there is a whole one."""
         cycles = range(len(loops.numbers))
+        if not cycles:
+            self.clear()
+            self.say_empty("A loop needs one complete cycle.")
+            return
         for i, (plot, curve) in enumerate(self.signals[: len(loops.signal_mv)]):
             curve.set(*loops.broken(loops.pressure_kpa, loops.signal_mv[i], cycles))
             plot.fit()
@@ -106,12 +125,42 @@ class ActuatorCard(PlotCard):
 
     def show_loops(self, loops: LoopSet) -> None:
         """Draw the loops, where the elongation was read."""
-        if loops.elongation_mm is None:
-            self.clear("no elongation was read")
-        else:
-            self.readout.clear()
-            self.curve.set(*loops.broken(loops.pressure_kpa, loops.elongation_mm, range(len(loops.numbers))))
-            self.plot.fit()
+        cycles = range(len(loops.numbers))
+        if loops.elongation_mm is None or not cycles:
+            self.clear()
+            self.say_empty("Elongation over pressure comes with the readings of a complete cycle.")
+            return
+        self.curve.set(*loops.broken(loops.pressure_kpa, loops.elongation_mm, cycles))
+        self.plot.fit()
+
+
+def _inside(layout: QLayout) -> QWidget:
+    """Return a widget that holds `layout` on the ground of its card."""
+    widget = widgets.holder(layout)
+    widget.setObjectName("inside")
+    return widget
+
+
+class Remarks(QScrollArea):
+    """Words under the figures: as high as they are, but never so high that they push the figures away."""
+
+    def __init__(self, words: QLayout) -> None:
+        super().__init__()
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setAccessibleName("Remarks on this run")
+        self.setWidget(_inside(words))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Ask for the height that the words need at this width."""
+        super().resizeEvent(event)
+        self.fit()
+
+    def fit(self) -> None:
+        """Be as high as the words, or as the most that they may take."""
+        needed = self.widget().heightForWidth(self.viewport().width())
+        self.setFixedHeight(min(max(needed, 0), style.REMARKS_MOST))
 
 
 class CalibrationPage(QWidget):
@@ -148,14 +197,20 @@ class CalibrationPage(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(style.GAP)
         layout.addWidget(self._head())
-        upper, lower = QHBoxLayout(), QHBoxLayout()
+        self.missing = EmptyState("", "", "", self._next_step)
+        self.upper, upper, lower = Leaves(), QHBoxLayout(), QHBoxLayout()
+        widgets.grow(self.upper)
+        upper.setSpacing(style.GAP)
+        lower.setSpacing(style.GAP)
         for card in self.curves:
             upper.addWidget(card, 1)
+        for leaf in (widgets.holder(upper), self.missing):
+            self.upper.addWidget(leaf)
         lower.addWidget(self.loops, 1)
         lower.addWidget(self.actuator, 1)
         left = QVBoxLayout()
         left.setSpacing(style.GAP)
-        left.addLayout(upper, 5)
+        left.addWidget(self.upper, 5)
         left.addLayout(lower, 4)
         layout.addWidget(self.desk_splitter(left), 1)
         return body
@@ -168,10 +223,8 @@ class CalibrationPage(QWidget):
         frame, inside = widgets.card()
         self.verdict = widgets.label("", "subtitle", elide=True)
         self.headline = widgets.label("", "muted", elide=True)
-        self.sample = widgets.button("Sample the posterior", lambda: self.desk.notices.attempt(self.model.sample))
-        self.accept = widgets.button(
-            "Accept", self.desk.accept_calibration, "primary", tip="Store it with the unit and use it live"
-        )
+        self.sample = widgets.button(BANDS, lambda: self.desk.notices.attempt(self.model.sample), tip=BANDS_TIP)
+        self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
         self.report = widgets.button("Report …", lambda: self.desk.request("report"))
         self.again = widgets.button("Analyse again", self._again)
         buttons = widgets.row(
@@ -185,7 +238,47 @@ class CalibrationPage(QWidget):
         self.head.addLayout(widgets.column(self.verdict, self.headline, spacing=0), 1)
         self.head.addLayout(buttons)
         inside.addLayout(self.head)
+        inside.addWidget(self._judgement())
         return frame
+
+    def _judgement(self) -> QWidget:
+        """Return the lines under the verdict: what is poor, against which bounds, and the way to the readings."""
+        self.poor = widgets.label("", wrap=True, name="What is poor about this calibration")
+        self.bounds = widgets.label("", "small", wrap=True)
+        self.look = widgets.button("Readings …", self._edit_readings, tip="Correct the readings of this run")
+        line = QHBoxLayout()
+        line.setSpacing(style.GAP)
+        line.addLayout(widgets.column(self.poor, self.bounds, spacing=0), 1)
+        line.addWidget(self.look, 0, Qt.AlignmentFlag.AlignTop)
+        self.judgement = _inside(line)
+        self.judgement.hide()
+        return self.judgement
+
+    def _accept(self) -> None:
+        self.desk.accept_calibration(anyway=bool(self.model.poor()))  # its button says so
+
+    def _edit_readings(self) -> None:
+        """Show the readings of the run in a panel beside the window."""
+
+        def deed() -> None:
+            assert self.model.last_path is not None
+            self.editor = ClosedReadings(self.window(), self.desk, ClosedRun(self.model.last_path))
+            self.editor.show()
+
+        self.desk.notices.attempt(deed)
+
+    def _next_step(self) -> None:
+        """Do what brings what is missing."""
+        lacking, result = self.model.missing(), self.model.result
+        if lacking is None or result is None:
+            return
+        if lacking.key == "readings":
+            self._edit_readings()
+        elif lacking.key == "repeat":
+            self.desk.repeatability.show(result)
+            self.desk.request("Repeat")
+        else:
+            self.desk.request("plan")
 
     def _side(self) -> QWidget:
         frame, inside = widgets.card()
@@ -206,8 +299,8 @@ class CalibrationPage(QWidget):
         inside.addWidget(self.tabs, 1)
         self.posterior = widgets.label("", "small", wrap=True)
         self.flags = widgets.label("", "small", wrap=True)
-        for widget in (self.posterior, self.flags):
-            inside.addWidget(widget)
+        self.remarks = Remarks(widgets.column(self.posterior, self.flags))
+        inside.addWidget(self.remarks)
         return frame
 
     def _again(self) -> None:
@@ -237,8 +330,7 @@ class CalibrationPage(QWidget):
         widgets.set_state(self.verdict, state)
         self.headline.setText(self.model.headline())
         obstacle = self.model.obstacle()
-        self.accept.setEnabled(not obstacle and self.model.accepted is None)
-        self.accept.setToolTip(obstacle or "Store it with the unit and use it live")
+        self._show_judgement(obstacle)
         self.sample.setEnabled(result is not None and result.calibrated)
         self.report.setEnabled(result is not None)
         if result is None:
@@ -250,11 +342,29 @@ class CalibrationPage(QWidget):
             if sensor.x.size:
                 card.show_sensor(sensor, self.model.shown(i))
             else:
-                card.clear("no elongation was read")
+                card.clear()
+                card.say_empty(f"No curve: {sensor.void}.")
+        lacking = self.model.missing()
+        self.upper.setCurrentIndex(0 if lacking is None else 1)
+        if lacking is not None:
+            self.missing.say(lacking.title, lacking.words, lacking.action)
         self.loops.show_loops(result.loops)
         self.actuator.show_loops(result.loops)
         self.table.show_rows(result.figures, [sensor_words(s.name) for s in result.sensors])
         self._show_words()
+
+    def _show_judgement(self, obstacle: str) -> None:
+        """Say what is poor; what is poor is not the page's one next step, but can be accepted all the same."""
+        poor = self.model.poor()
+        self.judgement.setVisible(bool(poor))
+        self.poor.setText("\n".join(poor))
+        self.bounds.setText(self.model.bounds() if poor else "")
+        self.look.setVisible(self.model.last_path is not None and self.model.last_path.suffix == ".boat")
+        self.accept.setText(ANYWAY if poor else ACCEPT)
+        self.accept.setAccessibleName(self.accept.text())
+        self.accept.setToolTip(obstacle or (ANYWAY_TIP if poor else ACCEPT_TIP))
+        widgets.set_state(self.accept, "" if poor else "primary", "role")
+        self.accept.setEnabled(not obstacle and self.model.accepted is None)
 
     def _clear(self) -> None:
         """Take an earlier run's curves and figures away: none of them is of the run in the head."""
@@ -265,6 +375,8 @@ class CalibrationPage(QWidget):
         for words in (self.posterior, self.flags, self.comparison):
             words.clear()
         self.beside.setRowCount(0)
+        self.upper.setCurrentIndex(0)
+        self.remarks.fit()
 
     def _show_words(self) -> None:
         result = self.model.result
@@ -272,12 +384,12 @@ class CalibrationPage(QWidget):
         posterior = [
             f"{sensor_words(s.name)}: {p.verdict}" for s, p in zip(result.sensors, self.model.posterior, strict=False)
         ]
-        self.posterior.setText("\n".join(["Posterior", *posterior] if posterior else []))
+        self.posterior.setText("\n".join(["Uncertainty bands (emcee)", *posterior] if posterior else []))
         self.posterior.setVisible(bool(posterior))
         self.comparison.setText(self.model.comparison())
         rows = self.model.coefficient_rows()
         self.beside.setVisible(bool(rows))
         widgets.fill_table(self.beside, [row.cells for row in rows], [row.hover for row in rows])
-        self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in result.flags[:MOST_FLAGS]))
-        self.flags.setToolTip("\n".join(result.flags))
+        self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in result.flags))
         self.flags.setVisible(bool(result.flags))
+        self.remarks.fit()

@@ -20,7 +20,7 @@ class EmptyState(QWidget):
         frame.setFixedWidth(style.FORM_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
         inside.setSpacing(style.CARD_PADDING)
-        self.title = widgets.label(title, "title")
+        self.title = widgets.label(title, "title", wrap=True)
         self.words = widgets.label(words, "muted", wrap=True)
         self.button = widgets.button(action, deed, "primary")
         self.button.setVisible(bool(action))
@@ -28,7 +28,16 @@ class EmptyState(QWidget):
         inside.addWidget(self.words)
         inside.addLayout(widgets.row(self.button, None))
         layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(frame, 0, Qt.AlignmentFlag.AlignCenter)
+
+    def say(self, title: str, words: str, action: str) -> None:
+        """Say something else; without an action there is no button."""
+        widgets.set_text(self.title, title)
+        widgets.set_text(self.words, words)
+        widgets.set_text(self.button, action)
+        self.button.setAccessibleName(action)
+        self.button.setVisible(bool(action))
 
 
 class EmptyPage(QWidget):

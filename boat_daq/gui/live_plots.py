@@ -18,6 +18,13 @@ from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import Frame, LiveModel, sensor_names
 
+MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
+
+
+def shortened(note: str) -> str:
+    """Return a note as it stands beside its marker."""
+    return note if len(note) <= MOST_OF_A_NOTE else f"{note[: MOST_OF_A_NOTE - 1].rstrip()}\u2026"
+
 
 class LivePlots(PlotCard):
     """Four plots over one time axis: a signal each (or both in the first), elongation, pressure."""
@@ -182,7 +189,8 @@ class LivePlots(PlotCard):
                 at=marker.time_s,
                 vertical=True,
                 style_=Qt.PenStyle.DotLine,
-                label=marker.note or "\u25be",
+                label=shortened(marker.note) or "\u25be",
             )
+            line.label.setToolTip(marker.note)
             self._markers.append((self.first, line))
             self.paint_theme(self.theme)

@@ -38,7 +38,7 @@ ALSO = {  # what people type for a command that says it in other words
     "Save the plot's data as CSV \u2026": "export",
     "Dark": "night theme",
     "Light": "day theme",
-    "Sample the posterior": "mcmc emcee uncertainty",
+    "Compute uncertainty bands (emcee)": "mcmc posterior sample",
     "Report of the run shown \u2026": "pdf html print",
     "Report of the chosen runs \u2026": "pdf html print",
     "Calibrate": "fit curve hysteresis",

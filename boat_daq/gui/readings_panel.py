@@ -152,10 +152,8 @@ class ReadingsTableModel(QAbstractTableModel):
             font = QFont(style.base_font())
             font.setBold(True)
             return font
-        if role == Qt.ItemDataRole.ToolTipRole and row.outlier:
-            return "far from the running fit: read it again, or leave it; it is kept"
-        if role == Qt.ItemDataRole.ToolTipRole and row.source:
-            return f"source: {row.source}"
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return row.hover or None
         return None
 
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from PySide6.QtWidgets import QGridLayout, QTabWidget, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
@@ -17,9 +18,10 @@ from boat_daq.gui.room import Leaves
 from boat_daq.viewmodels.calibration import sensor_words
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.repeatability import GROUPS
-from boat_daq.viewmodels.results import RunResult
+from boat_daq.viewmodels.results import Array, RunResult
 
 SENSORS = 2
+NO_FIGURE = "No cycle of this run has this figure; the table says why on hover."
 BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
 
 
@@ -45,6 +47,12 @@ class LoopsByCycle(PlotCard):
         self.plot.fit()
 
 
+def known(numbers: Array, values: Array) -> tuple[Array, Array]:
+    """Return the cycles that have a figure, with it."""
+    finite = np.isfinite(values)
+    return numbers[finite], values[finite]
+
+
 class PerCycle(PlotCard):
     """A figure of every cycle over its number, both sensors."""
 
@@ -55,6 +63,11 @@ class PerCycle(PlotCard):
             self.plot.points(f"Sensor {n}", sensor_ink(n), symbol=s, size=6) for n, s in ((1, "o"), (2, "s"))
         ]
         self.readout.setText("\u25cf 1  \u25a0 2")
+
+    def frame(self) -> None:
+        """Frame what there is; say so where no cycle has this figure."""
+        self.say_empty("" if any(layer.y.size for layer in self.plot.layers) else NO_FIGURE)
+        self.plot.fit()
 
 
 class RepeatPage(QWidget):
@@ -79,21 +92,15 @@ class RepeatPage(QWidget):
         self.table = FigureTable()
         self.broken = widgets.label("", "small", wrap=True)
         self.tested = widgets.read_table("Both sides of each break compared", BREAK_HEADINGS)
+        self.tested.horizontalHeaderItem(3).setToolTip("Chance of so different means if nothing changed (t-test)")
+        self.tested.horizontalHeaderItem(4).setToolTip("Chance of so different scatter if nothing changed (F-test)")
         self.breaks, words = QWidget(), widgets.column(self.broken, self.tested, spacing=style.GAP)
         words.setContentsMargins(0, style.GAP, 0, 0)
         self.breaks.setLayout(words)
         self.break_lines: list[tuple[PerCycle, Any]] = []
         self.stack = Leaves()
-        self.stack.addWidget(
-            EmptyState(
-                "No run of many cycles yet",
-                "Here come the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. "
-                "Choose the plan 'repeatability' and start it: this page fills while it runs. Or open one on the Runs "
-                "page.",
-                "Choose the plan",
-                desk.choose_repeatability,
-            )
-        )
+        self.missing = EmptyState(*desk.repeatability.missing(), "Choose the plan", desk.choose_repeatability)
+        self.stack.addWidget(self.missing)
         self.stack.addWidget(self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
@@ -137,7 +144,10 @@ class RepeatPage(QWidget):
             return
         self._revision = model.revision
         result = model.result
-        self.stack.setCurrentIndex(0 if result is None else 1)
+        title, words = model.missing()
+        self.stack.setCurrentIndex(0 if title else 1)
+        if title:
+            self.missing.say(title, words, self.missing.button.text())
         self.words.setText(model.words)
         self.warm_up.setText(model.warm_up())
         if result is None or not result.cycles:
@@ -147,16 +157,16 @@ class RepeatPage(QWidget):
         for i in range(min(SENSORS, len(result.sensors))):
             numbers, top, bottom = model.extremes(i)
             each = model.cycles(i)
-            self.drift.sensors[i].set(numbers, top)
-            self.low_ends[i].set(numbers, bottom)
+            self.drift.sensors[i].set(*known(numbers, top))
+            self.low_ends[i].set(*known(numbers, bottom))
             for shown, values in (
                 (self.hysteresis, each.hysteresis_percent_fso), (self.sensitivity, each.sensitivity),
                 (self.snr, each.snr_db),
             ):  # fmt: skip
-                shown.sensors[i].set(numbers, values)
+                shown.sensors[i].set(*known(numbers, values))
             self.sensitivity.plot.rename("Per cycle", each.sensitivity_unit)
         for shown in (self.drift, self.hysteresis, self.sensitivity, self.snr):
-            shown.plot.fit()
+            shown.frame()
         self._show_breaks(result)
         self.table.show_rows(result.figures, [sensor_words(s.name) for s in result.sensors])
 

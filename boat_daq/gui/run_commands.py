@@ -38,7 +38,7 @@ def calibration(window: MainWindow) -> list[Command]:
     return [
         Command(MENU, "Calibrate with the last run", "Ctrl+Shift+A", analyse),
         Command(MENU, "Open a recording …", "Ctrl+O", open_recording),
-        Command(MENU, "Sample the posterior", "Ctrl+Shift+M", sample, lambda: model.result is not None),
+        Command(MENU, "Compute uncertainty bands (emcee)", "Ctrl+Shift+M", sample, lambda: model.result is not None),
         Command(MENU, "Accept the calibration", "Ctrl+Return", window.desk.accept_calibration, acceptable),
         Command(
             MENU, "Report of the run shown …", "Ctrl+Shift+R", window.ask_report,

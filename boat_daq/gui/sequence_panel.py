@@ -94,7 +94,10 @@ class SequencePanel(QFrame):
             for key, text in LABELS.items()
         }
         self.go_on = widgets.button("", self._go_on, "primary", tip="The rest of the broken run, in its own recording")
-        head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.go_on)
+        self.calibrate = widgets.button(
+            "Calibrate", self._calibrate, "primary", tip="Fit the curve through the readings of the run that has ended"
+        )
+        head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.go_on, self.calibrate)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
         layout.setSpacing(style.STEP)
@@ -110,13 +113,18 @@ class SequencePanel(QFrame):
         self.desk.notices.attempt(self.desk.going_on.go_on)
         self.refresh(self.desk.tick())
 
+    def _calibrate(self) -> None:
+        self.desk.notices.attempt(self.desk.calibrate_now)
+
     def _show_choice(self, first_cycle: int) -> None:
-        """Where a broken run can go on, part that from beginning anew."""
+        """Where a broken run can go on, part that from beginning anew; where one was read, calibrating comes first."""
+        reads = self.desk.offers_calibration
+        self.calibrate.setVisible(reads)
         self.go_on.setVisible(bool(first_cycle))
         widgets.set_text(self.go_on, f"Go on at cycle {first_cycle}")
         arm = self.buttons["arm"]
         widgets.set_text(arm, "Begin anew" if first_cycle else LABELS["arm"])
-        widgets.set_state(arm, "" if first_cycle else "primary", "role")
+        widgets.set_state(arm, "" if first_cycle or reads else "primary", "role")
         arm.setToolTip("Arm the whole plan from its first cycle, in a new recording" if first_cycle else TIPS["arm"])
 
     def refresh(self, snapshot: SessionSnapshot) -> None:

@@ -22,6 +22,7 @@ from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.changes import Change, Changes, History
 from boat_daq.viewmodels.formatting import NOTHING, count, duration, number
+from boat_daq.viewmodels.judgement import Missing, missing, poor, rests_on, sources
 from boat_daq.viewmodels.results import Array, Band, PosteriorResult, RunResult, SensorResult
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 
@@ -146,7 +147,7 @@ class CalibrationModel:
         contents = [s.content or {} for s in self.result.sensors]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
         work = Work(
-            "Sampling the posterior",
+            "Computing uncertainty bands",
             POSTERIOR,
             points,
             self.result.reading_sd_mm,
@@ -171,10 +172,27 @@ class CalibrationModel:
             return str(self.failure.remedy)
         if result is None:
             return self.last_path.name if self.working and self.last_path is not None else ""
-        parts = [result.unit or "no unit", count(result.cycles, "complete cycle"), duration(result.duration_s)]
-        if result.partial:
-            parts.insert(2, f"{result.partial} partial, left out")
-        return "   ".join(parts)
+        parts = [
+            result.unit or "no unit",
+            count(result.cycles, "complete cycle") + (f", {result.partial} partial left out" if result.partial else ""),
+            rests_on(result),
+            duration(result.duration_s),
+        ]
+        return "   ".join(filter(None, parts))
+
+    def poor(self) -> tuple[str, ...]:
+        """Return what is poor about the calibration that could be accepted, a sentence a sensor."""
+        if self.result is None or self.obstacle():
+            return ()
+        return poor(self.result, self.posterior)
+
+    def bounds(self) -> str:
+        """Return where the bounds come from that are missed."""
+        return "" if self.result is None else "Bounds from: " + "; ".join(sources(self.result))
+
+    def missing(self) -> Missing | None:
+        """Return what is missing for a curve; None where there is one, or nothing is analysed."""
+        return None if self.result is None else missing(self.result)
 
     def obstacle(self) -> str:
         """Return why the calibration cannot be accepted; empty when it can."""
@@ -182,10 +200,14 @@ class CalibrationModel:
             return "Nothing is analysed yet."
         for sensor in self.result.sensors:
             if sensor.content is None:
-                return f"{sensor_words(sensor.name)}: {sensor.void}."
+                return self._void(sensor)
             if not sensor.content["fit"]["monotone"]:
                 return f"{sensor_words(sensor.name)}: the curve turns inside its range, so it has no inverse."
         return "" if self.result.sensors else "The run has no sensor."
+
+    def _void(self, sensor: SensorResult) -> str:
+        lacking = self.missing()
+        return f"{lacking.title}." if lacking is not None else f"{sensor_words(sensor.name)}: {sensor.void}."
 
     def verdict(self) -> tuple[str, str]:
         """Return (state, words) for the top of the page."""
@@ -194,10 +216,13 @@ class CalibrationModel:
         if self.result is None:
             return "", "Analysing \u2026" if self.working else ""
         if self.accepted is not None:
-            return "ok", "\u2713 Accepted: stored with the unit and used live"
+            though = " though poor" if self.poor() else ""
+            return "warning" if though else "ok", f"\u2713 Accepted{though}: stored with the unit and used live"
         obstacle = self.obstacle()
         if obstacle:
             return "warning", f"\u25b2 Not a calibration: {obstacle}"
+        if self.poor():
+            return "warning", "\u25b2 A poor calibration: figures miss their bounds"
         fits = "   ".join(
             f"{sensor_words(s.name)}: R\u00b2 = {number((s.content or {})['fit']['r2'], 5)}"
             for s in self.result.sensors
@@ -284,6 +309,7 @@ class CalibrationModel:
             "simulated": self.result.simulated,
             "cycles": self.result.cycles,
             "posterior": [dict(p.content) for p in self.posterior],
+            "poor": list(self.poor()),
         }
         self._changes.push(Change("acceptance", *self._acceptance(self.result, finite(content), operator)))
         return content

@@ -224,10 +224,16 @@ class Desk:
                 f"{count(read, 'plateau')} read",
                 "Next: fit and look at it.",
                 action_text="Calibrate",
-                action=self._calibrate_now,
+                action=self.calibrate_now,
             )
 
-    def _calibrate_now(self) -> None:
+    @property
+    def offers_calibration(self) -> bool:
+        """Whether the run that has ended was read and waits to be calibrated with."""
+        return self._offer is not None
+
+    def calibrate_now(self) -> None:
+        """Analyse the run that has ended, on its page."""
         self.request("Calibrate")
         self.calibration.analyse_current()
 
@@ -269,12 +275,21 @@ class Desk:
             self.calibration.last_path = self.runs.newest()
         self.notices.attempt(self.calibration.analyse_current)
 
-    def accept_calibration(self) -> None:
-        """Store the calibration with its unit and use it live."""
-
+    def accept_calibration(self, *, anyway: bool = False) -> None:
+        """Store the calibration with its unit and use it live; a poor one only `anyway`, else that is offered."""
+        poor = self.calibration.poor()
+        if poor and not anyway:
+            self.notices.say(
+                Level.WARNING,
+                f"this calibration is poor. {'. '.join(poor)}",
+                "Look at its readings, or accept it as it is.",
+                action_text="Accept anyway",
+                action=partial(self.accept_calibration, anyway=True),
+            )
+            return
         self.notices.attempt(
             lambda: self.calibration.accept(self.readings.reader),
-            done="Calibration accepted; the elongation is shown on the Live page",
+            done=f"Calibration accepted{' though poor' if poor else ''}; the elongation is shown on the Live page",
         )
 
     def vent(self) -> None:
@@ -293,6 +308,7 @@ class Desk:
         """Return unit and calibration in a line."""
         stored = self._inverse_of
         words = f"calibrated {stored.utc[:10]}" if stored is not None else "not calibrated"
+        words += ", poor" if stored is not None and stored.content.get("poor") else ""
         return f"{self.unit_name}  \u00b7  {words}"
 
     def picture_time(self, time_us: int) -> float | None:

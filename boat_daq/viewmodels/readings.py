@@ -24,6 +24,12 @@ PLAUSIBLE_MM = 60.0  # longer than the actuator itself
 OUTLIER_SIGMA = 4.0
 OUTLIER_FLOOR_MM = 0.35  # a reading on a half-millimetre grid may be so far off without anything wrong
 FIT_FROM = 8  # readings before a running fit says anything
+UNSTEADY = "unsteady"  # reached, but it still drifted when the longest hold was over
+REMARKS = {  # of a plateau's status, in a word and in a sentence
+    "timeout": ("not reached", "the pressure was not reached in time"),
+    "aborted": ("cut short", "the step was broken off; its cycle is left out"),
+    UNSTEADY: ("not steady", "pressure or signal still drifted when the longest hold was over"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,30 +43,66 @@ class Row:
     status: str
     elongation_mm: float | None
     source: str
-    outlier: bool
     current: bool
+    apart_mm: float | None = None  # from the running fit, where it is far from it
+
+    @property
+    def outlier(self) -> bool:
+        """Whether the reading is far from the running fit."""
+        return self.apart_mm is not None
+
+    @property
+    def remark(self) -> str:
+        """Return what is to be said of it in a word or two."""
+        if self.apart_mm is not None:
+            return f"{number(self.apart_mm, 1, sign=True)} mm off?"
+        return REMARKS.get(self.status, ("now" if self.current else "", ""))[0]
+
+    @property
+    def hover(self) -> str:
+        """Return the remark in a sentence with plateau, cycle and value; where the reading came from."""
+        lines = [f"{REMARKS[self.status][1]}: {self.place}"] if self.status in REMARKS else []
+        if self.apart_mm is not None and self.elongation_mm is not None:
+            fit = number(self.elongation_mm - self.apart_mm, 2, sign=True)
+            lines.append(
+                f"{number(self.elongation_mm, 2, sign=True)} mm at {self.place}, where the running fit says {fit} mm: "
+                "read it again, or leave it; it is kept"
+            )
+        return "\n".join([*lines, *([f"source: {self.source}"] if self.source else [])])
+
+    @property
+    def place(self) -> str:
+        """Return pressure, branch and cycle."""
+        return place(self.target_kpa, self.branch, self.cycle)
 
     @property
     def cells(self) -> tuple[str, ...]:
         """Return the row as text: cycle, branch, pressure, elongation, remark."""
-        remark = "outlier?" if self.outlier else {"timeout": "not steady", "aborted": "cut short"}.get(self.status, "")
-        if self.current and not remark:
-            remark = "now"
         return (
             str(self.cycle) if self.cycle else NOTHING,
             BRANCH_WORDS[self.branch],
             target(self.target_kpa).removesuffix(" kPa"),
             "" if self.elongation_mm is None else number(self.elongation_mm, 2),
-            remark,
+            self.remark,
         )
 
 
 HEADINGS = ("Cycle", "Branch", "kPa", "mm", "Remark")
 
 
+def place(target_kpa: float, branch: str, cycle: int) -> str:
+    """Return which plateau it is, e.g. `+30 kPa, unloading, cycle 2`."""
+    where = f"{BRANCH_WORDS[branch]}, cycle {cycle}" if cycle else "opening plateau"
+    return f"{target(target_kpa)}, {where}"
+
+
 def _place(at: ReadingRequest | Progress) -> str:
-    where = f"{BRANCH_WORDS[at.branch]}, cycle {at.cycle}" if at.cycle else "opening plateau"
-    return f"{target(at.target_kpa)}, {where}"
+    return place(at.target_kpa, at.branch, at.cycle)
+
+
+def asking(steps: tuple[StepMark, ...]) -> tuple[StepMark, ...]:
+    """Return the plateaus that ask for a reading: all steps but the way out."""
+    return tuple(step for step in steps if step.branch != "end")
 
 
 class Keeper(Protocol):
@@ -115,15 +157,16 @@ class ReadingsModel:
     def rows(self, snapshot: SessionSnapshot) -> list[Row]:
         """Return the table, oldest plateau first."""
         readings = {key: r for key, r in self.latest().items() if r.elongation_mm is not None}
-        steps = self.session.steps()
-        outliers = outlying(steps, {key: float(r.elongation_mm or 0.0) for key, r in readings.items()})
+        steps = asking(self.session.steps())
+        apart = outlying(steps, {key: float(r.elongation_mm or 0.0) for key, r in readings.items()})
         waiting = snapshot.waiting_for_reading
         return [
             Row(
-                step.number, step.cycle, step.branch, step.target_kpa, step.status,
+                step.number, step.cycle, step.branch, step.target_kpa,
+                step.status if step.detail.get("steady", True) else UNSTEADY,
                 readings[step.number].elongation_mm if step.number in readings else None,
                 readings[step.number].source if step.number in readings else "",
-                step.number in outliers, waiting is not None and waiting.step_id == step.number,
+                waiting is not None and waiting.step_id == step.number, apart.get(step.number),
             )
             for step in steps
         ]  # fmt: skip
@@ -133,7 +176,8 @@ class ReadingsModel:
         """Return how many plateaus have a reading, and how many are far from the fit."""
         read = sum(row.elongation_mm is not None for row in rows)
         far = sum(row.outlier for row in rows)
-        words = f"{read} of {count(len(rows), 'plateau')} read" if rows else ""
+        whole = "all" if read == len(rows) else f"{read} of"
+        words = f"{whole} {count(len(rows), 'plateau')} read" if rows else ""
         return words + (f", {far} far from the running fit" if far else "")
 
     def enter(self, step_id: int, text: str, source: str = "typed") -> None:
@@ -179,7 +223,7 @@ class ReadingsModel:
         """
         values = column_of_lengths(text)
         first = self._first_for(len(values)) if first_step_id is None else first_step_id
-        numbers = [step.number for step in self.session.steps() if step.number >= first]
+        numbers = [step.number for step in asking(self.session.steps()) if step.number >= first]
         if len(values) > len(numbers):
             raise OperatorError(
                 f"{len(values)} values were pasted, but only {len(numbers)} plateaus follow",
@@ -202,7 +246,7 @@ class ReadingsModel:
 
     def _first_for(self, values: int) -> float:
         """Return the plateau at which a column of so many values begins where none is chosen."""
-        steps, read = [step.number for step in self.session.steps()], self.latest()
+        steps, read = [step.number for step in asking(self.session.steps())], self.latest()
         if values == len(steps):
             return 0
         unread = (n for n in steps if n not in read or read[n].elongation_mm is None)
@@ -252,28 +296,27 @@ def column_of_lengths(text: str) -> list[float]:
     return values
 
 
-def outlying(steps: tuple[StepMark, ...], elongation_mm: dict[int, float]) -> set[int]:
-    """Return the plateaus whose reading is far from the running fit of elongation over pressure, by branch.
+def outlying(steps: tuple[StepMark, ...], elongation_mm: dict[int, float]) -> dict[int, float]:
+    """Return by how much (mm) which plateaus' readings are far from the running fit of elongation over pressure.
 
     The fit is a cubic in pressure with an offset between the branches, by iteratively dropping the farthest: one bad
     reading must not hide itself. Nothing is marked before `FIT_FROM` readings.
     """
     rows = [step for step in steps if step.number in elongation_mm]
     if len(rows) < FIT_FROM:
-        return set()
+        return {}
     design = _design(np.array([s.target_kpa for s in rows]), np.array([s.branch == "loading" for s in rows]))
     y = np.array([elongation_mm[s.number] for s in rows])
     keep = np.ones(y.size, dtype=bool)
     residual = np.zeros(y.size)
-    for _ in range(y.size // 4):
-        coefficients = np.linalg.lstsq(design[keep], y[keep], rcond=None)[0]
-        residual = np.abs(y - design @ coefficients)
-        spread = max(1.4826 * float(np.median(residual[keep])), OUTLIER_FLOOR_MM / OUTLIER_SIGMA)
-        worst = int(np.argmax(np.where(keep, residual, -1.0)))
-        if residual[worst] <= OUTLIER_SIGMA * spread:
+    for _ in range(y.size // 4 + 1):
+        residual = y - design @ np.linalg.lstsq(design[keep], y[keep], rcond=None)[0]
+        spread = max(1.4826 * float(np.median(np.abs(residual[keep]))), OUTLIER_FLOOR_MM / OUTLIER_SIGMA)
+        worst = int(np.argmax(np.where(keep, np.abs(residual), -1.0)))
+        if abs(residual[worst]) <= OUTLIER_SIGMA * spread or (~keep).sum() >= y.size // 4:
             break
         keep[worst] = False
-    return {step.number for step, kept in zip(rows, keep, strict=True) if not kept}
+    return {step.number: float(far) for step, far, kept in zip(rows, residual, keep, strict=True) if not kept}
 
 
 def _design(pressure_kpa: NDArray[np.float64], loading: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -27,6 +27,11 @@ EVERY_S = 20.0  # at the soonest, so that the helper takes a small share of the 
 WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
 GROUPS = 12
 WARM_UP_FROM = 6  # cycles, before "warm-up" means anything
+HOW = (
+    "Choose the plan 'repeatability' and start it: this page fills while it runs. Or open a recording on the Runs page."
+)
+NO_RUN = "Here come the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. " + HOW
+NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
 
 
 class RepeatabilityModel:
@@ -42,6 +47,7 @@ class RepeatabilityModel:
         self.bench, self._clock = bench, clock
         self.level = fidelity().level
         self.result: RunResult | None = None
+        self.failure = ""  # why the last run could not be read
         self.words = ""
         self.revision = 0
         self._asked_at = -np.inf
@@ -87,17 +93,28 @@ class RepeatabilityModel:
         if work.state is WorkState.DONE:
             self.show(work.result)
         elif work.failure is not None:
-            self.words = f"{work.failure.cause}. {work.failure.remedy}".strip()
+            self.result, self.failure = None, f"{work.failure.cause}. {work.failure.remedy}".strip()
             self.revision += 1
 
     def show(self, result: RunResult) -> None:
         """Show a result that is there already."""
-        self.result = result
+        self.result, self.failure = result, ""
         self.words = "   ".join(
             [result.unit or "no unit", count(result.cycles, "complete cycle"), duration(result.duration_s)]
             + ([f"{result.partial} partial, left out"] if result.partial else [])
         )
         self.revision += 1
+
+    def missing(self) -> tuple[str, str]:
+        """Return title and words of what is missing for the page; both empty where there is a cycle to show."""
+        if self.failure:
+            return "This run cannot be shown", self.failure
+        if self.result is None:
+            return "No run of many cycles yet", NO_RUN
+        if not self.result.cycles:
+            begun = f" It broke off after {count(self.result.partial, 'partial one')}." if self.result.partial else ""
+            return f"{Path(self.result.path).name} has no complete cycle", f"{NO_CYCLE}{begun} {HOW}"
+        return "", ""
 
     def groups(self) -> list[range]:
         """Return the cycles in at most `GROUPS` groups of consecutive ones."""

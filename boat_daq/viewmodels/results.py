@@ -134,4 +134,4 @@ class PosteriorResult:
     def verdict(self) -> str:
         """Return whether it converged, in words."""
         words = "converged" if self.content["converged"] else "NOT CONVERGED"
-        return f"{words}: {self.content['n_eff']:.0f} effective samples, acceptance {self.content['acceptance']:.2f}"
+        return f"{words}, {self.content['n_eff']:.0f} independent samples"

@@ -195,15 +195,62 @@ def test_a_wrong_reading_is_marked_the_others_are_not():
     """A reading 2 mm off is far from the running fit; half-millimetre rounding is not."""
     marks = plateaus()
     read = {mark.number: elongation(mark) for mark in marks}
-    assert outlying(marks, read) == set()
+    assert outlying(marks, read) == {}
     read[14] += 2.0
-    assert outlying(marks, read) == {14}
+    assert outlying(marks, read) == {14: pytest.approx(2.0, abs=0.5)}
 
 
 def test_too_few_readings_mark_nothing():
     """Before there is a fit, nothing is far from it."""
     marks = plateaus()[:5]
-    assert outlying(marks, {mark.number: 50.0 * i for i, mark in enumerate(marks)}) == set()
+    assert outlying(marks, {mark.number: 50.0 * i for i, mark in enumerate(marks)}) == {}
+
+
+def read_session(*more):
+    """A session whose plateaus were all read; `more` marks follow them."""
+    session = RecordedSession(connected())
+    session.marks = (*plateaus(), *more)
+    for mark in plateaus():
+        session.add_reading(mark.number, elongation(mark), "typed")
+    return session
+
+
+def test_a_remark_says_which_plateau_and_how_much():
+    """An outlier's remark has its millimetres; its hover plateau, cycle, value, and what the fit says there."""
+    session = read_session()
+    mark = session.marks[13]
+    session.add_reading(14, elongation(mark) + 2.0, "typed")
+    row = ReadingsModel(session, History()).rows(session.snapshot())[13]
+    assert row.cells[-1].startswith("+") and row.cells[-1].endswith(" mm off?")
+    assert (mark.target_kpa, mark.branch, mark.cycle) == (0.0, "loading", 1)
+    assert " mm at 0 kPa, loading, cycle 1, where the running fit says " in row.hover
+
+
+@pytest.mark.parametrize(
+    ("status", "detail", "word"),
+    [("reached", {}, ""), ("reached", {"steady": False}, "not steady"), ("timeout", {}, "not reached"),
+     ("aborted", {}, "cut short")],
+)  # fmt: skip
+def test_what_became_of_a_plateau_stands_in_its_line(status, detail, word):
+    """Only a plateau that still drifted is called not steady; one that was never reached is called that."""
+    session = RecordedSession(connected())
+    session.marks = (dataclasses.replace(plateaus(1)[2], status=status, detail=detail),)
+    (row,) = ReadingsModel(session, History()).rows(session.snapshot())
+    assert row.cells[-1] == word
+    assert ("+30 kPa, unloading, cycle 1" in row.hover) is bool(word)
+
+
+def test_the_way_out_asks_for_no_reading():
+    """The vent at the end is a step, but no plateau: it has no line, is not counted, and takes no value of a paste."""
+    session = read_session(StepMark(99, 0, "end", 0.0, 0.0, 10**6, status="reached"))
+    model, n = ReadingsModel(session, History()), len(plateaus())
+    rows = model.rows(session.snapshot())
+    assert len(rows) == n
+    assert model.summary(rows) == f"all {n} plateaus read"
+    assert model.paste("\n".join(["1.5"] * n)) == n
+    assert [r.step_id for r in session.kept[n:]] == [mark.number for mark in plateaus()]
+    with pytest.raises(OperatorError, match=f"only {n} plateaus"):
+        model.paste("\n".join(["1"] * (n + 1)), 1)
 
 
 def test_a_paste_enters_all_or_nothing():

@@ -26,6 +26,7 @@ from boat_daq.gui import style
 from boat_daq.gui.palette import shown
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.viewmodels.desk import PAGES
+from boat_daq.viewmodels.live import Marker
 from boat_daq.viewmodels.notices import Level
 from boat_daq.viewmodels.work import Work
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -205,6 +206,33 @@ def test_markers_by_keys_are_seen_and_kept(live):
     plot, line = live.live.plots._markers[0]
     assert (plot.title, line.label.format, live.desk.session.asked[-1]) == ("Signal 1", "tapped", "mark")
     assert line.value() == pytest.approx(299.99)
+
+
+@pytest.mark.parametrize("height", [500, 1000])
+def test_words_of_cursors_and_markers_are_whole(live, height):
+    """On low plots and at both edges the letters of A and B and of notes lie inside their plot; braces are letters."""
+    live.resize(840, height)
+    live.refresh()
+    live.draw()
+    plots, (low, high) = live.live.plots, live.desk.live.span_s()
+    plots.place_cursor("a")
+    plots.place_cursor("b")
+    live.desk.live.markers += [
+        Marker(high - 0.01, "tube {touched}"),
+        Marker(low + 0.5, "a note that goes on and on, much too long"),
+    ]
+    live.refresh()
+    live.draw()
+    QApplication.processEvents()
+    for plot, line in (*plots._cursors["a"], *plots._cursors["b"], *plots._markers):
+        if plot is not plots.first:
+            continue
+        box = plot.item.getViewBox()
+        words = line.label.mapRectToItem(box, line.label.boundingRect())
+        room = box.boundingRect().adjusted(-1, -1, 1, 1)
+        assert room.contains(words), (line.label.format, words, room)
+    assert plots._markers[0][1].label.textItem.toPlainText() == "tube {touched}"
+    assert plots._markers[1][1].label.textItem.toPlainText().endswith("\u2026")
 
 
 def test_a_cursor_is_dragged_with_the_mouse(live):

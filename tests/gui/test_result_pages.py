@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPoint, QRect
+from PySide6.QtWidgets import QApplication
 
 from analysis.calibration import fit_calibration
+from analysis.shortfalls import Shortfall
+from boat_daq.gui import style
 from boat_daq.viewmodels.figures import FigureText
 from boat_daq.viewmodels.results import (
     BreakResult,
@@ -17,6 +22,7 @@ from boat_daq.viewmodels.results import (
     RunResult,
     SensorResult,
 )
+from boat_daq.viewmodels.work import WorkState
 from tests.gui.test_manners import run_shortcut
 
 CYCLES = 8
@@ -100,7 +106,7 @@ def test_curve_and_bands_are_of_the_posterior_once_it_is_there(live):
     live.desk.calibration.posterior = tuple(found)
     live.desk.calibration.revision += 1
     live.refresh()
-    assert card.readout.text().endswith("posterior")
+    assert card.readout.text().endswith("emcee")
     assert card.curve.y == pytest.approx(fit + 3)
     wide, narrow = card.bands
     assert np.all((wide.low <= narrow.low) & (narrow.low <= card.curve.y) & (narrow.y <= wide.y))
@@ -125,3 +131,183 @@ def test_every_cycle_is_drawn_and_a_break_is_seen(live):
     live.desk.repeatability.show(dataclasses.replace(broken, breaks=()))
     live.refresh()
     assert (page.break_lines, page.tabs.count()) == ([], 1)
+
+
+def poor_result(**more) -> RunResult:
+    """The same run with a fit that misses two bounds."""
+    short = (
+        Shortfall("R\u00b2", 0.7512, 0.9988, "", "twice the published residuals", True, 4),
+        Shortfall("combined error", 33.0, 12.1, "% FSO", "that of the published sensor 1", False),
+    )
+    whole = result(**more)
+    return dataclasses.replace(whole, sensors=(dataclasses.replace(whole.sensors[0], poor=short), whole.sensors[1]))
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (853, 533)])
+def test_what_is_poor_stands_beside_the_offer_to_accept(live, size):
+    """Figures, bounds and their source are said in sight of a button that is not the next step; accepting is marked."""
+    desk = live.desk
+    live.resize(*size)
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    desk.calibration.show(result())
+    live.refresh()
+    assert (page.accept.text(), page.accept.property("role"), page.judgement.isVisible()) == (
+        "Accept",
+        "primary",
+        False,
+    )
+    assert page.verdict.property("state") == "ok"
+    desk.calibration.show(poor_result())
+    live.refresh()
+    QApplication.processEvents()
+    assert page.verdict.property("state") == "warning"
+    assert page.poor.text() == "Sensor 1: R\u00b2 0.7512 (at least 0.9988), combined error 33.0 % FSO (at most 12.1)"
+    assert "R\u00b2: twice the published residuals" in page.bounds.text()
+    assert (page.accept.text(), page.accept.property("role")) == ("Accept anyway", "")
+    for widget in (page.accept, page.poor, page.bounds):
+        assert whole_in_sight(live, widget)
+    page.accept.click()
+    stored = desk.units.load("SA1").calibration
+    assert stored is not None
+    assert stored.content["poor"] == [page.poor.text()]
+    live.refresh()
+    assert "though poor" in page.verdict.text()
+    assert desk.unit_text(desk.snapshot).endswith(", poor")
+
+
+def test_a_key_alone_accepts_nothing_poor(live):
+    """Ctrl+Return on a poor calibration asks in the strip, without a box; its answer accepts."""
+    desk = live.desk
+    live.go("Calibrate")
+    desk.calibration.show(poor_result())
+    live.refresh()
+    run_shortcut(live, "Ctrl+Return")
+    assert desk.units.load("SA1").calibration is None
+    notice = desk.notices.current()
+    assert notice is not None
+    assert "R\u00b2 0.7512 (at least 0.9988)" in notice.cause
+    assert (notice.action_text, QApplication.activeModalWidget()) == ("Accept anyway", None)
+    assert notice.action is not None
+    notice.action()
+    assert desk.units.load("SA1").calibration is not None
+
+
+def test_remarks_scroll_and_leave_the_figures_and_the_offer_in_sight(live):
+    """Forty flags at 1280 x 800: the button to accept, the verdict and the table of figures are still there."""
+    live.resize(1280, 800)
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    flags = tuple(
+        f"Sensor 1: the reading +6.86 mm at +50 kPa, unloading, cycle {i} is off the curve" for i in range(40)
+    )
+    live.desk.calibration.show(dataclasses.replace(poor_result(), flags=flags))
+    live.refresh()
+    QApplication.processEvents()
+    assert page.flags.text().count("\u25b2") == 40
+    assert page.table.height() > style.FIGURES_LEAST
+    assert all(whole_in_sight(live, widget) for widget in (page.accept, page.verdict, page.table, page.remarks))
+
+
+def without_readings(read: int, **more) -> RunResult:
+    """A run that has no curve."""
+    nothing = np.zeros(0)
+    whole = result()
+    sensors = tuple(dataclasses.replace(s, x=nothing, y=nothing, content=None, void="...") for s in whole.sensors)
+    return dataclasses.replace(whole, sensors=sensors, plateaus=37, read=read, **more)
+
+
+@pytest.mark.parametrize(
+    ("run", "title", "action"),
+    [
+        (without_readings(0), "None of 37 plateaus has a reading", "Enter readings \u2026"),
+        (without_readings(3), "Only 3 of 37 plateaus have a reading", "Enter readings \u2026"),
+        (without_readings(3, path="run.csv"), "Only 3 of 37 plateaus have a reading", ""),
+        (without_readings(0, cycles=0), "This run has no complete cycle", "Show the plan"),
+        (dataclasses.replace(without_readings(0), plateaus=0), "This run has no plateaus", "Show it on Repeat"),
+    ],
+)
+def test_what_is_missing_for_a_curve_stands_in_its_place(live, run, title, action):
+    """Without readings, cycles or plateaus: no empty axes, but what is missing, and the next step as a button."""
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    live.desk.calibration.show(run)
+    live.refresh()
+    assert not any(card.isVisible() for card in page.curves)
+    assert not page.actuator.view.isVisible()
+    assert page.missing.isVisible()
+    assert (page.missing.title.text(), page.missing.button.text()) == (title, action)
+    assert page.missing.button.isVisible() is bool(action)
+    assert title in page.verdict.text()
+    live.desk.calibration.show(result())
+    live.refresh()
+    assert all(card.isVisible() for card in page.curves)
+
+
+def test_the_next_step_of_a_run_without_plateaus_is_the_other_page(live):
+    """The button shows the run on the Repeat page."""
+    live.go("Calibrate")
+    run = dataclasses.replace(without_readings(0), plateaus=0)
+    live.desk.calibration.show(run)
+    live.refresh()
+    live.pages["Calibrate"].missing.button.click()
+    assert (live.page, live.desk.repeatability.result) == ("Repeat", run)
+
+
+def test_one_count_of_plateaus(live):
+    """How many there were, were read and are in the curve: one sentence, in the line under the verdict."""
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    for read, words in (
+        (19, "19 of 37 plateaus read, all in the curve"),
+        (20, "20 of 37 plateaus read, 19 in the curve"),
+    ):
+        live.desk.calibration.show(dataclasses.replace(result(), plateaus=37, read=read))
+        live.refresh()
+        assert words in page.headline.text()
+    live.desk.calibration.show(dataclasses.replace(result(), plateaus=19, read=19))
+    live.refresh()
+    assert "all 19 plateaus read, all in the curve" in page.headline.text()
+
+
+def test_repeat_says_what_is_missing(live):
+    """No run, a run without a whole cycle, one that cannot be read: words and the next step, never empty axes."""
+    desk, model = live.desk, live.desk.repeatability
+    live.go("Repeat")
+    page = live.pages["Repeat"]
+    live.refresh()
+    assert page.missing.title.text() == "No run of many cycles yet"
+    model.show(dataclasses.replace(result(), cycles=0, partial=1))
+    live.refresh()
+    assert page.missing.isVisible()
+    assert page.missing.title.text() == "run.boat has no complete cycle"
+    model.show(result())
+    live.refresh()
+    assert not page.missing.isVisible()
+    model._analysed(
+        SimpleNamespace(state=WorkState.FAILED, failure=SimpleNamespace(cause="damaged", remedy="Recover it."))
+    )
+    live.refresh()
+    assert (page.missing.isVisible(), page.missing.words.text()) == (True, "damaged. Recover it.")
+    page.missing.button.click()
+    assert desk.sequence.plan.name == "repeatability"
+
+
+def test_a_figure_that_no_cycle_has_is_said(live):
+    """Hysteresis of no cycle: words in the place of its plot; the others are drawn."""
+    live.go("Repeat")
+    page = live.pages["Repeat"]
+    whole = result()
+    none = dataclasses.replace(whole.sensors[0].cycles, hysteresis_percent_fso=np.full(CYCLES, np.nan))
+    sensors = tuple(dataclasses.replace(s, cycles=none) for s in whole.sensors)
+    live.desk.repeatability.show(dataclasses.replace(whole, sensors=sensors))
+    live.refresh()
+    assert (page.hysteresis.view.isVisible(), page.hysteresis.nothing.isVisible()) == (False, True)
+    assert page.snr.view.isVisible()
+
+
+def whole_in_sight(window, widget) -> bool:
+    """Whether all of a widget is inside the window's page without scrolling."""
+    room = window.rooms["Calibrate"].viewport()
+    place = widget.mapTo(room, QPoint(0, 0))
+    return widget.isVisible() and room.rect().contains(QRect(place, widget.size()))

@@ -27,7 +27,7 @@ LABELS = (10, 7, 5, 4)  # along each of one, two, three, four maps beside each o
 LEAST_HEIGHT = 300
 NO_MAP = MapShown("", "", "", "", 0.0, "", "", (), (), ())
 NO_LIMIT, EMPTY_HEIGHT = 16_777_215, 96
-WHAT_COMES = "A sweep finds where this method works, where it answers only with a reservation, and where it refuses."
+WHAT_COMES = "Map it tries this method in many made-up places: where it works, answers with a warning, or refuses."
 POINT_AT = "Point at a place to read what was asked and what was answered."
 
 
@@ -87,11 +87,11 @@ class AtlasCard(PlotCard):
     """The maps of the method that is looked at, their legend, and the sweep that makes them."""
 
     def __init__(self, model: AtlasModel, attempt: Any) -> None:
-        super().__init__("Where it fails")
+        super().__init__("Where it works, and where it fails")
         self.model, self.method = model, ""
         self.theme: Theme = style.LIGHT
         self.legend = [widgets.label(words, "small") for words in LEGEND.values()]
-        self.sweep = widgets.button("Sweep", partial(attempt, self._toggle), name="Sweep the maps of this method")
+        self.sweep = widgets.button("Map it", partial(attempt, self._toggle), name="Map where this method works")
         self.bar.insertWidget(1, self.sweep)
         self.words = widgets.label("", "small", name="The place under the mouse", wrap=True)
         foot = widgets.row(*self.legend, None, spacing=style.PAGE_MARGIN)
@@ -127,7 +127,7 @@ class AtlasCard(PlotCard):
 
     def refresh(self) -> None:
         """Show the sweep under way."""
-        widgets.set_text(self.sweep, "Stop" if self.model.work is not None else "Sweep")
+        widgets.set_text(self.sweep, "Stop" if self.model.work is not None else "Map it")
         widgets.set_text(self.readout, self.model.status(self.method))
 
     def _add(self, column: int, shown: MapShown, most: int) -> None:

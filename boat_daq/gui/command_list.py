@@ -11,7 +11,9 @@ from boat_daq.gui.commands import Command, Registry
 from boat_daq.gui.model_commands import models
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.run_commands import bug_report, calibration, recordings
+from boat_daq.gui.shadow_pane import ShadowPane
 from boat_daq.viewmodels.desk import PAGES
+from boat_daq.viewmodels.notices import Level
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -61,15 +63,17 @@ def view(window: MainWindow) -> list[Command]:
     live = window.live
 
     def plot(deed: str) -> None:
-        shown = [card for card in window.findChildren(PlotCard) if card.isVisible()]
+        """Take away the plot that has the focus, else the page's first."""
+        cards: list[PlotCard | ShadowPane] = [*window.findChildren(PlotCard), *window.findChildren(ShadowPane)]
+        shown = [card for card in cards if card.isVisible()]
         focus = QApplication.focusWidget()
-        chosen = next(
-            (card for card in shown if focus is not None and card.isAncestorOf(focus)), shown[0] if shown else None
-        )
-        if chosen is not None and deed == "copy":
-            chosen.copy()
-        elif chosen is not None:
-            window.save_plot(chosen, deed)
+        chosen = next((card for card in shown if focus is not None and card.isAncestorOf(focus)), None)
+        if not shown:
+            window.desk.notices.say(Level.WARNING, "no plot is shown", "Go to a page that shows one.")
+        elif deed == "copy":
+            window.copy_plot(chosen or shown[0])
+        else:
+            window.save_plot(chosen or shown[0], deed)
 
     return [
         Command("View", "Hold or follow the picture", "Space", live.toggle_hold),

@@ -111,7 +111,7 @@ class ConnectPanel(QDialog):
 
     def refresh(self) -> None:
         """Show which ports have said that they are boards, and whether there is a link to close."""
-        self.disconnect_button.setEnabled(self.desk.snapshot.port is not None)
+        widgets.allow(self.disconnect_button, "" if self.desk.snapshot.port is not None else "Nothing is connected.")
         if self.isVisible() and self.desk.connection.heard_boards():
             self.look()
 

@@ -36,6 +36,7 @@ from boat_daq.gui.pages import PAGE_MAKERS
 from boat_daq.gui.palette import Palette, ShortcutSheet
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.room import Room
+from boat_daq.gui.shadow_pane import ShadowPane
 from boat_daq.gui.strip import Strip
 from boat_daq.gui.style import Theme
 from boat_daq.gui.undo import UndoStack
@@ -94,6 +95,7 @@ class MainWindow(QMainWindow):
             self.pages[name] = page
             self.rooms[name].setWidget(page)
             for plots in page.findChildren(PlotCard):
+                plots.copy_wanted.connect(self.copy_plot)
                 plots.save_wanted.connect(self.save_plot)
             self._paint(page)
             self.page_made.emit()
@@ -213,9 +215,14 @@ class MainWindow(QMainWindow):
             deed = partial(self.desk.runs.report, [path])
             ask_save(self, self.desk, f"{path.stem} report", "pdf html", deed, done="")
 
-    def save_plot(self, card: PlotCard, suffix: str) -> None:
+    def copy_plot(self, card: PlotCard | ShadowPane) -> None:
+        """Put a plot's picture on the clipboard, and say so."""
+        self.desk.notices.attempt(card.copy, done=f"Copied: {card.title}")
+
+    def save_plot(self, card: PlotCard | ShadowPane, suffix: str) -> None:
         """Ask where to save a plot."""
-        ask_save(self, self.desk, card.title, suffix, card.save)
+        if self.desk.notices.attempt(card.refuse_empty):
+            ask_save(self, self.desk, card.title, suffix, card.save)
 
     # ---- look ----------------------------------------------------------------------------------------------------
 

@@ -48,5 +48,5 @@ def models(window: MainWindow) -> list[Command]:
         Command(MENU, "Colour the shadow by the next quantity", "Ctrl+F9", next_colour, apart=True),
         Command(MENU, "Show what a frame of the shadow costs", "Ctrl+Shift+F9", show_cost),
         Command(MENU, "Measure the trade-off, or stop", "F12", on("Trade-off", desk.tradeoff.toggle), apart=True),
-        Command(MENU, "Sweep where the method fails, or stop", "Shift+F12", on("Trade-off", sweep_map)),
+        Command(MENU, "Map where the method fails, or stop", "Shift+F12", on("Trade-off", sweep_map)),
     ]

@@ -18,7 +18,8 @@ from boat_daq.viewmodels.optics import CAVITIES, CURVES, FACES, RAYS, STATES, ST
 
 FROM_FILE = "file"
 WHAT_COMES = (
-    "A sweep simulates 648 designs in 15 states each and draws the maps and the front; the search goes beyond the grid."
+    "A sweep simulates 648 designs in 15 states each and shows how good each one is; Optimise searches between and "
+    "beyond them."
 )
 
 
@@ -65,7 +66,10 @@ class OpticsPage(ReflowingPage):
         self.face = widgets.choice("Face with the cavities", [(f"{face} face", face) for face in FACES])
         self.curves = widgets.choice("Deformation curves", [(words, name) for name, words in CURVES.items()])
         self.curves.addItem("From a file \u2026", FROM_FILE)
-        self.rays = widgets.choice("Rays", [(f"{n} rays" if n else "Rays by fidelity", n) for n in RAYS])
+        self.rays = widgets.choice("Rays", [(f"{n} rays" if n else "Rays: automatic", n) for n in RAYS])
+        self.face.setToolTip("The wall of the light guide that has the cavities")
+        self.curves.setToolTip("How the actuator's wall bends in each state: computed, by a formula, or measured")
+        self.rays.setToolTip("Automatic: as many as the precision asks for that is chosen under Models")
         for field in (*self.fields.values(), self.face):
             field.activated.connect(lambda _: self._choose())
         self.curves.activated.connect(lambda _: self._choose_curves())

@@ -14,6 +14,7 @@ from boat_daq.gui.plot_card import Columns, PlotCard
 from boat_daq.gui.point_labels import PointLabels
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.optics import CAVITIES, FACES, STEPS_MM, OpticsModel
+from boat_daq.viewmodels.optics_results import SweepSummary
 
 COLUMNS = 3  # of maps
 SHADES = 64
@@ -21,11 +22,40 @@ SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
 
 
+SCENE = (
+    "Light from the emitter at the left, in the plane of the guide. Rays that strike a wall go on as secondary rays; "
+    "those that reach the receiver at the right are counted."
+)
+RESPONSE = (
+    "Points: how many of 250 rays reach the receiver in each state (NDR), with one standard deviation of counting. "
+    "Line: the smooth cubic through them (aNDR). Range (\u0394): how much the line falls from compressed to elongated. "
+    "Rises (n_sign): how many of the 14 steps go up instead of down. Roughness (RMSE): how far the points lie off the "
+    "line. Merit: P = \u0394 / (rises \u00d7 roughness)."
+)
+MERIT = (
+    "P = range / (rises \u00d7 roughness) of each design, the best one 1: bright designs change much, steadily and "
+    "smoothly over the stroke. Click a place to look at its design."
+)
+FRONT = (
+    "Each point is a design: up is a larger range, left is smoother. Filled ones are beaten by no other in range, "
+    "roughness and rises at once (the Pareto front). Click a point to look at its design."
+)
+
+
+def designs(sweep: SweepSummary) -> dict[str, Any]:
+    """Return every design of a sweep with its figures, as columns named with their units."""
+    names = ("cavities", "width (mm)", "depth (mm)", "spacing (mm)")
+    columns = {name: sweep.values[:, i] for i, name in enumerate(names)}
+    figures = {"range Delta (rays)": sweep.delta, "rises n_sign": sweep.n_sign, "roughness RMSE (rays)": sweep.rmse}
+    return columns | figures
+
+
 class SceneCard(PlotCard):
     """The resin, the rays and the receiver of one state."""
 
     def __init__(self) -> None:
         super().__init__("Rays")
+        self.heading.explain(SCENE)
         self.plot = self.add("Across", "mm", x_title="Along the actuator", x_unit="mm")
         self.plot.item.getViewBox().setAspectLocked(True)
         self.outline = self.plot.curve("Guide", lambda t: t.muted, gaps=True)
@@ -55,11 +85,12 @@ class ResponseCard(PlotCard):
     """NDR with its standard deviation, the cubic through it, and where the slider is."""
 
     def __init__(self) -> None:
-        super().__init__("Detected rays over the states")
+        super().__init__("Detected rays over the elongation")
+        self.heading.explain(RESPONSE)
         self.plot = self.add("Detected", "of 250", x_title="Elongation", x_unit="mm")
-        self.band = self.plot.band("NDR, one standard deviation", sensor_ink(1))
-        self.andr = self.plot.curve("aNDR", lambda t: t.accent)
-        self.ndr = self.plot.points("NDR", sensor_ink(1))
+        self.band = self.plot.band("Detected rays (NDR), one standard deviation about", sensor_ink(1))
+        self.andr = self.plot.curve("Smooth curve (aNDR)", lambda t: t.accent)
+        self.ndr = self.plot.points("Detected rays (NDR)", sensor_ink(1))
         self.now = self.plot.line(lambda t: t.muted, vertical=True)
 
     def show_result(self, model: OpticsModel) -> None:
@@ -147,7 +178,8 @@ class MapsCard(PlotCard):
     """The maps of P for all widths, as in the paper's figure 3D."""
 
     def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Maps of P")
+        super().__init__("Merit of every design (P)")
+        self.heading.explain(MERIT)
         self.model = model
         self.cavities = widgets.choice("Cavities of the maps", [(f"{n} cavities", n) for n in CAVITIES])
         self.cavities.setCurrentIndex(1)
@@ -183,15 +215,7 @@ class MapsCard(PlotCard):
         sweep = self.model.sweep
         if sweep is None:
             return {}
-        names = ("cavities", "width_mm", "depth_mm", "spacing_mm")
-        figures = {
-            "p_normalised": sweep.p,
-            "delta": sweep.delta,
-            "n_sign": sweep.n_sign,
-            "rmse": sweep.rmse,
-            "rank": sweep.ranks,
-        }
-        return {name: sweep.values[:, i] for i, name in enumerate(names)} | figures
+        return designs(sweep) | {"merit P, best = 1": sweep.p, "rank": sweep.ranks}
 
     def _clicked(self, event: Any) -> None:
         for shown in self.maps:
@@ -218,7 +242,7 @@ class MapsCard(PlotCard):
         ruler.setPen(theme.line)
         ruler.setTextPen(theme.muted)
         ruler.setStyle(tickFont=style.small_font())
-        ruler.setLabel("P / largest P", color=theme.muted, **{"font-size": f"{style.FONT_SMALL}px"})
+        ruler.setLabel("Merit (P), best = 1", color=theme.muted, **{"font-size": f"{style.FONT_SMALL}px"})
         for shown in self.maps:
             shown.paint_theme(theme)
         self.show_sweep()
@@ -228,9 +252,10 @@ class ParetoCard(PlotCard):
     """Delta against RMSE of all designs; the front is filled and says its n_sign, a click looks at a design."""
 
     def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Range against smoothness")
+        super().__init__("Range against roughness")
+        self.heading.explain(FRONT)
         self.model = model
-        self.plot = self.add("\u0394", "rays", x_title="RMSE", x_unit="rays")
+        self.plot = self.add("Range, \u0394", "rays", x_title="Roughness, RMSE", x_unit="rays")
         self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)
         self.front = self.plot.points("Pareto front", lambda t: t.accent)
         self.paper = self.plot.points("Paper's optimum", sensor_ink(2), symbol="d", size=12)
@@ -263,7 +288,7 @@ class ParetoCard(PlotCard):
         self.paper.set(s.rmse[chosen], s.delta[chosen])
         front = zip(self.front.x, self.front.y, s.n_sign[s.front], strict=True)
         self.numbers.set([(float(x), float(y), str(int(n_sign))) for x, y, n_sign in front])
-        self.readout.setText("\u25cf not beaten, with its n_sign   \u25c6 paper's")
+        self.readout.setText("\u25cf not beaten, and how often it rises   \u25c6 paper's")
         self.plot.fit()
 
     def columns(self) -> Columns:
@@ -271,9 +296,7 @@ class ParetoCard(PlotCard):
         s = self.model.sweep
         if s is None:
             return {}
-        names = ("cavities", "width_mm", "depth_mm", "spacing_mm")
-        figures = {"delta": s.delta, "rmse": s.rmse, "n_sign": s.n_sign, "on_front": s.front.astype(int)}
-        return {name: s.values[:, i] for i, name in enumerate(names)} | figures
+        return designs(s) | {"on the front": s.front.astype(int)}
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""

@@ -27,6 +27,7 @@ Ink = Callable[[Theme], str]
 Array = NDArray[np.float64]
 L = TypeVar("L", bound="Layer")
 EMPTY: Array = np.zeros(0)
+CLOCK = "min:s"  # the unit of an axis whose labels are a clock's
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
 
@@ -233,15 +234,22 @@ class Plot:
             box = self.item.getViewBox()  # both at once, or a locked aspect would cut one of them off
             box.setRange(xRange=axis.padded(x_low, x_high, x_margin), yRange=self._y_shown, padding=0)
 
-    def columns(self) -> dict[str, Array]:
-        """Return what is drawn: for each layer its x and y, named with their units."""
+    @property
+    def x_name(self) -> str:
+        """What the lower axis measures, with the unit of its numbers: a clock's are seconds."""
+        return named(self.x_title, "s" if self.x_unit == CLOCK else self.x_unit)
+
+    def columns(self, x_name: str = "") -> dict[str, Array]:
+        """Return what is drawn: for each layer its x (called `x_name` where the lower axis says nothing) and y."""
         result: dict[str, Array] = {}
         for layer in self.layers:
             if layer.x.size and layer.item.isVisible():
-                result[f"{layer.name}: {self.x_title} ({self.x_unit})"] = layer.x
+                result[f"{layer.name}: {self.x_name or x_name}"] = layer.x
                 if isinstance(layer, Band):
-                    result[f"{layer.name}: low ({self.unit})"] = layer.low
-                result[f"{layer.name}: {self.title} ({self.unit})"] = layer.y
+                    result[f"{layer.name}: {named(f'{self.title}, low', self.unit)}"] = layer.low
+                    result[f"{layer.name}: {named(f'{self.title}, high', self.unit)}"] = layer.y
+                else:
+                    result[f"{layer.name}: {named(self.title, self.unit)}"] = layer.y
         return result
 
     def paint(self, theme: Theme) -> None:
@@ -269,13 +277,16 @@ class Plot:
 
     def _titles(self, theme: Theme) -> None:
         look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
-        words = self.short or (f"{self.title} ({self.unit})" if self.unit else self.title)
+        words = self.short or named(self.title, self.unit)
         self.item.getAxis("left").setLabel(words, **look)
         self.item.getAxis("left").resizeEvent()  # else the label stays where the middle of the one before it was
         if self.x_title:
-            self.item.getAxis("bottom").setLabel(
-                f"{self.x_title} ({self.x_unit})" if self.x_unit else self.x_title, **look
-            )
+            self.item.getAxis("bottom").setLabel(named(self.x_title, self.x_unit), **look)
+
+
+def named(title: str, unit: str) -> str:
+    """Return what is measured with its unit in brackets, where it has one."""
+    return f"{title} ({unit})" if unit else title
 
 
 def make_item(*, time: bool = False, whole: bool = False) -> Any:

@@ -10,12 +10,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QGuiApplication, QPainter, QPixmap
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QToolButton, QWidget
 
+from boat_daq.errors import OperatorError
 from boat_daq.gui import style, widgets
 from boat_daq.gui.plot import Plot, make_item
 from boat_daq.gui.style import Theme
@@ -32,6 +34,7 @@ class PlotCard(QFrame):
     title : what the card shows; also its accessible name and the stem of saved files.
     """
 
+    copy_wanted = Signal(object)  # the card: the window says that it has it
     save_wanted = Signal(object, str)  # the card and a suffix: the window asks where to
 
     def __init__(self, title: str, *, show_title: bool = True, parent: QWidget | None = None) -> None:
@@ -48,7 +51,10 @@ class PlotCard(QFrame):
         self.view.ci.layout.setContentsMargins(0, style.STEP, style.STEP, 0)
         self.view.ci.layout.setSpacing(style.STEP)
         self.view.setAccessibleName(title)
-        self.heading = widgets.label(title if show_title else "", "subtitle", elide=True, least=style.HEADING_LEAST)
+        self.heading = widgets.ElidedLabel(title if show_title else "")
+        self.heading.setTextFormat(Qt.TextFormat.PlainText)
+        self.heading.setProperty("role", "subtitle")
+        self.heading.least = style.HEADING_LEAST
         self.readout = widgets.label("", "small", elide=True)
         self.menu_button = self._menu_button()
         layout = widgets.column(spacing=0)
@@ -64,12 +70,20 @@ class PlotCard(QFrame):
         self.inside = layout
 
     def add(
-        self, title: str, unit: str, *, x_title: str = "", x_unit: str = "", time: bool = False, stretch: int = 1
+        self,
+        title: str,
+        unit: str,
+        *,
+        x_title: str = "",
+        x_unit: str = "",
+        time: bool = False,
+        stretch: int = 1,
+        beside: bool = False,
     ) -> Plot:
-        """Add a plot under the ones there are; only a plot with an x title shows the labels of its lower axis."""
+        """Add a plot under or `beside` those there are; only one with an x title has labels on its lower axis."""
         item = make_item(time=time, whole=bool(x_title) and not x_unit)
-        at = len(self.plots)
-        self.view.addItem(item, row=at, col=0)
+        at = 0 if beside else len(self.plots)
+        self.view.addItem(item, row=at, col=len(self.plots) if beside else 0)
         self.view.ci.layout.setRowStretchFactor(at, stretch)
         ruler = item.getAxis("bottom")
         if x_title:
@@ -128,14 +142,27 @@ class PlotCard(QFrame):
             plot.paint(theme)
 
     def columns(self) -> Columns:
-        """Return what the CSV holds."""
+        """Return what the CSV holds; columns of one name and other numbers are told apart by their plot."""
         if self.columns_of is not None:
             return self.columns_of()
         merged: dict[str, Any] = {}
+        x_name = next((plot.x_name for plot in reversed(self.plots) if plot.x_title), "x")
         for plot in self.plots:
-            for name, values in plot.columns().items():
-                merged.setdefault(name, values)
+            for name, values in plot.columns(x_name).items():
+                other = name in merged and not np.array_equal(merged[name], values)
+                merged[f"{plot.title}, {name}" if other else name] = values
         return merged
+
+    def refuse_empty(self) -> None:
+        """Let nothing be taken away where nothing is.
+
+        Raises
+        ------
+        OperatorError : nothing is drawn yet.
+        """
+        if not self.columns():
+            remedy = self.nothing.text() if not self.nothing.isHidden() else ""
+            raise OperatorError(f"nothing is drawn yet in \u201c{self.title}\u201d", remedy or "Wait until it is.")
 
     def picture(self, scale: float = 2.0) -> QPixmap:
         """Return the card's plots as a picture of `scale` times the screen's size."""
@@ -148,7 +175,13 @@ class PlotCard(QFrame):
         return pixmap
 
     def copy(self) -> None:
-        """Put the picture on the clipboard."""
+        """Put the picture on the clipboard.
+
+        Raises
+        ------
+        OperatorError : nothing is drawn yet.
+        """
+        self.refuse_empty()
         QGuiApplication.clipboard().setPixmap(self.picture())
 
     def save(self, path: Path) -> None:
@@ -180,13 +213,13 @@ class PlotCard(QFrame):
     def _menu_button(self) -> QToolButton:
         tool = QToolButton()
         tool.setText("\u22ef")
-        tool.setToolTip("Copy or save this plot")
+        tool.setToolTip("Copy or save this plot; while this button has the focus, Ctrl+Shift+C, Ctrl+S and Ctrl+E too")
         tool.setAccessibleName(f"Copy or save: {self.title}")
         tool.setProperty("role", "quiet")
         tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
         tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         menu = QMenu(tool)
-        menu.addAction("Copy picture", self.copy)
+        menu.addAction("Copy picture", partial(self.copy_wanted.emit, self))
         for kind in ("PNG", "SVG", "CSV"):
             menu.addAction(f"Save {kind} \u2026", partial(self.save_wanted.emit, self, kind.lower()))
         tool.setMenu(menu)

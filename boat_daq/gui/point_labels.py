@@ -18,10 +18,11 @@ class PointLabels:
     Parameters
     ----------
     anchor : which place of a label stands at its point, in widths and heights of the label.
+    ground : whether a label covers what it stands on, as one on a curve must.
     """
 
-    def __init__(self, plot: Plot, anchor: tuple[float, float]) -> None:
-        self._plot, self._anchor = plot, anchor
+    def __init__(self, plot: Plot, anchor: tuple[float, float], *, ground: bool = False) -> None:
+        self._plot, self._anchor, self._ground = plot, anchor, ground
         self._theme: Theme = style.LIGHT
         self._items: list[Any] = []
         self.texts: list[str] = []
@@ -40,7 +41,7 @@ class PointLabels:
     def _made(self) -> Any:
         item = pg.TextItem("", anchor=self._anchor)
         item.setFont(style.small_font())
-        item.setColor(self._theme.text)
+        self._ink(item)
         self._plot.item.addItem(item, ignoreBounds=True)
         return item
 
@@ -48,4 +49,8 @@ class PointLabels:
         """Take the colours of `theme`."""
         self._theme = theme
         for item in self._items:
-            item.setColor(theme.text)
+            self._ink(item)
+
+    def _ink(self, item: Any) -> None:
+        item.setColor(self._theme.text)
+        item.fill = pg.mkBrush(self._theme.surface if self._ground else None)

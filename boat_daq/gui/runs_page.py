@@ -6,9 +6,20 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QItemSelectionModel, QModelIndex, QPersistentModelIndex, QPointF, QRect, QSize, Qt
+from PySide6.QtCore import (
+    QEvent,
+    QItemSelectionModel,
+    QModelIndex,
+    QObject,
+    QPersistentModelIndex,
+    QPointF,
+    QRect,
+    QSize,
+    Qt,
+)
 from PySide6.QtGui import QPainter, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
+    QBoxLayout,
     QHBoxLayout,
     QHeaderView,
     QMenu,
@@ -25,8 +36,9 @@ from boat_daq.gui import style, widgets
 from boat_daq.gui.closed_readings import ClosedReadings
 from boat_daq.gui.empty_page import EmptyState
 from boat_daq.gui.files import ask_save
-from boat_daq.gui.plot import Curve, ramp_ink, sensor_ink
+from boat_daq.gui.plot import Array, Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.point_labels import PointLabels
 from boat_daq.gui.room import Leaves
 from boat_daq.gui.style import Theme
 from boat_daq.gui.tips import as_words
@@ -36,6 +48,7 @@ from boat_daq.viewmodels.run_offers import obstacle, told
 from boat_daq.viewmodels.runs import HEADINGS, MOST_COMPARED, Run
 
 SPEEDS = (1, 5, 20, 100)
+LEAST_LINES = 3  # of the list; a lower window scrolls the page
 NOTICEABLE_MV = 0.1  # two runs that differ by less look alike
 RUN_ROLE = Qt.ItemDataRole.UserRole
 GIVEN_UP = ("Readings", "Length", "Cycles")  # columns, in this order, where the file's name has no room
@@ -92,14 +105,17 @@ class RunsPage(QWidget):
         head.setSectionResizeMode(len(HEADINGS) - 1, QHeaderView.ResizeMode.Stretch)  # a long name is cut, not scrolled
         self.thumbnail = Thumbnail(self.list)
         self.list.setItemDelegateForColumn(0, self.thumbnail)
+        self.list.viewport().installEventFilter(self)
         self.list.itemSelectionChanged.connect(self._enable)
         self.list.itemDoubleClicked.connect(lambda _: self.open())
         self.units = widgets.read_table("Units and their calibrations", UNIT_HEADINGS)
         self.units.horizontalHeader().setSectionResizeMode(len(UNIT_HEADINGS) - 1, QHeaderView.ResizeMode.Stretch)
-        self.history = PlotCard("Sensitivity over calibrations")
+        self.history = PlotCard("Sensitivity history")
+        self.history.heading.explain("The sensitivity of the unit on the bench at each of its accepted calibrations.")
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
         self.ages = [plot.points(f"Sensor {n}", sensor_ink(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
         self.compare_card = PlotCard("Curves less the first run's")
+        self.compare_card.heading.explain("The curve of each run less the curve of the first one, over elongation.")
         self.differences = self._comparison_plots()
         self.stack = Leaves()
         self.stack.addWidget(self._empty())
@@ -110,10 +126,13 @@ class RunsPage(QWidget):
         rows = []
         for number in (1, 2):
             plot = self.compare_card.add(
-                f"Sensor {number}", "mV", x_title="Elongation" if number == 2 else "", x_unit="mm"
+                f"Sensor {number}", "mV", x_title="Elongation", x_unit="mm", beside=True
             )
             rows.append([plot.curve(f"Run {i + 1}", ramp_ink(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
         self.compare_card.link_x()
+        self.numbers = [PointLabels(plot, (0.5, 0.5), ground=True) for plot in self.compare_card.plots]
+        back = widgets.button("Back to the units", self.desk.runs.forget_comparison)
+        self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
         return rows
 
     def _empty(self) -> QWidget:
@@ -155,29 +174,42 @@ class RunsPage(QWidget):
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
         column.addWidget(self.no_units, 1)
-        lower = QHBoxLayout()
-        lower.setSpacing(style.GAP)
-        lower.addWidget(side, 1)
-        lower.addWidget(self.history, 1)
-        lower.addWidget(self.compare_card, 1)
-        self.compare_card.hide()
+        self.lower = QHBoxLayout()
+        self.lower.setSpacing(style.GAP)
+        self.lower.addWidget(side, 1)
+        self.lower.addWidget(self.history, 1)
+        self.cards = (side, self.history, self.compare_card)
+        self.below = Leaves()  # the units, or in their place a comparison
+        self.below.addWidget(widgets.holder(self.lower))
+        self.below.addWidget(self.compare_card)
+        self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
         body = QWidget()
         layout = QVBoxLayout(body)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(style.GAP)
         layout.addWidget(frame, 3)
-        layout.addLayout(lower, 2)
+        layout.addWidget(self.below, 2)
         return body
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give the buttons the heading's room on a narrow page."""
-        self.heading.setVisible(self.width() >= style.STACKED_BELOW)
+        narrow = self.width() < style.STACKED_BELOW
+        self.heading.setVisible(not narrow)
+        way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
+        self.lower.setDirection(way)
+        for card in self.cards:
+            card.setMinimumHeight(style.STACKED_HEIGHT if narrow else 0)
+        self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
         super().resizeEvent(event)
-        self._share_columns()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Share the columns out anew where the list has another width; it is told after the page."""
+        if event.type() is QEvent.Type.Resize:
+            self._share_columns()
+        return super().eventFilter(watched, event)
 
     def _share_columns(self) -> None:
         """Leave columns out until the file's name has room: what they say stands under the list for a chosen line."""
-        self.list.setColumnWidth(0, style.THUMBNAIL[0] // (1 if self.width() >= style.STACKED_BELOW else 2))
         header, last = self.list.horizontalHeader(), len(HEADINGS) - 1
         needed = {k: max(self.list.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(1, last)}
         room = self.list.viewport().width() - self.list.columnWidth(0) - style.FILE_LEAST
@@ -275,6 +307,8 @@ class RunsPage(QWidget):
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         self.thumbnail.theme = theme
+        for labels in self.numbers:
+            labels.paint(theme)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the list where it has changed, and have it looked at again."""
@@ -328,11 +362,22 @@ class RunsPage(QWidget):
 
     def _show_comparison(self) -> None:
         lines, words = self.desk.runs.comparison_lines()
-        self.compare_card.setVisible(bool(lines))
+        self.below.setCurrentIndex(1 if lines else 0)
         self.compare_card.readout.setText(words)
+        for labels, curves in zip(self.numbers, lines, strict=False):
+            labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves)])
         for row, curves in zip(self.differences, lines, strict=False):
             for i, curve in enumerate(row):
                 x, y = curves[i] if i < len(curves) else self.desk.runs.nothing
                 curve.set(x, y)
         for plot in self.compare_card.plots:
             plot.fit(smallest=NOTICEABLE_MV)
+
+
+def spread(x: Array, y: Array, place: int, of: int) -> tuple[float, float]:
+    """Return where the number of the `place`-th of `of` curves stands: on the curve, each further along than the last.
+
+    Curves that lie on each other are told apart by their numbers all the same.
+    """
+    at = round((place + 0.5) / of * (x.size - 1))
+    return float(x[at]), float(y[at])

@@ -32,11 +32,19 @@ ALARM_SIZE, ALARM_LINES = 16, 4
 MARGIN = 0.1  # of the span of a figure, for the marks at its ends
 
 
+NO_CYCLES = "Each cycle of a run comes here as a point, once the unit has an accepted calibration. Then start a plan."
+NOMINAL = (
+    "Nominal: what a healthy actuator of this design does, computed by the shadow (a finite-element model); its band "
+    "holds about 95 % of them (k = 2). Measured: this unit in the last minute, by its calibration."
+)
+
+
 class NominalCard(PlotCard):
     """Measured elongation over pressure, over the nominal curve with its band."""
 
     def __init__(self) -> None:
         super().__init__("Elongation over pressure")
+        self.heading.explain(NOMINAL)
         self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
         self.band = self.plot.band("Nominal, k = 2", lambda t: t.target)
         self.nominal = self.plot.curve("Nominal", lambda t: t.target, dashed=True)
@@ -66,6 +74,7 @@ class CyclesCard(PlotCard):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__("Cycle by cycle")
+        self.heading.explain("One figure of each cycle of the run: where it drifts, something has changed.")
         self.monitor = desk.monitor
         self.figure = widgets.choice("Figure of each cycle", [(s.title, name) for name, s in SERIES.items()])
         self.figure.activated.connect(lambda _: self.show_cycles())
@@ -87,7 +96,8 @@ class CyclesCard(PlotCard):
         self.alarms.set(x[alarmed], y[alarmed])
         self.plot.rename(SERIES[name].axis, SERIES[name].unit)
         words = "\u25b3 alarm found here" if alarmed.any() else ""
-        self.readout.setText(words if x.size else "fills while a calibrated unit runs cycles")
+        self.readout.setText(words)
+        self.say_empty("" if x.size else NO_CYCLES)
         if x.size:
             self.plot.x_range(0.0, max(10.0, float(x.max()) + 1.0))
             low, high = axis.padded(float(y.min()), float(y.max()), MARGIN)
@@ -97,7 +107,7 @@ class CyclesCard(PlotCard):
 class AlarmTable(QTableWidget):
     """The alarms of the run: what, since when, found when, how sure, by which figure; the newest on top."""
 
-    COLUMNS = ("What", "Since", "Found", "If healthy, once in", "By")
+    COLUMNS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 
     def __init__(self) -> None:
         super().__init__(0, len(self.COLUMNS))

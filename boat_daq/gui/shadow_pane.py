@@ -15,6 +15,7 @@ from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QGridLayout, QMenu, QToolButton, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import SessionSnapshot
+from boat_daq.errors import OperatorError
 from boat_daq.gui import style, widgets
 from boat_daq.gui.files import ask_save
 from boat_daq.gui.style import Theme
@@ -120,14 +121,14 @@ class ShadowView(QWidget):
         """Draw the colour scale with its ends."""
         room = QRectF(self.rect())
         bar = QRectF(
-            room.left() + 8 * style.STEP, room.bottom() - 6 * style.STEP, room.width() - 16 * style.STEP, style.GAP
+            room.left() + 2 * style.STEP, room.bottom() - 6 * style.STEP, room.width() - 4 * style.STEP, style.GAP
         )
         step = bar.width() / LEVELS
         for i, colour in enumerate(self.steps):
             painter.fillRect(QRectF(bar.left() + i * step, bar.top(), step + 1, bar.height()), colour)
         painter.setPen(QColor(self.theme.muted))
         painter.setFont(self.small)
-        below = bar.adjusted(-6 * style.STEP, bar.height(), 6 * style.STEP, 4 * style.STEP)
+        below = bar.adjusted(0, bar.height(), 0, 4 * style.STEP)
         painter.drawText(below, Qt.AlignmentFlag.AlignLeft, self.scale_words[0])
         painter.drawText(below, Qt.AlignmentFlag.AlignRight, self.scale_words[1])
 
@@ -137,7 +138,9 @@ def _polygon(points: NDArray[np.float64]) -> QPolygonF:
 
 
 class ShadowPane(QWidget):
-    """The pane on a `Desk`."""
+    """The pane on a `Desk`; taken away like a `PlotCard`."""
+
+    title = "Shadow"
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -193,7 +196,7 @@ class ShadowPane(QWidget):
         tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
         tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         menu = QMenu(tool)
-        menu.addAction("Copy picture", lambda: QGuiApplication.clipboard().setPixmap(self.view.grab()))
+        menu.addAction("Copy picture", lambda: self.desk.notices.attempt(self.copy, done=f"Copied: {self.title}"))
         for kind in ("png", "svg", "csv"):
             menu.addAction(f"Save {kind.upper()} \u2026", partial(self._ask_save, kind))
         menu.addSeparator()
@@ -203,7 +206,28 @@ class ShadowPane(QWidget):
         return tool
 
     def _ask_save(self, suffix: str) -> None:
-        ask_save(self, self.desk, "shadow", suffix, self.save)
+        if self.desk.notices.attempt(self.refuse_empty):
+            ask_save(self, self.desk, self.title, suffix, self.save)
+
+    def refuse_empty(self) -> None:
+        """Let nothing be taken away where nothing is.
+
+        Raises
+        ------
+        OperatorError : the shadow is not there yet.
+        """
+        if self.view.picture is None:
+            raise OperatorError("the shadow is not drawn yet", "Wait until it is prepared.")
+
+    def copy(self) -> None:
+        """Put the picture on the clipboard.
+
+        Raises
+        ------
+        OperatorError : the shadow is not there yet.
+        """
+        self.refuse_empty()
+        QGuiApplication.clipboard().setPixmap(self.view.grab())
 
     def save(self, path: Path) -> None:
         """Save the picture as .png or .svg, or the guides and tracked points, (x, z) mm, as .csv.

@@ -71,7 +71,7 @@ class TradeoffCard(PlotCard):
         if chart is None or not points:
             return
         self.heading.setText(chart.title)
-        self.readout.setText("\u25cb default   \u25a1 the rule's choice")
+        self.readout.setText("\u25cb default   \u25a1 chosen by the rule")
         self.plot.title, self.plot.unit = "Error", chart.unit
         self.plot.x_title = f"Processor time, {chart.per}"
         x = np.log10([p.seconds for p in points])

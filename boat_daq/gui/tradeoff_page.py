@@ -30,9 +30,11 @@ from boat_daq.viewmodels.tradeoff_report import MethodChart, duration_text, erro
 
 FIDELITY_WORDS = {
     "draft": "Draft: fast, rough",
-    "normal": "Normal: nobody notices",
+    "normal": "Normal: as fine as matters",
     "reference": "Reference: slow, exact",
 }
+NOT_MEASURED = "Nothing is measured yet: Measure, or Open."
+MARKS = "\u25cb the default   \u25a1 chosen by the rule   D taken at Draft   R taken at Reference"
 NOTHING_YET = (
     "What does the next digit cost? Measure, and every setting of this method stands here with its time on this "
     "machine and its error against an independent reference."
@@ -91,6 +93,9 @@ class SettingsTable(QTableWidget):
         header.setHighlightSections(False)
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header.setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
+        mark = self.horizontalHeaderItem(len(self.COLUMNS) - 1)
+        if mark is not None:
+            mark.setToolTip(MARKS)
 
     def show_chart(self, chart: MethodChart | None) -> None:
         """Show another method's settings."""
@@ -138,7 +143,9 @@ class TradeoffPage(ReflowingPage):
         self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
         self.kind.activated.connect(lambda _: self.model.set_quick(bool(self.kind.currentData())))
         self.level = widgets.choice("How fine the program computes", [(FIDELITY_WORDS[n], n) for n in FIDELITIES])
-        self.level.setToolTip("Optics, shadow, posterior and live plots are computed as finely as this (View menu too)")
+        self.level.setToolTip(
+            "Fidelity: optics, shadow, uncertainty and live plots are computed as finely as this (Models menu too)"
+        )
         self.level.activated.connect(lambda _: self.desk.set_fidelity(str(self.level.currentData())))
         attempt = self.desk.notices.attempt
         self.start = widgets.button("Measure", partial(attempt, self.model.toggle), "primary")
@@ -155,7 +162,7 @@ class TradeoffPage(ReflowingPage):
         inside.addWidget(self.status)
         inside.addLayout(widgets.row(self.open, self.save))
         inside.addSpacing(style.GAP)
-        inside.addWidget(widgets.label("Fidelity", "subtitle"))
+        inside.addWidget(widgets.label("Precision", "subtitle"))
         inside.addWidget(self.level)
         return frame
 
@@ -176,6 +183,7 @@ class TradeoffPage(ReflowingPage):
         right.setSpacing(style.GAP)
         right.addWidget(self.upper, 3)
         right.addWidget(self.atlas, 2)
+        right.addStretch()  # takes what is left where only the map's small card is shown
         return right
 
     def reflow(self) -> None:
@@ -210,7 +218,7 @@ class TradeoffPage(ReflowingPage):
         self._revision = revision
         chart = self.model.chart
         self.methods.show_entries()
-        self.save.setEnabled(self.model.content is not None)
+        widgets.allow(self.save, "" if self.model.content is not None else NOT_MEASURED)
         self.chart.heading.setText(ENTRIES[self.model.shown])
         self.chart.readout.setText("" if chart else self.model.entry(self.model.shown))
         self.chart.show_chart(chart)

@@ -39,6 +39,12 @@ class ElidedLabel(QLabel):
     """
 
     least = 0
+    explanation = ""
+
+    def explain(self, words: str) -> None:
+        """Say `words` on hover, below the whole text where that is cut."""
+        self.explanation = words
+        self.setAccessibleDescription(words)
 
     def minimumSizeHint(self) -> QSize:
         """Ask for the least width."""
@@ -54,7 +60,8 @@ class ElidedLabel(QLabel):
             painter, room, int(self.alignment()), self.palette(), self.isEnabled(), shown, self.foregroundRole()
         )
         painter.end()
-        self.setToolTip(self.text() if shown != self.text() else "")
+        cut = as_words(self.text()) if shown != self.text() else ""
+        self.setToolTip("\n".join(part for part in (cut, self.explanation) if part))
 
 
 def label(
@@ -169,7 +176,7 @@ def allow(control: QWidget, obstacle: str = "") -> None:
         control.setProperty("tip", control.toolTip())
     if control.isEnabled() is bool(obstacle) or control.accessibleDescription() != obstacle:
         control.setEnabled(not obstacle)
-        control.setToolTip(obstacle or str(control.property("tip")))
+        control.setToolTip(as_words(obstacle) or str(control.property("tip")))
         control.setAccessibleDescription(obstacle)
 
 

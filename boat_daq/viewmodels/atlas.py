@@ -132,7 +132,7 @@ class AtlasModel(MeasuredResult):
         if self.work is not None:
             self.bench.cancel(self.name)
             return
-        self._start(Work("Sweeping for the atlas", "boat_daq.viewmodels.atlas_work:sweep_method", method, report=True))
+        self._start(Work("Mapping where it works", "boat_daq.viewmodels.atlas_work:sweep_method", method, report=True))
 
     def _read(self, content: Any) -> None:
         self.maps = read_maps(content)
@@ -144,4 +144,4 @@ class AtlasModel(MeasuredResult):
 
     def status(self, method: str) -> str:
         """Return what is going on, in a line."""
-        return self._going_on("sweeping") or ("" if self.maps.get(method) else "not swept yet")
+        return self._going_on("mapping") or ("" if self.maps.get(method) else "not mapped yet")

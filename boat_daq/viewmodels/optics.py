@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from analysis.fidelity import Fidelity, fidelity
-from boat_daq.viewmodels.formatting import number
+from boat_daq.viewmodels.formatting import count, number
 from boat_daq.viewmodels.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 
@@ -23,7 +23,7 @@ STATES = 15
 BY_FIDELITY = 0
 RAYS = (BY_FIDELITY, 250, 1000, 2500, 10_000)
 FACES = ("outer", "inner")
-CURVES = {"default": "Shadow's curves", "parametric": "Parametric curves"}
+CURVES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
 SEARCH_S = 50.0
 KEPT = 12
 WORK = "boat_daq.viewmodels.optics_work"
@@ -147,7 +147,7 @@ class OpticsModel:
 
     def state_text(self) -> str:
         """Return the slider's state in words."""
-        words = f"state {self.state} of 0 to {STATES - 1}"
+        words = f"state {self.state} of {STATES - 1}"
         if self.result is None:
             return words
         x = number(float(self.result.elongation_mm[self.state]), 2, sign=True)
@@ -161,8 +161,8 @@ class OpticsModel:
         if r is None:
             return "tracing \u2026" if self.tracing else ""
         return (
-            f"\u0394 = {number(r.delta, 1)}   n_sign = {r.n_sign}   RMSE = {number(r.rmse, 2)}   P = {number(r.p, 2)}"
-            + ("   monotone" if r.n_sign == 0 else "")
+            f"range (\u0394) {number(r.delta, 1)} rays   {count(r.n_sign, 'rise')}   "
+            f"roughness (RMSE) {number(r.rmse, 2)}   merit (P) {number(r.p, 2)}"
         )
 
     # ---- the sweep -----------------------------------------------------------------------------------------------
@@ -190,14 +190,14 @@ class OpticsModel:
             return ""
         best = words(tuple(s.values[s.best]))
         paper = (
-            f"   paper's optimum: rank {int(s.ranks[s.paper])}, P {number(float(s.p[s.paper]), 2)}"
+            f"   paper's optimum: rank {int(s.ranks[s.paper])}, {number(float(s.p[s.paper]), 2)} of the best's merit"
             if s.paper >= 0
             else ""
         )
         tied = int(s.tied.sum())
         return (
             f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays in {number(s.seconds, 1)} s   "
-            f"best: {best}, tied with {tied}{paper}"
+            f"best: {best}, {count(tied, 'design')} as good within the noise{paper}"
         )
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:
@@ -231,8 +231,8 @@ class OpticsModel:
             return ""
         end = "" if o.finished else "   (time ran out before it settled)"
         return (
-            f"optimised: {words(o.values, 2)}, {o.face} face   P on power {number(o.p, 2)}, grid's best "
-            f"{number(o.start_p, 2)}: {number(o.p / o.start_p, 2)} times{end}"
+            f"optimised: {words(o.values, 2)}, {o.face} face   {number(o.p / o.start_p, 2)} times the merit of the "
+            f"grid's best (P on power: {number(o.p, 2)} against {number(o.start_p, 2)}){end}"
         )
 
     def look_at_optimum(self) -> None:
@@ -242,6 +242,6 @@ class OpticsModel:
 
 
 def words(values: tuple[float, ...], decimals: int = 1) -> str:
-    """Return a design as `5 x 1.0 x 0.5, spacing 0.9 mm`."""
+    """Return a design as `5 cavities 1.0 x 0.5 mm, spacing 0.9 mm`."""
     n, (width, depth, spacing) = int(values[0]), (number(v, decimals) for v in values[1:4])
-    return f"{n} \u00d7 {width} \u00d7 {depth}, spacing {spacing} mm"
+    return f"{n} cavities {width} \u00d7 {depth} mm, spacing {spacing} mm"

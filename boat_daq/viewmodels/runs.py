@@ -265,6 +265,10 @@ class RunsModel:
         work = Work("Comparing", "boat_daq.viewmodels.run_work:compare_runs", paths, report=True)
         self.bench.start("compare", work, self._compared)
 
+    def forget_comparison(self) -> None:
+        """Compare nothing any more."""
+        self.comparison = ()
+
     def _compared(self, work: Work) -> None:
         if work.state is WorkState.DONE:
             self.comparison = work.result

@@ -58,7 +58,7 @@ class Series:
 
 SERIES = {
     "deviation": Series("Deviation from nominal", "Deviation", "mm", 0.1, lambda m: m.deviation_mm),
-    "gain": Series("Elongation over nominal", "Share", "%", 2.0, lambda m: 100.0 * m.figures.gain),
+    "gain": Series("Elongation, share of nominal", "Share", "%", 2.0, lambda m: 100.0 * m.figures.gain),
     "loss": Series("Leak, change", "Leak", "%/min", 10.0, lambda m: m.figures.loss_percent_per_min, change=True),
     "difference": Series("Sensor 1 \u2212 sensor 2", "Difference", "mm", 0.1, lambda m: m.figures.difference_mm),
 }

@@ -22,11 +22,11 @@ METHODS = {
     "tracer": "Ray tracer",
     "ranking": "Ranking of the designs",
     "full-fem": "Full model of actuator",
-    "reduced-fem": "Reduced model of actuator",
-    "posterior": "Posterior of calibration",
+    "reduced-fem": "Fast model of actuator",
+    "posterior": "Uncertainty (posterior)",
     "inverse": "Signal to elongation",
     "segmentation": "Plateaus and cycles",
-    "bootstrap": "Intervals by bootstrap",
+    "bootstrap": "Intervals (bootstrap)",
     "decimation": "Live plot",
 }
 """Every method that can be measured, by the name the command takes; a test holds it against the command's list."""
@@ -153,13 +153,13 @@ class TradeoffModel(MeasuredResult):
         """Return a method's line in the list."""
         chart = self.charts.get(name)
         if name in MAPPED:
-            return "only its map"
+            return "map only"
         if chart is None:
             return "not measured yet"
         return (
-            f"{chart.mark} default is the choice"
+            f"{chart.mark} the default is right"
             if chart.default_is_chosen
-            else f"{chart.mark} the rule chose otherwise"
+            else f"{chart.mark} the rule chose another"
         )
 
     def status(self) -> str:

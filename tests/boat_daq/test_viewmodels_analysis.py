@@ -391,7 +391,7 @@ def test_a_design_comes_with_all_its_states():
     model = OpticsModel(Bench())
     model.result = found
     model.state = 0
-    assert "state 0 of 0 to 14" in model.state_text()
+    assert "state 0 of 14" in model.state_text()
     assert model.scene() is found.scenes[0]
 
 

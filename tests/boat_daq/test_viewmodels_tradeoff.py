@@ -206,6 +206,6 @@ def test_a_new_sweep_replaces_its_method_and_keeps_the_others(tmp_path):
         "alarms": "works",
         "fit": "refused",
     }
-    assert again.status("figures") == "not swept yet"
+    assert again.status("figures") == "not mapped yet"
     again.path.write_text("[]", encoding="utf-8")
     assert AtlasModel(Bench(), tmp_path).status("fit") == "\u25b2 the last maps could not be read; sweep again"

@@ -96,7 +96,7 @@ def test_the_search_is_started_stopped_and_says_what_it_gained(page):
     found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, PAPER, 2.5, 0.4, 900, 50.0, 5000, True)
     FakeWork.made[-1].bring(found)
     tell(page)
-    assert "grid's best 2.50: 1.20 times" in page.outcome.text()
+    assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()
     page.look.click()
     assert FakeWork.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
     tell(page)
@@ -169,7 +169,7 @@ def test_a_click_on_a_map_or_on_the_front_looks_at_that_design(page):
 
     page.pareto._clicked(None, [Spot()])
     assert page.model.values == PAPER
-    assert page.pareto.columns()["on_front"].tolist() == [1, 0]
+    assert page.pareto.columns()["on the front"].tolist() == [1, 0]
 
 
 def test_the_slider_moves_over_the_states_without_tracing(page):
@@ -179,7 +179,7 @@ def test_the_slider_moves_over_the_states_without_tracing(page):
     assert page.response.now.value() == pytest.approx(-2.7)
     page.slider.setValue(14)
     assert page.response.now.value() == pytest.approx(3.8)
-    assert "state 14 of 0 to 14" in page.scene.readout.text()
+    assert "state 14 of 14" in page.scene.readout.text()
     assert len(FakeWork.made) == before
 
 

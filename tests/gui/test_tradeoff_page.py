@@ -153,7 +153,7 @@ def test_a_method_without_a_chart_shows_its_map_alone(page, desk):
     desk.tradeoff.show("fit")
     page.refresh(desk.snapshot)
     assert not page.upper.isVisible()
-    assert page.atlas.readout.text() == "not swept yet"
+    assert page.atlas.readout.text() == "not mapped yet"
 
 
 def test_the_fidelity_reaches_what_the_window_computes_and_stays(page, desk):

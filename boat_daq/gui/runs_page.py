@@ -211,6 +211,8 @@ class RunsPage(QWidget):
     def _share_columns(self) -> None:
         """Leave columns out until the file's name has room: what they say stands under the list for a chosen line."""
         header, last = self.list.horizontalHeader(), len(HEADINGS) - 1
+        for heading in GIVEN_UP:
+            self.list.setColumnHidden(HEADINGS.index(heading), False)  # hidden, it would ask for nothing
         needed = {k: max(self.list.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(1, last)}
         room = self.list.viewport().width() - self.list.columnWidth(0) - style.FILE_LEAST
         for column in map(HEADINGS.index, GIVEN_UP):

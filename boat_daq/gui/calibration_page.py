@@ -197,7 +197,7 @@ class CalibrationPage(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(style.GAP)
         layout.addWidget(self._head())
-        self.missing = EmptyState("", "", "", self._next_step)
+        self.missing = EmptyState("", "", "Enter readings …", self._next_step)
         self.upper, upper, lower = Leaves(), QHBoxLayout(), QHBoxLayout()
         widgets.grow(self.upper)
         upper.setSpacing(style.GAP)

@@ -35,9 +35,10 @@ class EmptyState(QWidget):
         """Say something else; without an action there is no button."""
         widgets.set_text(self.title, title)
         widgets.set_text(self.words, words)
-        widgets.set_text(self.button, action)
-        self.button.setAccessibleName(action)
         self.button.setVisible(bool(action))
+        if action:
+            widgets.set_text(self.button, action)
+            self.button.setAccessibleName(action)
 
 
 class EmptyPage(QWidget):

@@ -236,8 +236,8 @@ def test_what_is_missing_for_a_curve_stands_in_its_place(live, run, title, actio
     assert not any(card.isVisible() for card in page.curves)
     assert not page.actuator.view.isVisible()
     assert page.missing.isVisible()
-    assert (page.missing.title.text(), page.missing.button.text()) == (title, action)
-    assert page.missing.button.isVisible() is bool(action)
+    assert page.missing.title.text() == title
+    assert (page.missing.button.text() if page.missing.button.isVisible() else "") == action
     assert title in page.verdict.text()
     live.desk.calibration.show(result())
     live.refresh()

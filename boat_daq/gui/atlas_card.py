@@ -153,12 +153,12 @@ class AtlasCard(PlotCard):
 
     def _columns(self) -> dict[str, Any]:
         rows = [
-            (m.name, m.x_ticks[i], m.y_ticks[k], place.outcome, place.error, place.said)
+            (m.title, m.x_title, m.x_ticks[i], m.y_title, m.y_ticks[k], place.outcome, place.error, m.unit, place.said)
             for m in self.model.maps.get(self.method, [])
             for k, row in enumerate(m.places)
             for i, place in enumerate(row)
         ]
-        names = ("map", "x", "y", "outcome", "error", "said")
+        names = ("map", "x is", "x", "y is", "y", "outcome", "error", "unit of the error", "said")
         return {name: [row[i] for row in rows] for i, name in enumerate(names)} if rows else {}
 
     def paint_theme(self, theme: Theme) -> None:

@@ -66,9 +66,9 @@ def view(window: MainWindow) -> list[Command]:
         """Take away the plot that has the focus, else the page's first."""
         cards: list[PlotCard | ShadowPane] = [*window.findChildren(PlotCard), *window.findChildren(ShadowPane)]
         shown = [card for card in cards if card.isVisible()]
-        focus = QApplication.focusWidget()
+        focus = QApplication.focusWidget() or window.focusWidget()
         chosen = next((card for card in shown if focus is not None and card.isAncestorOf(focus)), None)
-        if not shown:
+        if not any(isinstance(card, PlotCard) for card in shown):
             window.desk.notices.say(Level.WARNING, "no plot is shown", "Go to a page that shows one.")
         elif deed == "copy":
             window.copy_plot(chosen or shown[0])

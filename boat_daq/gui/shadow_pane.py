@@ -253,9 +253,10 @@ class ShadowPane(QWidget):
             raise OSError(f"{path} cannot be written")
 
     def columns(self) -> dict[str, Any]:
-        """Return the guides and the tracked points as they are drawn, mm."""
+        """Return the outline at rest, the guides and the tracked points as they are drawn, mm."""
         picture = self.desk.shadow.picture()
         named = {f"guide {i}": guide for i, guide in enumerate(picture.guides, 1)} | {"tracked": picture.tracked}
+        named = {"outline at rest": picture.rest} | {name: points for name, points in named.items() if len(points)}
         return {f"{name}, {axis} (mm)": points[:, k] for name, points in named.items() for k, axis in enumerate("xz")}
 
     def draw(self) -> None:

@@ -24,7 +24,6 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.session import ReadingRequest, SessionState, StepMark
 from boat_daq.gui import style
 from boat_daq.gui.palette import shown
-from boat_daq.gui.plot_card import PlotCard
 from boat_daq.viewmodels.desk import PAGES
 from boat_daq.viewmodels.live import Marker
 from boat_daq.viewmodels.notices import Level
@@ -63,22 +62,6 @@ def test_commands_say_when_they_cannot(live):
     assert {"Accept the calibration", "Compare the chosen runs", "Go on without a reading", "Undo"} <= greyed
     assert {"Vent now", "Connect …", "Calibrate with the last run"} & greyed == set()
     live.commands.wake()
-
-
-@pytest.mark.parametrize("suffix", ["png", "svg", "csv"])
-def test_every_plot_of_every_page_saves_and_copies(whole, tmp_path, suffix):
-    """Walk all plots: picture, vectors and numbers are written, and the clipboard holds a picture."""
-    whole.refresh()
-    whole.draw()
-    cards = [card for card in whole.findChildren(PlotCard) if card.plots]
-    heads = {"png": b"\x89PNG", "svg": b"<?xml", "csv": b""}
-    for i, card in enumerate(cards):
-        path = tmp_path / f"{i}.{suffix}"
-        card.save(path)
-        assert path.read_bytes().startswith(heads[suffix]), card.title
-    QGuiApplication.clipboard().clear()
-    cards[0].copy()
-    assert not QGuiApplication.clipboard().pixmap().isNull()
 
 
 def test_everything_that_shows_or_takes_has_a_name(whole):

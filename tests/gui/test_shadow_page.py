@@ -98,7 +98,7 @@ def test_the_picture_of_the_shadow_is_saved(page, tmp_path, suffix):
     """PNG and SVG hold the picture, CSV the guides and the tracked points."""
     path = tmp_path / f"shadow.{suffix}"
     page.pane.save(path)
-    start = {"png": b"\x89PNG", "svg": b"<?xml", "csv": b'"tracked, x (mm)"'}[suffix]
+    start = {"png": b"\x89PNG", "svg": b"<?xml", "csv": b'"outline at rest, x (mm)"'}[suffix]
     assert path.read_bytes().startswith(start)
 
 

@@ -24,7 +24,6 @@ from boat_daq.engine.session import LinkState, Message, ReadingRequest, SessionS
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.app import make_window, spare_the_collector
-from boat_daq.gui.plot_card import PlotCard
 from boat_daq.viewmodels.desk import PAGES
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
 
@@ -205,14 +204,6 @@ def test_every_plot_saves(live, tmp_path):
         live.live.plots.save(path)
         assert path.read_bytes().startswith(head)
     assert len((tmp_path / "plot.csv").read_text().splitlines()) == 6001
-
-
-def test_all_plots_have_the_menu(whole):
-    """Every plot of every page copies and saves."""
-    cards = whole.findChildren(PlotCard)
-    assert len(cards) >= 8
-    for card in cards:
-        assert [action.text() for action in card.menu_button.menu().actions()][:2] == ["Copy picture", "Save PNG …"]
 
 
 def test_the_window_remembers(make, tmp_path):

@@ -269,5 +269,5 @@ class ReadingsTable(QWidget):
             self.desk,
             "Import readings",
             "csv txt tsv",
-            lambda path: self.view.paste(path.read_text(encoding="utf-8-sig")),
+            lambda path: self.view.paste(read_text(path)),
         )

@@ -72,8 +72,8 @@ class Desk:
     def __init__(self, session: Session, folder: Path, recordings: Path, units: UnitLibrary | None = None) -> None:
         self.session = session
         self.folder, self.recordings = folder, recordings
-        self.preferences = Preferences(folder)
         self.notices = Notices()
+        self.preferences = Preferences(folder, lambda cause, remedy: self.notices.say(Level.WARNING, cause, remedy))
         self.bench = Bench()
         self.changes = Redirect()
         self.connection = ConnectionModel(session, self.preferences)

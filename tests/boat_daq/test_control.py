@@ -156,6 +156,16 @@ def test_a_refused_pressure_is_not_done() -> None:
 
 
 @pytest.mark.fault(17, how="every answer lost", times=1)
+@pytest.mark.parametrize(("pressed", "ends"), [(True, ["aborted: the e-stop was pressed"]), (False, [])])
+def test_a_start_that_a_fault_overtakes_has_ended_so(*, pressed: bool, ends: list[str]) -> None:
+    """Start was pressed, its guards are not answered yet; a plan that is only armed has no run to end."""
+    bench = Bench("ack_late@0:200").connected()
+    bench.do(lambda: bench.control.arm(QUICK), *([bench.control.start] if pressed else []))
+    bench.fault("estop", 1)
+    bench.run(1.0)
+    assert (bench.state, bench.ends) == (SessionState.FAULT, ends)
+
+
 def test_an_unanswered_pressure_is_sent_three_times_then_vented() -> None:
     """ACKs lost for good: same seq three times, then vent and latch."""
     bench = Bench().running()

@@ -11,6 +11,7 @@ def gui(
     port: Annotated[str | None, typer.Option(help="Connect to this port at once.")] = None,
     board: Annotated[bool, typer.Option("--board", help="Open it on a virtual board.")] = False,
     speed: Annotated[float, typer.Option(min=1, max=1000, help="Of the virtual board.")] = 1.0,
+    rate: Annotated[int | None, typer.Option(help="Samples per second; the setting's when left out.", min=1)] = None,
 ) -> None:
     """The lab window. Esc vents, in any state. Example:
 
@@ -22,4 +23,4 @@ def gui(
     from boat_daq.gui.app import run
 
     start_log("gui")
-    raise typer.Exit(run(port, board=board, speed=speed))
+    raise typer.Exit(run(port, board=board, speed=speed, rate_hz=rate))

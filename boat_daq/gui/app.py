@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QLocale, QTimer
@@ -33,14 +34,15 @@ def make_application() -> QApplication:
     return app
 
 
-def make_window() -> MainWindow:
-    """Return a window on a new session, with the stored settings.
+def make_window(rate_hz: int | None = None) -> MainWindow:
+    """Return a window on a new session, with the stored settings; at another rate where one is given.
 
     Raises
     ------
     OperatorError : the stored settings are refused, by key.
     """
-    settings = load_settings()
+    stored = load_settings()
+    settings = replace(stored, rate_hz=rate_hz or stored.rate_hz)
     recordings = Path(settings.recordings).expanduser() if settings.recordings else Path.cwd() / "recordings"
     return MainWindow(Desk(Session(settings), home("config"), recordings))
 
@@ -64,10 +66,15 @@ def spare_the_collector(window: MainWindow) -> QTimer:
     return settled
 
 
-def run(port: str | None = None, *, board: bool = False, speed: float = 1.0) -> int:
-    """Open the window, connected to `port` or to a virtual board where asked; returns the exit code."""
+def run(port: str | None = None, *, board: bool = False, speed: float = 1.0, rate_hz: int | None = None) -> int:
+    """Open the window, connected to `port` or to a virtual board where asked; returns the exit code.
+
+    Raises
+    ------
+    OperatorError : the stored settings or the rate are refused, by key.
+    """
     app = make_application()
-    window = make_window()
+    window = make_window(rate_hz)
     spare_the_collector(window)
     window.fit_screen()
     window.show()

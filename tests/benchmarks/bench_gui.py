@@ -118,14 +118,14 @@ def test_plain_way(qtbot, tmp_path, capsys):
     assert ours > 0
 
 
-def window_on_a_board(qtbot, tmp_path, monkeypatch):
-    """The window as `run` opens it, on a virtual board in another process at 100 Hz; the shadow is not prepared."""
+def window_on_a_board(qtbot, tmp_path, monkeypatch, rate_hz=100):
+    """The window as `run` opens it, on a virtual board in another process; the shadow is not prepared."""
     monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     from boat_daq.gui.app import make_application, make_window, spare_the_collector
 
     make_application()
-    window = make_window()
+    window = make_window(rate_hz)
     spare_the_collector(window)
     qtbot.addWidget(window)
     window.show()
@@ -195,6 +195,42 @@ def test_at_rest_out_of_sight(qtbot, tmp_path, monkeypatch, capsys, where):
             f" the window's thread {100 * own:.1f} %"
         )
     assert 0.0 < own < share
+    window.close()
+
+
+@pytest.mark.parametrize("span_s", [10.0, 60.0])
+def test_ten_kilohertz(qtbot, tmp_path, monkeypatch, capsys, span_s):
+    """As `boat-daq gui --board --rate 10000`, recording: what a frame costs, how many come, and whether all arrives."""
+    window = window_on_a_board(qtbot, tmp_path, monkeypatch, 10_000)
+    desk = window.desk
+    window.resize(1280, 800)
+    desk.toggle_recording()
+    desk.live.set_window(span_s)
+    qtbot.wait(round(1000 * min(span_s, 20.0)))
+    window.frame_timer.timeout.disconnect()
+    wall, cpu, at = [], [], []
+
+    def draw():
+        began, used = time.perf_counter(), time.thread_time()
+        window.draw()
+        window.live.plots.view.viewport().repaint()
+        at.append(began)
+        wall.append(1000 * (time.perf_counter() - began))
+        cpu.append(1000 * (time.thread_time() - used))
+
+    window.frame_timer.timeout.connect(draw)
+    share, own = shares(qtbot, 8.0)
+    health = desk.session.snapshot().health
+    with capsys.disabled():
+        print(
+            f"\n10 kHz, {span_s:g} s shown: a frame median {statistics.median(wall):.2f} ms, 99 % "
+            f"{np.percentile(wall, 99):.2f} ms (CPU of its thread {statistics.median(cpu):.2f}, 99 % "
+            f"{np.percentile(cpu, 99):.2f}); {len(at) / 8.0:.0f} frames/s, "
+            f"longest pause {1000 * max(np.diff(at)):.0f} ms; "
+            f"{100 * share:.0f} % of one core, the window's thread {100 * own:.0f} %; "
+            f"{health.rate_hz:.0f} Hz, {health.statistics.lost} lost, {health.lag_ms:.0f} ms behind"
+        )
+    assert health.statistics.lost == 0
     window.close()
 
 

@@ -385,7 +385,8 @@ def test_what_was_said_of_a_lost_link_leaves_when_it_is_back(make):
 
 def test_what_lives_as_long_as_the_window_is_not_collected_again(qtbot):
     """After the start, and after each page that is made, a full collection has next to nothing to look at."""
-    window = make_window()
+    window = make_window(10_000)
+    assert window.desk.session.settings.rate_hz == 10_000
     qtbot.addWidget(window)
     settled = spare_the_collector(window)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
@@ -23,7 +24,7 @@ from boat_daq.gui.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels import formatting
 from boat_daq.viewmodels.desk import Desk
-from boat_daq.viewmodels.live import HEADINGS, WINDOWS_S, Span
+from boat_daq.viewmodels.live import HEADINGS, HEADINGS_SHORT, WINDOWS_S, Span
 
 
 class Figure(QWidget):
@@ -69,6 +70,14 @@ class Figure(QWidget):
         self.swatch.setStyleSheet(f"background: {colour}; border-radius: 2px;")
 
 
+def table(rows: Sequence[Sequence[str]], apart: int) -> str:
+    """Return rows of cells as rich text, aligned at the right, `apart` pixels between the columns."""
+    lines = (
+        "".join(f"<td align='right' style='padding-right: {apart}px'>{cell}</td>" for cell in cells) for cells in rows
+    )
+    return "<table cellspacing='0'>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+
+
 class LivePage(QWidget):
     """The live page on a `Desk`."""
 
@@ -80,6 +89,9 @@ class LivePage(QWidget):
         self.spans = widgets.label("", "small")
         self.spans.setTextFormat(Qt.TextFormat.RichText)
         self.spans.hide()
+        self.between = widgets.label("", "small", name="Statistics between the cursors")
+        self.between.setTextFormat(Qt.TextFormat.RichText)
+        self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.sequence = SequencePanel(desk)
         self.reading = ReadingBar(desk)
         self.pane = self._pane()
@@ -87,7 +99,7 @@ class LivePage(QWidget):
         self.first_steps, self.overlay = FirstSteps(desk), OverlayPlots(desk.overlay)
         for widget in (self.first_steps, self.plots, self.overlay):
             self.middle.addWidget(widget)
-        self.overlaid = self.narrow = False
+        self.overlaid = self.narrow = self.low = False
         self.photograph = PhotographPanel(self, desk)
         self.marker = self._marker()
         left = widgets.column(
@@ -294,17 +306,27 @@ class LivePage(QWidget):
             self.table.refresh(snapshot)
         elif current is self.plan:
             self.plan.refresh(snapshot)
-        else:
+        elif current is self.shadow:
             self.shadow.refresh(snapshot)
 
     def _show_spans(self, spans: list[Span]) -> None:
-        self.spans.setVisible(bool(spans))
+        """Show the statistics between the cursors under the plots; in a small window beside them, standing upright."""
+        rows = [(self.desk.live.difference(), *HEADINGS[1:]), *(span.cells for span in spans)]
+        beside = self.narrow or self.low
+        self.spans.setVisible(bool(spans) and not beside)
+        self.spans.setText(table(rows, 4 * style.STEP) if self.spans.isVisible() else "")
+        self._show_between(spans if beside else [])
+
+    def _show_between(self, spans: list[Span]) -> None:
+        at = self.pane.indexOf(self.between)
         if spans:
-            rows = [(self.desk.live.difference(), *HEADINGS[1:]), *(span.cells for span in spans)]
-            cells = (
-                "".join(f"<td align='right' style='padding-right: 16px'>{cell}</td>" for cell in row) for row in rows
-            )
-            self.spans.setText("<table>" + "".join(f"<tr>{line}</tr>" for line in cells) + "</table>")
+            columns = [("", *HEADINGS_SHORT), *((span.short, *span.cells[1:-1], span.snr) for span in spans)]
+            upright = table(list(zip(*columns, strict=True)), style.STEP)
+            self.between.setText(f"<p>{self.desk.live.difference()}</p>{upright}")
+            if at < 0:
+                self.pane.setCurrentIndex(self.pane.addTab(self.between, "A\u2013B"))
+        elif at >= 0:
+            self.pane.removeTab(at)
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
@@ -324,7 +346,7 @@ class LivePage(QWidget):
         self.sides.prefer(pane)
         self.figures["target"].setVisible(not self.narrow)  # it stands beside the pressure then
         self.figure_line.setSpacing(style.GAP if self.narrow else 5 * style.STEP)
-        low = self.window().height() < style.LOW_BELOW
+        low = self.low = self.window().height() < style.LOW_BELOW
         self.sequence.picture.setVisible(not low)
         margin = style.STEP if low else style.PAGE_MARGIN
         self.room.setContentsMargins(margin, margin, margin, margin)

@@ -102,6 +102,12 @@ class ReadingBar(QFrame):
         self.desk.notices.attempt(self.desk.session.skip_reading)
 
 
+def side(column: int) -> Qt.AlignmentFlag:
+    """Return how a column of the table is aligned: numbers at the right, words at the left."""
+    across = Qt.AlignmentFlag.AlignRight if column in (0, 2, 3) else Qt.AlignmentFlag.AlignLeft
+    return across | Qt.AlignmentFlag.AlignVCenter
+
+
 class ReadingsTableModel(QAbstractTableModel):
     """Qt's view of the rows of `ReadingsModel`."""
 
@@ -137,8 +143,10 @@ class ReadingsTableModel(QAbstractTableModel):
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a heading."""
-        if role == Qt.ItemDataRole.DisplayRole and orientation is Qt.Orientation.Horizontal:
+        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
             return HEADINGS[section]
+        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.TextAlignmentRole:
+            return side(section)
         return None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
@@ -147,8 +155,7 @@ class ReadingsTableModel(QAbstractTableModel):
         if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
             return row.cells[index.column()]
         if role == Qt.ItemDataRole.TextAlignmentRole:
-            side = Qt.AlignmentFlag.AlignRight if index.column() in (0, 2, 3) else Qt.AlignmentFlag.AlignLeft
-            return side | Qt.AlignmentFlag.AlignVCenter
+            return side(index.column())
         if role == Qt.ItemDataRole.FontRole and (row.current or row.outlier):
             font = QFont(style.base_font())
             font.setBold(True)

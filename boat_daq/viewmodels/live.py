@@ -106,15 +106,26 @@ class Span:
     snr_db: float
 
     @property
+    def short(self) -> str:
+        """Return what it is in a word: a sensor's number, else the unit."""
+        return f"{self.name.removeprefix('Sensor ')}, {self.unit}" if self.name.startswith("Sensor") else self.unit
+
+    @property
+    def snr(self) -> str:
+        """Return the SNR's number."""
+        return number(self.snr_db, 1)
+
+    @property
     def cells(self) -> tuple[str, ...]:
         """Return the row as text, in the order of `HEADINGS`."""
         d = self.decimals
         return (
             f"{self.name} ({self.unit})", number(self.mean, d), number(self.sd, d + 1), number(self.low, d),
-            number(self.high, d), number(self.slope_per_s, d + 1, sign=True), f"{number(self.snr_db, 1)} dB",
+            number(self.high, d), number(self.slope_per_s, d + 1, sign=True), f"{self.snr} dB",
         )  # fmt: skip
 
 
+HEADINGS_SHORT = ("mean", "sd", "min", "max", "slope/s", "SNR, dB")
 HEADINGS = ("", "mean", "sd", "min", "max", "slope per s", "SNR (mean / sd)")
 
 

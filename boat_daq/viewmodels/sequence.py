@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from boat_daq.engine.checked import read_text
 from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session import Limits, Phase, Session, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError, OperatorError
@@ -208,9 +209,9 @@ class SequenceModel:
 
         Raises
         ------
-        OperatorError : it is refused, by key.
+        OperatorError : it cannot be read, or is refused by key.
         """
-        plan = plan_from_toml(path.read_text(encoding="utf-8"), path.name)
+        plan = plan_from_toml(read_text(path), path.name)
         self.plans[plan.name] = plan
         self._replace(plan, f"choice of plan {plan.name}")
 
@@ -345,7 +346,7 @@ def progress_text(snapshot: SessionSnapshot) -> str:
     where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"
     left = f"{duration(progress.time_left_s)} left"
     step = f"step {progress.step} of {progress.steps}"
-    return f"{where}   {step}   {_phase(progress.phase)} at {target(progress.target_kpa)}   {left}"
+    return f"{where}   {step}   {left}   {_phase(progress.phase)} at {target(progress.target_kpa)}"
 
 
 def _phase(phase: Phase) -> str:

@@ -359,7 +359,7 @@ def test_progress_in_a_line():
         "calibration", 9, 37, 1, 2, 0, (), "unloading", Phase.WAITING_FOR_READING, -30.0, 3.0, 60.0, 227.0
     )
     text = progress_text(dataclasses.replace(connected(), progress=progress))
-    assert text == "cycle 1 of 2   step 9 of 37   waiting for the reading at \u221230 kPa   3:47 left"
+    assert text == "cycle 1 of 2   step 9 of 37   3:47 left   waiting for the reading at \u221230 kPa"
 
 
 # ---- profiles -------------------------------------------------------------------------------------------------------

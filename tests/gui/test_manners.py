@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QAction, QGuiApplication, QImage, QPixmap
@@ -25,7 +26,7 @@ from boat_daq.engine.session import ReadingRequest, SessionState, StepMark
 from boat_daq.gui import style
 from boat_daq.gui.palette import shown
 from boat_daq.viewmodels.desk import PAGES
-from boat_daq.viewmodels.live import Marker
+from boat_daq.viewmodels.live import HEADINGS_SHORT, Elongation, Marker
 from boat_daq.viewmodels.notices import Level
 from boat_daq.viewmodels.work import Work
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -216,6 +217,30 @@ def test_words_of_cursors_and_markers_are_whole(live, height):
         assert room.contains(words), (line.label.format, words, room)
     assert plots._markers[0][1].label.textItem.toPlainText() == "tube {touched}"
     assert plots._markers[1][1].label.textItem.toPlainText().endswith("\u2026")
+
+
+def test_a_small_window_has_room_for_the_statistics(live):
+    """Between the cursors at 853 x 533: every figure stands beside the plots, whole, and nothing is pushed out."""
+    live.resize(853, 533)
+    live.desk.live.inverse = lambda mv: Elongation(
+        (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
+    )
+    page = live.live
+    before = page.pane.currentWidget()
+    for which in "ab":
+        page.plots.place_cursor(which)
+    live.refresh()
+    QApplication.processEvents()
+    assert page.between.isVisible()
+    assert not page.spans.isVisible()
+    assert page.between.sizeHint().width() <= page.between.width()
+    assert page.between.sizeHint().height() <= page.between.height()
+    assert all(f">{words}<" in page.between.text() for words in (*HEADINGS_SHORT, "1, mV", "2, mV", "mm", "kPa"))
+    room = live.rooms["Live"]
+    assert (room.horizontalScrollBar().maximum(), room.verticalScrollBar().maximum()) == (0, 0)
+    page.plots.place_cursor("a")
+    live.refresh()
+    assert page.pane.currentWidget() is before
 
 
 def test_a_cursor_is_dragged_with_the_mouse(live):

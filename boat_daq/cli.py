@@ -109,6 +109,13 @@ class Interruption:
         raise KeyboardInterrupt
 
 
+def explain_file(error: OSError) -> tuple[str, str]:
+    """Return what to say of a file that the system refused: its name and its reason."""
+    if not (error.filename and error.strerror):
+        return explain_fault(error)
+    return f"{error.filename}: {error.strerror}", "check the path, its permissions and the room on the disk"
+
+
 def explain_fault(error: Exception) -> tuple[str, str]:
     """Return what to say of an error that nobody foresaw; its traceback goes into the log."""
     from boat_daq.engine.log import note_failure, start_log, stop_log
@@ -131,6 +138,6 @@ def main() -> None:
     except Exception as error:  # noqa: BLE001 - the last one to see it; the packages' errors share these attributes
         cause, remedy = getattr(error, "cause", None), getattr(error, "remedy", None)
         if cause is None or remedy is None:
-            cause, remedy = explain_fault(error)
+            cause, remedy = explain_file(error) if isinstance(error, OSError) else explain_fault(error)
         emit_error(type(error).__name__, cause, remedy)
         raise SystemExit(1) from None

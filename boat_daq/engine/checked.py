@@ -7,6 +7,7 @@ names its key, and no default is quietly put in its place.
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
@@ -55,6 +56,23 @@ def read_text(path: Path) -> str:
         raise OperatorError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
     except UnicodeDecodeError as error:
         raise OperatorError(f"{path} is not a text file in UTF-8", "save it as UTF-8") from error
+
+
+def read_json(path: Path, most_bytes: int = MAX_BYTES) -> Any:
+    """Return what a JSON file holds, in bounded memory.
+
+    Raises
+    ------
+    OperatorError : unreadable, too large, or no JSON.
+    """
+    try:
+        if path.stat().st_size > most_bytes:
+            raise OperatorError(f"{path.name} is larger than {most_bytes // 1000} kB", "name the right file")
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise OperatorError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
+    except (ValueError, RecursionError) as error:
+        raise OperatorError(f"{path.name} is no JSON file", "name the right file") from error
 
 
 def _plain(value: Any, kind: type, where: str, key: str) -> Any:

@@ -7,8 +7,11 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 
+from boat_daq.engine.checked import read_json
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.work import Bench, Work, WorkState
+
+MAX_BYTES = 4_000_000  # a hundred times the largest
 
 
 class MeasuredResult(ABC):
@@ -33,10 +36,9 @@ class MeasuredResult(ABC):
         self.problem = ""
         self.revision = 0
         try:
-            self.take(json.loads(path.read_text(encoding="utf-8")))
-        except FileNotFoundError:
-            return
-        except (OSError, ValueError, OperatorError):
+            if path.exists():
+                self.take(read_json(path, MAX_BYTES))
+        except OperatorError:
             self.problem = f"the last {self.noun} could not be read; {self.again}"
 
     @abstractmethod

@@ -1,10 +1,17 @@
-"""What the window remembers between starts: a small JSON file; a broken one is set aside, never fatal."""
+"""What the window remembers between starts: a small JSON file; a broken one is set aside, never fatal.
+
+Where it cannot be stored, that is told once, and the values last as long as the window.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from boat_daq.engine.checked import read_json
+from boat_daq.errors import OperatorError
 
 NAME = "window.json"
 
@@ -15,10 +22,12 @@ class Preferences:
     Parameters
     ----------
     folder : where the file lies; made when first saved.
+    tell : is called with cause and remedy the first time that it cannot be saved.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, tell: Callable[[str, str], object] = lambda cause, remedy: None) -> None:
         self.path = folder / NAME
+        self._tell: Callable[[str, str], object] | None = tell
         self._values: dict[str, Any] = self._load()
 
     def get(self, key: str, default: Any = None) -> Any:
@@ -34,13 +43,19 @@ class Preferences:
 
     def _load(self) -> dict[str, Any]:
         try:
-            values = json.loads(self.path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
+            values = read_json(self.path)
+        except OperatorError:
             return {}
         return values if isinstance(values, dict) else {}
 
     def _save(self) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
         beside = self.path.with_suffix(".new")
-        beside.write_text(json.dumps(self._values, indent=1), encoding="utf-8")
-        beside.replace(self.path)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            beside.write_text(json.dumps(self._values, indent=1), encoding="utf-8")
+            beside.replace(self.path)
+        except OSError as error:
+            if self._tell is not None:
+                tell, self._tell = self._tell, None
+                cause = f"what the window remembers cannot be stored in {self.path.parent}: {error.strerror}"
+                tell(cause, "The session goes on; check the folder and the disk before the next start.")

@@ -6,14 +6,14 @@ next start; methods that were not measured again keep theirs, with their own dat
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
+from boat_daq.engine.checked import read_json
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels import tables
 from boat_daq.viewmodels.formatting import count
-from boat_daq.viewmodels.measured_result import MeasuredResult
+from boat_daq.viewmodels.measured_result import MAX_BYTES, MeasuredResult
 from boat_daq.viewmodels.preferences import Preferences
 from boat_daq.viewmodels.tradeoff_report import MethodChart, merged, read_report, report_columns
 from boat_daq.viewmodels.work import Bench, Work
@@ -122,14 +122,9 @@ class TradeoffModel(MeasuredResult):
 
         Raises
         ------
-        OperatorError : it is no such result.
-        OSError : it cannot be read.
+        OperatorError : it cannot be read, or is no such result.
         """
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise OperatorError(f"{path.name} is no JSON file", "Choose a tradeoff.json.") from error
-        self.take(content)
+        self.take(read_json(path, MAX_BYTES))
         self._keep()
 
     def save(self, path: Path) -> None:

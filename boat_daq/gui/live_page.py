@@ -90,6 +90,7 @@ class LivePage(QWidget):
         self.spans.setTextFormat(Qt.TextFormat.RichText)
         self.spans.hide()
         self.between = widgets.label("", "small", name="Statistics between the cursors")
+        self._before = 0  # the tab that stood there before the statistics
         self.between.setTextFormat(Qt.TextFormat.RichText)
         self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.sequence = SequencePanel(desk)
@@ -324,8 +325,11 @@ class LivePage(QWidget):
             upright = table(list(zip(*columns, strict=True)), style.STEP)
             self.between.setText(f"<p>{self.desk.live.difference()}</p>{upright}")
             if at < 0:
+                self._before = self.pane.currentIndex()
                 self.pane.setCurrentIndex(self.pane.addTab(self.between, "A\u2013B"))
         elif at >= 0:
+            if self.pane.currentIndex() == at:
+                self.pane.setCurrentIndex(self._before)
             self.pane.removeTab(at)
 
     def paint_theme(self, theme: Theme) -> None:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import enum
 import json
+import os
 import sqlite3
 import struct
 from collections.abc import Mapping
@@ -276,11 +277,24 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
         check_values(path, connection, {name: layout()[name] for name in TABLE_NAMES if name not in LONG_TABLES})
     except DAMAGE as error:
         connection.close()
-        raise RecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}") from error
+        raise _unreadable(path, error) from error
     except RecordingError:
         connection.close()
         raise
     return connection
+
+
+def _unreadable(path: Path, error: Exception) -> RecordingError:
+    """Return what it means that SQLite does not read a recording."""
+    log, journal = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
+    if log.exists() and not os.access(path.parent, os.W_OK):
+        return RecordingError(
+            f"{path} was not closed, and its folder is read-only: its log cannot be read there",
+            f"Copy it and {log.name} into a folder that you may write to, and boat-daq recover it there.",
+        )
+    if journal.exists():
+        return RecordingError(f"{path} was left in the middle of a change", f"boat-daq recover {path}")
+    return RecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}")
 
 
 @cache

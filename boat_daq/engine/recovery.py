@@ -152,7 +152,10 @@ def _check(path: Path, progress: Progress | None) -> list[_Fault]:
             return [_Fault(text) for text in _wrong_checksums(db, progress)]
     except (*DAMAGE, RecordingError) as error:
         if not _looks_like_ours(path):
-            raise
+            remedy = getattr(error, "remedy", "")
+            if remedy.startswith("boat-daq recover"):  # that is what was just tried
+                remedy = "Nothing in it can be read; look for another copy."
+            raise RecordingError(str(error), remedy) from error
         return [_Fault(str(error), structural=True)]
 
 

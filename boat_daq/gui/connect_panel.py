@@ -32,11 +32,11 @@ class ConnectPanel(QDialog):
         self.profile = QPlainTextEdit()
         self.profile.setAccessibleName("Profile of another firmware")
         self.profile.setPlaceholderText(
-            "Empty for a BOAT board. For other firmware: a profile's TOML or its path, "
-            "or an RX8 line of Bridge Control Panel."
+            "Empty for a BOAT board. Else paste an RX8 line of Bridge Control Panel here, "
+            "or a profile: its TOML text, or the path of its file."
         )
         self.profile.setTabChangesFocus(True)
-        self.profile.setFixedHeight(3 * style.CONTROL_HEIGHT)
+        self.profile.setProperty("role", "paste")  # its height is the sheet's, which knows no other
         self.profile.setPlainText(desk.connection.profile)
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
         self.speed = widgets.choice("Speed of the virtual board", list(SPEEDS))
@@ -61,7 +61,7 @@ class ConnectPanel(QDialog):
         grid.addWidget(widgets.button("Look again", self.look_again), 0, 2)
         grid.addWidget(widgets.label("Unit"), 1, 0)
         grid.addWidget(self.unit, 1, 1)
-        grid.addWidget(widgets.label("Profile"), 2, 0, Qt.AlignmentFlag.AlignTop)
+        grid.addWidget(widgets.label("Other firmware"), 2, 0, Qt.AlignmentFlag.AlignTop)
         grid.addWidget(self.profile, 2, 1)
         grid.addWidget(widgets.button("Open …", self._open_profile), 2, 2, Qt.AlignmentFlag.AlignTop)
         grid.setColumnStretch(1, 1)
@@ -107,6 +107,7 @@ class ConnectPanel(QDialog):
         for found in ports:
             self.port.addItem(found.text, found.port)
         self.none.setVisible(not ports)
+        self.adjustSize()
         self.port.setEditText(typed)
 
     def refresh(self) -> None:

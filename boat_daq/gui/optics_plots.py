@@ -233,7 +233,9 @@ class MapsCard(PlotCard):
         for shown in self.maps:
             shown.show_sweep(int(self.cavities.currentData()), self.table)
         swept = self.model.sweep is not None
-        self.readout.setText("\u2606 best   \u25cb paper's   \u25a1 shown" if swept else "a sweep fills the maps")
+        self.say_empty("" if swept else "How good each design is comes here, as maps. Sweep all designs brings them.")
+        self.cavities.setVisible(swept)
+        self.readout.setText("\u2606 best   \u25cb paper's   \u25a1 shown" if swept else "")
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
@@ -280,7 +282,7 @@ class ParetoCard(PlotCard):
             self.numbers.set([])
             for layer in (self.all, self.front, self.paper):
                 layer.set(EMPTY, EMPTY)
-            self.readout.setText("a sweep fills it")
+            self.readout.setText("")
             return
         self.all.set(s.rmse, s.delta)
         self.front.set(s.rmse[s.front], s.delta[s.front])

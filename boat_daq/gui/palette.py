@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
+
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShowEvent
 from PySide6.QtWidgets import (
@@ -21,6 +23,7 @@ from boat_daq.gui.commands import Command, Registry
 from boat_daq.viewmodels.matching import ranked
 
 SHEET = (("Session", "Edit", "Go", "Help"), ("View", "Models"), ("Sequence", "Runs"))  # the menus in columns
+NARROW_SHEET = (("Session", "Edit", "Sequence", "Go", "Help"), ("View", "Runs", "Models"))
 
 ALSO = {  # what people type for a command that says it in other words
     "Vent now": "emergency release deflate",
@@ -123,15 +126,16 @@ class ShortcutSheet(QDialog):
         self.setWindowTitle("Keys")
         self.setModal(False)
         body = QWidget()
-        columns = QHBoxLayout(body)
-        columns.setSpacing(8 * style.STEP)
-        for menus in SHEET:
-            column = QVBoxLayout()
-            column.setSpacing(4 * style.STEP)
-            for menu in menus:
-                column.addLayout(self._block(menu, [c for c in registry.commands if c.menu == menu]))
-            column.addStretch(1)
-            columns.addLayout(column)
+        line = QHBoxLayout(body)
+        line.setSpacing(8 * style.STEP)
+        self._columns = [widgets.column(spacing=4 * style.STEP) for _ in SHEET]
+        for column in self._columns:
+            line.addLayout(column)
+        self._blocks = {
+            menu: widgets.holder(self._block(menu, [c for c in registry.commands if c.menu == menu]))
+            for menus in SHEET
+            for menu in menus
+        }
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
         scroll.setWidget(body)
@@ -142,9 +146,20 @@ class ShortcutSheet(QDialog):
     def showEvent(self, event: QShowEvent) -> None:
         """Be as large as all the keys are, where the window has the room."""
         super().showEvent(event)
+        self._arrange(SHEET if self.over.width() >= style.NARROW_BELOW else NARROW_SHEET)
         wanted, room = self._body.sizeHint(), self.over.size()
         margin = 2 * style.STRIP_HEIGHT
         self.resize(min(wanted.width() + margin, room.width()), min(wanted.height() + margin, room.height()))
+
+    def _arrange(self, menus_of: tuple[tuple[str, ...], ...]) -> None:
+        """Stand the menus in so many columns."""
+        for column, menus in zip_longest(self._columns, menus_of, fillvalue=()):
+            while column.takeAt(0) is not None:
+                pass
+            for menu in menus:
+                column.addWidget(self._blocks[menu])
+            column.addStretch(1)
+        self._body.adjustSize()
 
     @staticmethod
     def _block(menu: str, lines: list[Command]) -> QGridLayout:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from PySide6.QtCore import QSize
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
@@ -24,11 +25,20 @@ class ReflowingPage(QWidget):
         self.rows: Sequence[QBoxLayout] = ()
         self.tall: Sequence[QWidget] = ()
         self.narrow = False
+        self._beside = 0  # the width that the sides need beside each other
+
+    def minimumSizeHint(self) -> QSize:
+        """Ask for no more width than the sides need over each other: they go there as soon as there is less."""
+        least = super().minimumSizeHint()
+        return least if self.narrow else QSize(min(least.width(), style.STACKED_BELOW // 2), least.height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Stand the sides beside or over each other."""
         super().resizeEvent(event)
-        narrow = self.width() < style.STACKED_BELOW
+        layout = self.layout()
+        if not self.narrow and layout is not None:
+            self._beside = layout.minimumSize().width()
+        narrow = self.width() < max(style.STACKED_BELOW, self._beside)
         if narrow != self.narrow:
             self.narrow = narrow
             self.reflow()

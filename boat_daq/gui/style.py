@@ -99,6 +99,7 @@ FIGURES_LEAST = 280  # below it the table of figures scrolls
 ROW_FOR_TITLE = 92  # a live plot's title and unit need so much height
 ROW_FOR_SHORT = 44  # and its number and unit so much; below, only the unit stands
 FORM_WIDTH = 560
+QUESTION_LEAST = 240
 THUMBNAIL = (168, 44)
 FILE_LEAST = 168  # of a recording's name in the list
 
@@ -142,6 +143,7 @@ def style_sheet(theme: Theme) -> str:
         fault_text="#ff8a86" if theme.name == "dark" else theme.fault,
         font_chrome=FONT_CHROME, font_small=FONT_SMALL, font_set=FONT_SET, font_title=FONT_TITLE,
         radius=RADIUS, inner_height=CONTROL_HEIGHT - 8, vent_height=VENT_HEIGHT - 4, vent_width=VENT_WIDTH - 4,
+        paste_height=3 * CONTROL_HEIGHT - 8,
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QScrollArea
 
 from boat_daq.engine.link_health import HealthSnapshot
 from boat_daq.viewmodels.runs import HEADINGS, read_run
@@ -68,3 +68,37 @@ def test_the_head_is_never_cut(live, width):
     assert "3 ms behind" in head.link.toolTip()
     assert "2026-11-22" in head.unit.toolTip()
     assert head.unit.text() == live.desk.unit_text(None)[: None if width == 1280 else -11]
+
+
+@pytest.mark.parametrize("width", [NARROW, 960, 1280])
+def test_no_page_of_the_models_scrolls_sideways(live, width):
+    """A page that asked for the width of its sides beside each other was never narrow enough to stand them over."""
+    live.resize(width, 533)
+    for name in ("Optics", "Shadow", "Trade-off"):
+        live.desk.optics.choose = lambda *_: None
+        live.go(name)
+        QApplication.processEvents()
+        QApplication.processEvents()
+        assert live.rooms[name].horizontalScrollBar().maximum() == 0, name
+        assert live.pages[name].width() >= live.pages[name].layout().minimumSize().width(), name
+
+
+@pytest.mark.parametrize("width", [NARROW, 1280])
+def test_the_shortcut_sheet_does_not_scroll_sideways(live, width):
+    """At 853 px a third of the keys was out of sight to the right."""
+    live.resize(width, 533)
+    live.show_keys()
+    QApplication.processEvents()
+    area = live.keys.findChild(QScrollArea)
+    assert area.horizontalScrollBar().maximum() == 0
+    assert all(block.isVisible() for block in live.keys._blocks.values())
+    live.keys.close()
+
+
+def test_the_field_for_a_pasted_line_keeps_its_height(live):
+    """The style sheet's least height went before its own, and a panel with a remark squeezed it to one line."""
+    live.connect_panel.open_fresh()
+    live.connect_panel.none.setVisible(True)
+    QApplication.processEvents()
+    assert live.connect_panel.profile.height() >= 3 * live.connect_panel.profile.fontMetrics().lineSpacing()
+    live.connect_panel.close()

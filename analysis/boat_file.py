@@ -173,20 +173,34 @@ def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tupl
     dtype = session_dtype(meta)
     blobs: list[npt.NDArray[np.void]] = []
     segments: list[IntArray] = []
-    damaged = 0
-    for segment, n, blob, crc in db.execute("SELECT segment, n, samples, crc32 FROM block ORDER BY id"):
-        if not n or len(blob) != n * dtype.itemsize or (crc is not None and crc32(blob) != crc):
-            damaged += 1
+    damaged: list[str] = []
+    for number, segment, n, blob, crc in db.execute("SELECT id, segment, n, samples, crc32 FROM block ORDER BY id"):
+        why = _misfit(n, blob, crc, dtype)
+        if why:
+            damaged.append(f"block {number} {why}")
             continue
-        block = np.frombuffer(blob, dtype)
-        if np.abs(block["time_us"] // 2).max() > LONGEST_US // 2:  # halved: the least of all has no absolute value
-            damaged += 1
-            continue
-        blobs.append(block)
+        blobs.append(np.frombuffer(blob, dtype))
         segments.append(np.full(n, segment, dtype=np.int64))
+    if not blobs and damaged:
+        raise FileError(
+            f"{name} holds no readable samples: all of its {len(damaged)} blocks are damaged ({damaged[0]})",
+            f"boat-daq recover {name} names all that is damaged; a copy of the file may be whole.",
+        )
     if not blobs:
         raise FileError(f"{name} holds no samples", "The session ended before the board sent any.")
-    return np.concatenate(blobs), np.concatenate(segments), damaged
+    return np.concatenate(blobs), np.concatenate(segments), len(damaged)
+
+
+def _misfit(n: int, blob: bytes, crc: int | None, dtype: np.dtype[np.void]) -> str:
+    """Return why a block cannot be what it says it is; empty where it can."""
+    if not n or len(blob) != n * dtype.itemsize:
+        return f"says {n} samples and holds {len(blob)} bytes"
+    if crc is not None and crc32(blob) != crc:
+        return "does not match its checksum"
+    time_us = np.frombuffer(blob, dtype)["time_us"]
+    if np.abs(time_us // 2).max() > LONGEST_US // 2:  # halved: the least of all has no absolute value
+        return "holds times beyond any session"
+    return ""
 
 
 def _lay_end_to_end(db: sqlite3.Connection, time_us: IntArray, segment: IntArray, rate_hz: float) -> _Clock:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from analysis import Options, Recording, analyse
+from analysis.boat_file import read_boat_file
+from analysis.errors import FileError
 from analysis.losses import LossCounter, Losses
 from protocol.recording import SampleFlag
 from tests.analysis.boat_builder import Plant, Staircase, triangle, write_boat
@@ -173,3 +175,28 @@ def test_noise_at_rest_is_no_fault(seconds: float) -> None:
         run = Recording.from_arrays(np.arange(n) / 100, rng.normal(0.0, 0.05, n), signal)
         masked = analyse(run, options=QUICK).recording.masked
         assert [masked[name] for name in ("clipped", "frozen", "dropped_out")] == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("forgery", "word"),
+    [
+        ("n = n + 7", r"block 1 says \d+ samples and holds \d+ bytes"),
+        ("n = 0", "block 1 says 0 samples"),
+        ("crc32 = crc32 + 1", "block 1 does not match its checksum"),
+    ],
+)
+def test_a_file_without_one_whole_block_is_called_damaged_and_not_empty(
+    tmp_path: Path, forgery: str, word: str
+) -> None:
+    """What is wrong with the file, block by block; a file without blocks is one of a board that sent nothing."""
+    path = write_boat(tmp_path / "forged.boat", Staircase(cycles=1).recording())
+    with sqlite3.connect(path) as db:
+        db.execute(f"UPDATE block SET {forgery}")
+    with pytest.raises(FileError, match=word) as refusal:
+        read_boat_file(path)
+    assert "recover" in refusal.value.remedy
+    with sqlite3.connect(path) as db:
+        db.execute("DELETE FROM block")
+    with pytest.raises(FileError) as empty:
+        read_boat_file(path)
+    assert "before the board sent any" in empty.value.remedy

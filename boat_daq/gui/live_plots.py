@@ -49,7 +49,7 @@ class LivePlots(PlotCard):
         for plot in self.plots:
             box = plot.item.getViewBox()
             box.setMouseEnabled(x=True, y=False)
-            box.sigRangeChangedManually.connect(lambda *_: self._moved())
+            box.sigRangeChangedManually.connect(self._moved)  # no lambda: it would keep all this alive
 
     def _curves(self) -> None:
         self.s1 = self.first.curve("Sensor 1", sensor_ink(1), gaps=True)
@@ -148,7 +148,7 @@ class LivePlots(PlotCard):
         if len(time_s) != self.read.x.size or (time_s and time_s[-1] != self.read.x[-1]):
             self.read.set(np.array(time_s), np.array(mm))
 
-    def _moved(self) -> None:
+    def _moved(self, *_: object) -> None:
         low, high = self.first.item.getViewBox().viewRange()[0]
         self.model.look_at(low, high)
 

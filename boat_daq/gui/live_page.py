@@ -145,7 +145,7 @@ class LivePage(QWidget):
                 widgets.label("Marker", "subtitle"),
                 self.note,
                 widgets.button("Mark", self._mark),
-                widgets.button("Cancel", frame.hide),
+                widgets.button("Cancel", self._marked),
             )
         )
         frame.hide()
@@ -160,7 +160,16 @@ class LivePage(QWidget):
 
     def _mark(self) -> None:
         self.desk.mark(self.note.text().strip())
+        self._marked()
+
+    def _marked(self) -> None:
         self.marker.hide()
+        self.back_to_the_question()
+
+    def back_to_the_question(self) -> None:
+        """Give the keyboard back to the reading's field where a plateau waits."""
+        if self.asks() and self.reading.isVisible():
+            self.reading.field.setFocus()
 
     def open_photograph(self) -> None:
         """Show the panel that reads from a picture."""
@@ -188,6 +197,7 @@ class LivePage(QWidget):
         tabs.tabBar().setDrawBase(False)
         self.shadow = ShadowPane(self.desk)
         self.table = ReadingsTable(self.desk, self.desk.readings)
+        self.table.model.corrected.connect(self.back_to_the_question, Qt.ConnectionType.QueuedConnection)
         self.plan = PlanForm(self.desk)
         tabs.addTab(self.shadow, "Shadow")
         tabs.addTab(self.plan, "Plan")

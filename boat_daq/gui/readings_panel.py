@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt
+from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
 from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
 from PySide6.QtWidgets import QAbstractItemView, QApplication, QBoxLayout, QFrame, QHeaderView, QTableView, QWidget
 
@@ -31,7 +31,7 @@ class ReadingBar(QFrame):
         self.desk = desk
         self.asked: int | None = None
         self.setObjectName("card")
-        self.question = widgets.label("", "set", name="Reading asked for")
+        self.question = widgets.label("", "set", name="Reading asked for", elide=True, least=style.QUESTION_LEAST)
         self.field = widgets.field("Elongation in mm", width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         self.field.returnPressed.connect(self.enter)
@@ -111,6 +111,8 @@ def side(column: int) -> Qt.AlignmentFlag:
 class ReadingsTableModel(QAbstractTableModel):
     """Qt's view of the rows of `ReadingsModel`."""
 
+    corrected = Signal()  # a reading was typed into its line
+
     def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
         super().__init__()
         self.desk, self.readings = desk, readings
@@ -167,7 +169,9 @@ class ReadingsTableModel(QAbstractTableModel):
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
         """Keep an edited reading."""
         step = self.rows[index.row()].step_id
-        return self.desk.notices.attempt(lambda: self.readings.enter(step, str(value)))
+        kept = self.desk.notices.attempt(lambda: self.readings.enter(step, str(value)))
+        self.corrected.emit()
+        return kept
 
     def flags(self, index: Index) -> Qt.ItemFlag:
         """Only the reading can be edited."""

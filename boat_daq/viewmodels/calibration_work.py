@@ -73,7 +73,7 @@ def _asked(found: Analysis) -> int:
     """Return at how many plateaus a run is read: its own steps but the last way out, else those of its cycles."""
     steps = found.recording.steps
     if len(steps):
-        return int((steps["branch"] != "end").sum())
+        return int(((steps["branch"] != "end") & (steps["status"] != "aborted")).sum())
     return sum(bool(p.branch) for p in found.plateaus)
 
 

@@ -104,6 +104,7 @@ class Span:
     high: float
     slope_per_s: float
     snr_db: float
+    difference: float  # at B less at A
 
     @property
     def short(self) -> str:
@@ -121,12 +122,13 @@ class Span:
         d = self.decimals
         return (
             f"{self.name} ({self.unit})", number(self.mean, d), number(self.sd, d + 1), number(self.low, d),
-            number(self.high, d), number(self.slope_per_s, d + 1, sign=True), f"{self.snr} dB",
+            number(self.high, d), number(self.difference, d, sign=True), number(self.slope_per_s, d + 1, sign=True),
+            f"{self.snr} dB",
         )  # fmt: skip
 
 
-HEADINGS_SHORT = ("mean", "sd", "min", "max", "slope/s", "SNR, dB")
-HEADINGS = ("", "mean", "sd", "min", "max", "slope per s", "SNR (mean / sd)")
+HEADINGS_SHORT = ("mean", "sd", "min", "max", "B \u2212 A", "slope/s", "SNR, dB")
+HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -331,13 +333,15 @@ class LiveModel:
         time_s = columns["time_s"][inside]
         if time_s.size < 2:
             return []
+        sign = 1.0 if self.cursor_b >= self.cursor_a else -1.0
         result = [
-            _span(f"Sensor {name[1:-3]}", "mV", 1, time_s, columns[name][inside]) for name in sensor_names(columns)
+            _span(f"Sensor {name[1:-3]}", "mV", 1, time_s, columns[name][inside], sign)
+            for name in sensor_names(columns)
         ]
         if self.inverse is not None:
             mm = self.inverse(signals({k: v[inside] for k, v in columns.items()})).mm
-            result.append(_span("Elongation", "mm", 3, time_s, mm))
-        result.append(_span("Pressure", "kPa", 2, time_s, columns["pressure_kpa"][inside]))
+            result.append(_span("Elongation", "mm", 3, time_s, mm, sign))
+        result.append(_span("Pressure", "kPa", 2, time_s, columns["pressure_kpa"][inside], sign))
         return result
 
     def table(self, frame: Frame | None) -> dict[str, Array]:
@@ -354,14 +358,20 @@ class LiveModel:
         return result
 
 
-def _span(name: str, unit: str, decimals: int, time_s: Array, values: Array) -> Span:
-    """Return the statistics of one column; SNR is its mean over its sd, as the cursors see it."""
+def _span(name: str, unit: str, decimals: int, time_s: Array, values: Array, sign: float) -> Span:
+    """Return the statistics of one column; SNR is its mean over its sd, as the cursors see it.
+
+    The difference is of the means next to the cursors, `HEADLINE_S` long or half of the span; `sign` is -1 where B
+    stands before A.
+    """
     keep = np.isfinite(values)
     x, y = time_s[keep] - time_s[0], values[keep]
     if y.size < 2:
-        return Span(name, unit, decimals, *([math.nan] * 6))
+        return Span(name, unit, decimals, *([math.nan] * 7))
     sd, mean = float(y.std(ddof=1)), float(y.mean())
     centred = x - x.mean()
     slope = float(centred @ (y - mean) / (centred @ centred)) if centred.any() else math.nan
     snr = 20 * math.log10(abs(mean) / sd) if sd > 0 and mean else math.inf
-    return Span(name, unit, decimals, mean, sd, float(y.min()), float(y.max()), slope, snr)
+    beside = min(HEADLINE_S, (x[-1] - x[0]) / 2)
+    apart = sign * float(y[x >= x[-1] - beside].mean() - y[x <= x[0] + beside].mean())
+    return Span(name, unit, decimals, mean, sd, float(y.min()), float(y.max()), slope, snr, apart)

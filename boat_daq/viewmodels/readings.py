@@ -147,7 +147,7 @@ class ReadingsModel:
         if waiting is not None:
             return f"Elongation at {_place(waiting)}"
         if snapshot.state is SessionState.RUNNING and progress is not None:
-            return f"Next: elongation at {_place(progress)}"
+            return f"Next: {_place(progress)}"
         return "Next: elongation once the run goes on" if snapshot.state is SessionState.PAUSED else ""
 
     def latest(self) -> dict[int, Reading]:
@@ -173,7 +173,8 @@ class ReadingsModel:
 
     @staticmethod
     def summary(rows: list[Row]) -> str:
-        """Return how many plateaus have a reading, and how many are far from the fit."""
+        """Return how many plateaus have a reading, and how many are far from the fit; none was to be read cut short."""
+        rows = [row for row in rows if row.status != "aborted" or row.elongation_mm is not None]
         read = sum(row.elongation_mm is not None for row in rows)
         far = sum(row.outlier for row in rows)
         whole = "all" if read == len(rows) else f"{read} of"

@@ -69,6 +69,10 @@ STATE_WORDS = {
     S.ABORTED: ("\u25a0", "Stopped before its end"),
     S.FAULT: ("\u25a0", "Fault, vented"),
 }
+PHASE_WORDS = {
+    Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
+    Phase.WAITING_FOR_READING: "waiting for the reading",
+}  # fmt: skip
 BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loading", "end": "end"}
 
 
@@ -346,11 +350,13 @@ def progress_text(snapshot: SessionSnapshot) -> str:
     where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"
     left = f"{duration(progress.time_left_s)} left"
     step = f"step {progress.step} of {progress.steps}"
+    if snapshot.state is SessionState.PAUSED:
+        return f"{where}   {step}   {left}   goes on with a whole cycle"
     return f"{where}   {step}   {left}   {_phase(progress.phase)} at {target(progress.target_kpa)}"
 
 
 def _phase(phase: Phase) -> str:
-    return {Phase.RAMPING: "ramping", Phase.WAITING_FOR_READING: "waiting for the reading"}.get(phase, str(phase.value))
+    return PHASE_WORDS.get(phase, str(phase.value))
 
 
 def done_s(picture: Staircase, snapshot: SessionSnapshot) -> float:

@@ -15,7 +15,7 @@ from boat_daq.engine.session import LinkState, Phase, Progress, ReadingRequest, 
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.changes import History
 from boat_daq.viewmodels.connection import link_text
-from boat_daq.viewmodels.live import Elongation, LiveModel, with_holes
+from boat_daq.viewmodels.live import HEADINGS, HEADINGS_SHORT, Elongation, LiveModel, with_holes
 from boat_daq.viewmodels.overlay import OverlayModel
 from boat_daq.viewmodels.photograph import Photograph
 from boat_daq.viewmodels.readings import ReadingsModel, column_of_lengths, outlying, parse_mm
@@ -93,6 +93,14 @@ def test_statistics_between_the_cursors_agree_with_numpy(ring):
     assert (first.mean, first.sd) == pytest.approx((y.mean(), y.std(ddof=1)))
     assert (first.low, first.high) == (y.min(), y.max())
     assert first.slope_per_s == pytest.approx(np.polyfit(t, y, 1)[0], rel=1e-6)
+    at_a, at_b = y[t >= t[-1] - 0.2].mean(), y[t <= t[0] + 0.2].mean()
+    assert first.difference == pytest.approx(at_b - at_a, rel=0.02)
+    model.put_cursor("a", 30.0)
+    model.put_cursor("b", 40.0)
+    t, y = columns["time_s"], columns["s1_mv"]
+    from_a, to_b = y[(t >= 30.0) & (t <= 30.2)].mean(), y[(t >= 39.8) & (t <= 40.0)].mean()
+    assert model.statistics()[0].difference == pytest.approx(to_b - from_a, rel=0.02)
+    assert all(len(span.cells) == len(HEADINGS) == len(HEADINGS_SHORT) + 1 for span in model.statistics())
 
 
 def test_elongation_outside_the_range_is_said_not_shown(ring):
@@ -240,6 +248,19 @@ def test_what_became_of_a_plateau_stands_in_its_line(status, detail, word):
     assert ("+30 kPa, unloading, cycle 1" in row.hover) is bool(word)
 
 
+def test_a_plateau_that_was_cut_short_is_not_missing():
+    """All but the plateau at which the run was paused were read: none is missing; one of them left out is."""
+    session = RecordedSession(connected())
+    cut = plateaus(1)[5]
+    session.marks = (*plateaus(1)[:5], dataclasses.replace(cut, status="aborted"))
+    model = ReadingsModel(session, History())
+    for mark in session.marks[:5]:
+        session.add_reading(mark.number, 1.0, "typed")
+    assert model.summary(model.rows(session.snapshot())) == "all 5 plateaus read"
+    session.add_reading(1, None, "typed")
+    assert model.summary(model.rows(session.snapshot())) == "4 of 5 plateaus read"
+
+
 def test_the_way_out_asks_for_no_reading():
     """The vent at the end is a step, but no plateau: it has no line, is not counted, and takes no value of a paste."""
     session = read_session(StepMark(99, 0, "end", 0.0, 0.0, 10**6, status="reached"))
@@ -360,6 +381,9 @@ def test_progress_in_a_line():
     )
     text = progress_text(dataclasses.replace(connected(), progress=progress))
     assert text == "cycle 1 of 2   step 9 of 37   3:47 left   waiting for the reading at \u221230 kPa"
+    paused = dataclasses.replace(progress, phase=Phase.VENTING)
+    text = progress_text(dataclasses.replace(connected(), progress=paused, state=SessionState.PAUSED))
+    assert text == "cycle 1 of 2   step 9 of 37   3:47 left   goes on with a whole cycle"
 
 
 # ---- profiles -------------------------------------------------------------------------------------------------------

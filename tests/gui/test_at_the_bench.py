@@ -43,13 +43,32 @@ def test_the_plots_do_not_move_when_a_plateau_asks(running, qtbot):
     bar, plots = running.live.reading, running.live.plots
     qtbot.waitUntil(bar.isVisible, timeout=PATIENCE_MS)
     QApplication.processEvents()
-    before = plots.height()
-    assert (bar.question.text(), bar.field.isReadOnly()) == ("Next: elongation at +20 kPa, unloading, cycle 1", True)
+    before = plots.size()
+    assert (bar.question.text(), bar.field.isReadOnly()) == ("Next: +20 kPa, unloading, cycle 1", True)
     running.desk.session.change(waiting_for_reading=ASKED)
     running.refresh()
     QApplication.processEvents()
     assert (bar.question.text(), bar.field.isReadOnly()) == ("Elongation at +20 kPa, unloading, cycle 1", False)
-    assert plots.height() == before
+    assert plots.size() == before
+
+
+def test_the_keyboard_comes_back_to_the_question(running, qtbot):
+    """After a marker's note, and after a correction in the table, digits go to the plateau that waits."""
+    live, field = running.live, running.live.reading.field
+    running.desk.session.marks = (
+        StepMark(1, 1, "unloading", 30.0, 10.0, 0),
+        StepMark(2, 1, "unloading", 20.0, 10.0, 1),
+    )
+    running.desk.session.change(waiting_for_reading=ASKED)
+    live.show_readings()
+    running.refresh()
+    live.ask_marker()
+    QTest.keyClicks(live.note, "tapped")
+    QTest.keyClick(live.note, Qt.Key.Key_Return)
+    assert field.hasFocus()
+    live.table.view.setFocus()
+    live.table.model.setData(live.table.model.index(0, 3), "2.5")
+    qtbot.waitUntil(field.hasFocus, timeout=PATIENCE_MS)
 
 
 def test_what_is_typed_too_early_is_no_reading(running, qtbot):

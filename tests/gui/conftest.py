@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 
-from tests.gui.recorded_session import RecordedSession, connected, filled_ring, idle
+from tests.gui.recorded_session import RecordedSession, connected, filled_ring, idle, window_on
+
+if TYPE_CHECKING:
+    from boat_daq.gui.main_window import MainWindow
 
 
 @pytest.fixture
 def make(qtbot, tmp_path):
     """Return a function that opens the window on a recorded session."""
-    from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui.app import make_application
-    from boat_daq.gui.main_window import MainWindow
-    from boat_daq.viewmodels.desk import Desk
 
     make_application()
 
     def build(session: RecordedSession) -> MainWindow:
-        desk = Desk(session, tmp_path / "config", tmp_path / "recordings", UnitLibrary(tmp_path / "units"))
-        desk.shadow.prepare = lambda: None  # a helper process has no place in these tests
-        window = MainWindow(desk)
+        window = window_on(session, tmp_path)
         windows.append(window)
         window.show()
         qtbot.waitExposed(window)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from boat_daq.engine.ring_buffer import RingBuffer
 from boat_daq.engine.session import LastSample, Limits, LinkState, Reading, SessionSnapshot, SessionState, StepMark
 from protocol.recording import BoardState, SampleFlag, sample_dtype
+
+if TYPE_CHECKING:
+    from boat_daq.gui.main_window import MainWindow
 
 RATE_HZ = 100
 
@@ -65,6 +69,17 @@ class RecordedSession:
         if name.startswith("_"):
             raise AttributeError(name)
         return lambda *args, **kwargs: self.asked.append(name)
+
+
+def window_on(session: RecordedSession, folder: Path) -> MainWindow:
+    """A window on `session`; what it keeps lies in `folder`."""
+    from boat_daq.engine.settings import UnitLibrary
+    from boat_daq.gui.main_window import MainWindow
+    from boat_daq.viewmodels.desk import Desk
+
+    desk = Desk(session, folder / "config", folder / "recordings", UnitLibrary(folder / "units"))
+    desk.shadow.prepare = lambda: None  # a helper process has no place in these tests
+    return MainWindow(desk)
 
 
 def idle() -> SessionSnapshot:

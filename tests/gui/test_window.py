@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+import weakref
 from collections import Counter
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QGuiApplication, QKeySequence, QPixmap
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSpinBox,
+    QApplication,
     QComboBox,
     QDialog,
     QFileDialog,
@@ -25,7 +27,7 @@ from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.app import make_window, spare_the_collector
 from boat_daq.viewmodels.desk import PAGES
-from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.gui.recorded_session import RecordedSession, connected, filled_ring, window_on
 
 
 def test_first_start_shows_the_three_steps(empty):
@@ -381,6 +383,25 @@ def test_what_was_said_of_a_lost_link_leaves_when_it_is_back(make):
     session.change(link=LinkState.UP)
     window.refresh()
     assert window.strip.text.text() == ""
+
+
+def test_a_closed_window_leaves_nothing_behind(qtbot, tmp_path):
+    """Its samples are free again and none of its widgets is left, whatever its plots told one another."""
+    qtbot.wait(1)
+    before = set(QApplication.allWidgets())
+    session = RecordedSession(connected(), filled_ring(10.0))
+    ring, window = weakref.ref(session.ring), window_on(session, tmp_path)
+    for name in PAGES:
+        window.open_page(name)
+    window.show()
+    qtbot.waitExposed(window)
+    window.close()
+    window.deleteLater()
+    del session, window
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    gc.collect()
+    assert ring() is None
+    assert set(QApplication.allWidgets()) <= before
 
 
 def test_what_lives_as_long_as_the_window_is_not_collected_again(qtbot):

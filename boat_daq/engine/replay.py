@@ -7,9 +7,9 @@ recorded at 20 times real time plays as it would have been, and `speed` always m
 from __future__ import annotations
 
 import math
+import sqlite3
 import threading
 import time
-from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -118,7 +118,7 @@ def _chunks(path: Path) -> Iterator[tuple[float, bytes]]:
     """Give (seconds since the first byte, bytes) of all that came, without keeping the file open in between."""
     last, played_s, before_ns = 0, 0.0, -1
     sql = "SELECT id, host_ns, raw FROM chunk WHERE id > ? AND direction = 0 ORDER BY id LIMIT ?"
-    first_chunks, paces = _paces(path)
+    slowed = _slowed(path)
     while True:
         connection = open_recording(path)
         try:
@@ -128,27 +128,60 @@ def _chunks(path: Path) -> Iterator[tuple[float, bytes]]:
         if not rows:
             return
         for at, host_ns, raw in rows:
-            pace = paces[bisect_right(first_chunks, at)]
-            played_s += pace * (host_ns - before_ns) * 1e-9 if before_ns >= 0 else 0.0
+            took_s = slowed.get(at, (host_ns - before_ns) * 1e-9 if before_ns >= 0 else 0.0)
+            pieces = math.ceil(took_s / READ_WAIT_S) if at in slowed else 1
+            yield from _spread(bytes(raw), played_s, took_s, pieces=pieces)
+            played_s += took_s
             before_ns = host_ns
-            yield played_s, bytes(raw)
         last = rows[-1][0]
 
 
-def _paces(path: Path) -> tuple[list[int], list[float]]:
-    """Return the segments' first chunks, and the board time in a second of host time before each and after the last."""
+def _spread(raw: bytes, from_s: float, took_s: float, *, pieces: int) -> Iterator[tuple[float, bytes]]:
+    """Give what a fast board gave at once in pieces, as a board in real time had given it.
+
+    At 100 times real time one read held seconds of samples. Slowed down, they came as a heap after a silence, which was
+    told as a board that says nothing.
+    """
+    pieces = max(1, min(pieces, len(raw)))
+    ends = [len(raw) * i // pieces for i in range(pieces + 1)]
+    for i in range(pieces):
+        yield from_s + took_s * (i + 1) / pieces, raw[ends[i] : ends[i + 1]]
+
+
+def _slowed(path: Path) -> dict[int, float]:
+    """Return for each chunk of a segment that was not in real time how long it took on the board, in seconds.
+
+    A block's samples share their time by their bytes: the host's clock says nothing of a board that was faster.
+    """
     connection = open_recording(path)
     try:
-        rows = connection.execute(
-            "SELECT s.first_chunk, min(b.first_time_us), max(b.last_time_us), s.host_ns, max(c.host_ns) "
+        segments = connection.execute(
+            "SELECT s.id, s.first_chunk, min(b.first_time_us), max(b.last_time_us), s.host_ns, max(c.host_ns) "
             "FROM segment s JOIN block b ON b.segment = s.id JOIN chunk c ON c.id = b.last_chunk "
             "GROUP BY s.id ORDER BY s.first_chunk"
         ).fetchall()
+        slowed: dict[int, float] = {}
+        fast = False  # a segment too short to have a pace has that of the one before it
+        for number, first_chunk, first_us, last_us, first_ns, last_ns in segments:
+            if last_ns - first_ns > _PACE_FROM_NS and last_us > first_us:
+                fast = abs(1000.0 * (last_us - first_us) / (last_ns - first_ns) - 1.0) >= _REAL
+            if fast:
+                slowed |= _by_bytes(connection, number, first_chunk, first_us)
     finally:
         connection.close()
-    paces = [1.0]
-    for _, first_us, last_us, first_ns, last_ns in rows:
-        long_enough = last_ns - first_ns > _PACE_FROM_NS and last_us > first_us
-        pace = 1000.0 * (last_us - first_us) / (last_ns - first_ns) if long_enough else paces[-1]
-        paces.append(1.0 if abs(pace - 1.0) < _REAL else pace)
-    return [int(row[0]) for row in rows], paces
+    return slowed
+
+
+def _by_bytes(connection: sqlite3.Connection, segment: int, first_chunk: int, before_us: int) -> dict[int, float]:
+    """Share each block's time out among the chunks that it came in."""
+    found: dict[int, float] = {}
+    blocks = connection.execute("SELECT last_chunk, last_time_us FROM block WHERE segment = ? ORDER BY id", (segment,))
+    for last_chunk, last_us in blocks.fetchall():
+        sizes = connection.execute(
+            "SELECT id, length(raw) FROM chunk WHERE id BETWEEN ? AND ? AND direction = 0", (first_chunk, last_chunk)
+        ).fetchall()
+        whole = sum(size for _, size in sizes)
+        found |= {at: (last_us - before_us) * 1e-6 * size / whole for at, size in sizes if whole}
+        if sizes:
+            first_chunk, before_us = last_chunk + 1, last_us
+    return found

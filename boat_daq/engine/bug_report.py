@@ -33,8 +33,14 @@ _PACKAGES = ("numpy", "scipy", "pandas", "pyserial", "PySide6-Essentials", "pyqt
 _PERSONAL_KEYS = ("operator", "note", "recordings", "profile", "reader")
 _OPERATOR, _NOTE = "[operator]", "[note]"
 _PATH = re.compile(r"(?:\b[A-Za-z]:)?(?:[\\/]{1,2}[^\\/\s'\"`,;:()<>|]+)+")
-_RECORDING = re.compile(r"(?:\b[A-Za-z]:)?[\\/][^\n'\"]*?\.(boat|csv|toml|pdf|html)\b")
-_NAMED = re.compile(r"(?<=\] )[^\n\[\]'\"]*?\.boat\b")  # a message that begins with a recording's name
+_ENDINGS = "boat|csv|tsv|txt|toml|json|xlsx|parquet|pdf|html|zip|png|jpe?g|tiff?|bmp|svg"
+_FILE = re.compile(rf"(?:\b[A-Za-z]:)?[\\/][^\n'\"]*?\.({_ENDINGS})\b", re.IGNORECASE)
+_NAMED = re.compile(
+    rf"(?<=\] )[^\n\[\]'\"]*?\.({_ENDINGS})\b", re.IGNORECASE
+)  # a message that begins with a file's name
+_STRING = (
+    r'''("""(?s:.*?)"""|"(?:[^"\\\n]|\\.)+"|\'\'\'(?s:.*?)\'\'\'|'[^'\n]+')'''  # of TOML or JSON, and not an empty one
+)
 _HERE = ("127.0.0.1", "localhost", "[::1]")
 _HOST = re.compile(r"socket://(\[[^\]\s]+\]|[^\s:/]+)")
 _KEPT = re.compile(r"/dev/(tty|pts|cu)|//(127\.0\.0\.1|localhost|\[)")
@@ -96,6 +102,7 @@ class Redaction:
 
     def __init__(self, texts: Mapping[str, str]) -> None:
         words = {_user(): "[user]", platform.node(): "[computer]", platform.node().split(".")[0]: "[computer]"}
+        words |= _places()
         words |= dict.fromkeys(_values(texts.values(), "operator"), _OPERATOR)
         words |= dict.fromkeys(_values(texts.values(), "reader"), _OPERATOR)
         words |= dict.fromkeys(_values(texts.values(), "note"), _NOTE)
@@ -110,10 +117,10 @@ class Redaction:
         """Return the text without what is personal."""
         text = _MARKED.sub(rf"\1: {_NOTE}", text)
         for key in _PERSONAL_KEYS:
-            text = re.sub(rf'^(\s*"?{key}"?\s*[=:]\s*)"(?:[^"\\]|\\.)+"', rf'\1"[{key}]"', text, flags=re.MULTILINE)
+            text = re.sub(rf'^(\s*"?{key}"?\s*[=:]\s*){_STRING}', rf'\1"[{key}]"', text, flags=re.MULTILINE)
         for word, stands in self._words:
             text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", stands, text, flags=re.IGNORECASE)
-        text = _NAMED.sub("[path].boat", _RECORDING.sub(r"[path].\1", text))
+        text = _NAMED.sub(r"[path].\1", _FILE.sub(r"[path].\1", text))
         return _PATH.sub(lambda found: found[0] if _KEPT.match(found[0]) else "[path]", text)
 
 
@@ -121,9 +128,24 @@ def _values(texts: Iterable[str], key: str) -> set[str]:
     """Return what stands under a key of TOML or JSON in any of the texts."""
     found = set()
     for text in texts:
-        for value in re.findall(rf'"?{key}"?\s*[=:]\s*("(?:[^"\\]|\\.)+")', text):
+        for value in re.findall(rf'"?{key}"?\s*[=:]\s*{_STRING}', text):
+            plain = value.strip(value[0])
+            found.add(plain)
             with contextlib.suppress(ValueError):
-                found.add(str(json.loads(value)))
+                found.add(str(json.loads(f'"{plain}"')))
+    return found
+
+
+def _places() -> dict[str, str]:
+    """Return this user's folders, as paths are written and as they are quoted, and the word that stands for each.
+
+    A space ends a path for any pattern, and names of people have them.
+    """
+    house = Path.home()
+    found = {house.name: "[user]"}
+    for folder, stands in ((house, "[home]"), (home(), "[path]"), (Path.cwd(), "[path]")):
+        if len(folder.parts) > 1:
+            found |= dict.fromkeys((str(folder), str(folder).replace("\\", "\\\\"), folder.as_posix()), stands)
     return found
 
 

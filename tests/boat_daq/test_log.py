@@ -108,6 +108,37 @@ def test_names_of_recordings_and_of_other_computers_stay_here(place: Path, tmp_p
         assert kept in whole, kept
 
 
+def test_a_home_with_a_name_in_it_stays_here(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spaces in the home's name, in tracebacks and where it stands alone; settings edited by hand, in any of TOML's
+    quotes, and so broken that nothing reads them; names of files that are no recordings, at the head of a message.
+    """
+    house = tmp_path / "Caroline Herschel-Byron"
+    monkeypatch.setenv("HOME", str(house))
+    monkeypatch.setenv("USERPROFILE", str(house))
+    place.mkdir()
+    (place / "settings.toml").write_text(
+        "operator = 'Mary Somerville'\nrate_hz = = 3\nnote = '''for\nFrau Gr\u00fcnwald'''\n", encoding="utf-8"
+    )
+    log.start_log()
+    log.note_failure("the page failed", OSError(f'File "{house}/venv/lib/x.py", line 7'))
+    log.note("error", f"home is {house} of Caroline Herschel-Byron, asked by Mary Somerville")
+    log.note("error", "Profil von Mary.toml cannot be read: No such file (try: check the path)")
+    log.note("error", "Readings of Mary.CSV: line 3 has no number")
+    log.stop_log()
+    with zipfile.ZipFile(write_bug_report(tmp_path / "bug.zip")) as archive:
+        whole = "\n".join(archive.read(name).decode() for name in archive.namelist())
+    for secret in ("Caroline", "Herschel", "Byron", "Mary", "Somerville", "nwald"):
+        assert secret not in whole, secret
+    for kept in (
+        "rate_hz = = 3",
+        "home is [home] of [user]",
+        "[path].toml cannot be read",
+        "[path].CSV: line 3",
+        "line 7",
+    ):
+        assert kept in whole, kept
+
+
 def test_the_log_is_bounded(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """However much is noted, a process keeps three files of the size set, and the folder what fits beside them."""
     monkeypatch.setattr(log, "FILE_BYTES", 20_000)

@@ -355,10 +355,11 @@ class CalibrationPage(QWidget):
 
     def _show_judgement(self, obstacle: str) -> None:
         """Say what is poor; what is poor is not the page's one next step, but can be accepted all the same."""
-        poor = self.model.poor()
-        self.judgement.setVisible(bool(poor))
-        self.poor.setText("\n".join(poor))
-        self.bounds.setText(self.model.bounds() if poor else "")
+        poor, against = self.model.poor(), self.model.against()
+        self.judgement.setVisible(bool(against))
+        self.poor.setText("\n".join(against))
+        self.bounds.setText(self.model.bounds())
+        self.bounds.setVisible(bool(self.bounds.text()))
         self.look.setVisible(self.model.last_path is not None and self.model.last_path.suffix == ".boat")
         self.accept.setText(ANYWAY if poor else ACCEPT)
         self.accept.setAccessibleName(self.accept.text())
@@ -390,6 +391,6 @@ class CalibrationPage(QWidget):
         rows = self.model.coefficient_rows()
         self.beside.setVisible(bool(rows))
         widgets.fill_table(self.beside, [row.cells for row in rows], [row.hover for row in rows])
-        self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in result.flags))
+        self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in self.model.remarks()))
         self.flags.setVisible(bool(result.flags))
         self.remarks.fit()

@@ -22,12 +22,13 @@ from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.changes import Change, Changes, History
 from boat_daq.viewmodels.formatting import NOTHING, count, duration, number
-from boat_daq.viewmodels.judgement import Missing, missing, poor, rests_on, sources
+from boat_daq.viewmodels.judgement import Missing, missing, poor, remarks, rests_on, sources
 from boat_daq.viewmodels.results import Array, Band, PosteriorResult, RunResult, SensorResult
 from boat_daq.viewmodels.work import Bench, Work, WorkState
 
 ANALYSIS = "boat_daq.viewmodels.calibration_work:analyse_run"
 POSTERIOR = "boat_daq.viewmodels.calibration_work:sample_run"
+TURNS = "the curve turns inside its range, so that one signal would stand for two elongations."
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
 
@@ -186,9 +187,21 @@ class CalibrationModel:
             return ()
         return poor(self.result, self.posterior)
 
+    def against(self) -> tuple[str, ...]:
+        """Return all that speaks against the curves that there are: what refuses it, then what is poor."""
+        if self.result is None or self.missing() is not None:
+            return ()
+        obstacle = self.obstacle()
+        return (*([obstacle] if obstacle else []), *poor(self.result, self.posterior))
+
     def bounds(self) -> str:
         """Return where the bounds come from that are missed."""
-        return "" if self.result is None else "Bounds from: " + "; ".join(sources(self.result))
+        found = sources(self.result) if self.result is not None else ()
+        return "Bounds from: " + "; ".join(found) if found else ""
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return the flags of the run."""
+        return () if self.result is None else remarks(self.result)
 
     def missing(self) -> Missing | None:
         """Return what is missing for a curve; None where there is one, or nothing is analysed."""
@@ -202,7 +215,7 @@ class CalibrationModel:
             if sensor.content is None:
                 return self._void(sensor)
             if not sensor.content["fit"]["monotone"]:
-                return f"{sensor_words(sensor.name)}: the curve turns inside its range, so it has no inverse."
+                return f"{sensor_words(sensor.name)}: {TURNS}"
         return "" if self.result.sensors else "The run has no sensor."
 
     def _void(self, sensor: SensorResult) -> str:
@@ -220,7 +233,7 @@ class CalibrationModel:
             return "warning" if though else "ok", f"\u2713 Accepted{though}: stored with the unit and used live"
         obstacle = self.obstacle()
         if obstacle:
-            return "warning", f"\u25b2 Not a calibration: {obstacle}"
+            return "warning", f"\u25b2 Not a calibration: {_short(obstacle)}"
         if self.poor():
             return "warning", "\u25b2 A poor calibration: figures miss their bounds"
         fits = "   ".join(
@@ -341,6 +354,11 @@ class CalibrationModel:
             self.accepted = accepted
         self.units_revision += 1
         self.revision += 1
+
+
+def _short(obstacle: str) -> str:
+    """Return an obstacle as the verdict says it, without its reason."""
+    return obstacle.partition(", so that")[0]
 
 
 def measured(value: float, std_error: float) -> str:

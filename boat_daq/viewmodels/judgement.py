@@ -83,6 +83,11 @@ def poor(result: RunResult, posterior: Sequence[PosteriorResult] = ()) -> tuple[
     return tuple(lines)
 
 
+def remarks(result: RunResult) -> tuple[str, ...]:
+    """Return the run's flags, those first that name a reading: it can be looked at and corrected."""
+    return tuple(sorted(result.flags, key=lambda flag: ": the reading " not in flag))
+
+
 def sources(result: RunResult) -> tuple[str, ...]:
     """Return where the missed bounds come from, each once."""
     found = {each.words: each.source for sensor in result.sensors for each in sensor.poor}

@@ -55,7 +55,7 @@ class Row:
     def remark(self) -> str:
         """Return what is to be said of it in a word or two."""
         if self.apart_mm is not None:
-            return f"{number(self.apart_mm, 1, sign=True)} mm off?"
+            return f"{number(self.apart_mm, 1, sign=True)} mm?"
         return REMARKS.get(self.status, ("now" if self.current else "", ""))[0]
 
     @property

@@ -229,7 +229,7 @@ def test_a_remark_says_which_plateau_and_how_much():
     mark = session.marks[13]
     session.add_reading(14, elongation(mark) + 2.0, "typed")
     row = ReadingsModel(session, History()).rows(session.snapshot())[13]
-    assert row.cells[-1].startswith("+") and row.cells[-1].endswith(" mm off?")
+    assert row.cells[-1].startswith("+") and row.cells[-1].endswith(" mm?")
     assert (mark.target_kpa, mark.branch, mark.cycle) == (0.0, "loading", 1)
     assert " mm at 0 kPa, loading, cycle 1, where the running fit says " in row.hover
 

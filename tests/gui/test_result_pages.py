@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -43,7 +44,7 @@ def sensor(number: int, offset: float = 0.0) -> SensorResult:
     )  # fmt: skip
 
 
-def result(offset: float = 0.0, **more) -> RunResult:
+def result(offset: float = 0.0, flags: tuple[str, ...] = (), **more) -> RunResult:
     """A run of two sensors and eight cycles."""
     level = np.linspace(-40.0, 50.0, 10)
     pressure = np.broadcast_to(level, (2, CYCLES, 10))
@@ -51,7 +52,7 @@ def result(offset: float = 0.0, **more) -> RunResult:
     nothing = FigureText("", "")
     return RunResult(
         "run.boat", "SA1", "2026-01-01", True, "staircase", 100.0, CYCLES, 0,
-        (sensor(1, offset), sensor(2, offset)), (), nothing, nothing, loops, (), 0.14, **more,
+        (sensor(1, offset), sensor(2, offset)), (), nothing, nothing, loops, flags, 0.14, **more,
     )  # fmt: skip
 
 
@@ -174,6 +175,22 @@ def test_what_is_poor_stands_beside_the_offer_to_accept(live, size):
     live.refresh()
     assert "though poor" in page.verdict.text()
     assert desk.unit_text(desk.snapshot).endswith(", poor")
+
+
+def test_a_curve_that_turns_says_why_and_leads_to_its_readings(live):
+    """No bound to miss, but no inverse: the whole reason and the way to the readings stand under the verdict."""
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    whole = result(flags=("recorded at night", "Sensor 1: the reading +4.20 mm at 0 kPa is off the curve"))
+    fit = whole.sensors[0].content["fit"] | {"monotone": False}
+    turned = dataclasses.replace(whole.sensors[0], content=whole.sensors[0].content | {"fit": fit})
+    live.desk.calibration.show(dataclasses.replace(whole, sensors=(turned, whole.sensors[1])))
+    live.desk.calibration.last_path = Path("run.boat")
+    live.refresh()
+    assert page.verdict.text().endswith("the curve turns inside its range")
+    assert "one signal would stand for two elongations" in page.poor.text()
+    assert (page.poor.isVisible(), page.look.isVisible(), page.accept.isEnabled()) == (True, True, False)
+    assert page.flags.text().splitlines()[0].endswith("is off the curve")  # before the rest: it can be corrected
 
 
 def test_a_key_alone_accepts_nothing_poor(live):

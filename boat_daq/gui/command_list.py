@@ -123,7 +123,7 @@ def sequence(window: MainWindow) -> list[Command]:
 
 def pages(window: MainWindow) -> list[Command]:
     """Return the commands that go to a page."""
-    return [Command("Go", name, f"Ctrl+{i}", partial(window.go, name)) for i, name in enumerate(PAGES, 1)]
+    return [Command("Go", name, f"Ctrl+{i}", partial(window.go_to_work, name)) for i, name in enumerate(PAGES, 1)]
 
 
 def help_(window: MainWindow) -> list[Command]:

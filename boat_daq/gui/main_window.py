@@ -166,6 +166,13 @@ class MainWindow(QMainWindow):
         self.desk.preferences.set("page", name)
         page.refresh(self.desk.snapshot)
 
+    def go_to_work(self, name: str) -> None:
+        """Show a page, as its key asks for it: the keyboard goes to what the page is about, where it names that."""
+        self.go(name)
+        first = getattr(self.pages[name], "first", None)
+        if isinstance(first, QWidget) and first.isVisible():
+            first.setFocus(Qt.FocusReason.ShortcutFocusReason)
+
     def show_request(self, what: str) -> None:
         """Show what a view model asks for: a page by its name, or one of the panels."""
         if what in PAGES:

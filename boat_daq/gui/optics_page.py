@@ -38,6 +38,7 @@ class OpticsPage(ReflowingPage):
         self.slider.setPageStep(1)
         self.slider.setValue(self.model.state)
         self.slider.valueChanged.connect(self._slide)
+        self.first = self.slider
         layout = widgets.page_layout(self)
         layout.addWidget(self._head())
         left, right = QVBoxLayout(), QVBoxLayout()

@@ -97,6 +97,7 @@ class RunsPage(QWidget):
         self.desk = desk
         self._revision = -1
         self._compared: object = None
+        self._untouched = True  # nothing was chosen yet: the newest recording is what most come for
         self.readings: ClosedReadings | None = None  # of an older recording, while they are edited
         self.list = widgets.read_table("Recordings", HEADINGS)
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
@@ -106,6 +107,7 @@ class RunsPage(QWidget):
         self.thumbnail = Thumbnail(self.list)
         self.list.setItemDelegateForColumn(0, self.thumbnail)
         self.list.viewport().installEventFilter(self)
+        self.first = self.list
         self.list.itemSelectionChanged.connect(self._enable)
         self.list.itemDoubleClicked.connect(lambda _: self.open())
         self.units = widgets.read_table("Units and their calibrations", UNIT_HEADINGS)
@@ -125,9 +127,7 @@ class RunsPage(QWidget):
     def _comparison_plots(self) -> list[list[Curve]]:
         rows = []
         for number in (1, 2):
-            plot = self.compare_card.add(
-                f"Sensor {number}", "mV", x_title="Elongation", x_unit="mm", beside=True
-            )
+            plot = self.compare_card.add(f"Sensor {number}", "mV", x_title="Elongation", x_unit="mm", beside=True)
             rows.append([plot.curve(f"Run {i + 1}", ramp_ink(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
         self.compare_card.link_x()
         self.numbers = [PointLabels(plot, (0.5, 0.5), ground=True) for plot in self.compare_card.plots]
@@ -334,7 +334,9 @@ class RunsPage(QWidget):
                 item.setData(RUN_ROLE, run)
                 item.setToolTip(as_words(run.hover))
                 self.list.setItem(row, column, item)
-        self._choose([row for row, run in enumerate(runs.runs) if run.path in chosen])
+        newest = runs.runs[:1] if self._untouched else []
+        self._untouched = self._untouched and not newest
+        self._choose([row for row, run in enumerate(runs.runs) if run.path in chosen or run in newest])
         self._share_columns()
         widgets.fill_table(self.units, units, [cells[-1] for cells in units])
         self.units.setVisible(bool(units))
@@ -348,6 +350,9 @@ class RunsPage(QWidget):
         self.list.clearSelection()
         for row in rows:
             self.list.selectionModel().select(self.list.model().index(row, 0), flags)
+        if rows and not self.list.currentIndex().isValid():  # else an arrow would begin above the chosen line
+            here = self.list.model().index(rows[0], 0)
+            self.list.selectionModel().setCurrentIndex(here, QItemSelectionModel.SelectionFlag.NoUpdate)
 
     def _show_history(self) -> None:
         unit = self.desk.unit_name

@@ -124,6 +124,7 @@ class TradeoffPage(ReflowingPage):
         self._revision = (-1, -1)
         self.model.measurer = "boat_daq.gui.tradeoff_measuring:measure_methods"
         self.methods = MethodList(desk)
+        self.first = self.methods
         self.chart, self.table = TradeoffCard(), SettingsTable()
         self.atlas = AtlasCard(desk.atlas, desk.notices.attempt)
         self.words = widgets.label(NOTHING_YET, "muted", wrap=True, name="What the rule chose, and why")

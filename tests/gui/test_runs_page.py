@@ -9,11 +9,13 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QItemSelectionModel
+from PySide6.QtCore import QItemSelectionModel, Qt
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QFileDialog
 
 from analysis import load_recording
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.gui.test_manners import run_shortcut
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "simulated_SA1_two_cycles.boat"
 PATIENCE_MS = 120_000
@@ -109,3 +111,19 @@ def test_replay_plays_in_real_time(runs):
     page.buttons["replay"].menu().actions()[2].trigger()
     assert asked == [f"replay:{path}@20"]
     assert window.page == "Live"
+
+
+def test_the_page_s_key_leads_to_the_list_and_the_newest_run_is_chosen(runs):
+    """After Ctrl+4 it took five Tabs to the list, where nothing was chosen and every button was grey."""
+    window, page = runs
+    assert [run.path for run in page.selected()] == [window.desk.runs.runs[0].path]
+    assert page.buttons["open"].isEnabled()
+    window.go("Live")
+    run_shortcut(window, "Ctrl+4")
+    assert window.focusWidget() is page.list
+    QTest.keyClick(page.list, Qt.Key.Key_Down)
+    assert [run.path for run in page.selected()] == [window.desk.runs.runs[1].path]
+    page.list.clearSelection()
+    window.desk.runs.revision += 1
+    window.refresh()
+    assert page.selected() == []  # what a hand has put away stays away

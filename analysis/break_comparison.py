@@ -86,7 +86,8 @@ class Break:
     def sentence(self) -> str:
         """What a reader must know."""
         away = "" if self.break_s is None else f", for {self.break_s:.0f} s"
-        head = f"the run was broken after {len(self.before)} cycles ({self.cause}{away})"
+        where = f"after cycle {self.before[-1]}" if self.before else "before its first whole cycle"
+        head = f"the run was broken {where} ({self.cause}{away})"
         if self.verdict == "untested":
             return f"{head}: too few complete cycles to compare the parts; their cycles are pooled untested"
         if self.verdict == "same":

@@ -320,7 +320,7 @@ def play(board: VirtualBoard, script: list, steps: itertools.cycle) -> bytes:
     return bytes(out + board.advance(0))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(SCRIPTS, FAULT_SETS, st.integers(0, 5), st.lists(st.integers(3_000, 400_000), min_size=1, max_size=4))
 def test_same_seed_and_bytes_give_the_same_bytes(script, faults, seed, steps):
     """However board time is cut up, and whatever goes wrong: the stream is the same, byte for byte."""

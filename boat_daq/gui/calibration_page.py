@@ -262,8 +262,7 @@ class CalibrationPage(QWidget):
 
         def deed() -> None:
             assert self.model.last_path is not None
-            self.editor = ClosedReadings(self.window(), self.desk, ClosedRun(self.model.last_path))
-            self.editor.show()
+            ClosedReadings(self.window(), self.desk, ClosedRun(self.model.last_path)).show()
 
         self.desk.notices.attempt(deed)
 

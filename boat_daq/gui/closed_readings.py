@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QDialog, QVBoxLayout, QWidget
 
 from boat_daq.engine.session import LinkState, SessionSnapshot, SessionState
@@ -12,6 +12,7 @@ from boat_daq.viewmodels.closed_run import ClosedRun
 from boat_daq.viewmodels.desk import Desk
 from boat_daq.viewmodels.readings import ReadingsModel
 
+LOOKED_AT_MS = 250
 NOTHING_GOES_ON = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
 
 
@@ -36,6 +37,11 @@ class ClosedReadings(QDialog):
         )
         layout.addWidget(self.table, 1)
         layout.addLayout(widgets.row(None, widgets.button("Close", self.close), self.calibrate))
+        self.refresh()
+        self.startTimer(LOOKED_AT_MS)  # undo is a key of the window, not of this panel
+
+    def timerEvent(self, event: QTimerEvent) -> None:
+        """Look again, whatever page the window shows."""
         self.refresh()
 
     def refresh(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from PySide6.QtWidgets import QApplication
 from analysis.calibration import fit_calibration
 from analysis.shortfalls import Shortfall
 from boat_daq.gui import style
+from boat_daq.gui.closed_readings import ClosedReadings
 from boat_daq.viewmodels.figures import FigureText
 from boat_daq.viewmodels.results import (
     BreakResult,
@@ -26,6 +28,7 @@ from boat_daq.viewmodels.results import (
 from boat_daq.viewmodels.work import WorkState
 from tests.gui.test_manners import run_shortcut
 
+SAMPLE = Path(__file__).parents[2] / "recordings" / "simulated_SA1_two_cycles.boat"
 CYCLES = 8
 X = np.linspace(-2.7, 3.8, 19)
 GRID = np.linspace(-2.7, 3.8, 161)
@@ -191,6 +194,23 @@ def test_a_curve_that_turns_says_why_and_leads_to_its_readings(live):
     assert "one signal would stand for two elongations" in page.poor.text()
     assert (page.poor.isVisible(), page.look.isVisible(), page.accept.isEnabled()) == (True, True, False)
     assert page.flags.text().splitlines()[0].endswith("is off the curve")  # before the rest: it can be corrected
+
+
+def test_readings_are_corrected_from_the_calibration_page(live, tmp_path, qtbot):
+    """The panel beside the window shows a correction, and its undo, by itself."""
+    path = Path(shutil.copy(SAMPLE, tmp_path / "older.boat"))
+    live.go("Calibrate")
+    live.desk.calibration.show(poor_result())
+    live.desk.calibration.last_path = path
+    live.refresh()
+    live.pages["Calibrate"].look.click()
+    (panel,) = live.findChildren(ClosedReadings)
+    before, index = panel.table.model.rows[2].cells[3], panel.table.model.index(2, 3)
+    panel.table.model.setData(index, "1.25")
+    qtbot.waitUntil(lambda: index.data() == "1.25", timeout=10_000)
+    live.undo.stack.undo()
+    qtbot.waitUntil(lambda: index.data() == before, timeout=10_000)
+    panel.close()
 
 
 def test_a_key_alone_accepts_nothing_poor(live):

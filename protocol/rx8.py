@@ -48,7 +48,7 @@ def parse_format(text: str) -> PacketFormat:
     match = _FORMAT.fullmatch(text)
     if match is None:
         raise ProfileError(
-            f"rx8.format is not an RX8 format: {text!r}", "write it like RX8 [h=43] @1S1 @0S1 @1S2 @0S2 [t=00]"
+            f"rx8.format is not an RX8 format: {text!r}", "write it like RX8 [h=43] @1P @0P @1S1 @0S1 @1S2 @0S2 [t=00]"
         )
     head, tail = _hex("h", match["head"]), _hex("t", match["tail"])
     if not head + tail:

@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, Q
 
 from boat_daq.gui import style, widgets
 from boat_daq.gui.files import ask_open
+from boat_daq.gui.strip import sentence
 from boat_daq.viewmodels.connection import VIRTUAL_UNITS
 from boat_daq.viewmodels.desk import Desk
 
@@ -68,6 +69,10 @@ class ConnectPanel(QDialog):
         inside.addLayout(grid)
         self.connect_button = widgets.button("Connect", self.connect_board, "primary")
         self.disconnect_button = widgets.button("Disconnect", self.disconnect_board)
+        self.refused = widgets.label("", "", wrap=True, name="Why it was not connected")
+        widgets.set_state(self.refused, "fault")
+        self.refused.hide()
+        inside.addWidget(self.refused)
         inside.addLayout(widgets.row(None, self.disconnect_button, self.connect_button))
         return frame
 
@@ -90,6 +95,7 @@ class ConnectPanel(QDialog):
         self.look()
         self.desk.connection.ask_boards()
         self.unit.setText(self.desk.connection.unit)
+        self.refused.hide()
         self.show()
         self.raise_()
         self.port.setFocus()
@@ -127,7 +133,13 @@ class ConnectPanel(QDialog):
             self.desk.connection.connect(port, self.profile.toPlainText().strip())
 
         if self.desk.notices.attempt(deed):
+            self.refused.hide()
             self.hide()
+        else:  # what was typed stays here, with what is wrong with it
+            notice = self.desk.notices.history[-1]
+            self.refused.setText("\u25b2 " + " ".join(map(sentence, filter(None, (notice.cause, notice.remedy)))))
+            self.refused.show()
+            self.adjustSize()
 
     def disconnect_board(self) -> None:
         """Vent and close the link."""

@@ -78,7 +78,7 @@ class Strip(QWidget):
         widgets.set_state(self, level, "level")
         self.mark.setText(f"{SHAPES[notice.level]}  {WORDS[notice.level]}" if notice else "")
         widgets.set_state(self.mark, {"warning": "warning", "fault": "fault"}.get(level, "ok"))
-        self.text.setText(" ".join(_sentence(part) for part in (notice.cause, notice.remedy) if part) if notice else "")
+        self.text.setText(" ".join(sentence(part) for part in (notice.cause, notice.remedy) if part) if notice else "")
         self.text.setToolTip(as_words(notice.text) if notice else "")
         self.act.setText(notice.action_text if notice else "")
         self.act.setVisible(bool(notice and notice.action))
@@ -138,7 +138,7 @@ class Strip(QWidget):
             running[-1].cancel()
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
     """Return `text` as a sentence."""
     text = text.strip()
     place = "/" in text.partition(" ")[0]  # a port or a file is written as it is

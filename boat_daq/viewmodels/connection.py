@@ -21,7 +21,7 @@ from boat_daq.engine.transports import list_ports
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.formatting import NOTHING, number
 from boat_daq.viewmodels.preferences import Preferences
-from boat_daq.viewmodels.profiles import profile_text
+from boat_daq.viewmodels.profiles import check_profile, profile_text
 
 LONGEST_PORT = 28
 VIRTUAL_UNITS = ("SA1", "SA2", "SA3")
@@ -203,11 +203,14 @@ class ConnectionModel:
 
         Raises
         ------
-        OperatorError : no port was named.
+        OperatorError : no port was named, or the RX8 line lacks something. ProfileError : the profile is refused.
         """
         if not port.strip():
             raise OperatorError("no port was chosen", "Choose a port, or start the virtual board.")
-        self.session.connect(port.strip(), profile_text(profile) or None, unit=self.unit)
+        text = profile_text(profile)
+        if text:
+            check_profile(text)
+        self.session.connect(port.strip(), text or None, unit=self.unit)
         if self.board is None or port != self.board.url:
             self._preferences.set("port", port.strip())
         self._preferences.set("profile", profile)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 
 from boat_daq.errors import OperatorError
+from protocol.profile_file import load_profile
 from protocol.rx8 import parse_format
 
 _SENSOR = re.compile(r"(?:s|sensor|ch)_?([1-4])(?:_?(signal|lit|dark|on|off))?", re.IGNORECASE)
@@ -26,7 +27,7 @@ def profile_text(pasted: str) -> str:
 
     Raises
     ------
-    ProfileError : the RX8 line is none. OperatorError : it names no sensor.
+    ProfileError : the RX8 line is none. OperatorError : it names no sensor, or no pressure.
     """
     line = pasted.strip()
     if not line.lower().startswith("rx8"):
@@ -36,6 +37,11 @@ def profile_text(pasted: str) -> str:
     sensors = {match[1] for name in variables if (match := _SENSOR.fullmatch(name))}
     if not sensors:
         raise OperatorError(f"no sensor is among {', '.join(variables)}", "Name the signals S1 and S2 in the RX8 line.")
+    if not any('"pressure"' in entry for entry in entries.values()):
+        raise OperatorError(
+            "the RX8 line names no pressure, and nothing is recorded without one",
+            "Name its bytes P, such as @1P @0P: hundredths of a kPa, with a sign. Other units: a profile in TOML.",
+        )
     rows = "\n".join(f"{name} = {entry}" for name, entry in entries.items())
     return f"""name = "Pasted RX8 line"
 kind = "rx8"
@@ -53,6 +59,16 @@ format = "{line}"
 [rx8.variables]
 {rows}
 """
+
+
+def check_profile(text: str) -> None:
+    """Read a profile, TOML or the path of one, before a port is opened with it.
+
+    Raises
+    ------
+    ProfileError : it cannot be read, or says something that is not allowed; names the key.
+    """
+    load_profile(text)
 
 
 def meaning(variable: str) -> str:

@@ -401,6 +401,8 @@ def test_a_pasted_rx8_line_becomes_a_profile():
     assert profile_text(" some/profile.toml ") == "some/profile.toml"
     with pytest.raises(OperatorError, match="no sensor"):
         profile_text("RX8 [h=43] @0A [t=00]")
+    with pytest.raises(OperatorError, match="no pressure"):
+        profile_text("RX8 [h=43] @1S1 @0S1 [t=00]")
 
 
 @pytest.mark.parametrize(

@@ -306,6 +306,26 @@ def test_an_rx8_line_is_pasted(empty, qtbot):
     assert empty.desk.preferences.get("profile") == line
 
 
+def test_a_refused_line_stays_in_the_panel_with_its_reason(empty):
+    """The panel closed over a line without a pressure, and a fault in the strip did not say how to write one."""
+    panel = empty.connect_panel
+    for pasted, says in (
+        ("RX8 [h=43] @1S1 @0S1 @1S2 @0S2 [t=00]", "@1P @0P"),
+        ("/nowhere/profile.toml", "cannot be read"),
+        ('kind = "lines"\nname = "x"', "device"),
+    ):
+        empty.show_request("connect")
+        panel.port.setEditText("/dev/ttyACM9")
+        panel.profile.setPlainText(pasted)
+        panel.connect_button.click()
+        assert panel.isVisible()
+        assert says in panel.refused.text()
+        assert empty.desk.session.asked == []
+    empty.show_request("connect")
+    assert not panel.refused.isVisible()
+    panel.close()
+
+
 def test_a_bug_report_is_packed_without_names(live, tmp_path, qtbot):
     """The menu's action asks where, packs in the background, and says so."""
     run_shortcut(live, "Ctrl+Shift+F1")

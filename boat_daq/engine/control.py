@@ -23,6 +23,7 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.preflight import Check, require, zero_check
 from boat_daq.engine.sequencer import VENTED_KPA, Sequencer
 from boat_daq.engine.snapshot import LastSample, SessionState
+from boat_daq.engine.stream import Stream
 from boat_daq.errors import OperatorError
 from protocol.link import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples
 from protocol.messages import (
@@ -41,7 +42,6 @@ from protocol.messages import (
 )
 from protocol.recording import BoardState, SampleFlag
 
-SILENCE_S = 1.0
 BOOT_S = 0.2  # a HELLO so long after the first, and still no sample
 ZERO_SAMPLES = 50
 MANUAL_RAMP_KPA_PER_S = 10.0
@@ -64,7 +64,7 @@ class Controller:
     """
 
     def __init__(self, *, rate_hz: int = 100, zero_tolerance_kpa: float = 1.0) -> None:
-        self.rate_hz = rate_hz
+        self.stream = Stream(rate_hz)
         self.sequencer = Sequencer()
         self.interlock = Interlock()
         self.flat_line = FlatLine()
@@ -74,17 +74,19 @@ class Controller:
         self.hold_samples = False  # greet a board without asking for samples: a recording opens first
         self.first_us = 0  # board time of the first sample on this link
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
-        self.silent = False
         self.why_read_only = ""  # where the link cannot command
         self._zero_tolerance_kpa = zero_tolerance_kpa
         self._mv_per_count = 1.0
         self._recent: deque[float] = deque(maxlen=ZERO_SAMPLES)  # kPa
         self._cleared_by = ""
         self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
-        self._watched = False  # samples came on this link
-        self._last_sample_ns = self._pause_ended_ns = 0
         self._effects: list[Effect] = []
         self.dialogue = Dialogue(self._effects.append)
+
+    @property
+    def rate_hz(self) -> int:
+        """Samples per second asked for."""
+        return self.stream.rate_hz
 
     def take(self) -> list[Effect]:
         """Return the effects since the last call, in order."""
@@ -96,8 +98,8 @@ class Controller:
 
     def link_opened(self, now_ns: int) -> None:
         """A port is open: ask who is there."""
-        self.dialogue.now_ns = self._last_sample_ns = now_ns
-        self._watched = self.silent = False
+        self.dialogue.now_ns = now_ns
+        self.stream.opened(now_ns)
         self.dialogue.begin()
 
     def listen(self, mv_per_count: float) -> None:
@@ -106,7 +108,7 @@ class Controller:
 
     def link_lost(self, cause: str) -> None:
         """The port is gone. Nothing can be sent: the board's watchdog vents."""
-        self._watched = False
+        self.stream.begun = False
         self.dialogue.restart()
         if self.pressurised or self.sequencer.state in _RUN:
             self._trip(Trip("link_lost", cause, "plug it in again; the board vents by itself"))
@@ -116,7 +118,7 @@ class Controller:
     @property
     def up(self) -> bool:
         """Whether samples come and their pace is known."""
-        return self._watched and self.dialogue.meter.known and not self.silent
+        return self.stream.begun and self.dialogue.meter.known and not self.stream.silent
 
     @property
     def greeted(self) -> bool:
@@ -126,7 +128,7 @@ class Controller:
     @property
     def no_samples(self) -> tuple[str, str] | None:
         """Cause and remedy where the board refused to send samples, and none come."""
-        return None if self._watched else self.dialogue.start_refused
+        return None if self.stream.begun else self.dialogue.start_refused
 
     def events(self, events: Sequence[object], now_ns: int) -> None:
         """Take what the link tells (`protocol.link.LinkEvent`), in its order; what is not the control's passes by."""
@@ -137,10 +139,10 @@ class Controller:
                     self._take_samples(columns(array, self._mv_per_count))
                 case CommandDone(command, _, status) if status is not None:
                     self._answered(command, status)
-                case CommandLost(Heartbeat(), _) if self._paused_lately:
+                case CommandLost(Heartbeat(), _) if self.stream.paused_lately(now_ns):
                     pass  # nothing came at all: that is silence, and watched as such
                 case CommandLost(command, _):
-                    self._trip(self.dialogue.lost(command, watched=self._watched))
+                    self._trip(self.dialogue.lost(command, watched=self.stream.begun))
                 case BoardEventReceived(found, _):
                     self._trip(self.dialogue.board_event(found.code, found.value))
                 case HelloReceived(hello) if self.dialogue.identifying or self._boots_again(now_ns):
@@ -153,10 +155,8 @@ class Controller:
     def tick(self, now_ns: int) -> None:
         """Do what time alone brings: feed, repeat a vent, notice silence. Called every few ten milliseconds."""
         self.dialogue.now_ns = now_ns
-        silence_s = self._silence_s
-        if self._watched and not self.silent and now_ns - self._last_sample_ns > silence_s * 1e9:
-            self.silent = True
-            self._silence(f"no data for {silence_s:g} s")
+        if self.stream.falls_silent(now_ns):
+            self._silence(f"no data for {self.stream.silence_s:g} s")
         self.dialogue.tick(idle=self._idle)
 
     # ---- the operator ----------------------------------------------------------------------------------------------
@@ -285,7 +285,7 @@ class Controller:
         """
         self.interlock.require_gone()
         self._cleared_by = by
-        if self._watched and self.last is not None and self.last.state is BoardState.FAULT:
+        if self.stream.begun and self.last is not None and self.last.state is BoardState.FAULT:
             self.dialogue.send(ClearFault())
         else:
             self._cleared()
@@ -297,22 +297,20 @@ class Controller:
         self.dialogue.leaving = True
         self.dialogue.send(Heartbeat(0))
         self.dialogue.send(Stop())
-        self._watched = False
+        self.stream.begun = False
 
     # ---- samples ---------------------------------------------------------------------------------------------------
 
     def _take_samples(self, block: Columns) -> None:
         if not len(block):
             return
-        dialogue = self.dialogue
-        if self._pausing:
-            self._pause_ended_ns = dialogue.now_ns
-        self._last_sample_ns, dialogue.board_us = dialogue.now_ns, int(block.time_us[-1])
+        dialogue, stream = self.dialogue, self.stream
+        dialogue.board_us = int(block.time_us[-1])
         dialogue.meter.add(dialogue.now_ns, dialogue.board_us)
-        if self.silent:
-            self.silent = False
+        first, was_silent = not stream.begun, stream.silent
+        stream.came(dialogue.now_ns)
+        if was_silent:
             dialogue.note("samples_again", "samples come again", "info")
-        first, self._watched = not self._watched, True
         if first:
             self.first_us = int(block.time_us[0])
         self.last = last_sample(block, self.target_kpa)
@@ -338,21 +336,6 @@ class Controller:
         """Whether there is nothing to guard."""
         return not self.pressurised and self.last is not None and self.last.state in _AT_REST
 
-    @property
-    def _silence_s(self) -> float:
-        """How long no sample may come."""
-        return max(SILENCE_S, 3.0 / self.rate_hz)
-
-    @property
-    def _pausing(self) -> bool:
-        """Whether no sample has come for half as long."""
-        return self.dialogue.now_ns - self._last_sample_ns > self._silence_s / 2 * 1e9
-
-    @property
-    def _paused_lately(self) -> bool:
-        """Whether so long a pause reached into the time in which a command that is lost now was asked three times."""
-        return self._pausing or self.dialogue.now_ns - self._pause_ended_ns < SILENCE_S * 1e9
-
     def _silence(self, text: str) -> None:
         if self.pressurised or self.sequencer.state in _RUN:
             self._trip(Trip("silent", text, "check the cable; the board vents by itself"))
@@ -369,7 +352,7 @@ class Controller:
         self._take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
         if hello.rate_max_hz < self.rate_hz:
             self.dialogue.note("rate", f"the board samples at most {hello.rate_max_hz} times a second", "warning")
-            self.rate_hz = hello.rate_max_hz
+            self.stream.rate_hz = hello.rate_max_hz
         self.dialogue.introduce(hello, self._limits_command())
         if not self.hold_samples:
             self.dialogue.send(Start(self.rate_hz))
@@ -391,12 +374,12 @@ class Controller:
 
     def _boots_again(self, now_ns: int) -> bool:
         """Whether a second HELLO means that the board has forgotten our introduction: opening its port reset it."""
-        return not self._watched and now_ns - self.dialogue.introduced_ns > BOOT_S * 1e9
+        return not self.stream.begun and now_ns - self.dialogue.introduced_ns > BOOT_S * 1e9
 
     def _restarted(self, hello: Hello | None) -> None:
         """The board has forgotten everything: it is vented, and so is the run."""
         reason = "" if hello is None else f" ({_boot_reason(hello.boot_reason)})"
-        booting, self._watched = not self._watched, False  # before the first sample: opening its port reset it
+        booting, self.stream.begun = not self.stream.begun, False  # before the first sample: opening its port reset it
         self.dialogue.restart()
         if not booting or self.pressurised:
             cause = f"the board restarted{reason}"

@@ -399,7 +399,7 @@ class Session:
             since_us = max(self._recordings.since_us, control.first_us)
             return SessionSnapshot(
                 state=control.sequencer.state,
-                link=LinkState.SILENT if up and control.silent else link,
+                link=LinkState.SILENT if up and control.stream.silent else link,
                 port=keeper.url,
                 link_error=keeper.error,
                 hello=control.hello,

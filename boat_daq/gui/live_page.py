@@ -172,7 +172,9 @@ class LivePage(QWidget):
             self.reading.field.setFocus()
 
     def open_photograph(self) -> None:
-        """Show the panel that reads from a picture."""
+        """Show the panel that reads from a picture, nearly as large as the window: the grid is fine."""
+        if self.photograph.isHidden():
+            self.photograph.resize(self.window().size() * style.PANEL_SHARE)
         self.photograph.show()
         self.photograph.raise_()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from PySide6.QtCore import QPointF, Qt, Signal
+from PySide6.QtCore import QPoint, QPointF, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QGuiApplication,
@@ -40,9 +40,11 @@ class PictureView(QGraphicsView):
         self.setAccessibleName("Picture of the millimetre grid")
         self.setScene(QGraphicsScene(self))
         self.picture = QGraphicsPixmapItem()
+        self.picture.setTransformationMode(Qt.TransformationMode.SmoothTransformation)  # else lines of the grid vanish
         self.scene().addItem(self.picture)
         self.marks: tuple[tuple[float, float], ...] = ()
         self.colour = QColor(style.LIGHT.elongation)
+        self._dragged_from: QPoint | None = None
         self.setTransformationAnchor(QGraphicsView.ViewportAnchor.AnchorUnderMouse)
         self.setCursor(Qt.CursorShape.CrossCursor)
 
@@ -62,6 +64,17 @@ class PictureView(QGraphicsView):
         if event.button() is Qt.MouseButton.LeftButton and not self.picture.pixmap().isNull():
             at = self.mapToScene(event.position().toPoint())
             self.clicked.emit(at.x(), at.y())
+        elif event.button() is Qt.MouseButton.RightButton:
+            self._dragged_from = event.position().toPoint()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Move the picture with the right button."""
+        if self._dragged_from is None or not event.buttons() & Qt.MouseButton.RightButton:
+            return
+        at = event.position().toPoint()
+        gone, self._dragged_from = at - self._dragged_from, at
+        self.horizontalScrollBar().setValue(self.horizontalScrollBar().value() - gone.x())
+        self.verticalScrollBar().setValue(self.verticalScrollBar().value() - gone.y())
 
     def show_marks(self, marks: tuple[tuple[float, float], ...]) -> None:
         """Draw the clicks."""
@@ -71,13 +84,17 @@ class PictureView(QGraphicsView):
     def drawForeground(self, painter: QPainter, rect: object) -> None:
         """Draw a cross and a word at every click, of one size on the screen."""
         painter.resetTransform()
-        painter.setPen(QPen(self.colour, 2))
-        arm = style.POINT_SIZE
+        arm, ground = style.POINT_SIZE, style.colour(style.LIGHT.surface)
         for (x, y), word in zip(self.marks, MARKS, strict=False):
             at = self.mapFromScene(QPointF(x, y))
-            painter.drawLine(at.x() - arm, at.y(), at.x() + arm, at.y())
-            painter.drawLine(at.x(), at.y() - arm, at.x(), at.y() + arm)
-            painter.drawText(at.x() + arm, at.y() - arm, word)
+            for colour, width in ((ground, 4), (self.colour, 2)):  # light about dark, on whatever picture
+                painter.setPen(QPen(colour, width))
+                painter.drawLine(at.x() - arm, at.y(), at.x() + arm, at.y())
+                painter.drawLine(at.x(), at.y() - arm, at.x(), at.y() + arm)
+            room = painter.fontMetrics().boundingRect(word).adjusted(-style.STEP, 0, style.STEP, 0)
+            painter.fillRect(room.translated(at.x() + arm + style.STEP, at.y() - arm), ground)
+            painter.setPen(style.colour(style.LIGHT.text))
+            painter.drawText(at.x() + arm + style.STEP, at.y() - arm, word)
 
 
 class PhotographPanel(QDialog):
@@ -93,7 +110,9 @@ class PhotographPanel(QDialog):
         self.view = PictureView()
         self.view.clicked.connect(self.click)
         self.instruction = widgets.label(
-            "Load or paste (Ctrl+V) a picture of the millimetre grid.", "set", name="What to do next"
+            "Load or paste (Ctrl+V) a picture of the millimetre grid. The wheel zooms, the right button moves it.",
+            "set",
+            name="What to do next",
         )
         self.distance = widgets.field("Millimetres between the two scale clicks", "10", width=2 * style.CONTROL_HEIGHT)
         self.distance.textChanged.connect(lambda _: self._scale())
@@ -159,7 +178,9 @@ class PhotographPanel(QDialog):
     def _refresh(self) -> None:
         x = self.state.elongation_mm
         waits = self.desk.snapshot.waiting_for_reading is not None
-        widgets.set_text(self.instruction, self.state.instruction if waits or x is None else NOBODY_WAITS)
+        words = self.state.instruction if waits or x is None else NOBODY_WAITS
+        asked = f"   {self.desk.readings.question(self.desk.snapshot)}" if waits else ""
+        widgets.set_text(self.instruction, words + asked)
         self.value.setText(f"{number(x, 2, sign=True)} mm" if x is not None else NOTHING)
         self.take.setEnabled(x is not None and waits)
         self.view.show_marks(self.state.clicks)

@@ -100,6 +100,7 @@ ROW_FOR_TITLE = 92  # a live plot's title and unit need so much height
 ROW_FOR_SHORT = 44  # and its number and unit so much; below, only the unit stands
 FORM_WIDTH = 560
 QUESTION_LEAST = 240
+PANEL_SHARE = 0.9  # of the window, for a panel with a picture
 THUMBNAIL = (168, 44)
 FILE_LEAST = 168  # of a recording's name in the list
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtGui import QAction, QGuiApplication, QImage, QPixmap
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QAction, QGuiApplication, QImage, QMouseEvent, QPainter, QPixmap
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -289,6 +289,44 @@ def test_a_photograph_is_read_with_clicks(make, tmp_path):
     panel.take.click()
     assert session.kept[-1].source == "photograph"
     assert session.kept[-1].elongation_mm == pytest.approx(2.3, abs=0.06)
+
+
+def test_every_line_of_the_grid_is_seen_and_the_picture_moves(live):
+    """A hundred lines of 2 px in a picture three times as wide as its place: all are there; the right button drags."""
+    live.live.open_photograph()
+    panel = live.live.photograph
+    assert panel.width() >= 0.89 * live.width()
+    picture = QImage(1600, 400, QImage.Format.Format_RGB32)
+    picture.fill(Qt.GlobalColor.white)
+    painter = QPainter(picture)
+    for x in range(8, 1600, 16):
+        painter.fillRect(x, 0, 2, 400, Qt.GlobalColor.black)
+    painter.end()
+    panel.resize(700, 400)
+    QApplication.processEvents()
+    QGuiApplication.clipboard().setPixmap(QPixmap.fromImage(picture))
+    panel.paste()
+    seen = panel.view.grab().toImage()
+    row = np.array([seen.pixelColor(x, seen.height() // 2).lightness() for x in range(4, seen.width() - 4)])
+    dark = row < 240
+    assert np.count_nonzero(dark[1:] & ~dark[:-1]) == 100
+    panel.view.scale(4, 4)
+    bar, place = panel.view.horizontalScrollBar(), panel.view.viewport()
+    before = bar.value()
+    QTest.mousePress(place, Qt.MouseButton.RightButton, pos=QPoint(200, 100))
+    move(place, QPoint(150, 100))
+    QTest.mouseRelease(place, Qt.MouseButton.RightButton, pos=QPoint(150, 100))
+    assert bar.value() == before + 50
+    assert panel.state.clicks == ()
+
+
+def move(widget, at: QPoint) -> None:
+    """Move the mouse with the right button held, which QTest cannot."""
+    event = QMouseEvent(
+        QEvent.Type.MouseMove, QPointF(at), widget.mapToGlobal(QPointF(at)), Qt.MouseButton.NoButton,
+        Qt.MouseButton.RightButton, Qt.KeyboardModifier.NoModifier,
+    )  # fmt: skip
+    QApplication.sendEvent(widget, event)
 
 
 def test_an_rx8_line_is_pasted(empty, qtbot):

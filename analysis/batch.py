@@ -112,7 +112,7 @@ def write_table(table: pd.DataFrame, path: str | Path) -> None:
         if not (pd.api.types.is_numeric_dtype(safe[name]) or pd.api.types.is_bool_dtype(safe[name])):
             safe[name] = [neutral(str(v)) if isinstance(v, str) else v for v in safe[name]]
     try:
-        safe.to_csv(path, index=False)
+        safe.to_csv(path, index=False, errors="replace")  # a name may be no UTF-8
     except OSError as error:
         raise FileError(f"{path} cannot be written: {error.strerror or error}", "Choose another folder.") from error
 

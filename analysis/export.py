@@ -90,7 +90,7 @@ def export(recording: Recording, path: str | Path, format: Format, *, progress: 
 
 
 def _write_csv(recording: Recording, path: Path, progress: Progress | None) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with path.open("w", encoding="utf-8", errors="replace", newline="") as file:
         if recording.simulated:
             file.write("# SIMULATED: recorded from the virtual board\n")
         for key in META_KEYS:

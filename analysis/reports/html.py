@@ -22,7 +22,7 @@ WIDTH_INCH = 7.4
 
 def write_html(report: Report, path: Path) -> None:
     """Write the report."""
-    path.write_text(render_html(report), encoding="utf-8")
+    path.write_text(render_html(report), encoding="utf-8", errors="replace")  # a name may be no UTF-8
 
 
 def render_html(report: Report) -> str:

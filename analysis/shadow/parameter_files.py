@@ -39,7 +39,7 @@ def read_parameters(path: Path) -> ActuatorParameters:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
             raise RequestError(
-                f"{path.name} has '{name}', which is no parameter of the actuator",
+                f"{path.name} has '{name:.60}', which is no parameter of the actuator",
                 f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}",
             )
     return ActuatorParameters(**values)

@@ -209,7 +209,8 @@ class RecordingFile:
 def set_meta(values: Mapping[str, Any]) -> list[Statement]:
     """Return the statements that set keys of `session`."""
     sql = "INSERT INTO session VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value"
-    return [(sql, (key, json.dumps(value, ensure_ascii=False))) for key, value in values.items()]
+    texts = {key: json.dumps(value, ensure_ascii=False) for key, value in values.items()}
+    return [(sql, (key, text.encode("utf-8", "backslashreplace").decode())) for key, text in texts.items()]
 
 
 def _lay_out(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> None:

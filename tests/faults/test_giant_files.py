@@ -1,0 +1,104 @@
+"""Giant and far-off files: refused in words, in bounded memory."""
+
+from __future__ import annotations
+
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import meshio
+import pytest
+
+from analysis.errors import FileError
+from analysis.shadow.mesh_files import read_mesh
+from tests.faults.drill import ROOT
+from tests.faults.forging import shared_pages
+from tests.faults.old_recordings import write_recording
+from tests.faults.seeds import seeds
+
+READERS = """
+import resource, sys
+from pathlib import Path
+from analysis.csv_columns import load_profile as load_map
+from analysis.csv_import import import_csv
+from analysis.elongation import read_elongation_file
+from analysis.optics.curve_file import read_curves
+from analysis.recording import load_recording
+from analysis.reports.writing import write_report
+from analysis.shadow.mesh_files import read_mesh
+from analysis.shadow.parameter_files import read_parameters
+from boat_daq.engine.plan import load_plan
+from boat_daq.engine.readings import read_elongation_csv
+from boat_daq.engine.recovery import recover
+from boat_daq.engine.settings import UnitLibrary, load_settings
+from boat_daq.engine.summary import summarise
+from boat_daq.engine.verify import verify_recording
+from protocol.profile_file import load_profile
+pages = int(Path("/proc/self/statm").read_text().split()[0])
+limit = pages * resource.getpagesize() + (300 << 20)
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+folder = Path(sys.argv[1])
+readers = {
+    "line.csv": (import_csv, read_elongation_file, read_elongation_csv, read_curves),
+    "columns.csv": (import_csv, read_elongation_file),
+    "rows.csv": (read_curves,),
+    "map.json": (load_map,), "plan.toml": (lambda p: load_plan(str(p)), load_profile, read_parameters),
+    "settings.toml": (lambda p: load_settings(p.parent),), "SA1.toml": (lambda p: UnitLibrary(p.parent).load("SA1"),),
+    "mesh.vtu": (read_mesh,), "mesh.msh": (read_mesh,), "run.boat": (load_recording,),
+    "shared.boat": (load_recording, verify_recording),
+    "words.boat": (load_recording, verify_recording, summarise, recover),
+}
+for name, doors in readers.items():
+    for door in doors:
+        try:
+            door(folder / name)
+            print("TAKEN", name, door)
+        except Exception as error:
+            if not getattr(error, "cause", ""):
+                print("TRACEBACK", name, door, repr(error)[:200])
+recovery = recover(folder / "shared.boat")
+if recovery.status != "salvaged" or recovery.path.stat().st_size > 2 * (folder / "shared.boat").stat().st_size:
+    print("SALVAGED", recovery)
+"""
+
+
+def hollow(path: Path, head: bytes) -> None:
+    """A file of 1 GB that takes no room: `head`, and then a hole."""
+    with path.open("wb") as file:
+        file.write(head)
+        file.truncate(1 << 30)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_AS and holes in files are Linux's")
+@pytest.mark.fault(52, how="a recording of 4 MB that says it holds 4 GB, and one whose note is 40 MB of JSON", times=8)
+@pytest.mark.fault(52, how="files of 1 GB without a line's end, and a million columns, with 300 MB of memory", times=16)
+def test_giant_files_are_refused_in_bounded_memory(tmp_path: Path) -> None:
+    """Every kind of file that the program reads: refused in words, with 300 MB beyond what the program itself takes."""
+    hollow(tmp_path / "line.csv", b"1,2,3," * 400_000)
+    (tmp_path / "columns.csv").write_bytes(b"a," * 1_000_000 + b"\n" + b"1," * 1_000_000 + b"\n")
+    hollow(tmp_path / "rows.csv", b"x,z\n" + b"1,2\n" * 1000)
+    for name in ("map.json", "plan.toml", "settings.toml", "SA1.toml", "mesh.vtu", "mesh.msh"):
+        hollow(tmp_path / name, b"x = 1\n")
+    hollow(tmp_path / "run.boat", b"SQLite format 3\0")
+    shared_pages(write_recording(tmp_path / "shared.boat"), rows=1000)
+    with closing(sqlite3.connect(write_recording(tmp_path / "words.boat"))) as db:
+        db.execute("UPDATE session SET value = ? WHERE key = 'note'", (f"[{'{},' * 13_000_000}0]",))
+        db.commit()
+    done = subprocess.run(
+        [sys.executable, "-c", READERS, str(tmp_path)], capture_output=True, text=True, cwd=ROOT, timeout=200
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert done.stdout == ""
+
+
+def test_a_mesh_with_a_point_far_away_is_refused(tmp_path: Path) -> None:
+    """Its areas would not be finite."""
+    (path := tmp_path / "mesh.vtu").write_bytes(seeds("mesh")[0])
+    assert len(read_mesh(path).nodes)
+    found = meshio.read(path)
+    found.points[5, 0] = 1e200
+    meshio.write(path, found)
+    with pytest.raises(FileError, match="nowhere"):
+        read_mesh(path)

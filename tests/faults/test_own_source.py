@@ -1,0 +1,69 @@
+"""The program's own source: how it opens databases, builds SQL, and that it evaluates nothing it reads."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tests.faults.drill import ROOT
+
+PRODUCT = [path for room in ("protocol", "analysis", "boat_daq") for path in sorted((ROOT / room).rglob("*.py"))]
+
+
+@cache
+def sources() -> list[tuple[Path, str]]:
+    """The product's files and what stands in them."""
+    return [(path, path.read_text(encoding="utf-8")) for path in PRODUCT]
+
+
+def functions_that(calls: str) -> list[tuple[Path, str]]:
+    """Every function of the product, with its source, that has that call in it."""
+    trees = [(path, ast.parse(source)) for path, source in sources() if calls in source]
+    functions = [(path, node) for path, tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    return [(path, ast.unparse(node)) for path, node in functions if calls in ast.unparse(node)]
+
+
+def test_no_database_is_opened_unguarded() -> None:
+    """Whatever opens SQLite hardens the connection at once, or opens what it has just made itself."""
+    found = functions_that("sqlite3.connect(")
+    assert len(found) >= 7
+    for path, source in found:
+        own = "':memory:'" in source or "unfinished" in source
+        assert own or "harden(" in source or "trusted_schema=off" in source, path
+
+
+def test_sql_has_parameters_and_the_linter_holds_it() -> None:
+    """S608 is on; where it is waived the line puts in names of columns and tables, never a value."""
+    import tomllib
+
+    ruff = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["ruff"]["lint"]
+    assert "S" in ruff["select"]
+    assert not {"S", "S6", "S608"} & set(ruff["ignore"])
+    waived = [line for _, source in sources() for line in source.splitlines() if "S608" in line]
+    assert waived
+    assert all("VALUES ('" not in line and "= '{" not in line for line in waived)
+
+
+@pytest.mark.fault(50, how="the whole program searched for what would unpickle, evaluate, or read YAML tags", times=1)
+@pytest.mark.fault(51, how="the whole program searched for what would unpack an archive into files", times=1)
+def test_nothing_evaluates_what_it_reads() -> None:
+    """No pickle, YAML, eval or exec; arrays are loaded without objects, archives never unpacked into files."""
+    forbidden = {"pickle", "marshal", "shelve", "yaml", "dill", "joblib", "cloudpickle", "tarfile"}
+    for path, source in sources():
+        for node in ast.walk(ast.parse(source)):
+            names: set[str] = set()
+            if isinstance(node, ast.Import):
+                names = {alias.name.split(".")[0] for alias in node.names}
+            if isinstance(node, ast.ImportFrom):
+                names = {(node.module or "").split(".")[0]}
+            assert not names & forbidden, path
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                assert not called.endswith((".extractall", ".extract", "unpack_archive")), path
+                assert called not in {"eval", "exec", "pd.read_pickle", "os.system"}, path
+                if called in {"np.load", "numpy.load"}:
+                    options = {key.arg: ast.unparse(key.value) for key in node.keywords}
+                    assert options.get("allow_pickle") == "False", path

@@ -1,0 +1,174 @@
+"""Pictures from anywhere: bombs, torn files, other kinds, no file at all. Refused in words, in bounded memory."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+from PIL import Image
+from PySide6.QtWidgets import QWidget
+
+from boat_daq.errors import OperatorError
+from boat_daq.gui.photograph_panel import PhotographPanel
+from boat_daq.gui.picture_file import FILE_BYTES_MAX, read_picture
+from boat_daq.viewmodels.desk import Desk
+from tests.faults.drill import ROOT
+
+
+def chunk(kind: bytes, content: bytes) -> bytes:
+    """A chunk of a PNG."""
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+
+def png(width: int, height: int, data: bytes, more: bytes = b"") -> bytes:
+    """A PNG that says it is so large, of 8-bit grey; `more` are chunks before its data."""
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + head + more + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+def picture(kind: str, size: tuple[int, int] = (64, 48), **options: object) -> bytes:
+    """A picture of that kind."""
+    file = io.BytesIO()
+    Image.new("L", size, 128).save(file, kind, **options)
+    return file.getvalue()
+
+
+def svg(content: str, head: str = "") -> bytes:
+    """A drawing of 100 x 100."""
+    names = "xmlns='http://www.w3.org/2000/svg' xmlns:xlink='http://www.w3.org/1999/xlink'"
+    return f"{head}<svg {names} width='100' height='100'>{content}</svg>".encode()
+
+
+def repeated() -> str:
+    """Ten drawings of ten drawings of ten ...: 10^9 rectangles."""
+    levels = [f"<g id='g{n + 1}'>" + f"<use xlink:href='#g{n}'/>" * 10 + "</g>" for n in range(9)]
+    return f"<defs><g id='g0'><rect width='1' height='1'/></g>{''.join(levels)}</defs><use xlink:href='#g9'/>"
+
+
+ENTITIES = "".join(f"<!ENTITY {b} '{f'&{a};' * 10}'>" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+RAW = zlib.compress(bytes(101 * 100))
+HOSTILE = {
+    "bomb.png": png(60_000, 60_000, zlib.compress(bytes(60_000_000), 9)),
+    "giant.png": png(2**31 - 1, 2**31 - 1, b""),
+    "nothing.png": png(0, 0, zlib.compress(b"")),
+    "truncated.png": png(100, 100, RAW)[:60],
+    "cut.png": png(100, 100, RAW)[:-30],
+    "bomb.jpg": picture("jpeg", (20_000, 14_000)),
+    "truncated.jpg": picture("jpeg")[:300],
+    "head.jpg": b"\xff\xd8\xff\xe0" + bytes(100),
+    "bomb.tif": picture("tiff", (20_000, 14_000), compression="tiff_adobe_deflate"),
+    "truncated.tif": picture("tiff")[:60],
+    "empty.jpg": b"",
+    "text.png": b"this is no picture",
+    "gif.png": picture("gif"),
+    "plain svg.png": svg("<rect width='50' height='50'/>"),
+    "svg of a file.png": svg("<image xlink:href='file:///etc/passwd' width='50' height='50'/>"),
+    "svg of an address.png": svg("<image xlink:href='http://192.0.2.1/x.png' width='50' height='50'/>"),
+    "svg without end.png": svg(repeated()),
+    "svg of entities.png": svg("<text>&i;</text>", f"<!DOCTYPE s [<!ENTITY a 'aaaaaaaaaa'>{ENTITIES}]>"),
+    "packed svg.svgz": gzip.compress(svg("<rect width='50' height='50'/>") + b" " * 20_000_000),
+    "program.xpm": b'/* XPM */\nstatic char*x[]={"1 1 1 1","a c red","a"};\n',
+}
+HARMLESS = {
+    "right.png": png(64, 48, zlib.compress(bytes(65 * 48))),
+    "a jpeg.png": picture("jpeg"),
+    "grey.tif": picture("tiff"),
+    "dots.bmp": picture("bmp"),
+    "text bomb.png": png(64, 48, zlib.compress(bytes(65 * 48)), chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(10**8)))),
+    "huge exif.jpg": picture("jpeg").replace(
+        b"\xff\xd8", b"\xff\xd8" + 200 * (b"\xff\xe1\xff\xffExif\0\0" + bytes(65527)), 1
+    ),
+}
+SHORT = 500 << 20  # what decoding may take beyond the program itself: 256 MB of pixels, and the same as a pixmap
+
+
+@pytest.mark.fault(
+    52, how="pictures that are bombs, torn, of other kinds, drawings that name files", times=len(HOSTILE)
+)
+@pytest.mark.parametrize("name", sorted(HOSTILE))
+def test_what_is_no_picture_of_the_grid_is_refused(tmp_path: Path, qtbot: object, name: str) -> None:
+    """The photograph panel says so, and keeps the picture that it had."""
+    parent = QWidget()
+    panel = PhotographPanel(parent, cast("Desk", SimpleNamespace()))
+    before = panel.state
+    (tmp_path / name).write_bytes(HOSTILE[name])
+    with pytest.raises(OperatorError, match="no picture") as refusal:
+        panel.load(tmp_path / name)
+    assert refusal.value.remedy
+    assert panel.state is before
+    parent.deleteLater()
+
+
+@pytest.mark.parametrize("name", sorted(HARMLESS))
+def test_a_picture_is_told_by_what_it_holds(tmp_path: Path, qtbot: object, name: str) -> None:
+    """Wrong endings and giant comments do no harm."""
+    (tmp_path / name).write_bytes(HARMLESS[name])
+    shown = read_picture(tmp_path / name)
+    assert (shown.width(), shown.height()) == (64, 48)
+
+
+def test_a_picture_stands_as_its_camera_held_it(tmp_path: Path, qtbot: object) -> None:
+    """Orientation 6: turned by a quarter."""
+    turned = Image.Exif()
+    turned[0x112] = 6
+    (tmp_path / "a.jpg").write_bytes(picture("jpeg", exif=turned))
+    assert (read_picture(tmp_path / "a.jpg").width(), read_picture(tmp_path / "a.jpg").height()) == (48, 64)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices with names")
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "missing", "hole"])
+def test_what_is_no_picture_file_is_not_opened(tmp_path: Path, qtbot: object, kind: str) -> None:
+    """A pipe would be waited for without end, a device read without end."""
+    path = tmp_path / "a.png"
+    match kind:
+        case "pipe":
+            os.mkfifo(path)
+        case "device":
+            path.symlink_to("/dev/zero")
+        case "folder":
+            path.mkdir()
+        case "hole":
+            path.write_bytes(HARMLESS["right.png"][:33])
+            os.truncate(path, FILE_BYTES_MAX + 1)
+    with pytest.raises(OperatorError, match="no picture"):
+        read_picture(path)
+
+
+BOUNDED = """
+import os, resource, sys
+from pathlib import Path
+from PySide6.QtWidgets import QApplication
+from boat_daq.gui.picture_file import read_picture
+application = QApplication([])
+pages = int(Path("/proc/self/statm").read_text().split()[0])
+limit = pages * resource.getpagesize() + int(sys.argv[2])
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+for path in sorted(Path(sys.argv[1]).iterdir()):
+    try:
+        print(path.name, "TAKEN", read_picture(path).width())
+    except Exception as error:
+        if not getattr(error, "cause", ""):
+            print(path.name, "TRACEBACK", repr(error))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_AS is Linux's")
+def test_pictures_take_bounded_memory(tmp_path: Path) -> None:
+    """All of them in one process that may take 500 MB, and a minute, more than the program itself."""
+    for name, content in (HOSTILE | HARMLESS).items():
+        (tmp_path / name).write_bytes(content)
+    command = [sys.executable, "-c", BOUNDED, str(tmp_path), str(SHORT)]
+    env = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env, timeout=200)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert sorted(line.split(" TAKEN ")[0] for line in done.stdout.splitlines()) == sorted(HARMLESS)

@@ -1,0 +1,126 @@
+"""Words from files that a spreadsheet, a browser, a terminal, a window or Python would run: they stay words."""
+
+from __future__ import annotations
+
+import csv
+import io
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import Options, analyse
+from analysis.batch import write_table
+from analysis.export import neutral
+from analysis.recording import load_recording
+from analysis.reports.writing import write_report
+from analysis.shadow.table import read_table
+
+
+@pytest.mark.fault(49, how="cells that begin with = + - @ TAB and CR, in a table written for a spreadsheet", times=6)
+@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
+def test_no_cell_of_a_table_is_a_formula(tmp_path: Path, start: str) -> None:
+    """Text gets an apostrophe; numbers, negative ones too, stay numbers."""
+    import pandas as pd
+
+    text = start + 'cmd|" /C calc"!A0'
+    assert neutral(text) == "'" + text
+    write_table(pd.DataFrame({"unit": [text], "drift": [-1.5]}), tmp_path / "table.csv")
+    rows = list(csv.reader(io.StringIO((tmp_path / "table.csv").read_bytes().decode("utf-8-sig"))))
+    assert rows[1][0].startswith("'")
+    assert float(rows[1][1]) == -1.5
+
+
+class Bomb:
+    """Unpickling it would leave a file."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, tuple[str, str]]:
+        return open, (self.path, "w")
+
+
+@pytest.mark.fault(50, how="a pickle in an array file, where a cached table is read", times=1)
+def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
+    """An array of objects in the cache of the shadow: not read, not run; the table is built anew."""
+    mark = tmp_path / "exploded"
+    np.savez(tmp_path / "table.npz", nodes=np.array([Bomb(str(mark))], dtype=object))
+    assert read_table(tmp_path / "table.npz") is None
+    (tmp_path / "raw.npz").write_bytes(pickle.dumps(Bomb(str(mark))))
+    assert read_table(tmp_path / "raw.npz") is None
+    assert not mark.exists()
+
+
+@pytest.mark.fault(
+    48, how="markup in the header, the comments and the name of an imported table, up to its report", times=4
+)
+def test_a_tables_markup_is_text_in_its_report(tmp_path: Path) -> None:
+    """A CSV from elsewhere: column names, operator, unit and note are words in the HTML, and nothing is loaded."""
+    bad = "<script src='//x'>alert(1)</script>"
+    rows = [f"{0.05 * n:g},{50 * np.cos(n / 60):.4f},{1600 + 200 * np.cos(n / 60):.3f}" for n in range(800)]
+    head = [f"# {key}: {bad}" for key in ("operator", "unit", "note")]
+    path = tmp_path / "a&<b>.csv"
+    path.write_text("\n".join([*head, f"time_s,pressure_kpa,{bad} s1 [mV]", *rows]) + "\n", encoding="utf-8")
+    run = load_recording(path, columns={"s1_mv": "3"})
+    write_report([analyse(run, options=Options(mcmc=False))], tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<script" not in html
+    assert "&lt;script" in html
+    assert "a&<b>" not in html
+
+
+# ---- words in a terminal and on hover --------------------------------------------------------------------------------
+
+STEERING = "[/bold] [red]x[/red] :smile: \x1b[2J \x1b]0;title\x07 \x9b31m \r \u202egnp \udcff"
+
+
+@pytest.mark.fault(48, how="markup, control characters and no characters in words that a terminal prints", times=3)
+def test_words_in_a_terminal_are_words(capsys: pytest.CaptureFixture[str]) -> None:
+    """Brackets stay, what would steer the terminal becomes a box; in a message, a line and a table."""
+    from rich.table import Table
+
+    from boat_daq.commands.console import PlainConsole
+
+    console = PlainConsole(width=200)
+    table = Table(STEERING, box=None)
+    table.add_row(STEERING)
+    for thing in (STEERING, table):
+        console.print(thing)
+    said = capsys.readouterr().out
+    assert said.count("[/bold] [red]x[/red] :smile: \ufffd[2J") == 3
+    assert not set(said) & set("\x1b\x07\x9b\r\u202e\udcff")
+
+
+def test_a_column_of_a_table_cannot_end_the_preview(tmp_path: Path) -> None:
+    """A header that looks like the end of markup: shown, not taken for it."""
+    from typer.testing import CliRunner
+
+    from boat_daq.cli import app
+
+    (tmp_path / "a.csv").write_text("time_s,pressure_kpa,s1_mv,[/b] \x1b[2J\n0,1,2,3\n1,2,3,4\n", encoding="utf-8")
+    shown = CliRunner().invoke(app, ["import", str(tmp_path / "a.csv"), "--preview"], env={"COLUMNS": "200"})
+    assert shown.exit_code == 0, shown.exception
+    assert "[/b]" in shown.stdout
+    assert "\x1b" not in shown.stdout
+
+
+def test_a_tip_loads_nothing() -> None:
+    """Qt takes a text with a tag for rich text; what is said on hover has none, whoever wrote it."""
+    from boat_daq.gui.tips import as_words
+
+    bad = "SA1 <img src='file:///etc/passwd'> & <b>x"
+    assert as_words("SA1 & 3 > 2") == "SA1 & 3 > 2"
+    assert as_words(bad).count("<") == 2  # its own paragraph, begun and ended
+    assert "&lt;img src=" in as_words(bad)
+
+
+def test_a_name_that_is_no_utf_8_is_written_with_a_mark(tmp_path: Path) -> None:
+    """Reports and exports of it are files like any other."""
+    from analysis.export import export
+
+    run = load_recording(Path(__file__).parents[2] / "recordings" / "simulated_SA1_two_cycles.boat")
+    run.meta["operator"] = "a\udcffb"
+    export(run, tmp_path / "a.csv", "csv")
+    assert "a?b" in (tmp_path / "a.csv").read_text(encoding="utf-8")

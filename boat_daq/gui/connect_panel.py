@@ -10,6 +10,7 @@ from boat_daq.gui.files import ask_open
 from boat_daq.gui.strip import sentence
 from boat_daq.viewmodels.connection import VIRTUAL_UNITS
 from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.notices import Notice
 
 SPEEDS = (("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0))
 
@@ -69,6 +70,7 @@ class ConnectPanel(QDialog):
         inside.addLayout(grid)
         self.connect_button = widgets.button("Connect", self.connect_board, "primary")
         self.disconnect_button = widgets.button("Disconnect", self.disconnect_board)
+        self._complaint: Notice | None = None
         self.refused = widgets.label("", "", wrap=True, name="Why it was not connected")
         widgets.set_state(self.refused, "fault")
         self.refused.hide()
@@ -132,11 +134,14 @@ class ConnectPanel(QDialog):
             self.desk.connection.set_unit(self.unit.text())
             self.desk.connection.connect(port, self.profile.toPlainText().strip())
 
+        if self._complaint is not None:  # what was wrong is mended, or said anew
+            self.desk.notices.dismiss(self._complaint)
         if self.desk.notices.attempt(deed):
+            self._complaint = None
             self.refused.hide()
             self.hide()
         else:  # what was typed stays here, with what is wrong with it
-            notice = self.desk.notices.history[-1]
+            notice = self._complaint = self.desk.notices.history[-1]
             self.refused.setText("\u25b2 " + " ".join(map(sentence, filter(None, (notice.cause, notice.remedy)))))
             self.refused.show()
             self.adjustSize()

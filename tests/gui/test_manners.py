@@ -361,7 +361,10 @@ def test_a_refused_line_stays_in_the_panel_with_its_reason(empty):
         assert empty.desk.session.asked == []
     empty.show_request("connect")
     assert not panel.refused.isVisible()
-    panel.close()
+    panel.profile.setPlainText("")
+    panel.connect_button.click()
+    assert empty.desk.session.asked == ["connect"]
+    assert empty.desk.notices.current() is None  # mended, it is not complained of any more
 
 
 def test_a_bug_report_is_packed_without_names(live, tmp_path, qtbot):

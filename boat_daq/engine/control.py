@@ -10,8 +10,6 @@ virtual board answers it without a thread.
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -20,7 +18,8 @@ from boat_daq.engine.columns import Columns, columns, last_sample
 from boat_daq.engine.dialogue import Dialogue, Effect
 from boat_daq.engine.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.preflight import Check, require, zero_check
+from boat_daq.engine.preflight import Check, require
+from boat_daq.engine.readiness import Readiness
 from boat_daq.engine.sequencer import VENTED_KPA, Sequencer
 from boat_daq.engine.snapshot import LastSample, SessionState
 from boat_daq.engine.stream import Stream
@@ -34,7 +33,6 @@ from protocol.messages import (
     Heartbeat,
     Hello,
     Identify,
-    SetLimits,
     SetPressure,
     Start,
     Stop,
@@ -43,7 +41,6 @@ from protocol.messages import (
 from protocol.recording import BoardState, SampleFlag
 
 BOOT_S = 0.2  # a HELLO so long after the first, and still no sample
-ZERO_SAMPLES = 50
 MANUAL_RAMP_KPA_PER_S = 10.0
 
 _FAULT_BEFORE = (
@@ -74,14 +71,11 @@ class Controller:
         self.hold_samples = False  # greet a board without asking for samples: a recording opens first
         self.first_us = 0  # board time of the first sample on this link
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
-        self.why_read_only = ""  # where the link cannot command
-        self._zero_tolerance_kpa = zero_tolerance_kpa
         self._mv_per_count = 1.0
-        self._recent: deque[float] = deque(maxlen=ZERO_SAMPLES)  # kPa
         self._cleared_by = ""
-        self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
         self._effects: list[Effect] = []
         self.dialogue = Dialogue(self._effects.append)
+        self.readiness = Readiness(self.interlock, self.dialogue, zero_tolerance_kpa=zero_tolerance_kpa)
 
     @property
     def rate_hz(self) -> int:
@@ -170,35 +164,17 @@ class Controller:
         ------
         OperatorError : see `Session.arm`.
         """
-        self.check_plan(plan)
-        self._require_unlatched("arm")
+        self.readiness.require_plan(plan)
+        self.readiness.require_unlatched("arm")
         self.sequencer.arm(
             plan, wait_for_reading=wait_for_reading, first_cycle=first_cycle, complete_cycles=complete_cycles
         )
         self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
 
-    def check_plan(self, plan: Plan) -> None:
-        """Check a plan against the limits.
-
-        Raises
-        ------
-        OperatorError : outside them, or the link cannot command.
-        """
-        self._require_command()
-        for target_kpa in (plan.high_kpa, plan.low_kpa):
-            self.interlock.check(target_kpa, new_plan=True)
-
     def preflight(self) -> list[Check]:
         """Return the lines of the check before the first pressure."""
-        latched = self.interlock.latched
-        recent = math.fsum(self._recent) / len(self._recent) if self._recent else None
         at_rest = self.last is not None and self.last.state in _AT_REST
-        return [
-            Check("link") if self.up else Check("link", "no samples come from the board", "check the link"),
-            Check("limits") if self.interlock.limits else Check("limits", "no limits are known", "connect a board"),
-            Check("fault", latched.cause, latched.remedy or "clear the fault first") if latched else Check("fault"),
-            zero_check(recent, vented=at_rest, tolerance_kpa=self._zero_tolerance_kpa),
-        ]
+        return self.readiness.checks(up=self.up, vented=at_rest)
 
     def start(self, extra: Sequence[Check] = ()) -> None:
         """Begin the armed plan: pre-flight, limits and watchdog acknowledged, then the first step.
@@ -267,7 +243,7 @@ class Controller:
         ------
         OperatorError : see `Session.set_pressure`.
         """
-        self._require_command()
+        self.readiness.require_command()
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
             raise OperatorError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
         self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # says no now, not after the board's answers
@@ -314,7 +290,7 @@ class Controller:
         if first:
             self.first_us = int(block.time_us[0])
         self.last = last_sample(block, self.target_kpa)
-        self._recent.extend(block.pressure_kpa[block.pressure_known].tolist())
+        self.readiness.take(block.pressure_kpa[block.pressure_known].tolist())
         found = self.interlock.inspect(block)
         if found is not None:
             if first and found.kind == "board_fault":
@@ -349,23 +325,13 @@ class Controller:
         """The board says who it is: tell it limits and rate."""
         self.hello = hello
         self._mv_per_count = hello.vref_mv / 2**hello.adc_bits
-        self._take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
+        self.readiness.take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
         if hello.rate_max_hz < self.rate_hz:
             self.dialogue.note("rate", f"the board samples at most {hello.rate_max_hz} times a second", "warning")
             self.stream.rate_hz = hello.rate_max_hz
-        self.dialogue.introduce(hello, self._limits_command())
+        self.dialogue.introduce(hello, self.readiness.limits_command)
         if not self.hold_samples:
             self.dialogue.send(Start(self.rate_hz))
-
-    def _take_limits(self, low_kpa: float, high_kpa: float) -> None:
-        """Keep the board's hard limits; limits that no vented unit is inside of leave no pressure at all."""
-        usable = low_kpa <= 0 <= high_kpa and low_kpa < high_kpa
-        self._no_pressure = None
-        self.interlock.set_limits("board", (low_kpa, high_kpa) if usable else None)
-        if not usable:
-            text = f"the board's own limits, {low_kpa:g} to {high_kpa:g} kPa, leave out 0 kPa, where a vented unit is"
-            self._no_pressure = (text, "look at the board's firmware: it is only listened to")
-            self.dialogue.note("limits", text, "warning", self._no_pressure[1])
 
     def release_samples(self) -> None:
         """Ask for the samples that were held back."""
@@ -409,7 +375,7 @@ class Controller:
 
     def _once_guarded(self, then: Callable[[], None], extra: Sequence[Check] = ()) -> None:
         """Do `then` after the pre-flight, once limits and watchdog are acknowledged; a second press changes nothing."""
-        limits = self._limits_command()
+        limits = self.readiness.limits_command
         if self.dialogue.pending:
             return
         require([*self.preflight(), *extra])
@@ -461,24 +427,6 @@ class Controller:
         self._act()
         if starting:
             self._effects.append(Ended(f"aborted: {found.cause}"))
-
-    def _limits_command(self) -> SetLimits | None:
-        limits = self.interlock.limits
-        if limits is None:
-            return None
-        return SetLimits(round(limits.min_kpa * 1000), round(limits.max_kpa * 1000))
-
-    def _require_command(self) -> None:
-        if not self.dialogue.can_command:
-            why = f": {self.why_read_only}" if self.why_read_only else ""
-            raise OperatorError(f"this link only listens{why}", "use firmware or a profile that commands pressure")
-        if self._no_pressure is not None:
-            raise OperatorError(*self._no_pressure)
-
-    def _require_unlatched(self, what: str) -> None:
-        latched = self.interlock.latched
-        if latched is not None:
-            raise OperatorError(f"cannot {what}: {latched.cause}", latched.remedy or "clear the fault first")
 
 
 def _pascal(pressure_kpa: float | None) -> int | None:

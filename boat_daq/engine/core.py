@@ -97,7 +97,7 @@ class Core:
             dialogue = self.control.dialogue
             dialogue.can_command, dialogue.can_write = port.can_command, port.transport.can_write
             dialogue.whole_contract = port.profile is None
-            self.control.why_read_only = port.why_read_only
+            self.control.readiness.why_read_only = port.why_read_only
             if port.replayed is None:
                 acquisition.start()
             self.control.link_opened(time.monotonic_ns())

@@ -136,7 +136,7 @@ class Session:
             assert path is not None
             if for_plan is not None:
                 with self._core.acting() as board:
-                    board.check_plan(for_plan)
+                    board.readiness.require_plan(for_plan)
             self._recordings.begin(path, metadata, go_on_in, port=port)
 
         self._keeper.open(port, profile, control, greeted=greeted if path is not None else None)

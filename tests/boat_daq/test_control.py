@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import pytest
 
-from boat_daq.engine.control import ZERO_SAMPLES
 from boat_daq.engine.dialogue import Dialogue
 from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.readiness import ZERO_SAMPLES
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from protocol.link import CommandDone
@@ -263,7 +263,7 @@ def test_a_pressure_by_hand() -> None:
 def test_the_zero_of_the_pressure_sensor_is_looked_at() -> None:
     """A vented unit that reads 10 kPa is not started."""
     bench = Bench().connected()
-    bench.control._recent.extend([10.0] * ZERO_SAMPLES)
+    bench.control.readiness.take([10.0] * ZERO_SAMPLES)
     bench.control.arm(QUICK)
     with pytest.raises(OperatorError, match="on a vented unit"):
         bench.control.start()
@@ -321,6 +321,15 @@ def test_a_listener_sends_nothing_but_start() -> None:
         bench.control.arm(QUICK)
     bench.do(bench.control.vent, bench.control.leave)
     assert not bench.sent_of(Vent) and not bench.sent_of(Heartbeat) and not bench.sent_of(SetLimits)
+
+
+@pytest.mark.parametrize("commands", [True, False])
+def test_only_a_board_that_takes_commands_is_asked_for_limits(commands: bool) -> None:
+    """A pasted RX8 line, which knows no commands, was told that its board's limits are 0 to 0 kPa."""
+    bench = Bench()
+    bench.control.dialogue.can_command = commands
+    bench.control.readiness.take_limits(0.0, 0.0)
+    assert [note.kind for note in bench.notes] == ["limits"] * commands
 
 
 def test_a_board_that_resets_after_its_first_hello_is_introduced_again() -> None:

@@ -12,7 +12,7 @@ from analysis import Options, analyse
 from analysis.calibration import fit_calibration
 from analysis.shortfalls import BOUNDS, LEAST_R2, shortfalls
 from analysis.statistics import Figure
-from tests.analysis.boat_builder import Staircase
+from tests.analysis.boat_builder import Plant, Staircase
 
 PUBLISHED = (1651.9842, 46.4413, -2.6934, -0.36251)
 X = np.linspace(-2.7, 3.8, 37)
@@ -55,13 +55,13 @@ def test_a_figure_is_poor_beyond_its_bound_with_its_interval(bound):
 
 
 def test_the_bound_of_the_combined_error_is_that_of_the_published_curve():
-    """Largest distance of the published cubic of sensor 1 from its straight line, with 4.95 % hysteresis."""
+    """Twice: largest distance of the published cubic of sensor 1 from its straight line, with 4.95 % hysteresis."""
     x = np.linspace(-2.7, 3.8, 4001)
     y = np.polynomial.polynomial.polyval(x, PUBLISHED)
     line = np.polynomial.Polynomial.fit(x, y, 1)
     combined = math.hypot(100 * np.abs(y - line(x)).max() / abs(y[-1] - y[0]), 4.95)
     (bound,) = (b.bound for b in BOUNDS if b.name.startswith("combined"))
-    assert bound == pytest.approx(combined, abs=0.05)
+    assert bound == pytest.approx(2 * combined, abs=0.1)
 
 
 def test_without_a_calibration_nothing_is_poor_and_nothing_is_said():
@@ -81,3 +81,14 @@ def test_a_flag_of_a_reading_says_which_plateau_with_units(tmp_path):
     pressure, x = table.loc[row, "pressure_kpa"], table.loc[row, "elongation_mm"]
     assert f"the reading {x:+.2f} mm at {pressure:+.0f} kPa, loading, cycle 2 is " in said
     assert " mV off the curve" in said
+
+
+@pytest.mark.parametrize("grid_mm", [0.1, 0.5])
+def test_a_sound_session_is_not_called_poor(tmp_path, grid_mm):
+    """The published sensors with their noise and loop, read on a grid up to half a millimetre: nothing is poor."""
+    stairs = Staircase(Plant(loop_mm=0.25), cycles=2)
+    table = stairs.elongations()
+    table["elongation_mm"] = grid_mm * np.round(table["elongation_mm"] / grid_mm)
+    table.to_csv(tmp_path / "e.csv", index=False)
+    found = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=grid_mm))
+    assert [shortfalls(sensor, found.reading_sd_mm) for sensor in found.sensors] == [(), ()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,13 @@ import pytest
 import boat_daq  # noqa: F401  before numpy: it gives the BLAS one thread, as the program does
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def pytest_collection_finish() -> None:
+    """Leave what is loaded by now out of later collections: full ones are cheap then, and come often enough."""
+    gc.collect()
+    gc.freeze()
+    gc.collect()  # counts what is left: next to nothing
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -151,10 +151,10 @@ class SerialTransport:
 
     def _receive(self) -> bytes:
         """Wait for a byte, and take what came with it: alone it would be a block, and cost as much as all the rest."""
-        if sys.platform != "win32":
-            return _read_some(self._port)
-        first = bytes(self._port.read(1))
-        return first + bytes(self._port.read(self._port.in_waiting)) if first else first
+        if sys.platform == "win32":
+            first = bytes(self._port.read(1))
+            return first + bytes(self._port.read(self._port.in_waiting)) if first else first
+        return _read_some(self._port)
 
     def close(self) -> None:
         """Close; what the system says of a port that is gone already is of no use to anyone."""

@@ -158,8 +158,8 @@ class ShortcutSheet(QDialog):
                 pass
             for menu in menus:
                 column.addWidget(self._blocks[menu])
+                self._blocks[menu].show()  # a layout asks nothing for what is only about to be shown
             column.addStretch(1)
-        self._body.adjustSize()
 
     @staticmethod
     def _block(menu: str, lines: list[Command]) -> QGridLayout:

@@ -91,6 +91,8 @@ def test_the_shortcut_sheet_does_not_scroll_sideways(live, width):
     QApplication.processEvents()
     area = live.keys.findChild(QScrollArea)
     assert area.horizontalScrollBar().maximum() == 0
+    assert live.keys.height() >= min(533, area.widget().sizeHint().height())
+    assert area.viewport().width() > 500
     assert all(block.isVisible() for block in live.keys._blocks.values())
     live.keys.close()
 

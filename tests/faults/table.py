@@ -62,7 +62,7 @@ def injections() -> list[Injection]:
 
 def _marks(path: Path) -> Iterator[Injection]:
     source = path.read_text(encoding="utf-8")
-    if "mark.fault(" not in source:
+    if "mark.fault(" not in source and "few_and_many(" not in source:
         return
     tree = ast.parse(source)
     shared = [
@@ -73,22 +73,32 @@ def _marks(path: Path) -> Iterator[Injection]:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             nightly = whole or any(_is_nightly(d) for d in node.decorator_list if not _is_parametrize(d))
             for decorator in node.decorator_list:
+                where = f"{path.relative_to(ROOT).as_posix()}::{node.name}"
                 for call, inside in _fault_calls(decorator):
+                    arguments = [ast.literal_eval(argument) for argument in call.args]
+                    if _is_few_and_many(call):
+                        number, how, few, many = arguments
+                        yield Injection(number, how, few, where, nightly)
+                        yield Injection(number, how, many, where, nightly=True)
+                        continue
                     values = {key.arg: ast.literal_eval(key.value) for key in call.keywords}
-                    where = f"{path.relative_to(ROOT).as_posix()}::{node.name}"
-                    for number in map(ast.literal_eval, call.args):
+                    for number in arguments:
                         yield Injection(number, values["how"], values["times"], where, nightly or inside)
 
 
 def _fault_calls(node: ast.AST, nightly: bool = False) -> Iterator[tuple[ast.Call, bool]]:
-    """Give the calls of `pytest.mark.fault` below a decorator, and whether theirs is a nightly parameter."""
-    if isinstance(node, ast.Call) and ast.unparse(node.func) == "pytest.mark.fault":
+    """Give the marks and the `few_and_many` below a decorator, and whether theirs is a nightly parameter."""
+    if isinstance(node, ast.Call) and (ast.unparse(node.func) == "pytest.mark.fault" or _is_few_and_many(node)):
         yield node, nightly
         return
     if isinstance(node, ast.Call) and ast.unparse(node.func) == "pytest.param":
         nightly = nightly or _is_nightly(node)
     for child in ast.iter_child_nodes(node):
         yield from _fault_calls(child, nightly)
+
+
+def _is_few_and_many(node: ast.Call) -> bool:
+    return ast.unparse(node.func) == "few_and_many"
 
 
 def _is_parametrize(node: ast.AST) -> bool:

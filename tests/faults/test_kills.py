@@ -20,6 +20,7 @@ from boat_daq.engine.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.verify import verify_recording
 from tests.faults.drill import ROOT, needs_pty
+from tests.faults.often import few_and_many
 
 pytestmark = needs_pty
 
@@ -97,19 +98,7 @@ def hosts() -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.parametrize(
     "times",
-    [
-        pytest.param(2, marks=pytest.mark.fault(18, how="a host killed with -9 under pressure, over a pty", times=2)),
-        pytest.param(
-            200,
-            marks=[
-                pytest.mark.nightly,
-                pytest.mark.timeout(3600),
-                pytest.mark.fault(
-                    18, how="a host killed with -9 at random instants under pressure, over a pty", times=200
-                ),
-            ],
-        ),
-    ],
+    few_and_many(18, "a host killed with -9 at random instants under pressure, over a pty", 2, 200, timeout_s=3600),
 )
 def test_the_board_vents_whenever_its_host_is_killed(tmp_path: Path, hosts: subprocess.Popen[str], times: int) -> None:
     """Vented within its watchdog's time; the next start says why, finds the file, and recovers it identical."""

@@ -14,6 +14,7 @@ import pytest
 
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings
 from tests.faults.drill import ROOT
+from tests.faults.often import few_and_many
 
 SAVES = """
 import dataclasses, sys
@@ -29,22 +30,7 @@ for number in range(1, 10**9):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
-@pytest.mark.parametrize(
-    "times",
-    [
-        pytest.param(
-            3, marks=pytest.mark.fault(30, how="settings and units killed with -9 while they are saved", times=3)
-        ),
-        pytest.param(
-            100,
-            marks=[
-                pytest.mark.nightly,
-                pytest.mark.timeout(1800),
-                pytest.mark.fault(30, how="settings and units killed with -9 while they are saved", times=100),
-            ],
-        ),
-    ],
-)
+@pytest.mark.parametrize("times", few_and_many(30, "settings and units killed with -9 while they are saved", 3, 100))
 def test_settings_and_units_survive_a_kill(tmp_path: Path, times: int) -> None:
     """Always a whole file and a whole backup; no calibration that was stored is ever missing."""
     rng = random.Random(times)

@@ -29,6 +29,7 @@ from protocol.recording import open_recording
 from tests.boat_daq.board_link import meta_of
 from tests.boat_daq.recording_source import Source, begin
 from tests.faults.drill import OVER, ROOT, SHORT, drill, needs_pty
+from tests.faults.often import few_and_many
 from tests.faults.old_recordings import write_recording
 
 LONG = dataclasses.replace(SHORT, cycles=40)
@@ -87,22 +88,7 @@ def test_a_disk_that_fills_up_stops_the_run(tmp_path: Path) -> None:
 
 
 @needs_tmpfs
-@pytest.mark.parametrize(
-    "instants",
-    [
-        pytest.param(
-            3, marks=pytest.mark.fault(28, how="a tmpfs filled at random instants while it is written", times=3)
-        ),
-        pytest.param(
-            60,
-            marks=[
-                pytest.mark.nightly,
-                pytest.mark.timeout(1800),
-                pytest.mark.fault(28, how="a tmpfs filled at random instants while it is written", times=60),
-            ],
-        ),
-    ],
-)
+@pytest.mark.parametrize("instants", few_and_many(28, "a tmpfs filled at random instants while it is written", 3, 60))
 def test_a_disk_full_at_any_instant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, instants: int) -> None:
     """Whenever the last byte is gone: told once, what was acknowledged is there, and the rest once there is room."""
     monkeypatch.setattr(recording_file, "SPACE_FLOOR_BYTES", 0)

@@ -6,6 +6,7 @@ import random
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from analysis.boat_file import read_boat_file
@@ -16,6 +17,7 @@ from boat_daq.errors import StorageError
 from protocol.errors import RecordingError
 from protocol.recording import open_recording
 from tests.boat_daq.recording_source import Source, begin
+from tests.faults.often import few_and_many
 from tests.faults.old_recordings import write_recording
 
 PAGE = 4096
@@ -103,42 +105,16 @@ def test_half_a_copy(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
         recover(tmp_path / "run.boat")
 
 
-@pytest.mark.parametrize(
-    "step",
-    [
-        pytest.param(701, marks=pytest.mark.fault(31, how="the last two pages cut at every 701st byte", times=12)),
-        pytest.param(
-            3,
-            marks=[
-                pytest.mark.nightly,
-                pytest.mark.timeout(1800),
-                pytest.mark.fault(31, how="the last two pages cut at every third byte", times=2731),
-            ],
-        ),
-    ],
-)
-def test_the_last_pages_cut_at_any_byte(whole: Path, tmp_path: Path, step: int) -> None:
+@pytest.mark.parametrize("cuts", few_and_many(31, "the last two pages cut at so many of their 8,192 bytes", 12, 8192))
+def test_the_last_pages_cut_at_any_byte(whole: Path, tmp_path: Path, cuts: int) -> None:
     """Salvaged or refused in words, never half believed."""
     content = whole.read_bytes()
-    for end in range(len(content) - 2 * PAGE, len(content), step):
+    for end in np.linspace(len(content) - 2 * PAGE, len(content), cuts, endpoint=False, dtype=int):
         recovery = torn(tmp_path, content[:end], None)
         assert recovery is None or recovery.damaged
 
 
-@pytest.mark.parametrize(
-    "flips",
-    [
-        pytest.param(40, marks=pytest.mark.fault(32, how="one bit flipped anywhere in a closed file", times=40)),
-        pytest.param(
-            2000,
-            marks=[
-                pytest.mark.nightly,
-                pytest.mark.timeout(1800),
-                pytest.mark.fault(32, how="one bit flipped anywhere in a closed file", times=2000),
-            ],
-        ),
-    ],
-)
+@pytest.mark.parametrize("flips", few_and_many(32, "one bit flipped anywhere in a closed file", 40, 2000))
 def test_a_flipped_bit_is_found_or_harms_nothing(whole: Path, tmp_path: Path, flips: int) -> None:
     """Found by recover or verify, or in a place that holds nothing: then every sample is what it was."""
     content, rng = whole.read_bytes(), random.Random(flips)

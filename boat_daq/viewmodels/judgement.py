@@ -76,7 +76,7 @@ def poor(result: RunResult, posterior: Sequence[PosteriorResult] = ()) -> tuple[
     lines = []
     for number, sensor in enumerate(result.sensors, 1):
         said = [str(each) for each in sensor.poor]
-        if number <= len(posterior) and not posterior[number - 1].content["converged"]:
+        if number <= len(posterior) and not posterior[number - 1].content.get("converged", True):
             said.append("uncertainty bands not converged")
         if said:
             lines.append(f"Sensor {number}: {', '.join(said)}")

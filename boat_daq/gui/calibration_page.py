@@ -150,7 +150,8 @@ class Remarks(QScrollArea):
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setAccessibleName("Remarks on this run")
-        self.setWidget(_inside(words))
+        self.words = _inside(words)
+        self.setWidget(self.words)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Ask for the height that the words need at this width."""
@@ -159,7 +160,7 @@ class Remarks(QScrollArea):
 
     def fit(self) -> None:
         """Be as high as the words, or as the most that they may take."""
-        needed = self.widget().heightForWidth(self.viewport().width())
+        needed = self.words.heightForWidth(self.viewport().width())
         self.setFixedHeight(min(max(needed, 0), style.REMARKS_MOST))
 
 

@@ -23,6 +23,10 @@ from boat_daq.viewmodels.results import Array, RunResult
 SENSORS = 2
 NO_FIGURE = "No cycle of this run has this figure; the table says why on hover."
 BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
+BREAK_HOVERS = {
+    3: "Chance of means so far apart if nothing changed (t-test)",
+    4: "Chance of scatters so far apart if nothing changed (F-test)",
+}
 
 
 class LoopsByCycle(PlotCard):
@@ -92,11 +96,13 @@ class RepeatPage(QWidget):
         self.table = FigureTable()
         self.broken = widgets.label("", "small", wrap=True)
         self.tested = widgets.read_table("Both sides of each break compared", BREAK_HEADINGS)
-        self.tested.horizontalHeaderItem(3).setToolTip("Chance of so different means if nothing changed (t-test)")
-        self.tested.horizontalHeaderItem(4).setToolTip("Chance of so different scatter if nothing changed (F-test)")
-        self.breaks, words = QWidget(), widgets.column(self.broken, self.tested, spacing=style.GAP)
-        words.setContentsMargins(0, style.GAP, 0, 0)
-        self.breaks.setLayout(words)
+        for column, words in BREAK_HOVERS.items():
+            heading = self.tested.horizontalHeaderItem(column)
+            if heading is not None:
+                heading.setToolTip(words)
+        self.breaks, inside = QWidget(), widgets.column(self.broken, self.tested, spacing=style.GAP)
+        inside.setContentsMargins(0, style.GAP, 0, 0)
+        self.breaks.setLayout(inside)
         self.break_lines: list[tuple[PerCycle, Any]] = []
         self.stack = Leaves()
         self.missing = EmptyState(*desk.repeatability.missing(), "Choose the plan", desk.choose_repeatability)

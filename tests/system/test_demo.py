@@ -68,7 +68,7 @@ def test_the_demo_finds_the_truth_and_writes_its_report(tmp_path: Path) -> None:
 @pytest.mark.parametrize("unit", ["SA2-falling", pytest.param("SA3", marks=pytest.mark.nightly)])
 def test_other_units_and_a_falling_signal(unit: str, tmp_path: Path) -> None:
     """Units of other cubics, and one whose signal falls with elongation, within the same bounds."""
-    content = demo(tmp_path, "--unit", unit, "--seed", "5", "--no-mcmc", "--no-report")
+    content = demo(tmp_path, "--unit", unit, "--seed", "5", "--cycles", "2", "--no-mcmc", "--no-report")
     check_against_truth(content)
     rising = content["sensors"][0]["calibration"]["coefficients"][1] > 0
     assert rising is not unit.endswith("falling")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QMainWindow, QMenu
+from PySide6.QtWidgets import QApplication, QMainWindow, QMenu
 
 MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Models", "Go", "Help")
 
@@ -53,11 +53,18 @@ class Registry:
         action = QAction(command.text, self._window)
         action.setShortcut(QKeySequence(command.shortcut))
         action.setShortcutContext(Qt.ShortcutContext.ApplicationShortcut)
-        action.triggered.connect(lambda *_: self.run(command))
+        action.triggered.connect(lambda *_: self._pressed(command))
         menu.addAction(action)
         self.commands.append(command)
         self._actions.append((command, action))
         return action
+
+    def _pressed(self, command: Command) -> None:
+        """Do a command by its key; what stands open over the window (palette, menu, list) has had its turn."""
+        popup = QApplication.activePopupWidget()
+        if popup is not None:
+            popup.close()
+        self.run(command)
 
     def run(self, command: Command) -> None:
         """Do a command if it can be done now."""

@@ -150,6 +150,7 @@ class ShortcutSheet(QDialog):
         wanted, room = self._body.sizeHint(), self.over.size()
         margin = 2 * style.STRIP_HEIGHT
         self.resize(min(wanted.width() + margin, room.width()), min(wanted.height() + margin, room.height()))
+        self.move(self.over.geometry().center() - self.rect().center())  # Qt has placed it by its size before
 
     def _arrange(self, menus_of: tuple[tuple[str, ...], ...]) -> None:
         """Stand the menus in so many columns."""

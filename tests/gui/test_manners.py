@@ -56,6 +56,16 @@ def test_every_button_of_the_calibration_and_the_runs_is_a_command(whole):
     assert len(texts) == 5 + len(whole.pages["Runs"].buttons) + 1  # exports are two kinds behind one button
 
 
+@pytest.mark.parametrize("keys", ["Esc", "Ctrl+2"])
+def test_a_key_closes_the_palette_and_does_its_deed(live, keys):
+    """Esc vented, and left the palette standing; so did the key of a page."""
+    live.show_palette()
+    assert live.palette_.isVisible()
+    run_shortcut(live, keys)
+    assert not live.palette_.isVisible()
+    assert (live.page, live.desk.session.asked) == (("Live", ["vent"]) if keys == "Esc" else ("Calibrate", []))
+
+
 def test_commands_say_when_they_cannot(live):
     """A command that has nothing to do is greyed and does nothing when its key is pressed."""
     live.commands.refresh()

@@ -215,8 +215,12 @@ def _limits(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 2 and all(map(pressure, value))
 
 
+def _length(value: Any) -> bool:
+    return value is None or _number(-1e12, 1e12)(value)
+
+
 def _resumptions(value: Any) -> bool:
-    keys = {"utc": _time, "host_ns": _whole(0, _WHOLE_MAX), "first_chunk": _whole(0, _WHOLE_MAX)}
+    keys = {"utc": _time, "host_ns": _whole(0, _WHOLE_MAX), "first_chunk": _whole(0, _WHOLE_MAX), "break_s": _length}
     return isinstance(value, list) and all(
         isinstance(entry, dict) and all(fits(entry.get(key)) for key, fits in keys.items()) for entry in value
     )

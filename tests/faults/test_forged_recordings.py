@@ -36,6 +36,10 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # ---- recordings that somebody made -----------------------------------------------------------------------------------
 
 ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x AS key, x AS value FROM n"
+BREAK = (
+    '{"utc": "2026-01-01T00:00:00+00:00", "cause": "stopped", "break_s": "x", "host_ns": 1, "first_segment": 1,'
+    ' "first_chunk": 1, "first_step": 1, "first_cycle": 1, "complete_cycles": 1, "last_result": 0}'
+)
 FORGED = {
     "a view in a table's place": ["DROP TABLE session", f"CREATE VIEW session AS {ENDLESS}"],
     "a view that never ends": ["DROP TABLE block", f"CREATE VIEW block AS {ENDLESS}"],
@@ -54,6 +58,8 @@ FORGED = {
     "samples without a time": ["""UPDATE session SET value = '[["index","<u4",[]]]' WHERE key = 'sample_dtype'"""],
     "a year that no calendar has": ["UPDATE session SET value = '\"99999-01-01\"' WHERE key = 'started_utc'"],
     "a converter of 10^9 bits": ["UPDATE session SET value = '1000000000' WHERE key = 'adc_bits'"],
+    "a break of no length": [f"INSERT INTO session VALUES ('resumptions', '[{BREAK}]')"],
+    "a number of 400 digits": [f"UPDATE session SET value = '1{'0' * 400}' WHERE key = 'vref_mv'"],
     "nested JSON": [f"UPDATE session SET value = '{'[' * 50_000}' WHERE key = 'note'"],
 }  # fmt: skip
 

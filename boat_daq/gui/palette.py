@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import zip_longest
-
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShowEvent
 from PySide6.QtWidgets import (
@@ -154,7 +152,8 @@ class ShortcutSheet(QDialog):
 
     def _arrange(self, menus_of: tuple[tuple[str, ...], ...]) -> None:
         """Stand the menus in so many columns."""
-        for column, menus in zip_longest(self._columns, menus_of, fillvalue=()):
+        for place, column in enumerate(self._columns):
+            menus = menus_of[place] if place < len(menus_of) else ()
             while column.takeAt(0) is not None:
                 pass
             for menu in menus:

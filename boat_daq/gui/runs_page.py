@@ -174,13 +174,13 @@ class RunsPage(QWidget):
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
         column.addWidget(self.no_units, 1)
-        self.lower = QHBoxLayout()
-        self.lower.setSpacing(style.GAP)
-        self.lower.addWidget(side, 1)
-        self.lower.addWidget(self.history, 1)
+        self.sides = QHBoxLayout()
+        self.sides.setSpacing(style.GAP)
+        self.sides.addWidget(side, 1)
+        self.sides.addWidget(self.history, 1)
         self.cards = (side, self.history, self.compare_card)
         self.below = Leaves()  # the units, or in their place a comparison
-        self.below.addWidget(widgets.holder(self.lower))
+        self.below.addWidget(widgets.holder(self.sides))
         self.below.addWidget(self.compare_card)
         self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
         body = QWidget()
@@ -196,7 +196,7 @@ class RunsPage(QWidget):
         narrow = self.width() < style.STACKED_BELOW
         self.heading.setVisible(not narrow)
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
-        self.lower.setDirection(way)
+        self.sides.setDirection(way)
         for card in self.cards:
             card.setMinimumHeight(style.STACKED_HEIGHT if narrow else 0)
         self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))

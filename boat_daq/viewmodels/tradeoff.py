@@ -152,9 +152,7 @@ class TradeoffModel(MeasuredResult):
         if chart is None:
             return "not measured yet"
         return (
-            f"{chart.mark} the default is right"
-            if chart.default_is_chosen
-            else f"{chart.mark} the rule chose another"
+            f"{chart.mark} the default is right" if chart.default_is_chosen else f"{chart.mark} the rule chose another"
         )
 
     def status(self) -> str:

@@ -328,7 +328,7 @@ def test_only_a_board_that_takes_commands_is_asked_for_limits(commands: bool) ->
     """A pasted RX8 line, which knows no commands, was told that its board's limits are 0 to 0 kPa."""
     bench = Bench()
     bench.control.dialogue.can_command = commands
-    bench.control.readiness.take_limits(0.0, 0.0)
+    bench.do(lambda: bench.control.readiness.take_limits(0.0, 0.0))
     assert [note.kind for note in bench.notes] == ["limits"] * commands
 
 

@@ -116,7 +116,7 @@ class RunsPage(QWidget):
         self.history.heading.explain("The sensitivity of the unit on the bench at each of its accepted calibrations.")
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
         self.ages = [plot.points(f"Sensor {n}", sensor_ink(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
-        self.compare_card = PlotCard("Curves less the first run's")
+        self.compare_card = PlotCard("Difference from run 1")
         self.compare_card.heading.explain("The curve of each run less the curve of the first one, over elongation.")
         self.differences = self._comparison_plots()
         self.stack = Leaves()

@@ -20,6 +20,7 @@ COLUMNS = 3  # of maps
 SHADES = 64
 SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
+ROOM_FOR_NUMBERS = 0.1  # of the height, over the highest point
 
 
 SCENE = (
@@ -292,6 +293,8 @@ class ParetoCard(PlotCard):
         self.numbers.set([(float(x), float(y), str(int(n_sign))) for x, y, n_sign in front])
         self.readout.setText("\u25cf not beaten, and how often it rises   \u25c6 paper's")
         self.plot.fit()
+        low, high = self.plot.item.getViewBox().viewRange()[1]
+        self.plot.y_range(low, high + ROOM_FOR_NUMBERS * (high - low))
 
     def columns(self) -> Columns:
         """Return every design of the sweep with the three figures and whether it is on the front."""

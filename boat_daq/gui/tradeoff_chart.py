@@ -26,6 +26,7 @@ from boat_daq.viewmodels.tradeoff_report import MethodChart, TradeoffPoint, dura
 Array = NDArray[np.float64]
 MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # noise of the clock looks as small as it is
+ROOM_FOR_LABELS = 0.08  # of the height, over the highest point
 RING, SQUARE, MARK_WIDTH = 18, 26, 2
 AT_RIGHT = 0.99
 NOTHING = "Here stands each setting of the method: its time to the right, its error upwards. Measure brings them."
@@ -92,10 +93,10 @@ class TradeoffCard(PlotCard):
         self.paint_theme(self.theme)
 
     def _frame(self, x: Array, y: Array) -> None:
-        for values, show in ((x, self.plot.x_range), (y, self.plot.y_range)):
+        for values, show, above in ((x, self.plot.x_range, 0.0), (y, self.plot.y_range, ROOM_FOR_LABELS)):
             low, high = float(values.min()), float(values.max())
             more = max(0.0, LEAST_DECADES - (high - low)) / 2 + MARGIN_DECADES * max(1.0, 0.3 * (high - low))
-            show(low - more, high + more)
+            show(low - more, high + more + above * (high - low))
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""

@@ -162,7 +162,10 @@ def _encoding(head: bytes) -> str:
 def cells_of(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    return next(csv.reader(io.StringIO(line), delimiter=separator), [])
+    try:
+        return next(csv.reader(io.StringIO(line), delimiter=separator), [])
+    except csv.Error:  # a cell beyond csv's limit: one text, no number
+        return [line]
 
 
 def is_comment(line: str) -> bool:
@@ -205,10 +208,9 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
     for at, line in lines:
         if is_comment(line):
             if line.strip():
-                whole = (
-                    next(csv.reader([line.lstrip("\ufeff")]), [""]) if line.startswith('"') else [line.lstrip("\ufeff")]
-                )
-                comments.append(whole[0].strip().lstrip("#").strip())
+                bare = line.lstrip("\ufeff")
+                whole = (cells_of(bare, ",") or [""])[0] if line.startswith('"') else bare
+                comments.append(whole.strip().lstrip("#").strip())
             continue
         cells = cells_of(line.lstrip("\ufeff"), separator)
         if len(cells) == width and _is_data(cells, decimal):

@@ -11,6 +11,7 @@ from pathlib import Path
 import meshio
 import pytest
 
+from analysis.csv_import import import_csv
 from analysis.errors import FileError
 from analysis.shadow.mesh_files import read_mesh
 from tests.faults.drill import ROOT
@@ -102,3 +103,16 @@ def test_a_mesh_with_a_point_far_away_is_refused(tmp_path: Path) -> None:
     meshio.write(path, found)
     with pytest.raises(FileError, match="nowhere"):
         read_mesh(path)
+
+
+def test_a_quote_that_never_ends_is_one_text(tmp_path: Path) -> None:
+    """A cell beyond the standard library's 131,072 signs, in a row, a header and a comment: no traceback."""
+    long = '"' + "4," * 70_000
+    good = "time_s,pressure_kpa,s1_mv\n0,1,2\n1,2,3\n2,3,4\n"
+    (tmp_path / "row.csv").write_text(good + f"3,4,{long}", encoding="utf-8")
+    assert import_csv(tmp_path / "row.csv").n == 3
+    (tmp_path / "comment.csv").write_text(f'"# {"4;" * 70_000}\n{good}', encoding="utf-8")
+    assert import_csv(tmp_path / "comment.csv").n == 3
+    (tmp_path / "header.csv").write_text(long, encoding="utf-8")
+    with pytest.raises(FileError, match="no rows of numbers"):
+        import_csv(tmp_path / "header.csv")

@@ -9,6 +9,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenu
 
+from boat_daq.gui.tips import as_words
+
 MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Models", "Go", "Help")
 
 
@@ -24,6 +26,7 @@ class Command:
     run : the deed.
     available : whether it can be done now.
     apart : whether a line stands above it in its menu.
+    why : what stands against it now; said where it is greyed, and where its key is pressed all the same.
     """
 
     menu: str
@@ -32,6 +35,7 @@ class Command:
     run: Callable[[], object]
     available: Callable[[], bool] = lambda: True
     apart: bool = False
+    why: Callable[[], str] = lambda: ""
 
 
 class Registry:
@@ -41,9 +45,11 @@ class Registry:
         self._window = window
         self.commands: list[Command] = []
         self._actions: list[tuple[Command, QAction]] = []
+        self.refused: Callable[[str, str], object] = lambda what, why: None
         self._menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
         for menu in self._menus.values():
             menu.aboutToShow.connect(self.refresh)
+            menu.setToolTipsVisible(True)
 
     def add(self, command: Command) -> QAction:
         """Add a command to its menu; returns its action."""
@@ -70,11 +76,15 @@ class Registry:
         """Do a command if it can be done now."""
         if command.available():
             command.run()
+        elif why := command.why():
+            self.refused(command.text, why)
 
     def refresh(self) -> None:
         """Grey out what cannot be done now; the shortcut of a greyed command asks again when it is pressed."""
         for command, action in self._actions:
-            action.setEnabled(command.available())
+            able = command.available()
+            action.setEnabled(able)
+            action.setToolTip("" if able else as_words(command.why()))
 
     def wake(self) -> None:
         """Let every shortcut be heard again after a menu has closed."""

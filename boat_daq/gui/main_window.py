@@ -78,6 +78,7 @@ class MainWindow(QMainWindow):
         self.connect_panel = ConnectPanel(self, desk)
         self.commands = Registry(self)
         register(self.commands, self)
+        self.commands.refused = self._say_refused
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
         self.window_keys = WindowKeys(desk)
@@ -196,6 +197,10 @@ class MainWindow(QMainWindow):
         """Show the three first steps over the live page."""
         self.go("Live")
         self.live.show_first_steps(True)
+
+    def _say_refused(self, what: str, why: str) -> None:
+        """Say why a key did nothing."""
+        self.desk.notices.say(Level.INFORMATION, f"\u201c{what}\u201d: not now", why)
 
     def vent(self) -> None:
         """Vent, whatever has the keyboard; a dialog in front is closed by the same key."""

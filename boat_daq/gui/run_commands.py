@@ -56,8 +56,14 @@ def recordings(window: MainWindow) -> list[Command]:
     def able(key: str) -> bool:
         return window.page == "Runs" and page() is not None and page().offers(key)
 
+    def why(key: str) -> str:
+        if window.page != "Runs" or page() is None:
+            return "Go to the Runs page (Ctrl+4) and choose a recording."
+        said: str = page().buttons[key].accessibleDescription()
+        return said or "The chosen recording does not need it."
+
     def command(text: str, keys: str, key: str, deed: Callable[[], object], *, apart: bool = False) -> Command:
-        return Command(MENU, text, keys, deed, partial(able, key), apart)
+        return Command(MENU, text, keys, deed, partial(able, key), apart, partial(why, key))
 
     return [
         command("Calibrate with the chosen recording", "Ctrl+Alt+C", "open", lambda: page().open(), apart=True),

@@ -127,3 +127,20 @@ def test_the_page_s_key_leads_to_the_list_and_the_newest_run_is_chosen(runs):
     window.desk.runs.revision += 1
     window.refresh()
     assert page.selected() == []  # what a hand has put away stays away
+
+
+def test_a_key_that_can_do_nothing_says_why(runs):
+    """Its menu entry was grey without a word, and its key did nothing."""
+    window, page = runs
+    choose(page, 0)
+    for go_to, said in (("Runs", "two to four"), ("Live", "Go to the Runs page")):
+        window.go(go_to)
+        run_shortcut(window, "Ctrl+Alt+M")
+        notice = window.desk.notices.current()
+        assert "Compare the chosen runs" in notice.cause
+        assert said in notice.remedy
+        window.commands.refresh()
+        entry = next(a for c, a in window.commands._actions if c.shortcut == "Ctrl+Alt+M")
+        assert not entry.isEnabled()
+        assert said in entry.toolTip()
+        window.commands.wake()

@@ -5,7 +5,8 @@ bytes are handed over before each step, so that a stalled machine does not starv
 lies in the buffer; for the same reason a fast board does not make up for a stall: its time then simply went slower. At
 1x it does, so that its clock keeps to the wall's. Nor does a fast board count milliseconds of a busy computer as
 seconds without a host: just before its watchdog would vent, it waits up to a second of wall time for one that is
-connected. Nor does it run ahead of what that host has read: an answer would stand behind seconds of samples, and count
+connected; the time in which this program itself did not run is not counted: the host may have stood still with it.
+Nor does it run ahead of what that host has read: an answer would stand behind seconds of samples, and count
 as none; while bytes wait for the port its time stands still, again for up to a second without a byte taken. Longer, a
 host that does not read holds no board up: beyond the transmit buffer samples are dropped, counted and told, as the
 contract says. With no host at all bytes go nowhere, as on a wire without a listener.
@@ -38,7 +39,7 @@ SPEEDS = (1.0, 1000.0)
 _STEP_S = 0.005
 _FAST_STEP_S = 0.002  # from 20x on, where the host waits for more board time in each step
 _LONGEST_STEP_S = 0.02
-_GRACE_S = 1.0  # wall time for which a fast board waits for a connected host that sends nothing, or takes nothing
+_GRACE_S = 1.0  # of looking: how long a fast board waits for a connected host that sends nothing, or takes nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,8 @@ class BoardServer:
         self._congested = False
         self._connected = False
         self._plugged = True
-        self._heard_s = self._taken_s = 0.0  # wall time at which the host last sent, and last took, a byte
+        self._looked_s = self._seen_s = 0.0  # time spent looking for the host, and when it was last looked for
+        self._heard_s = self._taken_s = 0.0  # of the time spent looking: when the host last sent, and took, a byte
         self._carrier.plug()
 
     @property
@@ -121,9 +123,12 @@ class BoardServer:
 
     def _step(self, dt_us: int) -> None:
         """Exchange bytes with the host and move the board on."""
+        now_s = time.monotonic()
+        self._looked_s += min(now_s - self._seen_s, _LONGEST_STEP_S)
+        self._seen_s = now_s
         data = self._carrier.read()
         if data:
-            self._heard_s = time.monotonic()
+            self._heard_s = self._looked_s
             self.board.receive(data)
         if self._carrier.connected != self._connected:
             self._connected = not self._connected
@@ -141,12 +146,12 @@ class BoardServer:
 
     def _for_host_us(self) -> int:
         """Return how far a fast board's time may go on before it has to wait for its host; one with grace, if any."""
-        now_s, watchdog_us = time.monotonic(), self.board.watchdog_us
+        watchdog_us = self.board.watchdog_us
         if not self._connected:
             return sys.maxsize
-        if self._pending and now_s - self._taken_s < _GRACE_S:
+        if self._pending and self._looked_s - self._taken_s < _GRACE_S:
             return 0
-        if watchdog_us is None or now_s - self._heard_s > _GRACE_S:
+        if watchdog_us is None or self._looked_s - self._heard_s > _GRACE_S:
             return sys.maxsize
         return max(0, watchdog_us - self.board.now_us - 1)
 
@@ -161,7 +166,7 @@ class BoardServer:
             taken = self._carrier.write(self._pending)
             if not taken:
                 return
-            self._taken_s = time.monotonic()
+            self._taken_s = self._looked_s
             del self._pending[:taken]
 
     def _follow_plug(self, replugged: Callable[[str], None] | None) -> None:

@@ -7,6 +7,7 @@ import select
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -175,6 +176,36 @@ def test_a_busy_computer_is_not_a_dead_host():
         time.sleep(2.0)
         told = host.until(lambda m: isinstance(m, BoardEvent))
         assert told and next(m for m in told if isinstance(m, BoardEvent)).code == EventCode.HEARTBEAT_LOST
+
+
+@needs_pty
+def test_a_board_that_stood_still_itself_does_not_count_that_against_its_host():
+    """At 100x the board's program gets no processor for 1.5 s, the host wakes 0.1 s after it: not vented."""
+    server, stop = BoardServer(BoardSettings(speed=100.0)), threading.Event()
+    thread = threading.Thread(target=server.run, args=(stop.is_set,))
+    advance = server.board.advance
+
+    def starved(dt_us: int, *, room: int | None = None) -> bytes:
+        server.board.advance = advance
+        time.sleep(1.5)
+        return advance(dt_us, room=room)
+
+    thread.start()
+    with Host(server.url) as host:
+        host.hello()
+        host.send(Start(100))
+        host.send(Heartbeat(5000))
+        host.send(SetPressure(40_000, 0))
+        host.until(lambda m: isinstance(m, Sample) and m.state == BoardState.HOLDING)
+        host.send(Heartbeat(5000))
+        server.board.advance = starved
+        time.sleep(1.6)
+        host.send(Heartbeat(5000))
+        seen = host.until(lambda m: isinstance(m, Ack) and m.command_seq == host.seq)
+        assert not any(isinstance(m, BoardEvent) for m in seen)
+    stop.set()
+    thread.join()
+    server.close()
 
 
 @pytest.mark.parametrize("port", PORTS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from typing import TYPE_CHECKING
 
 import pytest
@@ -34,6 +35,8 @@ def make(qtbot, tmp_path):
         window.close()
         window.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # else each window slows the next one down
+    windows.clear()
+    gc.collect()  # here, not on a helper's thread later: a timer that ends on another thread than its own still fires
 
 
 @pytest.fixture

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import gc
 import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import QLocale, QTimer
+from PySide6.QtCore import QLocale
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session import Session
 from boat_daq.engine.settings import home, load_settings
 from boat_daq.gui import style
+from boat_daq.gui.collector import Collector
 from boat_daq.gui.main_window import MainWindow
 from boat_daq.viewmodels.desk import Desk
 
 INTERRUPTED = 130  # a shell's code for Ctrl-C
-SETTLED_MS = 3000  # after which a new page has loaded what it needs
 
 
 def make_application() -> QApplication:
@@ -47,25 +46,6 @@ def make_window(rate_hz: int | None = None) -> MainWindow:
     return MainWindow(Desk(Session(settings), home("config"), recordings))
 
 
-def spare_the_collector(window: MainWindow) -> QTimer:
-    """Leave what the window and its libraries have loaded out of later collections, after the start and each new page.
-
-    A full collection looks at a million objects that live as long as the window, and stops the picture for 130 ms.
-    """
-
-    def settle() -> None:
-        gc.collect()
-        gc.freeze()
-
-    settled = QTimer(window)
-    settled.setSingleShot(True)
-    settled.setInterval(SETTLED_MS)
-    settled.timeout.connect(settle)
-    window.page_made.connect(settled.start)
-    settled.start()
-    return settled
-
-
 def run(port: str | None = None, *, board: bool = False, speed: float = 1.0, rate_hz: int | None = None) -> int:
     """Open the window, connected to `port` or to a virtual board where asked; returns the exit code.
 
@@ -75,7 +55,7 @@ def run(port: str | None = None, *, board: bool = False, speed: float = 1.0, rat
     """
     app = make_application()
     window = make_window(rate_hz)
-    spare_the_collector(window)
+    Collector(window)
     window.fit_screen()
     window.show()
     if board:

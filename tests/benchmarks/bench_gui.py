@@ -122,11 +122,12 @@ def window_on_a_board(qtbot, tmp_path, monkeypatch, rate_hz=100):
     """The window as `run` opens it, on a virtual board in another process; the shadow is not prepared."""
     monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    from boat_daq.gui.app import make_application, make_window, spare_the_collector
+    from boat_daq.gui.app import make_application, make_window
+    from boat_daq.gui.collector import Collector
 
     make_application()
     window = make_window(rate_hz)
-    spare_the_collector(window)
+    Collector(window)
     qtbot.addWidget(window)
     window.show()
     desk = window.desk

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+import threading
 import weakref
 from collections import Counter
 
@@ -25,7 +26,8 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.session import LinkState, Message, ReadingRequest, SessionState, StepMark
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
-from boat_daq.gui.app import make_window, spare_the_collector
+from boat_daq.gui.app import make_window
+from boat_daq.gui.collector import Collector
 from boat_daq.viewmodels.desk import PAGES
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring, window_on
 
@@ -404,20 +406,63 @@ def test_a_closed_window_leaves_nothing_behind(qtbot, tmp_path):
     assert set(QApplication.allWidgets()) <= before
 
 
-def test_what_lives_as_long_as_the_window_is_not_collected_again(qtbot):
+def test_what_lives_as_long_as_the_window_is_not_collected_again(collected):
     """After the start, and after each page that is made, a full collection has next to nothing to look at."""
-    window = make_window(10_000)
+    window, collector = collected
     assert window.desk.session.settings.rate_hz == 10_000
-    qtbot.addWidget(window)
-    settled = spare_the_collector(window)
-    try:
-        assert settled.isActive()
-        settled.stop()
-        settled.timeout.emit()
-        assert len(gc.get_objects()) < 0.1 * gc.get_freeze_count()
-        window.open_page("Runs")
-        assert settled.isActive()
-    finally:
-        settled.stop()
-        gc.unfreeze()
-        window.close()
+    assert collector.settled.isActive()
+    collector.settled.stop()
+    collector.settle()
+    assert len(gc.get_objects()) < 0.1 * gc.get_freeze_count()
+    window.open_page("Runs")
+    assert collector.settled.isActive()
+
+
+def test_garbage_ends_on_the_windows_thread(collected):
+    """What the window drops is not collected where another thread allocates: a timer must die on its own thread."""
+    _, collector = collected
+    ends: list[int] = []
+
+    class Dropped:
+        def __init__(self) -> None:
+            self.itself = self
+
+        def __del__(self) -> None:
+            ends.append(threading.get_ident())
+
+    kept: list[list[int]] = []
+
+    def allocate() -> None:
+        kept.extend([n] for n in range(50 * gc.get_threshold()[0]))
+
+    Dropped()
+    busy = threading.Thread(target=allocate)
+    busy.start()
+    busy.join()
+    assert not ends
+    collector.collect()
+    assert ends == [threading.get_ident()]
+
+
+def test_python_collects_by_itself_again_once_the_window_is_gone(qtbot):
+    """Scripts and tests that open a window and close it are left as they were."""
+    window = make_window()
+    Collector(window)
+    assert not gc.isenabled()
+    window.close()
+    window.deleteLater()
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    assert gc.isenabled()
+
+
+@pytest.fixture
+def collected(qtbot):
+    """A window at 10 kHz and its collector."""
+    window = make_window(10_000)
+    collector = Collector(window)
+    yield window, collector
+    collector.settled.stop()
+    gc.unfreeze()
+    window.close()
+    window.deleteLater()
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)

@@ -116,11 +116,12 @@ def told_marks(result: dict[str, Any]) -> bool:
 
 def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str, Any]:
     """Run it; returns what was measured."""
-    from boat_daq.gui.app import make_application, make_window, spare_the_collector
+    from boat_daq.gui.app import make_application, make_window
+    from boat_daq.gui.collector import Collector
 
     app = make_application()
     window = make_window()
-    spare_the_collector(window)
+    Collector(window)
     window.resize(1280, 800)
     window.show()
     desk, watch = window.desk, Watch(window)

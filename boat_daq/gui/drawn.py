@@ -21,9 +21,20 @@ COSMETIC = 0.0  # a pen's width that is one pixel at any zoom, and asks for no r
 class Drawn(QGraphicsPathItem):
     """A line or a surface."""
 
+    _end: Drawn | None = None  # what was added to the line since it was drawn
+
     def draw_line(self, x: Array, y: Array, *, gaps: bool) -> None:
         """Draw `y` over `x` (same length); where `gaps`, what is not finite breaks the line."""
         self.setPath(pg.functions.arrayToQPath(x, y, "finite" if gaps else "all", gaps))
+        if self._end is not None:
+            self._end.setPath(QPainterPath())
+
+    def go_on(self, x: Array, y: Array, *, gaps: bool) -> None:
+        """Add to the line what came behind its end: only there is anything painted anew."""
+        if self._end is None:
+            self._end = Drawn(self)
+            self._end.setPen(self.pen())
+        self._end.draw_line(x, y, gaps=gaps)
 
     def fill_between(self, x: Array, low: Array, high: Array) -> None:
         """Fill between `low` and `high` over `x`, which never falls (same length, finite)."""
@@ -33,7 +44,9 @@ class Drawn(QGraphicsPathItem):
 
     def ink_line(self, colour: str, style: Qt.PenStyle) -> None:
         """Take a colour and a style as a line."""
-        self.setPen(QPen(QColor(colour), COSMETIC, style))
+        for line in (self, self._end):
+            if line is not None:
+                line.setPen(QPen(QColor(colour), COSMETIC, style))
 
     def ink_surface(self, colour: QColor) -> None:
         """Take a colour as a surface, without an outline."""

@@ -5,6 +5,7 @@ Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows 
 
 from __future__ import annotations
 
+import math
 from time import monotonic
 from typing import Any
 
@@ -13,7 +14,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 
 from boat_daq.gui import style
-from boat_daq.gui.plot import Plot, sensor_ink
+from boat_daq.gui.plot import Array, Curve, Plot, sensor_ink
 from boat_daq.gui.plot_card import PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import Frame, LiveModel, sensor_names
@@ -26,6 +27,9 @@ def shortened(note: str) -> str:
     return note if len(note) <= MOST_OF_A_NOTE else f"{note[: MOST_OF_A_NOTE - 1].rstrip()}\u2026"
 
 
+WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
+
+
 class LivePlots(PlotCard):
     """Four plots over one time axis: a signal each (or both in the first), elongation, pressure."""
 
@@ -33,7 +37,8 @@ class LivePlots(PlotCard):
         super().__init__("Live signals", show_title=False)
         self.model = model
         self.theme: Theme = style.LIGHT
-        self.last: Frame | None = None
+        self.last: Frame | None = None  # drawn whole
+        self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
         self.first = self.add("Signal 1", "mV", time=True)
         self.second = self.add("Signal 2", "mV", time=True)
         self.length = self.add("Elongation", "mm", time=True)
@@ -72,7 +77,7 @@ class LivePlots(PlotCard):
             rows.insert(-1, self.length)
         if rows == self.rows:
             return
-        self.rows = rows
+        self.rows, self._whole_until_s = rows, -math.inf
         self.s2_with.show(both)
         self.first.title = "Signals" if both else "Signal 1"
         self.show_only(rows)
@@ -106,25 +111,38 @@ class LivePlots(PlotCard):
 
     def draw(self) -> bool:
         """Draw one frame; returns whether there was anything to draw."""
-        frame = self.model.frame(self.view.width())
-        if frame is None:
-            return False
-        self.last = frame
-        columns = frame.columns
-        time_s, names = columns["time_s"], sensor_names(columns)
-        self.s1.set(time_s, columns[names[0]])
-        if len(names) > 1:
-            (self.s2_with if self.model.together else self.s2).set(time_s, columns[names[1]])
-        self.kpa.set(time_s, columns["pressure_kpa"])
-        self.target.set(time_s, columns["target_kpa"])
-        if frame.elongation is not None:
-            found = frame.elongation
-            self.mm.set(time_s, found.mm)
-            self.band.set(*found.band(time_s))
-        self.x_range(frame.low_s, frame.high_s)
-        self._ranges(frame)
+        width, now_s = self.view.width(), monotonic()
+        added = self.model.newest(self.last, width) if self.last and now_s < self._whole_until_s else None
+        if added is not None:
+            for curve, values in self._lines(added):
+                curve.go_on(added.columns["time_s"], values)
+        else:
+            frame = self.model.frame(width)
+            if frame is None:
+                return False
+            self.last, self._whole_until_s = frame, now_s + WHOLE_S
+            self._draw_whole(frame)
         self.view.scene().prepareForPaint()  # now, or the paint itself would ask for a second one
         return True
+
+    def _draw_whole(self, frame: Frame) -> None:
+        time_s = frame.columns["time_s"]
+        for curve, values in self._lines(frame):
+            curve.set(time_s, values)
+        if frame.elongation is not None:
+            self.band.set(*frame.elongation.band(time_s))
+        self.x_range(frame.low_s, frame.high_s)
+        self._ranges(frame)
+
+    def _lines(self, frame: Frame) -> list[tuple[Curve, Array]]:
+        """Return what each curve shows of a frame."""
+        columns, names = frame.columns, sensor_names(frame.columns)
+        lines = [(self.kpa, columns["pressure_kpa"]), (self.target, columns["target_kpa"])]
+        curves = (self.s1, self.s2_with if self.model.together else self.s2)
+        lines += [(curve, columns[name]) for curve, name in zip(curves, names, strict=False)]
+        if frame.elongation is not None:
+            lines.append((self.mm, frame.elongation.mm))
+        return lines
 
     def _ranges(self, frame: Frame) -> None:
         ranges = self.model.ranges(frame, monotonic())

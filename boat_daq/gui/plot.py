@@ -76,6 +76,10 @@ class Curve(Layer):
         self.x, self.y = x, y
         self.item.draw_line(x, y, gaps=self.gaps)
 
+    def go_on(self, x: Array, y: Array) -> None:
+        """Draw on from the curve's end until it is set anew; `x` begins there."""
+        self.item.go_on(x, y, gaps=self.gaps)
+
     def clear(self) -> None:
         """Draw nothing any more."""
         self.set(EMPTY, EMPTY)

@@ -71,8 +71,9 @@ Inverse = Callable[[Array], Elongation]  # [n, sensors] mV -> elongation
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture: the horizontal range and the columns in it."""
+    """One picture: its width in pixels, the horizontal range and the columns in it."""
 
+    width: int
     low_s: float
     high_s: float
     columns: Columns
@@ -242,7 +243,7 @@ class LiveModel:
     def frame(self, width: int) -> Frame | None:
         """Return what to draw on `width` pixels; None before the first sample."""
         ring = self.ring()
-        low, high = self.span_s()
+        low, high = self._shown_s(width)
         if ring is None:
             return None
         points = ring.draw(
@@ -250,9 +251,41 @@ class LiveModel:
         )
         if not points["time_s"].size:
             return None
-        columns = with_holes(points)
+        return self._picture(width, low, high, with_holes(points))
+
+    def newest(self, frame: Frame, width: int) -> Frame | None:
+        """Return what came behind the end of `frame`, as far as the picture stands still; None where it has to move.
+
+        It moves by whole columns of pixels: in between only the last one has anything new.
+        """
+        ring, column_s = self.ring(), (frame.high_s - frame.low_s) / max(width, 1)
+        if ring is None or width != frame.width:
+            return None
+        if np.abs(np.subtract(self._shown_s(width), (frame.low_s, frame.high_s))).max() > column_s / 2:
+            return None
+        columns = ring.view(float(frame.columns["time_s"][-1]))
+        if not columns["time_s"].size or with_holes(columns) is not columns:
+            return None
+        added = self._picture(width, frame.low_s, frame.high_s, columns)
+        known = added.elongation is None or frame.elongation is not None
+        return added if known and all(self._inside(*one) for one in self._extremes(added).items()) else None
+
+    def _shown_s(self, width: int) -> tuple[float, float]:
+        """Return the horizontal range on `width` pixels: one that follows ends with a whole column of them."""
+        low, high = self.span_s()
+        if not self.following or math.isinf(self.window_s):
+            return low, high
+        ahead = -high % ((high - low) / max(width, 1))
+        return low + ahead, high + ahead
+
+    def _picture(self, width: int, low_s: float, high_s: float, columns: Columns) -> Frame:
         elongation = self.inverse(signals(columns)) if self.inverse is not None else None
-        return Frame(low, high, columns, elongation, len(sensor_names(columns)))
+        return Frame(width, low_s, high_s, columns, elongation, len(sensor_names(columns)))
+
+    def _inside(self, name: str, extremes_: tuple[float, float]) -> bool:
+        """Whether a column stays inside the vertical range that is shown; one that knows no value does."""
+        shown = self._ranges.get(name)
+        return shown is not None and not (extremes_[0] < shown.low or extremes_[1] > shown.high)
 
     def frame_interval_ms(self, width: int, *, connected: bool) -> int:
         """Return how long the picture may wait: no frame is paid for that could not be seen."""
@@ -264,18 +297,23 @@ class LiveModel:
 
     def ranges(self, frame: Frame, now_s: float) -> dict[str, tuple[float, float]]:
         """Return the vertical range of each column; the same objects as before while nothing has left them."""
-        columns = frame.columns
-        wanted = {name: extremes(columns[name]) for name in sensor_names(columns)}
-        wanted["pressure_kpa"] = extremes(columns["pressure_kpa"], columns["target_kpa"])
-        if frame.elongation is not None:
-            wanted["elongation_mm"] = extremes(frame.elongation.mm)
-        if self.together:
-            low, high = extremes(*(columns[name] for name in sensor_names(columns)))
-            wanted |= dict.fromkeys(sensor_names(columns), (low, high))
+        wanted = self._extremes(frame)
         smallest = {"pressure_kpa": 10.0, "elongation_mm": 1.0}
         for name in wanted:
             self._ranges.setdefault(name, SteadyRange(smallest=smallest.get(name, 10.0)))
         return {name: self._ranges[name].update(low, high, now_s) for name, (low, high) in wanted.items()}
+
+    def _extremes(self, frame: Frame) -> dict[str, tuple[float, float]]:
+        """Return the least and greatest value of each column that has a vertical range."""
+        columns = frame.columns
+        found = {name: extremes(columns[name]) for name in sensor_names(columns)}
+        found["pressure_kpa"] = extremes(columns["pressure_kpa"], columns["target_kpa"])
+        if frame.elongation is not None:
+            found["elongation_mm"] = extremes(frame.elongation.mm)
+        if self.together:
+            both = extremes(*(columns[name] for name in sensor_names(columns)))
+            found |= dict.fromkeys(sensor_names(columns), both)
+        return found
 
     def headline(self, snapshot: SessionSnapshot, sensors: int = 2) -> Headline:
         """Return the large figures: means of the last moment, or dashes; what was before the link went is not now."""

@@ -20,6 +20,7 @@ from boat_daq.viewmodels.overlay import OverlayModel
 from boat_daq.viewmodels.photograph import Photograph
 from boat_daq.viewmodels.readings import ReadingsModel, column_of_lengths, outlying, parse_mm
 from boat_daq.viewmodels.sequence import BUTTONS, SequenceModel, drawing, staircase
+from protocol.recording import sample_dtype
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring, idle
 
 PLAN = built_in_plans()["calibration"]
@@ -70,6 +71,61 @@ def test_following_and_looking_back(ring):
     model.follow()
     model.zoom(2.0)
     assert model.span_s() == pytest.approx((539.99, 599.99))
+
+
+def append(ring, time_s, *, s1_mv):
+    """Add one sample to a filled ring."""
+    sample = np.zeros(1, sample_dtype(2, "signal"))
+    sample["time_us"], sample["host_ns"] = round(time_s * 1e6), round(time_s * 1e9)
+    sample["signal_mv"] = s1_mv, 1624.0
+    ring.append(sample)
+
+
+def test_the_picture_moves_by_whole_columns_and_goes_on_in_between():
+    """In between, what is drawn on begins where the picture ended and holds every newer sample, inside its ranges."""
+    ring = filled_ring(60.0)
+    model, now_s = LiveModel(lambda: ring, window_s=60.0), ring.view(last=1)["time_s"][0]
+    drawn, moved, added = model.frame(800), 0, 0
+    model.ranges(drawn, 0.0)
+    column_s = 60.0 / 800
+    for _ in range(100):
+        now_s += 0.01
+        append(ring, now_s, s1_mv=1640.0)
+        more = model.newest(drawn, 800)
+        if more is None:
+            before, drawn = drawn, model.frame(800)
+            model.ranges(drawn, 0.0)
+            moved += 1
+            assert (drawn.high_s - before.high_s) / column_s == pytest.approx(1.0)
+        else:
+            added += 1
+            assert (more.low_s, more.high_s) == (drawn.low_s, drawn.high_s)
+            assert more.columns["time_s"][0] == drawn.columns["time_s"][-1]
+            assert more.columns["time_s"][-1] == pytest.approx(now_s)
+            assert np.diff(more.columns["time_s"]) == pytest.approx(0.01)
+        assert now_s <= drawn.high_s + 1e-9 <= now_s + column_s + 1e-6
+    assert moved == pytest.approx(1.0 / column_s, abs=1.0)
+    assert moved + added == 100
+
+
+@pytest.mark.parametrize("what", ["leaves its range", "a hole", "another width", "held", "a calibration"])
+def test_a_picture_that_must_change_is_drawn_anew(what):
+    """A value outside the vertical range, a hole, another width, a look at the past, a calibration just loaded."""
+    ring = filled_ring(60.0)
+    model, now_s = LiveModel(lambda: ring, window_s=3600.0), ring.view(last=1)["time_s"][0]
+    drawn = model.frame(800)
+    model.ranges(drawn, 0.0)
+    append(ring, now_s + 0.01, s1_mv=1640.0)
+    assert model.newest(drawn, 800) is not None
+    if what == "leaves its range":
+        append(ring, now_s + 0.02, s1_mv=9000.0)
+    elif what == "a hole":
+        append(ring, now_s + 1.2, s1_mv=1640.0)
+    elif what == "held":
+        model.look_at(0.0, 30.0)
+    elif what == "a calibration":
+        model.inverse = lambda mv: Elongation(mv[:, 0], mv[:, 1], np.zeros(len(mv), bool))
+    assert model.newest(drawn, 640 if what == "another width" else 800) is None
 
 
 def test_nothing_to_draw_before_the_first_sample():

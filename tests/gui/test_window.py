@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+import math
 import threading
 import weakref
 from collections import Counter
 
+import numpy as np
 import pytest
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QGuiApplication, QKeySequence, QPixmap
@@ -29,6 +31,7 @@ from boat_daq.gui import style
 from boat_daq.gui.app import make_window
 from boat_daq.gui.collector import Collector
 from boat_daq.viewmodels.desk import PAGES
+from protocol.recording import sample_dtype
 from tests.gui.recorded_session import RecordedSession, connected, filled_ring, window_on
 
 
@@ -466,3 +469,30 @@ def collected(qtbot):
     window.close()
     window.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+
+
+def test_a_picture_that_goes_on_is_the_picture_drawn_whole(live):
+    """Samples added behind the lines' ends show the same pixels as a picture that is drawn anew with them."""
+    ring, plots = live.desk.session.ring, live.live.plots
+    live.frame_timer.stop()
+    live.calm_timer.stop()
+    newest_s, shown = float(ring.view(last=1)["time_s"][0]), []
+    assert plots.draw()
+    whole = plots.last
+    shown.append(plots.view.grab().toImage())
+    for n in range(1, 4):
+        sample = np.zeros(1, sample_dtype(2, "signal"))
+        sample["time_us"] = sample["host_ns"] = round((newest_s + 0.003 * n) * 1e6)
+        sample["signal_mv"] = 1650.0, 1620.0
+        ring.append(sample)
+    assert plots.draw()
+    assert plots.last is whole
+    shown.append(plots.view.grab().toImage())
+    plots._whole_until_s = -math.inf
+    assert plots.draw()
+    assert plots.last is not whole
+    shown.append(plots.view.grab().toImage())
+    still, gone_on, anew = (np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), -1) for image in shown)
+    assert 1 <= len(np.unique(np.nonzero(still != gone_on)[1])) <= 2
+    assert len(np.unique(np.nonzero(gone_on != anew)[1])) <= 2
+    assert np.count_nonzero(gone_on != anew) < np.count_nonzero(still != anew)

@@ -1,6 +1,6 @@
 """Packets of the PSoC 'Bridge Control Panel': its RX8 format string, and the reader it describes.
 
-    RX8 [h=43] @1S1 @0S1 @1S2 @0S2 [t=00]
+    RX8 [h=43] @1P @0P @1S1 @0S1 @1S2 @0S2 [t=00]
 
 `[h=...]` are the header's bytes in hexadecimal, `[t=...]` the tail's, either may be missing but not both; between them
 one mark a byte: `@nNAME` is byte n of variable NAME, 0 the lowest, and `x` a byte to skip. A variable may have 1 to 4

@@ -418,15 +418,12 @@ class Controller:
             self._tripped(found)
 
     def _tripped(self, found: Trip) -> None:
-        """Vent, tell, leave the run, or the start of one that waited for the board's answers."""
-        starting = self.dialogue.pending and self.sequencer.state is SessionState.ARMED
+        """Vent, tell, leave the run."""
         self.dialogue.forget_pending()
         self._vent()
         self.dialogue.note(found.kind, found.cause, "error", found.remedy, value=found.value)
         self.sequencer.abort(found.cause, SessionState.FAULT)
         self._act()
-        if starting:
-            self._effects.append(Ended(f"aborted: {found.cause}"))
 
 
 def _pascal(pressure_kpa: float | None) -> int | None:

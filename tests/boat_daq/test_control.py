@@ -155,17 +155,21 @@ def test_a_refused_pressure_is_not_done() -> None:
     assert "out of its limits" in bench.ends[0]
 
 
-@pytest.mark.fault(17, how="every answer lost", times=1)
-@pytest.mark.parametrize(("pressed", "ends"), [(True, ["aborted: the e-stop was pressed"]), (False, [])])
-def test_a_start_that_a_fault_overtakes_has_ended_so(*, pressed: bool, ends: list[str]) -> None:
-    """Start was pressed, its guards are not answered yet; a plan that is only armed has no run to end."""
+@pytest.mark.parametrize("pressed", ["start", "pressure by hand", "nothing"])
+def test_a_run_that_never_began_has_no_end(pressed: str) -> None:
+    """A fault while the guards of a start, or of a pressure by hand, are not answered yet: nothing to end by it."""
     bench = Bench("ack_late@0:200").connected()
-    bench.do(lambda: bench.control.arm(QUICK), *([bench.control.start] if pressed else []))
+    bench.do(lambda: bench.control.arm(QUICK))
+    if pressed == "start":
+        bench.do(bench.control.start)
+    elif pressed == "pressure by hand":
+        bench.do(lambda: bench.control.set_pressure(0.0, 1.0))
     bench.fault("estop", 1)
     bench.run(1.0)
-    assert (bench.state, bench.ends) == (SessionState.FAULT, ends)
+    assert (bench.state, bench.ends, bench.said(["run_started"])) == (SessionState.FAULT, [], [])
 
 
+@pytest.mark.fault(17, how="every answer lost", times=1)
 def test_an_unanswered_pressure_is_sent_three_times_then_vented() -> None:
     """ACKs lost for good: same seq three times, then vent and latch."""
     bench = Bench().running()

@@ -20,14 +20,12 @@ from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import Frame, LiveModel, sensor_names
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
+WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
 
 
 def shortened(note: str) -> str:
     """Return a note as it stands beside its marker."""
     return note if len(note) <= MOST_OF_A_NOTE else f"{note[: MOST_OF_A_NOTE - 1].rstrip()}\u2026"
-
-
-WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
 
 
 class LivePlots(PlotCard):

@@ -16,17 +16,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from analysis.calibration import Calibration, fit_calibration
-    from analysis.cycles import find_cycles
+    from analysis.calibration.fit import Calibration, fit_calibration
+    from analysis.calibration.inverse import Fusion, Inverse
+    from analysis.calibration.posterior import Posterior, sample_posterior
+    from analysis.data.load import load_recording
+    from analysis.data.recording import Recording
     from analysis.errors import AnalysisError
-    from analysis.inverse import Fusion, Inverse
-    from analysis.pipeline import Analysis, analyse
-    from analysis.plateaus import PlateauSettings, find_plateaus, plateau_table
-    from analysis.posterior import Posterior, sample_posterior
-    from analysis.recording import Recording, load_recording
+    from analysis.figures.figure import Figure
+    from analysis.figures.pipeline import Analysis, analyse
+    from analysis.figures.sensor_analysis import Options
     from analysis.reports.writing import write_report
-    from analysis.sensor_analysis import Options
-    from analysis.statistics import Figure
+    from analysis.segmentation.cycles import find_cycles
+    from analysis.segmentation.plateaus import PlateauSettings, find_plateaus, plateau_table
 
 __all__ = [
     "Analysis",
@@ -50,23 +51,23 @@ __all__ = [
 ]
 
 _HOME = {
-    "Analysis": "analysis.pipeline",
+    "Analysis": "analysis.figures.pipeline",
     "AnalysisError": "analysis.errors",
-    "Calibration": "analysis.calibration",
-    "Figure": "analysis.statistics",
-    "Fusion": "analysis.inverse",
-    "Inverse": "analysis.inverse",
-    "Options": "analysis.sensor_analysis",
-    "PlateauSettings": "analysis.plateaus",
-    "Posterior": "analysis.posterior",
-    "Recording": "analysis.recording",
-    "analyse": "analysis.pipeline",
-    "find_cycles": "analysis.cycles",
-    "find_plateaus": "analysis.plateaus",
-    "fit_calibration": "analysis.calibration",
-    "load_recording": "analysis.recording",
-    "plateau_table": "analysis.plateaus",
-    "sample_posterior": "analysis.posterior",
+    "Calibration": "analysis.calibration.fit",
+    "Figure": "analysis.figures.figure",
+    "Fusion": "analysis.calibration.inverse",
+    "Inverse": "analysis.calibration.inverse",
+    "Options": "analysis.figures.sensor_analysis",
+    "PlateauSettings": "analysis.segmentation.plateaus",
+    "Posterior": "analysis.calibration.posterior",
+    "Recording": "analysis.data.recording",
+    "analyse": "analysis.figures.pipeline",
+    "find_cycles": "analysis.segmentation.cycles",
+    "find_plateaus": "analysis.segmentation.plateaus",
+    "fit_calibration": "analysis.calibration.fit",
+    "load_recording": "analysis.data.load",
+    "plateau_table": "analysis.segmentation.plateaus",
+    "sample_posterior": "analysis.calibration.posterior",
     "write_report": "analysis.reports.writing",
 }
 

@@ -1,14 +1,11 @@
 """Numbers as they are printed: with as many digits as their uncertainty warrants (GUM 7.2.6).
 
-Rules: an uncertainty is given with two significant digits, the value to the same decimal place; a void figure prints
-a dash.
+Rules: an uncertainty is given with two significant digits, the value to the same decimal place.
 """
 
 from __future__ import annotations
 
 import math
-
-from analysis.statistics import Figure
 
 NOTHING = "–"
 
@@ -36,14 +33,3 @@ def with_uncertainty(value: float, uncertainty: float) -> str:
     if not math.isfinite(uncertainty) or not math.isfinite(value):
         return rounded(value, uncertainty)
     return f"{rounded(value, uncertainty)} ± {rounded(uncertainty, uncertainty)}"
-
-
-def with_interval(figure: Figure) -> str:
-    """Return "44.62 [44.45, 44.76] dB"."""
-    if math.isnan(figure.value):
-        return NOTHING
-    half = (figure.high - figure.low) / 4  # of a 95 % interval: about one standard uncertainty
-    text = rounded(figure.value, half)
-    if math.isfinite(figure.low) and math.isfinite(figure.high):
-        text += f" [{rounded(figure.low, half)}, {rounded(figure.high, half)}]"
-    return f"{text} {figure.unit}"

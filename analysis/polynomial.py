@@ -18,9 +18,9 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy import linalg
 
+from analysis.arrays import FloatArray
 from analysis.errors import DataError, RequestError
 
-FloatArray = npt.NDArray[np.float64]
 LongArray = npt.NDArray[np.longdouble]
 
 MAX_DEGREE = 10

@@ -6,62 +6,13 @@ is handed in, so that the same seed gives the same numbers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
-from analysis.losses import Losses
-
-FloatArray = npt.NDArray[np.float64]
+from analysis.arrays import FloatArray
 
 MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
 RESAMPLES = 2000
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One figure of a report: value, unit, how many it rests on, 95 % interval, or why there is none.
-
-    Attributes
-    ----------
-    value : NaN or infinite where `void` says why.
-    n : number of independent items behind it (cycles, plateaus or points, as `definition` says).
-    low, high : 95 % confidence interval; NaN where none can be given.
-    void : why the figure is not to be used, or "".
-    note : why the interval is missing or wide, or "".
-    window : what was lost or left out of the samples that it rests on; None where it rests on none directly.
-    """
-
-    value: float
-    unit: str
-    n: int
-    low: float = float("nan")
-    high: float = float("nan")
-    void: str = ""
-    note: str = ""
-    definition: str = ""
-    window: Losses | None = None
-
-    @classmethod
-    def nothing(cls, unit: str, reason: str, definition: str = "") -> Figure:
-        """A figure that cannot be given, with the reason."""
-        return cls(float("nan"), unit, 0, void=reason, definition=definition)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the figure as a dictionary; NaN and infinity are left for the writer to turn into null."""
-        return {
-            "value": self.value,
-            "unit": self.unit,
-            "n": self.n,
-            "interval_95": [self.low, self.high],
-            "void": self.void,
-            "note": self.note,
-            "definition": self.definition,
-            "window": self.window.as_json() if self.window is not None else None,
-        }
 
 
 def effective_count(values: FloatArray) -> float:

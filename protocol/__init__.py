@@ -11,10 +11,10 @@
 The contract of the bytes is SPEC.md beside this file.
 """
 
-from protocol.bulk import Decoded, decode_chunks, decode_samples
-from protocol.connection import Connection
 from protocol.errors import LocalError, ProfileError, ProtocolError, RemoteError
-from protocol.link import (
+from protocol.link.bulk import Decoded, decode_chunks, decode_samples
+from protocol.link.connection import Connection
+from protocol.link.events import (
     BoardEventReceived,
     BoardRestarted,
     CommandDone,
@@ -27,7 +27,7 @@ from protocol.link import (
     Samples,
     WrongProtocol,
 )
-from protocol.messages import (
+from protocol.link.messages import (
     AckStatus,
     BoardEvent,
     BootReason,
@@ -44,7 +44,7 @@ from protocol.messages import (
     Vent,
 )
 from protocol.recording import BoardState, SampleFlag, sample_dtype
-from protocol.text_profile import TextConnection, TextProfile, load_profile
+from protocol.text.connection import TextConnection, TextProfile, load_profile
 
 __all__ = [
     "AckStatus",

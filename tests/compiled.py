@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.optics.curves import default_curves, frame_of
-from analysis.optics.parameters import Design, Light, Waveguide
-from analysis.optics.simulation import trace
-from analysis.optics.sweep import SweepRequest, run_sweep
-from analysis.pipeline import analyse
-from analysis.shadow.band import product
-from analysis.shadow.shadow import Shadow
+from analysis.figures.pipeline import analyse
+from analysis.optics.scene.curves import default_curves, frame_of
+from analysis.optics.scene.parameters import Design, Light, Waveguide
+from analysis.optics.sweep.sweep import SweepRequest, run_sweep
+from analysis.optics.tracer.simulation import trace
+from analysis.shadow.fem.band import product
+from analysis.shadow.model.frames import Shadow
 
 SAMPLE = Path(__file__).resolve().parents[1] / "recordings" / "simulated_SA1_two_cycles.boat"
 

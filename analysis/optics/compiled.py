@@ -18,14 +18,13 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numba.extending
-import numpy as np
-import numpy.typing as npt
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
-PARTS = ("compiled", "frame", "tree", "geometry", "rays", "budget", "nearest", "tracer", "simulation")
+PARTS = (
+    "compiled", "scene/frame", "scene/bvh", "scene/geometry",
+    "tracer/rays", "tracer/budget", "tracer/nearest", "tracer/tracer", "tracer/simulation",
+)  # fmt: skip
 
 
 def _stamp() -> bytes:

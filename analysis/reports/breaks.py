@@ -5,11 +5,11 @@ Rules: nothing is computed here but a rounding.
 
 from __future__ import annotations
 
-from analysis.break_comparison import ALPHA, Break
+from analysis.figures.across_breaks import ALPHA, Break
+from analysis.figures.pipeline import Analysis
 from analysis.numbers import NOTHING, rounded, with_uncertainty
-from analysis.pipeline import Analysis
 from analysis.reports.cells import cell, p_value
-from analysis.reports.content import Drawing, Section, Table
+from analysis.reports.document import Drawing, Section, Table
 
 _OF_A_PART = (
     ("sensitivity_mv_per_mm", "Sensitivity"),

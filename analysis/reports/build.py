@@ -13,20 +13,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from analysis import comparison
-from analysis.boat_file import program_version
+from analysis.data.boat_file import program_version
 from analysis.errors import RequestError
-from analysis.pipeline import Analysis
-from analysis.repeatability import judge
-from analysis.reports import sections
+from analysis.figures import between_runs as comparison
+from analysis.figures.pipeline import Analysis
+from analysis.figures.repeatability import judge
+from analysis.reports import run_section as sections
 from analysis.reports.breaks import breaks
 from analysis.reports.cells import date_of
-from analysis.reports.content import Report, Section
+from analysis.reports.document import Report, Section
 from analysis.reports.runs import history_of_unit, runs_table, spread_of_runs
 from analysis.reports.shadow import shadow_section
 
 if TYPE_CHECKING:
-    from analysis.against_shadow import AgainstShadow
+    from analysis.figures.against_shadow import AgainstShadow
 
 
 def build_report(
@@ -36,7 +36,7 @@ def build_report(
 
     Parameters
     ----------
-    shadow : of a single run, `analysis.against_shadow`; None leaves the section out.
+    shadow : of a single run, `analysis.figures.against_shadow`; None leaves the section out.
 
     Raises
     ------

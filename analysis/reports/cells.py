@@ -6,8 +6,8 @@ import datetime
 
 import numpy as np
 
+from analysis.figures.figure import Figure
 from analysis.numbers import NOTHING, rounded
-from analysis.statistics import Figure
 
 
 def cells(figure: Figure | None) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """The figures of a report, each drawn onto axes that are handed in; HTML and PDF use the same ones.
 
 Rules: nothing is computed here but what a drawing needs (a grid, a thinning); colours and sizes come from
-`analysis.reports.style`; every axis has a title with its unit; filled points are loading, open ones unloading.
+`analysis.figure_style`; every axis has a title with its unit; filled points are loading, open ones unloading.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import AutoLocator, MaxNLocator
 
-from analysis.comparison import unit_of
-from analysis.loops import loop_width
-from analysis.pipeline import Analysis
-from analysis.recording import FloatArray
-from analysis.repeatability import per_cycle
-from analysis.reports import style
+from analysis import figure_style as style
+from analysis.arrays import FloatArray
+from analysis.figures.between_runs import unit_of
+from analysis.figures.pipeline import Analysis
+from analysis.figures.repeatability import per_cycle
+from analysis.figures.uncertainty import Budget
 from analysis.reports.glyphs import families, printable
-from analysis.uncertainty import Budget
+from analysis.segmentation.loops import loop_width
 
 Draw = Callable[[Axes], None]
 CURVE_POINTS = 201

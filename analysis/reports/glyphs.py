@@ -11,7 +11,7 @@ from functools import cache
 from matplotlib import font_manager
 from matplotlib.ft2font import FT2Font
 
-from analysis.reports import style
+from analysis import figure_style as style
 
 REPLACEMENT = "\ufffd"
 

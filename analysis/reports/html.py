@@ -13,8 +13,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
-from analysis.reports import style
-from analysis.reports.content import Drawing, Report, Table, aligned, right_aligned, typeset
+from analysis import figure_style as style
+from analysis.reports.document import Drawing, Report, Table, aligned, right_aligned, typeset
 from analysis.reports.panels import as_svg
 
 WIDTH_INCH = 7.4

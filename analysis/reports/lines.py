@@ -8,7 +8,7 @@ from functools import lru_cache
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextToPath
 
-from analysis.reports.content import DIGIT_SPACE, PAIR, POINT_SPACE
+from analysis.reports.document import DIGIT_SPACE, PAIR, POINT_SPACE
 from analysis.reports.glyphs import families, printable
 
 

@@ -14,8 +14,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from analysis.reports import style
-from analysis.reports.content import Drawing
+from analysis import figure_style as style
+from analysis.reports.document import Drawing
 
 STRETCH, SHRINK = 0.35, 0.25  # of a drawing's height
 ROW_SHRINK = 0.07  # of a row's height

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Canvas
 
-from analysis.reports import style
-from analysis.reports.content import Drawing
+from analysis import figure_style as style
+from analysis.reports.document import Drawing
 from analysis.reports.drawings import finished
 
 AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12

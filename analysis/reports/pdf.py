@@ -20,8 +20,8 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from analysis.reports import style
-from analysis.reports.content import Drawing, Report, Table, aligned, right_aligned, typeset
+from analysis import figure_style as style
+from analysis.reports.document import Drawing, Report, Table, aligned, right_aligned, typeset
 from analysis.reports.glyphs import families, printable
 from analysis.reports.lines import shortened, width_of, wrapped
 from analysis.reports.pages import Block, Item, Rule, Text, broken, placed

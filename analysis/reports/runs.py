@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analysis import comparison
 from analysis.errors import AnalysisError
-from analysis.history import unit_history
+from analysis.figures import between_runs as comparison
+from analysis.figures.pipeline import Analysis
+from analysis.figures.unit_history import unit_history
 from analysis.numbers import NOTHING, rounded, with_uncertainty
-from analysis.pipeline import Analysis
 from analysis.reports import drawings
 from analysis.reports.cells import cell, date_of
-from analysis.reports.content import Drawing, Section, Table
+from analysis.reports.document import Drawing, Section, Table
 
 
 def runs_table(analyses: Sequence[Analysis]) -> Section:

@@ -11,14 +11,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from analysis.against_shadow import AgainstShadow
+from analysis import figure_style as style
+from analysis.figures.against_shadow import AgainstShadow
 from analysis.numbers import rounded
-from analysis.reports import style
-from analysis.reports.content import Drawing, Section, Table
+from analysis.reports.document import Drawing, Section, Table
 from analysis.reports.drawings import TRACE_POINTS, Draw, envelope
 
 if TYPE_CHECKING:
-    from analysis.shadow.replay import Replay
+    from analysis.shadow.monitoring.replay import Replay
 
 TITLE = "Against the digital shadow"
 MOST_ROWS = 12  # cycles in the table; more are read from the drawing

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.errors import FileError, RequestError
-from analysis.pipeline import Analysis
+from analysis.figures.pipeline import Analysis
 from analysis.reports.build import build_report
-from analysis.reports.content import Report
+from analysis.reports.document import Report
 from analysis.reports.html import write_html
 from analysis.reports.pdf import write_pdf
 
 if TYPE_CHECKING:
-    from analysis.against_shadow import AgainstShadow
+    from analysis.figures.against_shadow import AgainstShadow
 
 WRITERS = {".html": write_html, ".pdf": write_pdf}
 
@@ -30,7 +30,7 @@ def write_report(
     Parameters
     ----------
     path : ends in .html or .pdf.
-    limits : name -> value, see `analysis.repeatability.LIMITS`; the verdict is given against them.
+    limits : name -> value, see `analysis.figures.repeatability.LIMITS`; the verdict is given against them.
     shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
 
     Raises

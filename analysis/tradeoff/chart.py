@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from analysis.reports import style
+from analysis import figure_style as style
 from analysis.tradeoff.measure import MARGIN, Measured, Point
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT

@@ -8,12 +8,12 @@ from functools import cache, partial
 
 import numpy as np
 
-from analysis.shadow.arrays import Floats
-from analysis.shadow.full_model import FullModel, actuator_problem
-from analysis.shadow.parameters import ActuatorParameters
-from analysis.shadow.reduced import ReducedModel, TableSettings
-from analysis.shadow.solver import Solution, Solver
-from analysis.shadow.table import CRITICAL_SHARE, build_table
+from analysis.arrays import FloatArray
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.fem.solver import Solution, Solver
+from analysis.shadow.model.full import FullModel, actuator_problem
+from analysis.shadow.model.reduced import ReducedModel, TableSettings
+from analysis.shadow.model.table import CRITICAL_SHARE, build_table
 from analysis.tradeoff.measure import Method, Setting
 from analysis.tradeoff.references import load
 
@@ -60,7 +60,7 @@ def mesh_settings(quick: bool) -> list[Setting]:
     def setting(name: str, mesh: Elements, points_a_side: int = 2) -> Setting:
         holds = CRITICAL_SHARE * _critical_kpa(mesh) <= pressures.min()
 
-        def error(found: Floats) -> float:
+        def error(found: FloatArray) -> float:
             return float(np.sqrt(np.mean((found - elongations)[free] ** 2))) if holds else float("inf")
 
         return Setting(name, _walk(mesh, pressures, points_a_side), error, work=len(pressures))
@@ -78,13 +78,13 @@ def _mesh_name(elements: Elements) -> str:
     return "mesh {} x ({} + {})".format(*elements)
 
 
-def _walk(mesh: Elements, pressures: Floats, points_a_side: int) -> Callable[[int], Floats]:
+def _walk(mesh: Elements, pressures: FloatArray, points_a_side: int) -> Callable[[int], FloatArray]:
     @cache
     def solver() -> Solver:
         model = FullModel(actuator_on(mesh))
         return Solver(actuator_problem(model.parameters, model.mesh, points_a_side))
 
-    def call(_: int) -> Floats:
+    def call(_: int) -> FloatArray:
         found, state = [], solver().rest()
         for before, pressure in zip([0.0, *pressures[:-1]], pressures, strict=True):
             start = state if before * pressure >= 0.0 else solver().rest()  # the second walk begins at rest again
@@ -102,7 +102,7 @@ class Held:
         self.count = count
 
     @cache  # noqa: B019 - one instance a run of the method
-    def truth(self) -> tuple[Floats, Floats, Floats]:
+    def truth(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return pressures, elongations (n,) and tracked points (n, 7, 2)."""
         table, model = _table(5, 2), FullModel()
         rng = np.random.default_rng(20260101)
@@ -115,7 +115,7 @@ class Held:
         return p, x, np.array(tracked)
 
 
-def _between(rng: np.random.Generator, ends: Floats, count: int) -> Floats:
+def _between(rng: np.random.Generator, ends: FloatArray, count: int) -> FloatArray:
     return rng.uniform(float(ends[0]), float(ends[1]), count)
 
 
@@ -146,7 +146,7 @@ def _truncated(side: int, modes: int) -> ReducedModel:
 
 def _batch(made: Callable[[], ReducedModel]) -> Callable[[int], ReducedModel]:
     @cache
-    def states() -> tuple[Floats, Floats]:
+    def states() -> tuple[FloatArray, FloatArray]:
         rng, table = np.random.default_rng(1), made()
         return _between(rng, table.pressure_range_kpa, STATES), _between(rng, table.elongation_range_mm, STATES)
 

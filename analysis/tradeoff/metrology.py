@@ -10,12 +10,12 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.special import gammaln
 
-from analysis.calibration import Calibration, fit_calibration
-from analysis.cycles import find_cycles
-from analysis.inverse import NODES, Inverse
-from analysis.plateaus import Plateau, find_plateaus
-from analysis.polynomial import FloatArray
-from analysis.recording import Recording
+from analysis.arrays import FloatArray
+from analysis.calibration.fit import Calibration, fit_calibration
+from analysis.calibration.inverse import NODES, Inverse
+from analysis.data.recording import Recording
+from analysis.segmentation.cycles import find_cycles
+from analysis.segmentation.plateaus import Plateau, find_plateaus
 from analysis.statistics import bootstrap_interval, resampling_weights
 from analysis.tradeoff.measure import Method, Setting
 

@@ -15,19 +15,19 @@ from functools import cache
 import numpy as np
 from scipy.stats import spearmanr
 
-from analysis.optics.compiled import Floats
-from analysis.optics.curves import frames_of
-from analysis.optics.figure_of_merit import merit, resolution
-from analysis.optics.frame import Frame
-from analysis.optics.geometry import pattern_of
-from analysis.optics.parameters import PAPER_OPTIMUM, Light, Waveguide
-from analysis.optics.rays import DETECTED
-from analysis.optics.sensitivity import proportional
-from analysis.optics.simulation import fan_of, rules_of, stacked, trace
-from analysis.optics.sweep import paper_grid, run_item
-from analysis.optics.variants import trace_variant
+from analysis.arrays import FloatArray
+from analysis.optics.scene.curves import frames_of
+from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.geometry import pattern_of
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, Light, Waveguide
+from analysis.optics.sweep.figure_of_merit import merit, resolution
+from analysis.optics.sweep.sensitivity import proportional
+from analysis.optics.sweep.sweep import paper_grid, run_item
+from analysis.optics.tracer.rays import DETECTED
+from analysis.optics.tracer.simulation import fan_of, rules_of, stacked, trace
 from analysis.tradeoff.measure import Method, Setting
 from analysis.tradeoff.references import load
+from analysis.tradeoff.variants import trace_variant
 
 PAPER_RAYS = 250
 PHASES = (-0.4, -0.27, -0.13, 0.01, 0.12, 0.26, 0.39)
@@ -53,10 +53,10 @@ def tracer_settings(quick: bool) -> list[Setting]:
     table = load("tracer")
     states, truth = table["states"], np.array(table["ndr"])
 
-    def error(ndr: Floats) -> float:
+    def error(ndr: FloatArray) -> float:
         return float(np.sqrt(np.mean((ndr - truth[: ndr.size]) ** 2)))
 
-    def sampler(light: Light, count: int) -> Callable[[int], Floats]:
+    def sampler(light: Light, count: int) -> Callable[[int], FloatArray]:
         return lambda repeat: _ndr(states[:count], replace(light, phase=PHASES[repeat]))
 
     rays = (50, 250, 1_000, 2_500) if quick else (50, 100, 250, 500, 1_000, 2_500, 10_000, 100_000, 1_000_000)
@@ -72,7 +72,7 @@ def tracer_settings(quick: bool) -> list[Setting]:
     def variant(what: str, chord_mm: float | None, *, single: bool = False) -> Setting:
         light = proportional(Light(), MANY)
 
-        def call(repeat: int) -> Floats:
+        def call(repeat: int) -> FloatArray:
             turned = replace(light, phase=PHASES[repeat])
             return np.array([_variant(s, turned, chord_mm, single) for s in states])
 
@@ -82,7 +82,7 @@ def tracer_settings(quick: bool) -> list[Setting]:
     return found if quick else [*found, variant("float32", None, single=True)]
 
 
-def _ndr(states: Sequence[int], light: Light) -> Floats:
+def _ndr(states: Sequence[int], light: Light) -> FloatArray:
     frames = _frames()
     return np.array([trace(frames[s], PAPER_OPTIMUM, Waveguide(), light, threads=1).ndr for s in states])
 
@@ -103,17 +103,17 @@ def ranking_settings(quick: bool) -> list[Setting]:
     truth = merit(np.array(table["ranking_ndr"])[part], resolution(table["ranking_rays"])).p
     patterns = np.array([pattern_of(design) for design in paper_grid()[:: table["every"]][part]])
 
-    def ranked(rays: int) -> Callable[[int], Floats]:
+    def ranked(rays: int) -> Callable[[int], FloatArray]:
         return lambda repeat: _p(patterns, replace(proportional(Light(), rays), phase=PHASES[repeat]))
 
-    def error(p: Floats) -> float:
+    def error(p: FloatArray) -> float:
         return 1.0 - float(spearmanr(truth, p).statistic)
 
     rays = (50, 250, 1_000, 5_000) if quick else (50, 250, 1_000, 2_500, 5_000, 10_000, 25_000)
     return [Setting(_rays(n), ranked(n), error, work=len(patterns)) for n in rays]
 
 
-def _p(patterns: Floats, light: Light) -> Floats:
+def _p(patterns: FloatArray, light: Light) -> FloatArray:
     frame, guide = _frames()[0], Waveguide()
     counts, _, _ = run_item(
         stacked(_frames()), rules_of(guide, light, frame), fan_of(light, frame), light.secondary, patterns

@@ -12,10 +12,10 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from analysis.calibration import fit_calibration
+from analysis.arrays import FloatArray
+from analysis.calibration.fit import fit_calibration
+from analysis.calibration.posterior import MAX_STEPS, WALKERS, sample_posterior
 from analysis.fidelity import Fidelity
-from analysis.polynomial import FloatArray
-from analysis.posterior import MAX_STEPS, WALKERS, sample_posterior
 from analysis.tradeoff.measure import Method, Setting
 from analysis.tradeoff.references import load
 

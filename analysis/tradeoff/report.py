@@ -17,8 +17,8 @@ from typing import Any
 
 import matplotlib as mpl
 
+from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
-from analysis.reports import style
 from analysis.tradeoff.chart import method_chart, overview_chart
 from analysis.tradeoff.measure import MARGIN, Measured, Method, Point
 

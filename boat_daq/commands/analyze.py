@@ -12,7 +12,7 @@ from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, 
 from boat_daq.commands.fidelity import FidelityOption, level_of
 
 if TYPE_CHECKING:
-    from analysis.pipeline import Analysis
+    from analysis.figures.pipeline import Analysis
 
 
 def analyze(
@@ -42,7 +42,7 @@ def analyze(
         boat-daq analyze run.boat --elongation readings.csv --seed 1 --json
     """
     from analysis import Options, PlateauSettings, analyse, load_recording
-    from analysis.results import store_analysis
+    from analysis.figures.stored_results import store_analysis
     from boat_daq.commands.importing import column_map
 
     options = Options(
@@ -58,7 +58,7 @@ def analyze(
             say(said)
     shadow = None
     if analysis.kind == "calibration" and not no_shadow:
-        from analysis.against_shadow import against_shadow
+        from analysis.figures.against_shadow import against_shadow
 
         with progress_bar("Building the shadow") as advance:
             shadow = against_shadow(analysis, progress=advance).as_json()
@@ -88,7 +88,7 @@ def _print_shadow(shadow: Mapping[str, Any] | None) -> None:
 def _print(analysis: Analysis) -> None:
     from rich.table import Table
 
-    from analysis.numbers import with_interval
+    from analysis.figures.figure import with_interval
 
     content = analysis.to_json()
     cycles = content["cycles"]

@@ -10,7 +10,7 @@ import typer
 from boat_daq.commands.console import Advance, JsonOption, emit_json, out, progress_bar, say
 
 if TYPE_CHECKING:
-    from analysis.tradeoff.atlas import Map, Study
+    from analysis.atlas.sweep import Map, Study
 
 
 def atlas(
@@ -28,10 +28,10 @@ def atlas(
 
         boat-daq atlas fit inverse --out maps
     """
+    from analysis.atlas.methods import chosen_studies
+    from analysis.atlas.report import atlas_json, write_atlas
+    from analysis.atlas.sweep import Outcome
     from analysis.errors import AnalysisError
-    from analysis.tradeoff.atlas import Outcome
-    from analysis.tradeoff.atlas_methods import chosen_studies
-    from analysis.tradeoff.atlas_report import atlas_json, write_atlas
 
     studies = chosen_studies(methods or ())
     with progress_bar("sweeping") as advance:
@@ -54,7 +54,7 @@ def atlas(
 
 
 def _swept(studies: list[Study], advance: Advance) -> list[Map]:
-    from analysis.tradeoff.atlas import sweep
+    from analysis.atlas.sweep import sweep
 
     total, before = sum(study.places for study in studies), 0
     maps = []

@@ -28,8 +28,8 @@ def batch(
 
         boat-daq batch recordings --out table.csv
     """
-    from analysis.batch import batch as run_batch
-    from analysis.batch import write_table
+    from analysis.figures.batch import batch as run_batch
+    from analysis.figures.batch import write_table
 
     with progress_bar("Analysing") as advance:
         table = run_batch(

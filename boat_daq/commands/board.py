@@ -33,7 +33,7 @@ def board(
         boat-daq board --pty --speed 100 --fault estop@30:5 --truth truth.csv
     """
     if list_faults:
-        from protocol.faults import FAULTS, fault_list
+        from protocol.simulator.faults import FAULTS, fault_list
 
         if as_json:
             emit_json(FAULTS)
@@ -44,7 +44,7 @@ def board(
         raise typer.BadParameter("use either --pty or --tcp HOST:PORT")
     if tcp is not None and link is not None:
         raise typer.BadParameter("--link goes with --pty")
-    from boat_daq.engine.board_server import BoardServer, BoardSettings
+    from boat_daq.engine.simulator.server import BoardServer, BoardSettings
 
     server = BoardServer(
         BoardSettings(
@@ -61,7 +61,7 @@ def board(
     try:
         say(f"SIMULATED board {unit} at {speed:g}x on {server.url}; Ctrl-C ends it")
         if as_json:
-            from protocol.truth import truth_figures
+            from protocol.simulator.truth import truth_figures
 
             emit_json({"port": server.url, "unit": unit, "seed": seed, "speed": speed, "truth": truth_figures(unit)})
         else:

@@ -90,8 +90,8 @@ def free_name(folder: Path, stem: str) -> Path:
 def record_on_virtual_board(run: Path, plan: Plan, *, unit: str, seed: int, speed: float) -> None:
     """Run the plan on a virtual board over a real port and enter readings from its truth, labelled as simulated."""
     from boat_daq.commands.run_session import SessionRequest, run_session
-    from boat_daq.engine.board_server import BoardSettings, serve
-    from boat_daq.engine.readings import enter_simulated_readings
+    from boat_daq.engine.session.readings import enter_simulated_readings
+    from boat_daq.engine.simulator.server import BoardSettings, serve
     from boat_daq.errors import DeviceError
 
     with tempfile.TemporaryDirectory() as folder:
@@ -113,7 +113,7 @@ def record_on_virtual_board(run: Path, plan: Plan, *, unit: str, seed: int, spee
 def analyse_and_keep(run: Path, *, seed: int, mcmc: bool, level: Level = "normal") -> Analysis:
     """Compute every figure of the run and keep the result in the recording."""
     from analysis import Options, analyse
-    from analysis.results import store_analysis
+    from analysis.figures.stored_results import store_analysis
 
     with progress_bar("analysing") as advance:
         analysis = analyse(run, options=Options(seed=seed, mcmc=mcmc, fidelity=level), progress=advance)
@@ -127,7 +127,7 @@ def beside_the_shadow(analysis: Analysis, level: Level = "normal") -> dict[str, 
 
     from analysis.errors import DataError
     from analysis.fidelity import fidelity
-    from analysis.shadow.fidelity import shadow_at
+    from analysis.shadow.model.fidelity import shadow_at
 
     if analysis.elongations is None:
         raise DataError("no elongation was read, so there is nothing to hold against the shadow")
@@ -147,7 +147,7 @@ def beside_the_shadow(analysis: Analysis, level: Level = "normal") -> dict[str, 
 def write_reports(analysis: Analysis, run: Path) -> list[Path]:
     """Write the calibration report beside the recording, to print and to look at."""
     from analysis import write_report
-    from analysis.against_shadow import against_shadow
+    from analysis.figures.against_shadow import against_shadow
 
     shadow = against_shadow(analysis)
     paths = [run.with_suffix(suffix) for suffix in (".pdf", ".html")]

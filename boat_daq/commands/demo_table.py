@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from boat_daq.commands.console import out
-from protocol.truth import Truth, truth_figures
+from protocol.simulator.truth import Truth, truth_figures
 
 if TYPE_CHECKING:
     from analysis import Analysis

@@ -23,7 +23,7 @@ def export(
         boat-daq export run.boat --format csv --out run.csv
     """
     from analysis import load_recording
-    from analysis.export import export as write
+    from analysis.data.export import export as write
 
     if format not in ("csv", "parquet"):
         raise typer.BadParameter("give csv or parquet", param_hint="--format")

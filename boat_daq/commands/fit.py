@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from analysis.calibration import Calibration
-    from analysis.posterior import Posterior
+    from analysis.calibration.fit import Calibration
+    from analysis.calibration.posterior import Posterior
 
     Array = NDArray[np.float64]
 
@@ -50,8 +50,8 @@ def fit(
 
         boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
     """
-    from analysis.calibration import fit_calibration, reservations
-    from analysis.checks import fit_checks
+    from analysis.calibration.checks import fit_checks
+    from analysis.calibration.fit import fit_calibration, reservations
 
     (at, signal, *given), labels, masked = _readings(file, [x, y] if u is None else [x, y, u], position)
     uncertainty = given[0] if given else None
@@ -63,9 +63,9 @@ def fit(
         say(note)
     posterior = None
     if x_resolution > 0:
+        from analysis.calibration.posterior import sample_posterior
+        from analysis.calibration.quantised_x import share_their_error
         from analysis.fidelity import fidelity
-        from analysis.posterior import sample_posterior
-        from analysis.reading import share_their_error
 
         posterior = sample_posterior(
             at, signal, degree, reading_sd=reading_sd, positions=labels, standard_uncertainty=uncertainty,
@@ -88,7 +88,7 @@ def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[
     """Return the rows of these columns in which no number is missing, the positions they name, and how many are not."""
     import numpy as np
 
-    from analysis.csv_table import read_table
+    from analysis.data.csv_table import read_table
 
     table = read_table(file)
     columns = [table.columns[table.position(name)] for name in names]

@@ -10,7 +10,7 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, say
 
 if TYPE_CHECKING:
-    from analysis.history import History
+    from analysis.figures.unit_history import History
 
 
 def history(
@@ -28,7 +28,7 @@ def history(
 
         boat-daq history recordings --unit SA1 --check-point 2
     """
-    from analysis.history import calibrations_in, unit_history
+    from analysis.figures.unit_history import calibrations_in, unit_history
 
     with progress_bar("Analysing") as advance:
         found = calibrations_in(folder, unit, seed=seed, progress=advance)

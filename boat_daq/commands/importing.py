@@ -32,13 +32,13 @@ def import_csv(
 
         boat-daq import lab.csv --out lab.boat --map pressure_kpa=3:bar --map s1_mv="Sensor A:V"
     """
-    from analysis import csv_columns
-    from analysis import csv_import as importer
+    from analysis.data import csv_columns
+    from analysis.data import csv_import as importer
 
     columns = csv_columns.load_profile(profile) if profile else {}
     columns |= column_map(mapping)
     if save_profile is not None:
-        from analysis.csv_table import read_table
+        from analysis.data.csv_table import read_table
 
         table = read_table(file)
         csv_columns.save_profile(save_profile, csv_columns.map_columns(table, columns), table)
@@ -49,7 +49,7 @@ def import_csv(
     if to is None:
         raise typer.BadParameter("give --out FILE.boat, or --preview")
     recording = importer.import_csv(file, columns=columns, rate_hz=rate)
-    from analysis.boat_writer import write_boat_file
+    from analysis.data.boat_writer import write_boat_file
 
     write_boat_file(to, recording, original=file)
     notes = [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]

@@ -12,7 +12,7 @@ from boat_daq.commands.console import JsonOption, emit_json, out
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from boat_daq.engine.summary import Summary
+    from boat_daq.engine.recording.summary import Summary
 
 
 def info(
@@ -23,7 +23,7 @@ def info(
 
     Example: boat-daq info recordings/run.boat
     """
-    from boat_daq.engine.summary import summarise
+    from boat_daq.engine.recording.summary import summarise
 
     summary = summarise(run)
     if as_json:

@@ -16,10 +16,10 @@ from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 from boat_daq.commands.fidelity import OptionalFidelity
 
 if TYPE_CHECKING:
+    from analysis.arrays import FloatArray
     from analysis.fidelity import Fidelity
-    from analysis.optics.compiled import Floats
-    from analysis.optics.frame import Frame
-    from analysis.optics.parameters import Design, Light, Waveguide
+    from analysis.optics.scene.frame import Frame
+    from analysis.optics.scene.parameters import Design, Light, Waveguide
 
 app = typer.Typer(no_args_is_help=True, help="The optical model: trace, scene, sweep, optimise.")
 
@@ -83,10 +83,10 @@ class Released:
         return cls(found if rays is None else rays, in_proportion if secondary is None else secondary)
 
 
-def _curves(path: Path | None) -> Floats:
+def _curves(path: Path | None) -> FloatArray:
     """The curves of a file or of a word in its place."""
-    from analysis.optics.curve_file import read_curves
-    from analysis.optics.curves import default_curves, parametric_curves
+    from analysis.optics.scene.curve_file import read_curves
+    from analysis.optics.scene.curves import default_curves, parametric_curves
 
     if path is None:
         return default_curves()
@@ -94,15 +94,15 @@ def _curves(path: Path | None) -> Floats:
         return parametric_curves()
     if str(path) != "shadow":
         return read_curves(path)
-    from analysis.shadow.states import kept_states
+    from analysis.shadow.model.states import kept_states
 
     return kept_states().curves_mm
 
 
-def _frame(curves: Floats, state: int | None, guide: Waveguide) -> tuple[Frame, int]:
+def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[Frame, int]:
     """The frame of a state, and its number; a file of one state has only that one."""
     from analysis.errors import RequestError
-    from analysis.optics.curves import REST, frame_of
+    from analysis.optics.scene.curves import REST, frame_of
 
     if len(curves) == 1:
         if state:
@@ -117,19 +117,19 @@ def _frame(curves: Floats, state: int | None, guide: Waveguide) -> tuple[Frame, 
 
 
 def _design(cavities: int, width: float, depth: float, spacing: float, face: str) -> Design:
-    from analysis.optics.parameters import Design
+    from analysis.optics.scene.parameters import Design
 
     return Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # the value checks itself
 
 
 def _light(rays: int, secondary: int, order: str, emission: str) -> Light:
-    from analysis.optics.parameters import Light
+    from analysis.optics.scene.parameters import Light
 
     return Light(rays=rays, secondary=secondary, order=order, emission=emission)  # type: ignore[arg-type]  # as above
 
 
 def _guide(index: float, thickness: float, attenuation: float, receiver: float | None) -> Waveguide:
-    from analysis.optics.parameters import Waveguide
+    from analysis.optics.scene.parameters import Waveguide
 
     return Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
 
@@ -170,7 +170,7 @@ def trace(
 
     Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
     """
-    from analysis.optics.simulation import trace as trace_scene
+    from analysis.optics.tracer.simulation import trace as trace_scene
 
     design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, attenuation, receiver)
     released = Released.chosen(rays, secondary, fidelity, lambda level: level.rays)
@@ -178,7 +178,7 @@ def trace(
     frame, number = _frame(_curves(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
-        from analysis.optics.figures import draw_scene, save
+        from analysis.optics.sweep.drawings import draw_scene, save
 
         save(draw_scene(frame, design, guide, light), out)
         say(f"wrote {out}")
@@ -232,7 +232,7 @@ def scene(
     """
     import json as codec
 
-    from analysis.optics.scene import ray_optics_scene
+    from analysis.optics.outline import ray_optics_scene
 
     design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, 0.0, receiver)
     frame, number = _frame(_curves(curves), state, guide)
@@ -274,8 +274,8 @@ def sweep(
 
     Example: boat-daq optics sweep --cavities 3,5,7 --rays 250 --out sweep
     """
-    from analysis.optics.report import sweep_json, sweep_text, write_sweep
-    from analysis.optics.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
+    from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
+    from analysis.optics.sweep.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
 
     designs = tuple(paper_grid(_numbers(cavities), face))  # type: ignore[arg-type]  # the design checks its face
     released = Released.chosen(rays, secondary, fidelity, lambda level: level.ranking_rays)
@@ -318,8 +318,8 @@ def optimise(
     """
     import json as codec
 
-    from analysis.optics.optimise import optimise as search
-    from analysis.optics.report import optimum_json, optimum_text
+    from analysis.optics.sweep.optimise import optimise as search
+    from analysis.optics.sweep.report import optimum_json, optimum_text
 
     _light(rays, 0, "time", "uniform")
     if out is not None:

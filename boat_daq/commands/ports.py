@@ -23,7 +23,7 @@ def ports(
 
     Example: boat-daq ports --port /dev/pts/3
     """
-    from boat_daq.engine.discovery import ask_all, ask_port
+    from boat_daq.engine.link.discovery import ask_all, ask_port
 
     if port:
         answers = [ask_port(name) for name in port]

@@ -14,9 +14,9 @@ from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analysis.reports.content import Report, Section
-    from boat_daq.engine.drill_bench import Outcome
-    from boat_daq.engine.drills import Drill
+    from analysis.reports.document import Report, Section
+    from boat_daq.engine.qualification.drills import Drill
+    from boat_daq.engine.qualification.test_rig import Outcome
 
 
 def qualify(
@@ -34,8 +34,8 @@ def qualify(
 
     Example: boat-daq qualify --out qualification
     """
-    from boat_daq.engine.drills import available, run_drill
     from boat_daq.engine.log import start_log
+    from boat_daq.engine.qualification.drills import available, run_drill
 
     start_log("qualify")
     drills = chosen(available(), only)
@@ -84,7 +84,7 @@ def make_folder(folder: Path) -> None:
 
 def result(outcomes: Sequence[Outcome], begun: datetime, *, whole: bool, folder: Path = Path()) -> dict[str, Any]:
     """Return the object of `qualify --json`, its files apart."""
-    from boat_daq.engine.installation import disk, machine, program, versions
+    from boat_daq.engine.qualification.installation import disk, machine, program, versions
 
     failed = [outcome.name for outcome in outcomes if not outcome.passed]
     passed = not failed and bool(outcomes)
@@ -151,7 +151,7 @@ def write_reports(content: dict[str, Any], outcomes: Sequence[Outcome], folder: 
 
 def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
     """Return the report: verdict, where to sign, what was tried on what, and each drill's criteria."""
-    from analysis.reports.content import Report, Section, Table
+    from analysis.reports.document import Report, Section, Table
 
     short = Table(
         ("Drill", "Result", "Lost", "Injected"),
@@ -220,7 +220,7 @@ def board_line(drill: dict[str, Any]) -> str:
 
 def drill_section(outcome: Outcome, drill: dict[str, Any]) -> Section:
     """Return one drill's criteria with what was seen, its board and its counts."""
-    from analysis.reports.content import Section, Table
+    from analysis.reports.document import Section, Table
 
     counts = "; ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in outcome.counts.items())
     faults = "; ".join(f"{', '.join(board['faults']) or 'no fault of the board'}" for board in drill["boards"])

@@ -14,8 +14,8 @@ from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 if TYPE_CHECKING:
     from boat_daq.commands.run_session import SessionRequest
     from boat_daq.engine.plan import Plan
-    from boat_daq.engine.resumption import BrokenRun
-    from boat_daq.engine.summary import Summary
+    from boat_daq.engine.recording.resumption import BrokenRun
+    from boat_daq.engine.recording.summary import Summary
 
 
 class Changes(TypedDict):
@@ -67,7 +67,7 @@ def record(
     Example: boat-daq record --port /dev/ttyACM0 --plan calibration --unit SA1 --out SA1.boat
     """
     from boat_daq.commands.run_session import run_session
-    from boat_daq.engine.readings import check_against_plan, enter_readings, read_elongation_csv
+    from boat_daq.engine.session.readings import check_against_plan, enter_readings, read_elongation_csv
 
     if resume is not None and (out is not None or duration is not None):
         raise typer.BadParameter("--resume goes on in its own recording: leave --out and --duration out")
@@ -139,7 +139,7 @@ def take_up(path: Path, plan: str | None, changes: Changes, *, unit: str) -> Bro
     OperatorError : another unit or plan, or there is nothing to go on with. StorageError, RecordingError : the file.
     """
     from boat_daq.engine.plan import load_plan
-    from boat_daq.engine.resumption import prepare_resumption, read_broken_run
+    from boat_daq.engine.recording.resumption import prepare_resumption, read_broken_run
     from boat_daq.errors import OperatorError
 
     broken = read_broken_run(path)

@@ -20,7 +20,7 @@ def recover(
 
     Example: boat-daq recover recordings/run.boat
     """
-    from boat_daq.engine.recovery import recover as recover_file
+    from boat_daq.engine.recording.recovery import recover as recover_file
 
     with progress_bar("checking") as progress:
         recovery = recover_file(file, progress=progress)

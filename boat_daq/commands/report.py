@@ -38,7 +38,7 @@ def report(
     if elongation and len(elongation) not in (1, len(runs)):
         raise typer.BadParameter(f"{len(elongation)} files for {len(runs)} runs", param_hint="--elongation")
     from analysis import Options, analyse, write_report
-    from analysis.against_shadow import against_shadow
+    from analysis.figures.against_shadow import against_shadow
 
     options = Options(seed=seed, mcmc=not no_mcmc, fidelity=level_of(fidelity))
     limits = dict(_limit(text) for text in limit or ())

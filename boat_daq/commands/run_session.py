@@ -16,11 +16,11 @@ from typing import Any
 from boat_daq.commands.console import progress_bar, say
 from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.resumption import BrokenRun
-from boat_daq.engine.session import Session
+from boat_daq.engine.recording.resumption import BrokenRun
+from boat_daq.engine.recording.summary import Summary, summarise
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import load_settings
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
-from boat_daq.engine.summary import Summary, summarise
 from boat_daq.errors import BoatDaqError
 from protocol.recording import BoardState
 

@@ -22,8 +22,8 @@ from boat_daq.commands.shadow_options import (
 
 if TYPE_CHECKING:
     from analysis.fidelity import Level
-    from analysis.shadow.full_model import FullModel
-    from analysis.shadow.solver import Solution
+    from analysis.shadow.fem.solver import Solution
+    from analysis.shadow.model.full import FullModel
 
 app = typer.Typer(
     help="The digital shadow: solve, table, modulus, states, replay, export, chain.",
@@ -55,7 +55,7 @@ def solve(
         raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
-    from analysis.shadow.guides import both_guides
+    from analysis.shadow.model.guides import both_guides
 
     level = level_of(fidelity)
     full, solution, answered, seconds = answer(pressure, elongation, model, parameters, mesh, level)
@@ -120,7 +120,7 @@ def answer(
 
 def draw(solution: Solution, parameters: Path | None, path: Path, level: Level = "normal") -> None:
     """Draw a state into a file."""
-    from analysis.shadow.figure import shadow_figure
+    from analysis.shadow.model.drawing import shadow_figure
 
     shadow = chosen_shadow(parameters, level)
     state = shadow.state(pressure_kpa=solution.pressure_kpa, elongation_mm=solution.elongation_mm)
@@ -142,9 +142,9 @@ def table(
     import time
 
     from analysis.fidelity import fidelity as at
-    from analysis.shadow.charts import basis_chart, states_per_second
-    from analysis.shadow.fidelity import table_settings
-    from analysis.shadow.table import build_table, load_table
+    from analysis.shadow.model.charts import basis_chart, states_per_second
+    from analysis.shadow.model.fidelity import table_settings
+    from analysis.shadow.model.table import build_table, load_table
 
     chosen, settings = chosen_parameters(parameters, level_of(fidelity)), table_settings(at(fidelity))
     begun = time.perf_counter()
@@ -185,7 +185,7 @@ def export(
 
     Example: boat-daq shadow export --format inp --pressure 50 --out actuator.inp
     """
-    from analysis.shadow.mesh_files import write_state
+    from analysis.shadow.fem.mesh_files import write_state
 
     model = chosen_model(parameters, None)
     write_state(model, model.solve(pressure_kpa=pressure), out, file_format)
@@ -217,7 +217,7 @@ def states(
 
     Example: boat-daq shadow states --out curves.csv
     """
-    from analysis.shadow.states import guide_states, write_states
+    from analysis.shadow.model.states import guide_states, write_states
 
     found = guide_states(chosen_model(parameters, mesh), lowest_kpa=lowest, highest_kpa=highest, every_half_mm=dense)
     write_states(found, out)

@@ -10,7 +10,7 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 
 if TYPE_CHECKING:
-    from analysis.optics.sweep import SweepResult
+    from analysis.optics.sweep.sweep import SweepResult
 
 
 def chain(
@@ -24,12 +24,12 @@ def chain(
 
     Example: boat-daq shadow chain --rays 1000 --out curves.csv
     """
-    from analysis.optics.curves import parametric_curves
-    from analysis.optics.parameters import Light
-    from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
-    from analysis.shadow.full_model import FullModel
-    from analysis.shadow.parameter_files import read_parameters
-    from analysis.shadow.states import guide_states, write_states
+    from analysis.optics.scene.curves import parametric_curves
+    from analysis.optics.scene.parameters import Light
+    from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
+    from analysis.shadow.model.full import FullModel
+    from analysis.shadow.model.parameter_files import read_parameters
+    from analysis.shadow.model.states import guide_states, write_states
 
     try:
         counts = tuple(int(part) for part in cavities.split(","))

@@ -10,8 +10,8 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
 
 if TYPE_CHECKING:
-    from analysis.recording import Recording
-    from analysis.shadow.arrays import Floats
+    from analysis.arrays import FloatArray
+    from analysis.data.recording import Recording
 
 from boat_daq.commands.shadow_options import ParametersOption, chosen_parameters, save_figure
 
@@ -40,8 +40,8 @@ def modulus(
 
     import numpy as np
 
-    from analysis.shadow.modulus import effective_modulus, read_compression_test
-    from analysis.shadow.table import load_table
+    from analysis.shadow.model.modulus import effective_modulus, read_compression_test
+    from analysis.shadow.model.table import load_table
 
     if len({path.resolve() for path in files}) < len(files):
         raise typer.BadParameter("one file is given for two specimens, which leaves no spread", param_hint="FILE.csv")
@@ -87,11 +87,11 @@ def replay(
     """
     import math
 
-    from analysis.cycles import find_cycles
-    from analysis.recording import load_recording
-    from analysis.shadow.replay import replay as compare
-    from analysis.shadow.replay import replay_figure
-    from analysis.shadow.table import load_table
+    from analysis.data.load import load_recording
+    from analysis.segmentation.cycles import find_cycles
+    from analysis.shadow.model.table import load_table
+    from analysis.shadow.monitoring.replay import replay as compare
+    from analysis.shadow.monitoring.replay import replay_figure
 
     recording = load_recording(run)
     elongations = measured_elongations(recording, calibration or run, elongation)
@@ -124,13 +124,13 @@ def replay(
     say(f"smallest shifts that these cycles would show from now on: {seen}" if seen else NO_SIGHT)
 
 
-def measured_elongations(recording: Recording, calibration: Path, elongation: Path | None) -> Floats:
+def measured_elongations(recording: Recording, calibration: Path, elongation: Path | None) -> FloatArray:
     """Return each sensor's elongation by the calibration of a run, shape (n, sensors); NaN outside its range."""
     import numpy as np
 
+    from analysis.calibration.inverse import Inverse
     from analysis.errors import DataError
-    from analysis.inverse import Inverse
-    from analysis.pipeline import analyse
+    from analysis.figures.pipeline import analyse
 
     sensors = analyse(calibration, elongation, mcmc=False).sensors
     if len(sensors) != recording.n_sensors:

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from analysis.fidelity import Level
-    from analysis.shadow.full_model import FullModel
-    from analysis.shadow.parameters import ActuatorParameters
-    from analysis.shadow.shadow import Shadow
+    from analysis.shadow.fem.parameters import ActuatorParameters
+    from analysis.shadow.model.frames import Shadow
+    from analysis.shadow.model.full import FullModel
 
 ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
 MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
@@ -24,8 +24,8 @@ MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh 
 def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
     """Return the parameters of a file, or the defaults, on the mesh of a fidelity; normal leaves a file's own mesh."""
     from analysis.fidelity import fidelity
-    from analysis.shadow.fidelity import actuator
-    from analysis.shadow.parameter_files import read_parameters
+    from analysis.shadow.model.fidelity import actuator
+    from analysis.shadow.model.parameter_files import read_parameters
 
     if path is None:
         return actuator(fidelity(level))
@@ -35,8 +35,8 @@ def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorPar
 
 def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "normal") -> FullModel:
     """Return the full model of the chosen parameters and mesh."""
-    from analysis.shadow.full_model import FullModel
-    from analysis.shadow.mesh_files import read_mesh
+    from analysis.shadow.fem.mesh_files import read_mesh
+    from analysis.shadow.model.full import FullModel
 
     return FullModel(chosen_parameters(parameters, level), mesh=None if mesh is None else read_mesh(mesh))
 
@@ -44,9 +44,9 @@ def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "nor
 def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
     """Return the shadow of the chosen parameters, its table of the fidelity's size."""
     from analysis.fidelity import fidelity
-    from analysis.shadow.fidelity import table_settings
-    from analysis.shadow.shadow import Shadow
-    from analysis.shadow.table import load_table
+    from analysis.shadow.model.fidelity import table_settings
+    from analysis.shadow.model.frames import Shadow
+    from analysis.shadow.model.table import load_table
 
     chosen = chosen_parameters(parameters, level)
     with progress_bar("building the table") as progress:

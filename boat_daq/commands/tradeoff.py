@@ -57,10 +57,10 @@ def tradeoff(
 
 def _live_plot() -> Method:
     """The live plot's method with what painting costs, where Qt is there to paint."""
-    from boat_daq.viewmodels.tradeoff_decimation import HEIGHT_PX, WIDTH_PX, decimation
+    from boat_daq.viewmodels.models.tradeoff_decimation import HEIGHT_PX, WIDTH_PX, decimation
 
     try:
-        from boat_daq.gui.tradeoff_painting import painter
+        from boat_daq.gui.models.tradeoff_painting import painter
     except ImportError:  # a computer without a screen may lack what Qt needs
         say("without Qt the live plot's points are fetched, not painted")
         return decimation()

@@ -20,7 +20,7 @@ def upgrade(
 
     Example: boat-daq upgrade recordings/run.boat
     """
-    from boat_daq.engine.upgrade import upgrade as upgrade_file
+    from boat_daq.engine.recording.upgrade import upgrade as upgrade_file
 
     done = upgrade_file(file)
     if as_json:

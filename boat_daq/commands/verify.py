@@ -10,7 +10,7 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar
 
 if TYPE_CHECKING:
-    from boat_daq.engine.verify import StoredResult, Verification
+    from boat_daq.engine.recording.verify import StoredResult, Verification
 
 IMPORTED = "import:"  # the port of a recording that came from a CSV
 
@@ -23,14 +23,14 @@ def verify(
 
     Example: boat-daq verify recordings/run.boat
     """
-    from boat_daq.engine.summary import summarise
-    from boat_daq.engine.verify import verify_recording
+    from boat_daq.engine.recording.summary import summarise
+    from boat_daq.engine.recording.verify import verify_recording
 
     with progress_bar("verifying") as progress:
         if (summarise(run).port or "").startswith(IMPORTED):
             verdict = verify_import(run)
         else:
-            from analysis.results import code_state
+            from analysis.figures.stored_results import code_state
 
             verdict = verify_recording(run, reanalyse=reanalyse, code=code_state(), progress=progress)
     if as_json:
@@ -45,7 +45,7 @@ def verify(
 
 def reanalyse(run: Path, stored: StoredResult) -> dict[str, Any] | None:
     """Compute a stored analysis anew; other kinds, and those that rest on files of their own, pass."""
-    from analysis.results import reproduce
+    from analysis.figures.stored_results import reproduce
 
     return reproduce(run, stored.id, stored.parameters) if stored.kind == "analysis" else None
 
@@ -54,9 +54,9 @@ def verify_import(run: Path) -> Verification:
     """Import the kept bytes of a CSV again."""
     import time
 
-    from analysis.import_check import first_difference
-    from boat_daq.engine.summary import summarise
-    from boat_daq.engine.verify import Verification
+    from analysis.data.import_check import first_difference
+    from boat_daq.engine.recording.summary import summarise
+    from boat_daq.engine.recording.verify import Verification
 
     begun = time.perf_counter()
     difference = first_difference(run)

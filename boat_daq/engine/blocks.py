@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from boat_daq.errors import DeviceError
-from protocol.link import LinkEvent
+from protocol.link.events import LinkEvent
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,9 +21,9 @@ from typing import Any
 
 from boat_daq import __version__
 from boat_daq.engine.log import log_folder
-from boat_daq.engine.recording_file import now_utc
+from boat_daq.engine.recording.file import now_utc
+from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.settings import home
-from boat_daq.engine.summary import summarise
 from boat_daq.errors import BoatDaqError, OperatorError, StorageError
 from protocol.errors import ProtocolError
 

@@ -23,7 +23,7 @@ from typing import Literal
 
 import tomli_w
 
-from boat_daq.engine.checked import build, parse_toml, read_text, refuse
+from boat_daq.engine.toml_values import build, parse_toml, read_text, refuse
 from boat_daq.errors import OperatorError
 
 KINDS = ("staircase", "continuous")

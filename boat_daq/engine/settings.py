@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 import platformdirs
 import tomli_w
 
-from boat_daq.engine.checked import MAX_BYTES, build, parse_toml, read_text, refuse
+from boat_daq.engine.toml_values import MAX_BYTES, build, parse_toml, read_text, refuse
 from boat_daq.errors import OperatorError, StorageError
 
 T = TypeVar("T")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from protocol.messages import Hello
+    from protocol.link.messages import Hello
     from protocol.recording import BoardState, SampleFlag
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from PySide6.QtCore import QLocale
 from PySide6.QtWidgets import QApplication
 
-from boat_daq.engine.session import Session
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import home, load_settings
 from boat_daq.gui import style
 from boat_daq.gui.collector import Collector
 from boat_daq.gui.main_window import MainWindow
-from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.app_model import Desk
 
 INTERRUPTED = 130  # a shell's code for Ctrl-C
 

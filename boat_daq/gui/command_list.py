@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QApplication
 
-from boat_daq.gui.commands import Command, Registry
 from boat_daq.gui.model_commands import models
-from boat_daq.gui.plot_card import PlotCard
+from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.plotting.shadow_pane import ShadowPane
+from boat_daq.gui.registry import Command, Registry
 from boat_daq.gui.run_commands import bug_report, calibration, recordings
-from boat_daq.gui.shadow_pane import ShadowPane
-from boat_daq.viewmodels.desk import PAGES
-from boat_daq.viewmodels.notices import Level
+from boat_daq.viewmodels.app_model import PAGES
+from boat_daq.viewmodels.common.notices import Level
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow

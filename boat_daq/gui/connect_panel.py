@@ -5,12 +5,13 @@ from __future__ import annotations
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, QVBoxLayout, QWidget
 
-from boat_daq.gui import style, widgets
-from boat_daq.gui.files import ask_open
-from boat_daq.gui.strip import sentence
-from boat_daq.viewmodels.connection import VIRTUAL_UNITS
-from boat_daq.viewmodels.desk import Desk
-from boat_daq.viewmodels.notices import Notice
+from boat_daq.gui import style
+from boat_daq.gui.status_strip import sentence
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import ask_open
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.notices import Notice
+from boat_daq.viewmodels.live.connection import VIRTUAL_UNITS
 
 SPEEDS = (("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0))
 

@@ -8,10 +8,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
 
-from boat_daq.engine.session import SessionSnapshot
-from boat_daq.gui import style, widgets
-from boat_daq.viewmodels.connection import link_text
-from boat_daq.viewmodels.desk import Desk
+from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.live.connection import link_text
 
 FIGURES = 4
 SEPARATOR = "  \u00b7  "

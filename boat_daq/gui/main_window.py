@@ -23,26 +23,26 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from boat_daq.engine.session import SessionState
+from boat_daq.engine.session.session import SessionState
 from boat_daq.gui import style
 from boat_daq.gui.command_list import register
-from boat_daq.gui.commands import Registry
 from boat_daq.gui.connect_panel import ConnectPanel
-from boat_daq.gui.files import ask_save
 from boat_daq.gui.header import Header
-from boat_daq.gui.live_page import LivePage
+from boat_daq.gui.live.live_page import LivePage
 from boat_daq.gui.navigation import Navigation
 from boat_daq.gui.pages import PAGE_MAKERS
 from boat_daq.gui.palette import Palette, ShortcutSheet
-from boat_daq.gui.plot_card import PlotCard
-from boat_daq.gui.room import Room
-from boat_daq.gui.shadow_pane import ShadowPane
-from boat_daq.gui.strip import Strip
+from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.plotting.shadow_pane import ShadowPane
+from boat_daq.gui.registry import Registry
+from boat_daq.gui.status_strip import Strip
 from boat_daq.gui.style import Theme
 from boat_daq.gui.undo import UndoStack
+from boat_daq.gui.widgets.file_dialogs import ask_save
+from boat_daq.gui.widgets.page_scroll import Room
 from boat_daq.gui.window_keys import WindowKeys
-from boat_daq.viewmodels.desk import PAGES, Desk
-from boat_daq.viewmodels.notices import Level
+from boat_daq.viewmodels.app_model import PAGES, Desk
+from boat_daq.viewmodels.common.notices import Level
 
 CALM_MS = 150
 LEAVE_S = 10.0  # a run is stopped where closing is asked for twice within it

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from boat_daq.gui.commands import Command
-from boat_daq.viewmodels.desk import FIDELITIES
-from boat_daq.viewmodels.shadow_live import SCALES
+from boat_daq.gui.registry import Command
+from boat_daq.viewmodels.app_model import FIDELITIES
+from boat_daq.viewmodels.live.shadow_live import SCALES
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow

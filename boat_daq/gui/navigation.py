@@ -8,7 +8,8 @@ from functools import partial
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QButtonGroup, QVBoxLayout, QWidget
 
-from boat_daq.gui import style, widgets
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
 
 
 class Navigation(QWidget):

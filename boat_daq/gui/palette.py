@@ -16,9 +16,10 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from boat_daq.gui import style, widgets
-from boat_daq.gui.commands import Command, Registry
-from boat_daq.viewmodels.matching import ranked
+from boat_daq.gui import style
+from boat_daq.gui.registry import Command, Registry
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.common.matching import ranked
 
 SHEET = (("Session", "Edit", "Go", "Help"), ("View", "Models"), ("Sequence", "Runs"))  # the menus in columns
 NARROW_SHEET = (("Session", "Edit", "Sequence", "Go", "Help"), ("View", "Runs", "Models"))

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from boat_daq.gui.commands import Command
-from boat_daq.gui.files import ask_open, ask_save
+from boat_daq.gui.registry import Command
+from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow

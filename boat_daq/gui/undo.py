@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from PySide6.QtGui import QUndoCommand, QUndoStack
 
-from boat_daq.viewmodels.changes import Change
-from boat_daq.viewmodels.notices import Notices
+from boat_daq.viewmodels.common.changes import Change
+from boat_daq.viewmodels.common.notices import Notices
 
 
 class _Command(QUndoCommand):

@@ -6,7 +6,7 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QWindow
 from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QLineEdit, QPushButton
 
-from boat_daq.viewmodels.desk import Desk
+from boat_daq.viewmodels.app_model import Desk
 
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.recording import STEP_COLUMNS, Recording
+from analysis.data.recording import STEP_COLUMNS, Recording
 from protocol.recording import APPLICATION_ID, SCHEMA_VERSION, SESSION_KEYS, TABLES, describe_dtype, sample_dtype
 
 PAPER = ((1651.9842, 46.4413, -2.6934, -0.36251), (1624.5567, 33.37911, -2.3102, -0.14139))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal, stats
 
 from analysis import find_cycles, find_plateaus, fit_calibration, plateau_table
-from analysis.checks import compare_degrees, lack_of_fit, leave_one_out, preferred_degree
+from analysis.calibration.checks import compare_degrees, lack_of_fit, leave_one_out, preferred_degree
 from analysis.statistics import (
     bootstrap_interval,
     effective_count,

@@ -16,7 +16,7 @@ import pytest
 from scipy import optimize
 
 from analysis import Fusion, Inverse, analyse, fit_calibration, load_recording, sample_posterior, write_report
-from analysis.overview import load_overview
+from analysis.data.overview import load_overview
 from protocol.recording import dtype_from_description
 from tests.analysis.boat_builder import PAPER, Plant, triangle, write_boat
 

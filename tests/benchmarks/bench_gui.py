@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from protocol.recording import sample_dtype
-from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
 pytestmark = pytest.mark.benchmark_run
 
@@ -27,9 +27,9 @@ def window_on(qtbot, tmp_path, size):
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui.app import make_application
     from boat_daq.gui.main_window import MainWindow
-    from boat_daq.viewmodels.desk import Desk
-    from boat_daq.viewmodels.live import Elongation
-    from boat_daq.viewmodels.shadow_live import load_model
+    from boat_daq.viewmodels.app_model import Desk
+    from boat_daq.viewmodels.live.live import Elongation
+    from boat_daq.viewmodels.live.shadow_live import load_model
 
     make_application()
     session = RecordedSession(connected(), filled_ring(HOUR_S))

@@ -9,10 +9,10 @@ import time
 
 import pytest
 
-from analysis.optics.curves import default_curves, frame_of
-from analysis.optics.parameters import Design, Light, Waveguide
-from analysis.optics.simulation import trace
-from analysis.optics.sweep import SweepRequest, paper_grid, run_sweep
+from analysis.optics.scene.curves import default_curves, frame_of
+from analysis.optics.scene.parameters import Design, Light, Waveguide
+from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
+from analysis.optics.tracer.simulation import trace
 
 PAPER_S = 8.0
 

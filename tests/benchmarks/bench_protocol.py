@@ -12,7 +12,7 @@ import pytest
 from cobs import cobs
 
 from protocol import Connection, decode_samples
-from tests.protocol.streams import hello_and, sample
+from tests.protocol.link.streams import hello_and, sample
 
 pytestmark = pytest.mark.benchmark_run
 

@@ -11,20 +11,20 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from boat_daq.engine.acquisition import Acquisition
 from boat_daq.engine.blocks import Block
-from boat_daq.engine.link_health import LinkHealth
-from boat_daq.engine.pyramid import MinMaxPyramid
-from boat_daq.engine.recorder import Recorder
-from boat_daq.engine.recording_file import RecordingFile
-from boat_daq.engine.recording_rows import RowMaker, mv_per_count
-from boat_daq.engine.ring_buffer import RingBuffer
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.transports import open_transport
-from boat_daq.engine.verify import verify_recording
+from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid
+from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.link.link_health import LinkHealth
+from boat_daq.engine.link.reader import Acquisition
+from boat_daq.engine.link.transports import open_transport
+from boat_daq.engine.recording.file import RecordingFile
+from boat_daq.engine.recording.recorder import Recorder
+from boat_daq.engine.recording.rows import RowMaker, mv_per_count
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
 from protocol import Connection, Identify, Samples, Start
 from protocol.recording import describe_dtype, sample_dtype
-from tests.boat_daq.board_link import Seen, meta_of
+from tests.boat_daq.engine.board_link import Seen, meta_of
 
 pytestmark = pytest.mark.benchmark_run
 

@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from analysis.shadow.charts import MESHES, mesh_points, solutions_per_second, states_per_second
-from analysis.shadow.full_model import FullModel
-from analysis.shadow.oracle import make_oracle
-from analysis.shadow.parameters import ActuatorParameters
-from analysis.shadow.shadow import Shadow
-from analysis.shadow.solver import factorise
-from analysis.shadow.table import build_table
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.fem.scikit_fem import make_oracle
+from analysis.shadow.fem.solver import factorise
+from analysis.shadow.model.charts import MESHES, mesh_points, solutions_per_second, states_per_second
+from analysis.shadow.model.frames import Shadow
+from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.table import build_table
 
 pytestmark = pytest.mark.benchmark_run
 PAPER_FRAMES_PER_S = 2.0

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from tests.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
 pytestmark = pytest.mark.benchmark_run
 
@@ -22,9 +22,9 @@ def desk(qtbot, tmp_path):
     """A desk with five minutes of signals, a calibration and the shadow."""
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui.app import make_application
-    from boat_daq.viewmodels.desk import Desk
-    from boat_daq.viewmodels.live import Elongation
-    from boat_daq.viewmodels.shadow_live import load_model
+    from boat_daq.viewmodels.app_model import Desk
+    from boat_daq.viewmodels.live.live import Elongation
+    from boat_daq.viewmodels.live.shadow_live import load_model
 
     make_application()
     made = Desk(RecordedSession(connected(), filled_ring(300.0)), tmp_path, tmp_path, UnitLibrary(tmp_path / "units"))
@@ -67,7 +67,7 @@ def say(capsys, what, watch):
 @pytest.mark.parametrize("quantity", ["displacement", "strain"])
 def test_frame_of_the_moving_shadow(qtbot, desk, capsys, quantity):
     """Every frame another state: measured, solved by the reduced model, drawn and painted."""
-    from boat_daq.gui.shadow_pane import ShadowPane
+    from boat_daq.gui.plotting.shadow_pane import ShadowPane
 
     pane = ShadowPane(desk)
     qtbot.addWidget(pane)
@@ -93,9 +93,9 @@ def test_frame_under_strong_vacuum(qtbot, desk, capsys):
     """Held at about -40 kPa off the nominal curve: every frame's state is looked up among those that a helper judged;
     beside it what one judgement takes, which no frame does.
     """
-    from boat_daq.gui.shadow_pane import ShadowPane
-    from boat_daq.viewmodels.live import Elongation
-    from boat_daq.viewmodels.shadow_work import unstable_places
+    from boat_daq.gui.plotting.shadow_pane import ShadowPane
+    from boat_daq.viewmodels.live.live import Elongation
+    from boat_daq.viewmodels.live.shadow_jobs import unstable_places
 
     model, looked, judging = desk.shadow.model, Watch(), Watch()
     for step in range(-42, -37):
@@ -125,9 +125,9 @@ def test_frame_under_strong_vacuum(qtbot, desk, capsys):
 
 def test_step_of_the_optics_slider(qtbot, desk, capsys):
     """From one state to the next: four polylines of some thousand points drawn and painted."""
-    from boat_daq.gui.optics_page import OpticsPage
-    from boat_daq.viewmodels.optics import PAPER
-    from boat_daq.viewmodels.optics_work import trace_design
+    from boat_daq.gui.models.optics_page import OpticsPage
+    from boat_daq.viewmodels.models.optics import PAPER
+    from boat_daq.viewmodels.models.optics_jobs import trace_design
 
     page = OpticsPage(desk)
     qtbot.addWidget(page)

@@ -17,38 +17,39 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.boat_writer import write_boat_file
-from analysis.csv_columns import load_profile as load_column_map
-from analysis.csv_import import import_csv, preview
-from analysis.elongation import read_elongation_file
+from analysis.data.boat_writer import write_boat_file
+from analysis.data.csv_columns import load_profile as load_column_map
+from analysis.data.csv_import import import_csv, preview
+from analysis.data.load import load_recording
+from analysis.data.overview import load_overview
+from analysis.data.recording import Recording
 from analysis.errors import AnalysisError
-from analysis.optics.curve_file import read_curves
-from analysis.optics.sweep_file import SweepFile
-from analysis.overview import load_overview
-from analysis.recording import Recording, load_recording
-from analysis.shadow.mesh_files import read_mesh
-from analysis.shadow.modulus import effective_modulus, read_compression_test
-from analysis.shadow.parameter_files import read_parameters
-from analysis.shadow.table import read_table as read_shadow_table
+from analysis.optics.scene.curve_file import read_curves
+from analysis.optics.sweep.sweep_file import SweepFile
+from analysis.segmentation.plateau_readings import read_elongation_file
+from analysis.shadow.fem.mesh_files import read_mesh
+from analysis.shadow.model.modulus import effective_modulus, read_compression_test
+from analysis.shadow.model.parameter_files import read_parameters
+from analysis.shadow.model.table import read_table as read_shadow_table
 from boat_daq.engine.plan import load_plan
-from boat_daq.engine.readings import read_elongation_csv
-from boat_daq.engine.recovery import find_interrupted, recover
+from boat_daq.engine.recording.recovery import find_interrupted, recover
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.session.readings import read_elongation_csv
 from boat_daq.engine.settings import UnitLibrary, load_settings
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.verify import verify_recording
 from boat_daq.errors import BoatDaqError
-from protocol.bulk import decode_samples
-from protocol.connection import Connection
 from protocol.errors import ProtocolError
-from protocol.framing import COLLECT_MAX, Frame, FrameReader, encode_frame
-from protocol.link import Samples
-from protocol.messages import decode_command, decode_message
-from protocol.profile_file import load_profile
-from protocol.rx8 import parse_format
-from protocol.text_profile import TextConnection
-from protocol.virtual_board import VirtualBoard
+from protocol.link.bulk import decode_samples
+from protocol.link.connection import Connection
+from protocol.link.events import Samples
+from protocol.link.framing import COLLECT_MAX, Frame, FrameReader, encode_frame
+from protocol.link.messages import decode_command, decode_message
+from protocol.simulator.board import VirtualBoard
+from protocol.text.connection import TextConnection
+from protocol.text.profile import load_profile
+from protocol.text.rx8 import parse_format
 from tests.faults.old_recordings import write_recording
-from tests.protocol.streams import HELLO, START_DONE, stream
+from tests.protocol.link.streams import HELLO, START_DONE, stream
 
 ROOT = Path(__file__).resolve().parents[2]
 REFUSALS = (ProtocolError, AnalysisError, BoatDaqError)

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.boat_file import read_boat_file
-from analysis.recording import Recording
-from boat_daq.engine.board_server import BoardSettings, serve
+from analysis.data.boat_file import read_boat_file
+from analysis.data.recording import Recording
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.session import Session
+from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
+from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
-from boat_daq.engine.verify import verify_recording
-from protocol.framing import FrameReader
-from protocol.messages import Command, decode_command
+from protocol.link.framing import FrameReader
+from protocol.link.messages import Command, decode_command
 from protocol.recording import open_recording
 
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")

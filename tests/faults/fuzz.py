@@ -15,7 +15,7 @@ from pathlib import Path
 FOLDER = Path(os.environ.get("BOAT_FUZZ", Path(tempfile.gettempdir()) / "boat-fuzz"))
 INPUT_MAX = {"recording": 150_000, "sweep": 40_000, "mesh": 60_000, "shadow table": 20_000}
 COMPILED = [  # numba cannot compile what is instrumented
-    "analysis.cycles", "analysis.inverse",
+    "analysis.segmentation.cycles", "analysis.calibration.inverse",
     *(f"analysis.optics.{name}" for name in ("compiled", "geometry", "simulation", "tracer")),
     *(f"analysis.shadow.{name}" for name in ("harmonics", "element", "shadow", "pressure", "band", "material")),
 ]  # fmt: skip

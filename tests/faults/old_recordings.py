@@ -6,10 +6,10 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
-from boat_daq.engine.recorder import Recorder
+from boat_daq.engine.recording.recorder import Recorder
 from protocol.recording import APPLICATION_ID, TABLE_NAMES
-from tests.boat_daq.board_link import meta_of
-from tests.boat_daq.recording_source import Source
+from tests.boat_daq.engine.board_link import meta_of
+from tests.boat_daq.engine.recording_source import Source
 
 SCHEMAS = {path.stem: path for path in sorted((Path(__file__).parent / "schemas").glob("*.sql"))}
 

@@ -10,16 +10,25 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from analysis.optics.sweep_file import SweepFile
-from analysis.shadow.full_model import FullModel
-from analysis.shadow.mesh_files import write_state
-from analysis.shadow.parameters import ActuatorParameters
+from analysis.optics.sweep.sweep_file import SweepFile
+from analysis.shadow.fem.mesh_files import write_state
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.full import FullModel
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
-from protocol.messages import Heartbeat, Identify, SetLimits, SetPressure, Start, Vent, encode_command, encode_message
+from protocol.link.messages import (
+    Heartbeat,
+    Identify,
+    SetLimits,
+    SetPressure,
+    Start,
+    Vent,
+    encode_command,
+    encode_message,
+)
 from tests.faults.decoders import ROOT, folder, kept
 from tests.faults.old_recordings import SCHEMAS, write_old_recording, write_recording
-from tests.protocol.streams import hello_and, sample
+from tests.protocol.link.streams import hello_and, sample
 
 CSV = (
     b"time_s,pressure_kpa,s1_mv,s2_mv,note\n# comment\n0.00,50.1,1650.2,1620,a\n0.01,50.0,1651,1619,b\n0.02,,NaN,1,c\n",

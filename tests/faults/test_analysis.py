@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from analysis import fit_calibration, load_recording, sample_posterior
-from analysis.calibration import reservations
-from analysis.loops import loop_width
-from analysis.optics.curves import default_curves, frames_of
-from analysis.optics.parameters import Design, Light, Waveguide
-from analysis.optics.simulation import trace
+from analysis.calibration.fit import reservations
+from analysis.optics.scene.curves import default_curves, frames_of
+from analysis.optics.scene.parameters import Design, Light, Waveguide
+from analysis.optics.tracer.simulation import trace
+from analysis.segmentation.loops import loop_width
 from tests.analysis.boat_builder import PAPER
 
 X = np.tile(np.linspace(-2.7, 3.8, 10), 9)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.engine.summary import summarise
+from boat_daq.engine.recording.summary import summarise
 from tests.faults.drill import drill, needs_pty
 
 pytestmark = needs_pty
@@ -56,7 +56,7 @@ def test_a_blocked_window(tmp_path: Path, qtbot: object) -> None:
     """The real window on the real session: blocked for 10 s, it draws again afterwards and has lost nothing."""
     from boat_daq.gui.app import make_application
     from boat_daq.gui.main_window import MainWindow
-    from boat_daq.viewmodels.desk import Desk
+    from boat_daq.viewmodels.app_model import Desk
 
     make_application()
     with drill(tmp_path, speed=20.0) as found:

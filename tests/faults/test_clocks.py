@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.boat_file import read_boat_file
-from boat_daq.engine import recording_file
-from boat_daq.engine.recording_file import RecordingFile, Statement
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.verify import verify_recording
+from analysis.data.boat_file import read_boat_file
+from boat_daq.engine.recording import file as recording_file
+from boat_daq.engine.recording.file import RecordingFile, Statement
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
 from protocol.recording import open_recording, read_session, sample_dtype
-from tests.boat_daq.recording_source import Source, begin
+from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.drill import ROOT
 from tests.faults.old_recordings import write_recording
 
@@ -103,7 +103,7 @@ print(summarise(path).samples, load_overview(path).samples)
 @pytest.mark.fault(35, how="a day of 8.64 million samples, summed up in 1 GB of address space", times=1)
 def test_a_day_is_summed_up_in_bounded_memory(tmp_path: Path) -> None:
     """Every sample of the day is counted, from the overview, without its samples in memory."""
-    from boat_daq.engine.recording_rows import Overview
+    from boat_daq.engine.recording.rows import Overview
 
     path = tmp_path / "day.boat"
     dtype = sample_dtype(2)

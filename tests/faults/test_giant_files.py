@@ -11,9 +11,9 @@ from pathlib import Path
 import meshio
 import pytest
 
-from analysis.csv_import import import_csv
+from analysis.data.csv_import import import_csv
 from analysis.errors import FileError
-from analysis.shadow.mesh_files import read_mesh
+from analysis.shadow.fem.mesh_files import read_mesh
 from tests.faults.drill import ROOT
 from tests.faults.forging import shared_pages
 from tests.faults.old_recordings import write_recording
@@ -26,7 +26,7 @@ from analysis.csv_columns import load_profile as load_map
 from analysis.csv_import import import_csv
 from analysis.elongation import read_elongation_file
 from analysis.optics.curve_file import read_curves
-from analysis.recording import load_recording
+from analysis.data.load import load_recording
 from analysis.reports.writing import write_report
 from analysis.shadow.mesh_files import read_mesh
 from analysis.shadow.parameter_files import read_parameters

@@ -14,11 +14,11 @@ from typing import IO
 
 import pytest
 
-from boat_daq.engine.board_server import BoardSettings, serve
-from boat_daq.engine.recovery import find_interrupted, recover
-from boat_daq.engine.session import Session
+from boat_daq.engine.recording.recovery import find_interrupted, recover
+from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.engine.verify import verify_recording
+from boat_daq.engine.simulator.server import BoardSettings, serve
 from tests.faults.drill import ROOT, needs_pty
 from tests.faults.often import few_and_many
 

@@ -14,16 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from boat_daq.engine.board_server import BoardSettings, serve
-from boat_daq.engine.session import Session
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
+from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState, SessionState
-from boat_daq.engine.summary import summarise
 from protocol import Connection, Gap, Samples
-from protocol.messages import Heartbeat, SetPressure, Stop, Vent
+from protocol.link.messages import Heartbeat, SetPressure, Stop, Vent
 from protocol.recording import SampleFlag, open_recording
 from tests.faults.drill import OVER, ROOT, SHORT, VOLT_MV, Drill, drill, needs_pty
-from tests.protocol.streams import HELLO, sample, stream
+from tests.protocol.link.streams import HELLO, sample, stream
 
 pytestmark = needs_pty
 LONG = dataclasses.replace(SHORT, cycles=4)

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from analysis.boat_file import store_result
-from analysis.recording import load_recording
-from boat_daq.engine import upgrade as upgrading
-from boat_daq.engine.offline import append_reading, append_result
-from boat_daq.engine.recording_file import RecordingFile
-from boat_daq.engine.recovery import recover
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.upgrade import upgrade
-from boat_daq.engine.verify import verify_recording
+from analysis.data.boat_file import store_result
+from analysis.data.load import load_recording
+from boat_daq.engine.recording import upgrade as upgrading
+from boat_daq.engine.recording.append import append_reading, append_result
+from boat_daq.engine.recording.file import RecordingFile
+from boat_daq.engine.recording.recovery import recover
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.upgrade import upgrade
+from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import RecordingError
 from protocol.recording import SCHEMA_VERSION, layout_version, open_recording, read_session
@@ -183,7 +183,7 @@ def test_a_broken_run_of_an_older_program_goes_on_in_todays_layout(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is written into it from now on would not fit: it is upgraded first, and its backup is the file as it was."""
-    from boat_daq.engine import resumption
+    from boat_daq.engine.recording import resumption
 
     path = write_old_recording(tmp_path / "run.boat", "1_first")
     content = path.read_bytes()

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.engine.recording_file import RecordingFile
+from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
-from tests.boat_daq.board_link import meta_of
-from tests.boat_daq.recording_source import Source
+from tests.boat_daq.engine.board_link import meta_of
+from tests.boat_daq.engine.recording_source import Source
 from tests.faults.decoders import REFUSALS
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.cluster import check_scheduler
+from analysis.dask_address import check_scheduler
 from analysis.errors import RequestError
-from boat_daq.engine.board_carriers import TcpCarrier
-from boat_daq.engine.transports import open_transport
+from boat_daq.engine.link.transports import open_transport
+from boat_daq.engine.simulator.carriers import TcpCarrier
 from boat_daq.errors import DeviceError, OperatorError
 
 

@@ -18,9 +18,9 @@ from PIL import Image
 from PySide6.QtWidgets import QWidget
 
 from boat_daq.errors import OperatorError
-from boat_daq.gui.photograph_panel import PhotographPanel
-from boat_daq.gui.picture_file import FILE_BYTES_MAX, read_picture
-from boat_daq.viewmodels.desk import Desk
+from boat_daq.gui.live.photograph_panel import PhotographPanel
+from boat_daq.gui.live.picture_file import FILE_BYTES_MAX, read_picture
+from boat_daq.viewmodels.app_model import Desk
 from tests.faults.drill import ROOT
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.engine.board_server import BoardSettings, serve
-from tests.boat_daq.recording_source import Source, begin
+from boat_daq.engine.simulator.server import BoardSettings, serve
+from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.drill import ROOT
 from tests.faults.old_recordings import write_recording
 
@@ -198,7 +198,7 @@ def test_an_interrupted_recording_says_what_to_copy(done: dict[str, Done]) -> No
 
 def test_a_window_that_cannot_store_its_settings_goes_on(tmp_path: Path) -> None:
     """Told once, with the remedy; the values last as long as the window."""
-    from boat_daq.viewmodels.preferences import Preferences
+    from boat_daq.viewmodels.common.preferences import Preferences
 
     told: list[tuple[str, str]] = []
     (tmp_path / "file").touch()

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from analysis.shadow.parameter_files import read_parameters
-from boat_daq.engine.checked import read_json
+from analysis.shadow.model.parameter_files import read_parameters
 from boat_daq.engine.plan import load_plan
 from boat_daq.engine.settings import UnitLibrary, load_settings
+from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.preferences import Preferences
-from protocol.profile_file import load_profile
+from boat_daq.viewmodels.common.preferences import Preferences
+from protocol.text.profile import load_profile
 from protocol.toml_text import KEY_PARTS_MAX, read_toml
 from tests.faults.decoders import REFUSALS
 from tests.faults.drill import ROOT

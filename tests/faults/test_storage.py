@@ -15,19 +15,19 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.engine import recording_file
-from boat_daq.engine.disk_space import check_space
-from boat_daq.engine.offline import append_reading
-from boat_daq.engine.recording_file import RecordingFile
-from boat_daq.engine.recovery import recover
+from boat_daq.engine.recording import file as recording_file
+from boat_daq.engine.recording.append import append_reading
+from boat_daq.engine.recording.disk_space import check_space
+from boat_daq.engine.recording.file import RecordingFile
+from boat_daq.engine.recording.recovery import recover
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.verify import verify_recording
 from boat_daq.errors import StorageError
 from protocol.errors import RecordingError
 from protocol.recording import open_recording
-from tests.boat_daq.board_link import meta_of
-from tests.boat_daq.recording_source import Source, begin
+from tests.boat_daq.engine.board_link import meta_of
+from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.drill import OVER, ROOT, SHORT, drill, needs_pty
 from tests.faults.often import few_and_many
 from tests.faults.old_recordings import write_recording
@@ -183,8 +183,9 @@ def test_a_second_program_only_reads(tmp_path: Path) -> None:
     recorder(source.next(500_000))
     assert recorder.flush()
     code = (
-        "import sys; from pathlib import Path; from boat_daq.engine.summary import summarise;"
-        "from boat_daq.engine.recovery import recover; p = Path(sys.argv[1]); print(summarise(p).status); recover(p)"
+        "import sys; from pathlib import Path; from boat_daq.engine.recording.summary import summarise;"
+        "from boat_daq.engine.recording.recovery import recover; "
+        "p = Path(sys.argv[1]); print(summarise(p).status); recover(p)"
     )
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout == "recording\n"

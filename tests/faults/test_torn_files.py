@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.boat_file import read_boat_file
-from boat_daq.engine.recovery import Recovery, recover
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.verify import verify_recording
+from analysis.data.boat_file import read_boat_file
+from boat_daq.engine.recording.recovery import Recovery, recover
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import StorageError
 from protocol.errors import RecordingError
 from protocol.recording import open_recording
-from tests.boat_daq.recording_source import Source, begin
+from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.often import few_and_many
 from tests.faults.old_recordings import write_recording
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from analysis import Options, analyse
-from analysis.batch import write_table
-from analysis.export import neutral
-from analysis.recording import load_recording
+from analysis.data.export import neutral
+from analysis.data.load import load_recording
+from analysis.figures.batch import write_table
 from analysis.reports.writing import write_report
-from analysis.shadow.table import read_table
+from analysis.shadow.model.table import read_table
 
 
 @pytest.mark.fault(49, how="cells that begin with = + - @ TAB and CR, in a table written for a spreadsheet", times=6)
@@ -108,7 +108,7 @@ def test_a_column_of_a_table_cannot_end_the_preview(tmp_path: Path) -> None:
 
 def test_a_tip_loads_nothing() -> None:
     """Qt takes a text with a tag for rich text; what is said on hover has none, whoever wrote it."""
-    from boat_daq.gui.tips import as_words
+    from boat_daq.gui.widgets.tooltips import as_words
 
     bad = "SA1 <img src='file:///etc/passwd'> & <b>x"
     assert as_words("SA1 & 3 > 2") == "SA1 & 3 > 2"
@@ -118,7 +118,7 @@ def test_a_tip_loads_nothing() -> None:
 
 def test_a_name_that_is_no_utf_8_is_written_with_a_mark(tmp_path: Path) -> None:
     """Reports and exports of it are files like any other."""
-    from analysis.export import export
+    from analysis.data.export import export
 
     run = load_recording(Path(__file__).parents[2] / "recordings" / "simulated_SA1_two_cycles.boat")
     run.meta["operator"] = "a\udcffb"

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import pytest
 
-import protocol.virtual_board
-from protocol.board_control import BoardControl
-from protocol.faults import Fault
-from protocol.framing import FrameReader
-from protocol.messages import Ack, BoardEvent, BoardMessage, EventCode, Hello, Sample, decode_message
-from protocol.plant import TICK_US
-from protocol.virtual_board import VirtualBoard
+import protocol.simulator.board
+from protocol.link.framing import FrameReader
+from protocol.link.messages import Ack, BoardEvent, BoardMessage, EventCode, Hello, Sample, decode_message
+from protocol.simulator.board import VirtualBoard
+from protocol.simulator.board_control import BoardControl
+from protocol.simulator.faults import Fault
+from protocol.simulator.plant import TICK_US
 from tests.firmware.firmware_build import Bench
 
 PLANT_FAULTS = ("beyond_limit", "dead_pump", "stall", "leak")  # the pressures tell of them
@@ -39,7 +39,7 @@ class BoardPair:
                 found.append(round(1000 * self.pneumatics.pressure_kpa))
                 BoardControl.tick(self, now_us)
 
-        monkeypatch.setattr(protocol.virtual_board, "BoardControl", WatchedControl)
+        monkeypatch.setattr(protocol.simulator.board, "BoardControl", WatchedControl)
         faults = tuple(faults)
         self._board = VirtualBoard(faults=faults)
         self._bench = bench

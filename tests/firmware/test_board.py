@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from protocol.framing import FrameReader
-from protocol.messages import (
+from protocol.link.framing import FrameReader
+from protocol.link.messages import (
     Ack,
     AckStatus,
     BoardEvent,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from analysis import load_recording
-from protocol.messages import BoardEvent, EventCode
+from protocol.link.messages import BoardEvent, EventCode
 from tests.firmware.board_pair import Said, hear
 from tests.firmware.firmware_build import compile_host
 

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from protocol.faults import Fault, make_fault
-from protocol.framing import encode_frame
-from protocol.messages import (
+from protocol.link.framing import encode_frame
+from protocol.link.messages import (
     ClearFault,
     Command,
     Heartbeat,
@@ -20,6 +19,7 @@ from protocol.messages import (
     Vent,
     encode_command,
 )
+from protocol.simulator.faults import Fault, make_fault
 from tests.firmware.board_pair import BoardPair, assert_the_same
 from tests.firmware.firmware_build import Bench
 

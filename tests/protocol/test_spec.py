@@ -13,8 +13,8 @@ import pytest
 from cobs import cobs
 
 import protocol
-from protocol.framing import Frame, FrameReader
-from protocol.messages import (
+from protocol.link.framing import Frame, FrameReader
+from protocol.link.messages import (
     COMMAND_TYPES,
     Ack,
     AckStatus,
@@ -26,7 +26,7 @@ from protocol.messages import (
     decode_message,
     encode_message,
 )
-from tests.protocol.streams import HELLO
+from tests.protocol.link.streams import HELLO
 
 SPEC = (Path(protocol.__file__).parent / "SPEC.md").read_text(encoding="utf-8")
 VECTORS = Path(__file__).resolve().parents[1] / "vectors"

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from PySide6.QtTest import QTest
 
-from boat_daq.engine.verify import verify_recording
+from boat_daq.engine.recording.verify import verify_recording
 from protocol.recording import open_recording
 
 PRESSURES_KPA = (45.0, -35.0)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.engine.board_server import BoardSettings, serve
+from boat_daq.engine.simulator.server import BoardSettings, serve
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
 

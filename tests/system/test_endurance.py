@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from boat_daq.engine.board_server import BoardSettings, serve
-from boat_daq.engine.session import Session
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
+from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.verify import verify_recording
 from protocol.recording import dtype_from_description, open_recording, read_session
 from tests.system import endurance
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from analysis import analyse, load_recording
-from boat_daq.engine.verify import verify_recording
+from boat_daq.engine.recording.verify import verify_recording
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "recordings" / "simulated_SA1_two_cycles.boat"
 
 
 def test_the_six_lines_read_the_samples() -> None:
-    """What stands in the docstring of protocol/recording.py reads the same samples as the program."""
+    """What stands in the docstring of protocol/recording/schema.py reads the same samples as the program."""
     db = sqlite3.connect(f"file:{EXAMPLE}?mode=ro", uri=True)
     meta = {key: json.loads(value) for key, value in db.execute("SELECT key, value FROM session")}
     dtype = np.dtype([(name, code, *([tuple(shape)] if shape else [])) for name, code, shape in meta["sample_dtype"]])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from boat_daq.engine.board_server import BoardSettings, ServedBoard, serve
+from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
 

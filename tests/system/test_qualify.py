@@ -13,12 +13,13 @@ from typer.testing import CliRunner
 from boat_daq import __version__
 from boat_daq.cli import app
 from boat_daq.commands.qualify import result
-from boat_daq.engine import drills, installation
-from boat_daq.engine.board_server import BoardSettings
-from boat_daq.engine.drill_bench import Bench, Criterion, Outcome
-from boat_daq.engine.drills import available, run_drill
-from boat_daq.engine.recorder import Recorder
-from protocol import Samples, framing
+from boat_daq.engine.qualification import drills, installation
+from boat_daq.engine.qualification.drills import available, run_drill
+from boat_daq.engine.qualification.test_rig import Bench, Criterion, Outcome
+from boat_daq.engine.recording.recorder import Recorder
+from boat_daq.engine.simulator.server import BoardSettings
+from protocol import Samples
+from protocol.link import framing
 
 
 def broken(outcome: Outcome) -> set[str]:

@@ -17,16 +17,16 @@ import numpy as np
 import pytest
 
 from analysis import analyse, load_recording
-from analysis.cycles import find_cycles
+from analysis.segmentation.cycles import find_cycles
 from boat_daq.commands.info import info
 from boat_daq.commands.record import record
-from boat_daq.engine.board_server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.engine.resumption import prepare_resumption, read_broken_run
-from boat_daq.engine.session import Session
+from boat_daq.engine.recording.resumption import prepare_resumption, read_broken_run
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.verify import verify_recording
+from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
 from protocol.recording import open_recording
 

@@ -14,8 +14,8 @@ import pytest
 
 from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.engine.summary import Summary
-from boat_daq.engine.verify import verify_recording
+from boat_daq.engine.recording.summary import Summary
+from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import BoatDaqError
 from tests.system import strange_boards as boards
 

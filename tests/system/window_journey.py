@@ -20,7 +20,7 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QPushButton, QWidget
 
-from boat_daq.engine.session import SessionState
+from boat_daq.engine.session.session import SessionState
 from boat_daq.gui.app import make_application, make_window
 from boat_daq.gui.main_window import MainWindow
 from tests.system.window_hands import SPEED, RestartedBoard, by_mouse
@@ -295,7 +295,7 @@ def prepare_for_vent(journey: Journey, name: str) -> None:
         window.live.pane.setCurrentWidget(window.live.plan)
         window.live.plan.target.setFocus()
     if name == "working":
-        from boat_daq.viewmodels.work import Work
+        from boat_daq.viewmodels.common.work import Work
 
         window.desk.bench.start(
             "busy", Work("Working hard", "tests.system.window_journey:keep_busy"), lambda work: None

@@ -1,0 +1,1 @@
+"""Where each method breaks down, swept over two of its parameters."""

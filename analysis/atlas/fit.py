@@ -1,0 +1,158 @@
+"""Where the polynomial fit and its inverse break down.
+
+Truth: the curve that the points were made from. Without noise it is evaluated in rational arithmetic at the very
+doubles that the fit gets; with noise, what is stated must hold what is true: over many draws of the noise, the median
+error of those about which nothing is said; where most draws say something, that is the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.atlas.sweep import Answer, Axis, Study, joined
+from analysis.calibration.fit import Calibration, fit_calibration, reservations
+from analysis.calibration.inverse import Inverse
+
+RANGE_MM = (-2.7, 3.8)
+CUBIC = (1651.9842, 46.4413, -2.6934, -0.36251)
+"""The paper's first sensor, mV over mm."""
+TURNING_MM = float(np.polynomial.Polynomial(CUBIC).deriv().roots().max())
+NOISE_MV = 1.49
+SURE = 0.999
+DRAWS = 21
+READINGS = 1000
+ROUNDING = 1e-6
+"""Relative to the span of y: what the fit may lose without a word."""
+
+
+def cubic(x: FloatArray) -> FloatArray:
+    """The sensor without noise, mV; the rounding of doubles is far below its noise."""
+    return np.asarray(np.polynomial.polynomial.polyval(x, CUBIC), dtype=np.float64)
+
+
+def exact(x: FloatArray, coefficients: tuple[float, ...]) -> FloatArray:
+    """Evaluate a polynomial without rounding, [n] -> [n]."""
+    parts = [Fraction(c) for c in coefficients]
+    return np.array([float(sum(c * Fraction(v) ** k for k, c in enumerate(parts))) for v in x.tolist()])
+
+
+def wavy(degree: float) -> tuple[float, ...]:
+    """Monomials of Chebyshev's polynomial in u = -1..1, which uses its whole degree."""
+    return tuple(np.polynomial.chebyshev.cheb2poly([0.0] * int(degree) + [1.0]).tolist())
+
+
+def clusters(width: float, degree: float) -> Answer:
+    """Points in two clusters at the ends of the range, each `width` of it wide; the curve is judged everywhere."""
+    part = width * np.linspace(0.0, 1.0, 12)
+    u = np.sort(np.concatenate([-1.0 + 2.0 * part, 1.0 - 2.0 * part]))
+    fit = fit_calibration(u, exact(u, wavy(degree)), int(degree))
+    at = np.linspace(-1.0, 1.0, 41)
+    truth = exact(at, wavy(degree))
+    return Answer(float(np.abs(fit.predict(at) - truth).max() / np.ptp(truth)), joined(reservations(fit)))
+
+
+def offset(away: float, degree: float) -> Answer:
+    """The range lies `away` from zero; the curve is judged as a user of b0, b1, ... evaluates it."""
+    half = (RANGE_MM[1] - RANGE_MM[0]) / 2
+    x = away + half * np.linspace(-1.0, 1.0, 24)
+    y = exact((x - away) / half, wavy(degree))
+    fit = fit_calibration(x, y, int(degree))
+    written = np.polynomial.polynomial.polyval(x, fit.coefficients)
+    return Answer(float(np.abs(written - y).max() / np.ptp(y)), joined(reservations(fit)))
+
+
+def few_points(count: float, degree: float) -> Answer:
+    """Few points with noise, the degree as high or higher than the truth's."""
+    x = np.linspace(*RANGE_MM, int(count))
+    return over_draws(x, np.zeros(x.size), int(degree))
+
+
+def outlier(size: float, count: float) -> Answer:
+    """One point in the worst place, an end of the range, is off by `size` standard deviations of the noise."""
+    x = np.linspace(*RANGE_MM, int(count))
+    return over_draws(x, np.where(x == x[-1], size, 0.0), 3)
+
+
+def over_draws(x: FloatArray, off: FloatArray, degree: int) -> Answer:
+    """Fit many draws; the error is the distance from the true curve in half-widths of the stated 99.9 % band."""
+    fits = []
+    for seed in range(DRAWS):
+        noise = np.random.default_rng(seed).standard_normal(x.size)
+        fits.append(fit_calibration(x, cubic(x) + NOISE_MV * (noise + off), degree))
+    return most([_in_band(fit) for fit in fits])
+
+
+def _in_band(fit: Calibration) -> Answer:
+    at = np.linspace(*fit.x_range, 41)
+    low, high = fit.band(at, SURE)
+    with np.errstate(invalid="ignore"):
+        parts = np.abs(fit.predict(at) - cubic(at)) / ((high - low) / 2)
+    return Answer(float(np.max(np.where(np.isfinite(parts), parts, np.inf))), joined(reservations(fit)))
+
+
+def most(answers: Sequence[Answer]) -> Answer:
+    """Return what most of several answers are: a reservation, or the median error of those without one."""
+    silent = [answer.error for answer in answers if not answer.said]
+    if 2 * len(silent) >= len(answers):
+        return Answer(float(np.median(silent)))
+    said = next(answer for answer in answers if answer.said)
+    return Answer(float(np.median([answer.error for answer in answers])), said.said)
+
+
+def turning(gap_mm: float, place: float) -> Answer:
+    """A signal at `place` of a calibrated range (0 its lower end, 1 its upper) that ends `gap_mm` before the turn.
+
+    The error is the share of readings, given without a flag, that lie farther from the truth than twice the stated
+    uncertainty: 5 % of normal scatter do.
+    """
+    low, high = RANGE_MM[0], TURNING_MM - gap_mm
+    x = np.tile(np.linspace(low, high, 14), 7)
+    rng = np.random.default_rng(1)
+    fit = fit_calibration(x, cubic(x) + NOISE_MV * rng.standard_normal(x.size), 3)
+    truth = low + place * (high - low)
+    signal = cubic(np.array([truth])) + NOISE_MV * rng.standard_normal(READINGS)
+    found = Inverse.of(fit, noise_sd=NOISE_MV).evaluate(signal)
+    given = ~found.outside
+    beyond = np.abs(found.elongation_mm - truth)[given] > 2.0 * found.standard_uncertainty_mm[given]
+    error = float(beyond.mean()) if given.mean() > 0.01 else float("nan")
+    outside = f"{1 - given.mean():.0%} of the readings flagged outside the range" if given.mean() < 0.5 else ""
+    return Answer(error, joined([outside, *reservations(fit)]))
+
+
+_DEGREES = tuple(float(d) for d in range(1, 11))
+STUDIES = (
+    Study(
+        "fit-clusters", "fit", "Points in two clusters at the ends",
+        "the polynomial that the points lie on, in rational arithmetic", "of the span", ROUNDING,
+        Axis("width of a cluster, share of the range", "", (1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5)),
+        Axis("degree", "", _DEGREES), clusters,
+    ),
+    Study(
+        "fit-offset", "fit", "The range lies far from zero",
+        "the polynomial that the points lie on, in rational arithmetic", "of the span", ROUNDING,
+        Axis("x at the middle of the range", "mm", (0.0, *(10.0**k for k in range(1, 10)))),
+        Axis("degree", "", _DEGREES[:6]), offset,
+    ),
+    Study(
+        "fit-few-points", "fit", "Few points, high degree",
+        "the cubic that the points were made from", "half-widths of the 99.9 % band", 1.0,
+        Axis("points", "", (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 30.0, 50.0)),
+        Axis("degree", "", (3.0, 4.0, 6.0, 8.0, 10.0)), few_points,
+    ),
+    Study(
+        "fit-outlier", "fit", "One wrong point at the end",
+        "the cubic that the points were made from", "half-widths of the 99.9 % band", 1.0,
+        Axis("wrong by, sd of the noise", "", (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 20.0, 1000.0)),
+        Axis("points", "", (6.0, 8.0, 10.0, 15.0, 20.0, 40.0)), outlier,
+    ),
+    Study(
+        "inverse-turning", "inverse", "Towards the turning point, and outside the range",
+        "the elongation that each signal was made from", "share of readings beyond 2 u", 0.10,
+        Axis("range ends before the turning point by", "mm", (2.0, 1.0, 0.7, 0.5, 0.3, 0.1, 0.05, 0.02, -0.1, -0.5)),
+        Axis("place in the range", "", (-0.1, -0.03, 0.0, 0.1, 0.5, 0.9, 0.95, 1.0, 1.03, 1.1)), turning,
+    ),
+)  # fmt: skip

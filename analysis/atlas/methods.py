@@ -1,0 +1,45 @@
+"""The studies of the atlas, by name, and the methods that they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from analysis.atlas import alarms as atlas_alarms
+from analysis.atlas import figures as atlas_figures
+from analysis.atlas import fit as atlas_fit
+from analysis.atlas import mechanics as atlas_mechanics
+from analysis.atlas import optics as atlas_optics
+from analysis.atlas import posterior as atlas_posterior
+from analysis.atlas import segmentation as atlas_segmentation
+from analysis.atlas.sweep import Study
+from analysis.errors import RequestError
+
+_ROOMS = (
+    atlas_fit, atlas_posterior, atlas_segmentation, atlas_figures, atlas_optics, atlas_mechanics, atlas_alarms,
+)  # fmt: skip
+STUDIES: dict[str, Study] = {study.name: study for room in _ROOMS for study in room.STUDIES}
+METHOD_TITLES = {
+    "fit": "Calibration: the polynomial fit",
+    "inverse": "Inverse: mV to mm",
+    "posterior": "Posterior: the sampler and the readings",
+    "segmentation": "Segmentation: holds and cycles of a run",
+    "figures": "Figures: signal-to-noise ratio and hysteresis",
+    "tracer": "Optics: the ray tracer",
+    "full-fem": "Shadow: the full model",
+    "reduced-fem": "Shadow: the reduced model",
+    "alarms": "Shadow: the monitor's alarms",
+}
+
+
+def chosen_studies(names: Iterable[str]) -> list[Study]:
+    """Return the studies of methods or maps by name, each once, in the atlas' order; all for no names.
+
+    Raises
+    ------
+    RequestError : a name is neither a method nor a map.
+    """
+    wanted = set(names)
+    unknown = sorted(wanted - set(STUDIES) - set(METHOD_TITLES))
+    if unknown:
+        raise RequestError(f"there is no method or map '{unknown[0]}'", f"Choose among {', '.join(METHOD_TITLES)}.")
+    return [s for s in STUDIES.values() if not wanted or wanted & {s.name, s.method}]

@@ -1,0 +1,182 @@
+"""Runs with a truth in closed form, disturbed one way at a time, and analysed as a user would.
+
+A staircase of pressure moves the elongation along a line with a parabolic loop of known width; the paper's cubic makes
+the signal. Full scale, sensitivity and the system's hysteresis then follow from the formula alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.atlas.fit import NOISE_MV, cubic
+from analysis.atlas.sweep import Answer, joined
+from analysis.data.recording import Recording
+from analysis.figures.figure import Figure
+from analysis.figures.pipeline import Analysis, analyse
+from analysis.figures.sensor_analysis import Options
+
+MIDDLE_KPA, SPAN_KPA, STEPS = 5.0, 90.0, 9
+MM_PER_KPA = 6.5 / SPAN_KPA
+LOOP_SHARE = 0.08
+"""Half the loop's width in the middle, as a share of the span of x, times 1/2: 4 % of full scale in the signal."""
+EXPECTED = ("simulated", "no_calibration", "hysteresis_is_a_bound")
+"""Flags that say nothing against a number; a calibration that is not there is void by its own reason, a
+figure that is a bound says so in its note."""
+
+
+@dataclass(frozen=True)
+class Stairs:
+    """A staircase from the upper end down and up again, `cycles` times.
+
+    Parameters
+    ----------
+    span_kpa : from end to end. dwell_s : of each hold. rate_hz : of samples. ramp_kpa_per_s : between holds.
+    pressure_noise_kpa, noise_mv : sd of white noise.
+    scale : of the signal's swing about its value at rest.
+    bulge_percent, bulge_at : the sensor's own loop, % of full scale, widest at this share of the range of x.
+    """
+
+    span_kpa: float = SPAN_KPA
+    cycles: int = 2
+    dwell_s: float = 2.0
+    rate_hz: float = 100.0
+    ramp_kpa_per_s: float = 20.0
+    pressure_noise_kpa: float = 0.05
+    noise_mv: float = NOISE_MV
+    scale: float = 1.0
+    bulge_percent: float = 0.0
+    bulge_at: float = 0.5
+    seed: int = 0
+    levels_kpa: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        levels = MIDDLE_KPA + self.span_kpa * np.linspace(0.5, -0.5, STEPS + 1)
+        object.__setattr__(self, "levels_kpa", levels)
+
+    def elongation(self, pressure_kpa: FloatArray, loading: FloatArray) -> FloatArray:
+        """x of a pressure on the loading (1) or unloading (0) branch, mm."""
+        share = (pressure_kpa - self.levels_kpa[-1]) / self.span_kpa
+        bow = LOOP_SHARE * share * (1.0 - share) * self.span_kpa * MM_PER_KPA
+        return np.asarray(MM_PER_KPA * pressure_kpa + 0.19 + np.where(loading > 0, -bow, bow))
+
+    def signal(self, x: FloatArray) -> FloatArray:
+        """Signal without noise, mV."""
+        return np.asarray(cubic(np.zeros(1))[0] + self.scale * (cubic(x) - cubic(np.zeros(1))[0]))
+
+    def bulge(self, x: FloatArray) -> FloatArray:
+        """Distance of the loading from the unloading branch over x, mV: s^a (1 - s)^b over the share s of the range."""
+        a, b = 5.0 * self.bulge_at, 5.0 * (1.0 - self.bulge_at)
+        ends = self.elongation(self.levels_kpa[[-1, 0]], np.zeros(2))
+        share = np.clip((x - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
+        most = self.bulge_at**a * (1.0 - self.bulge_at) ** b
+        full = abs(float(np.diff(self.signal(ends))[0]))
+        return np.asarray(self.bulge_percent / 100.0 * full * share**a * (1.0 - share) ** b / most)
+
+    @cached_property
+    def holds(self) -> tuple[FloatArray, FloatArray]:
+        """Level and branch (1 loading) of every hold."""
+        down, up = self.levels_kpa[1:], self.levels_kpa[-2::-1]
+        levels = np.concatenate([self.levels_kpa[:1], *[down, up] * self.cycles])
+        branch = np.concatenate([[0.0], *[np.zeros(STEPS), np.ones(STEPS)] * self.cycles])
+        return levels, branch
+
+    @cached_property
+    def trace(self) -> tuple[FloatArray, FloatArray]:
+        """Pressure and branch of every sample."""
+        levels, branch = self.holds
+        hold = max(1, round(self.dwell_s * self.rate_hz))
+        ramp = max(1, round(self.span_kpa / STEPS / self.ramp_kpa_per_s * self.rate_hz))
+        part = np.arange(ramp) / ramp
+        pressure = [np.full(hold, levels[0])]
+        for before, level in itertools.pairwise(levels):
+            pressure += [before + (level - before) * part, np.full(hold, level)]
+        return np.concatenate(pressure), np.concatenate([np.zeros(hold), np.repeat(branch[1:], hold + ramp)])
+
+    @cached_property
+    def columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Time (s), measured pressure (kPa) and signal (mV) of every sample."""
+        pressure, loading = self.trace
+        rng = np.random.default_rng(self.seed)
+        x = self.elongation(pressure, loading)
+        signal = self.signal(x) + np.where(loading > 0, 0.5, -0.5) * self.bulge(x)
+        signal = signal + self.noise_mv * rng.standard_normal(pressure.size)
+        measured = pressure + self.pressure_noise_kpa * rng.standard_normal(pressure.size)
+        return np.arange(pressure.size) / self.rate_hz, measured, signal
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """Full scale (mV), sensitivity (mV/mm) and system hysteresis (% FSO) from the formula."""
+        ends = self.elongation(self.levels_kpa[[0, -1]], np.zeros(2))
+        full = abs(float(np.diff(self.signal(ends))[0]))
+        apart = self.signal(self.elongation(self.levels_kpa, np.ones(STEPS + 1)))
+        apart = apart - self.signal(self.elongation(self.levels_kpa, np.zeros(STEPS + 1)))
+        wide = 100.0 * float(np.abs(apart).max()) / full if full > 0 else float("nan")
+        return {
+            "fso_mv": full,
+            "sensitivity_mv_per_mm": full / abs(float(np.diff(ends)[0])),
+            "system_hysteresis_percent_fso": wide,
+        }
+
+    def recording(self, kept: IntArray | None = None) -> Recording:
+        """The run; `kept` are the samples that arrived, all by default."""
+        time, pressure, signal = self.columns
+        rows = np.arange(time.size) if kept is None else kept
+        return Recording.from_arrays(time[rows], pressure[rows], signal[rows], index=rows)
+
+
+def analysed(run: Stairs, recording: Recording | None = None, *, readings: bool = True) -> Analysis:
+    """Analyse a run, with a file of its exact elongations, one row a hold, or without."""
+    recording = recording or run.recording()
+    if not readings:
+        return analyse(recording, options=Options(mcmc=False, x_resolution_mm=0.0))
+    levels, branch = run.holds
+    rows = zip(levels, run.elongation(levels, branch), strict=True)
+    text = "pressure_kpa,elongation_mm\n" + "".join(f"{p:.6f},{x:.9f}\n" for p, x in rows)
+    return analysed_with(recording, text)
+
+
+def analysed_with(recording: Recording, text: str) -> Analysis:
+    """Analyse a run with the text of a file of elongations."""
+    options = Options(mcmc=False, x_resolution_mm=0.0)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "elongation.csv")
+        file.write_text(text, encoding="ascii")
+        return analyse(recording, file, options=options)
+
+
+def flags_of(found: Analysis) -> str:
+    """What the analysis says against its own numbers."""
+    return joined([flag["text"] for flag in found.flags if flag["code"] not in EXPECTED])
+
+
+def judged_run(run: Stairs, recording: Recording | None = None, *, readings: bool = True) -> Answer:
+    """Full scale, sensitivity and hysteresis of a disturbed run against the formula: the worst, % FSO."""
+    found = analysed(run, recording, readings=readings)
+    figures, truth = found.sensors[0].figures, dict(run.truth)
+    if not readings:
+        truth.pop("sensitivity_mv_per_mm")
+    void = [f"{name}: {figures[name].void}" for name in truth if name in figures and figures[name].void]
+    void += [f"{name}: {figures[name].note}" for name in truth if name in figures and figures[name].note]
+    errors = [off_percent(figures.get(name), name, value) for name, value in truth.items()]
+    missed = len(found.cycles.used) != run.cycles
+    error = float("inf") if missed and np.isfinite(errors).all() else float(np.max(errors))
+    return Answer(error, joined([*void, flags_of(found)]))
+
+
+def off_percent(figure: Figure | None, name: str, truth: float) -> float:
+    """Distance of a truth from a figure's stated 95 % interval, from its value where there is none, % FSO.
+
+    NaN where there is no figure.
+    """
+    if figure is None or figure.void:
+        return float("nan")
+    low, high = (figure.low, figure.high) if np.isfinite(figure.low + figure.high) else (figure.value, figure.value)
+    off = max(low - truth, truth - high, 0.0)
+    return off if name.endswith("percent_fso") else 100.0 * off / truth

@@ -1,0 +1,1 @@
+"""The calibration: fit, posterior, inverse, checks, comparison of two."""

@@ -1,0 +1,121 @@
+"""Whether two calibrations of one unit agree: coefficients side by side, the difference of the curves, E_n.
+
+Strategy: the two curves are compared on the range that both were calibrated on, point by point, with
+E_n = (y - y_ref) / sqrt(U^2 + U_ref^2), U = 2 times the standard error of the curve from the fit's covariance
+(ISO/IEC 17043, ISO 13528, 9.7); |E_n| <= 1 agrees. What the two have in common (the same reader, the same grid) makes
+the true scatter smaller than this; a change of the unit between the runs makes it larger, which is what is looked for.
+
+Rules: nothing is extrapolated; two calibrations that share no range are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError
+
+COVERAGE = 2.0
+POINTS = 161
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficient:
+    """A coefficient of x^power, now and before, with its standard errors."""
+
+    power: int
+    value: float
+    std_error: float
+    value_before: float
+    std_error_before: float
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Two calibrations of one sensor over their shared range.
+
+    Attributes
+    ----------
+    grid : mm, [POINTS].
+    before_mv : the earlier curve on the grid.
+    difference_mv : the new curve less the earlier one.
+    e_n : on the grid; NaN where a fit has no standard error.
+    difference_mm : the difference as elongation, through the new curve's slope; NaN where it is flat.
+    """
+
+    grid: FloatArray
+    before_mv: FloatArray
+    difference_mv: FloatArray
+    difference_mm: FloatArray
+    e_n: FloatArray
+    coefficients: tuple[Coefficient, ...]
+
+    @property
+    def worst(self) -> int:
+        """Index of the greatest |E_n|; of the greatest difference where there is none."""
+        score = self.e_n if np.isfinite(self.e_n).any() else self.difference_mv
+        return int(np.nanargmax(np.abs(score)))
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether |E_n| <= 1 all over the range; None where it cannot be said."""
+        worst = float(self.e_n[self.worst])
+        return abs(worst) <= 1.0 if np.isfinite(worst) else None
+
+
+def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement:
+    """Compare two fits of one sensor.
+
+    Parameters
+    ----------
+    new, before : as `fit --json`: coefficients, std_errors, covariance (null where there is none), range; with the
+        reading of x included where they have `..._with_reading`.
+
+    Raises
+    ------
+    DataError : they share no range.
+    """
+    low, high = (pick(new["range"][i], before["range"][i]) for i, pick in ((0, max), (1, min)))
+    if not low < high:
+        raise DataError("the two calibrations share no range of elongation", "Compare runs of one plan.")
+    grid = np.linspace(low, high, POINTS)
+    y, sd = _curve(new, grid)
+    y_before, sd_before = _curve(before, grid)
+    slope = np.polynomial.polynomial.polyval(
+        grid, np.polynomial.polynomial.polyder(np.asarray(new["coefficients"], dtype=np.float64))
+    )
+    difference = y - y_before
+    with np.errstate(divide="ignore", invalid="ignore"):
+        e_n = difference / (COVERAGE * np.hypot(sd, sd_before))
+        mm = np.where(slope != 0, difference / slope, np.nan)
+    e_n = np.where(np.isfinite(e_n), e_n, np.where(difference == 0, 0.0, np.nan))
+    return Agreement(grid, y_before, difference, mm, e_n, _coefficients(new, before))
+
+
+def _curve(fit: Mapping[str, Any], grid: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return y and its standard error on the grid."""
+    coefficients = np.asarray(fit["coefficients"], dtype=np.float64)
+    covariance = np.asarray(_honest(fit, "covariance"), dtype=np.float64)
+    powers = np.vander(grid, coefficients.size, increasing=True)
+    variance = np.einsum("gi,ij,gj->g", powers, covariance, powers)
+    return powers @ coefficients, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _honest(fit: Mapping[str, Any], key: str) -> Any:
+    """Return `key` with the reading of x included, where the fit has it: older ones do not."""
+    return fit.get(f"{key}_with_reading", fit[key])
+
+
+def _coefficients(new: Mapping[str, Any], before: Mapping[str, Any]) -> tuple[Coefficient, ...]:
+    columns = [
+        np.asarray(values, dtype=np.float64)
+        for fit in (new, before)
+        for values in (fit["coefficients"], _honest(fit, "std_errors"))
+    ]
+    size = max(column.size for column in columns)
+    padded = [np.append(column, np.zeros(size - column.size)) for column in columns]
+    return tuple(Coefficient(power, *(float(column[power]) for column in padded)) for power in range(size))

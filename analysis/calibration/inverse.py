@@ -1,0 +1,264 @@
+"""From mV to mm: the inverse of a calibration, with its uncertainty, for one sensor or several.
+
+Strategy: on its calibrated range a monotone curve has one inverse. A table of 257 nodes gives the start, Newton's
+method in the scaled variable, kept inside its bracket by bisection, gives the value to the last digits, compiled and
+vectorised. Sensors are fused by their variances; that their residuals are correlated (they share the reading of x) is
+taken into the uncertainty.
+
+Rules: outside the range there is no value: NaN and a flag, or the end of the range where a caller asks for it. A curve
+that turns inside its range has no inverse and is refused. Source: ISO/TS 28038:2018, clause 8 (inverse evaluation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from numpy.polynomial import legendre
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.fit import Calibration
+from analysis.errors import DataError, RequestError
+
+NODES = 257
+DISAGREEMENT_SIGMA = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Elongation:
+    """Elongations and what is known of them.
+
+    Attributes
+    ----------
+    elongation_mm : NaN where it is not known.
+    standard_uncertainty_mm : of one reading, k = 1.
+    outside : True where the signal lies outside the calibrated range.
+    disagreement : True where two sensors differ by more than 4 sigma; all False for one sensor.
+    """
+
+    elongation_mm: FloatArray
+    standard_uncertainty_mm: FloatArray
+    outside: BoolArray
+    disagreement: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Inverse:
+    """mV -> mm for one sensor. Make one with `Inverse.of(calibration)`; call it with an array of mV."""
+
+    calibration: Calibration
+    centre: float
+    half_width: float
+    power_coefficients: FloatArray
+    nodes: FloatArray
+    noise_sd: float
+    model_sd: float
+
+    @classmethod
+    def of(
+        cls,
+        calibration: Calibration,
+        *,
+        noise_sd: float | None = None,
+        model_sd: float = 0.0,
+        reading_sd: float = 0.0,
+    ) -> Inverse:
+        """Prepare the inverse.
+
+        Parameters
+        ----------
+        calibration : monotone over its range.
+        noise_sd : sd of one new signal about the curve, mV, independent between sensors; the residual sd of the fit
+            by default.
+        model_sd : sd of what the curve leaves out and the sensors share (hysteresis, repeatability, drift), mV.
+        reading_sd : sd of the readings of x, mm, of a calibration that does not know its positions
+            (`Calibration.with_reading`).
+
+        Raises
+        ------
+        DataError : the curve is not monotone over its range; the message says where it turns.
+        """
+        low, high = calibration.x_range
+        if calibration.reading is None:
+            calibration = calibration.with_reading(reading_sd)
+        if not calibration.monotone:
+            inside = [f"{t:.3g}" for t in calibration.turning_points if low < t < high]
+            where = f"it turns at {', '.join(inside)}" if inside else "it is flat"
+            raise DataError(
+                f"the calibration has no inverse over its range: {where}",
+                "Calibrate over a range where it is monotone.",
+            )
+        # over the range itself, so that u = -1 and 1 are its ends
+        u = np.linspace(-1.0, 1.0, NODES)
+        basis = calibration.fit.basis
+        powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
+        nodes = np.asarray(np.polynomial.polynomial.polyval(u, powers), dtype=np.float64)
+        noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
+        return cls(calibration, basis.centre, basis.half_width, powers, nodes, noise, model_sd)
+
+    def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
+        """Return x for every signal; NaN outside the range, or its end with `clamp`.
+
+        Parameters
+        ----------
+        signal : any shape, in the unit of y.
+        """
+        values = np.asarray(signal, dtype=np.float64)
+        u = _invert(np.ascontiguousarray(values).ravel(), self.power_coefficients, self.nodes, clamp)
+        return np.asarray(self.centre + self.half_width * u.reshape(values.shape), dtype=np.float64)
+
+    def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
+        """Return u(x) of one new reading: noise and curve through the local slope."""
+        return np.asarray(np.hypot(*self.parts(x)), dtype=np.float64)
+
+    def parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return u(x) of the noise alone, and of all that sensors of one unit share: model, curve and reading."""
+        slope = np.abs(self.calibration.slope(x))
+        shared = np.sqrt(self.model_sd**2 + self.calibration.curve_sd(x) ** 2) / slope
+        return self.noise_sd / slope, np.asarray(np.hypot(shared, self.reading_uncertainty(x)), dtype=np.float64)
+
+    def reading_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
+        """Return what the reading of x adds to the curve's own uncertainty, mm.
+
+        The fit's covariance takes the error of every point for its own; what points of one position share is added,
+        and nothing counts twice.
+        """
+        calibration = self.calibration
+        at = np.asarray(x, dtype=np.float64)
+        if calibration.reading is None:
+            return np.zeros(at.shape)
+        rows = calibration.fit.basis.design(at)
+        excess = np.einsum("...i,ij,...j->...", rows, calibration.reading.beyond_fit(calibration), rows)
+        return np.asarray(np.sqrt(np.clip(excess, 0.0, None)) / np.abs(calibration.slope(at)), dtype=np.float64)
+
+    def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> Elongation:
+        """Return x with its uncertainty and flags."""
+        x = self(signal, clamp=True)
+        outside = np.isnan(self(signal)) & ~np.isnan(np.asarray(signal, dtype=np.float64))
+        kept = x if clamp else np.where(outside, np.nan, x)
+        uncertainty = np.where(np.isnan(kept), np.nan, self.standard_uncertainty(x))
+        return Elongation(kept, uncertainty, outside, np.zeros(x.shape, dtype=bool))
+
+
+@dataclass(frozen=True, slots=True)
+class Fusion:
+    """Several sensors as one. Make one with `Fusion.of(calibrations)`; call it with mV of shape [..., sensors]."""
+
+    inverses: tuple[Inverse, ...]
+    correlation: FloatArray
+
+    @classmethod
+    def of(cls, sensors: Sequence[Calibration | Inverse]) -> Fusion:
+        """Prepare the fusion of the sensors of one unit: calibrations, or inverses with their own noise.
+
+        Noise is independent; the correlation of the rest is that of the residuals of the calibrations, where these
+        rest on the same points; else none is assumed.
+
+        Raises
+        ------
+        RequestError : no calibration. DataError : one of them has no inverse.
+        """
+        if not sensors:
+            raise RequestError("there is no calibrated sensor", "Calibrate at least one.")
+        inverses = tuple(s if isinstance(s, Inverse) else Inverse.of(s) for s in sensors)
+        calibrations = [inverse.calibration for inverse in inverses]
+        same = all(np.array_equal(c.x, calibrations[0].x) for c in calibrations)
+        signs = np.asarray([1.0 if c.rises else -1.0 for c in calibrations])
+        if same and len(calibrations) > 1 and all(c.residual_sd > 0 for c in calibrations):
+            correlation = np.corrcoef(np.stack([c.residuals for c in calibrations]) * signs[:, None])
+        else:
+            correlation = np.eye(len(calibrations))
+        return cls(inverses, np.atleast_2d(correlation))
+
+    def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> Elongation:
+        """Return the fused elongation of signals [..., sensors].
+
+        A sensor outside its range does not take part; where all are outside, x is NaN (or clamped). Two sensors that
+        differ by more than 4 sigma of their difference raise `disagreement`; the value is given all the same.
+        """
+        signal = np.asarray(signal_mv, dtype=np.float64)
+        if signal.shape[-1:] != (len(self.inverses),):
+            raise RequestError(
+                f"signals of shape {signal.shape} do not fit {len(self.inverses)} sensors",
+                "The last axis is the sensor.",
+            )
+        each = [inverse.evaluate(signal[..., i]) for i, inverse in enumerate(self.inverses)]
+        x = np.stack([p.elongation_mm for p in each], axis=-1)
+        u = np.stack([p.standard_uncertainty_mm for p in each], axis=-1)
+        known = np.isfinite(x)
+        weight = np.where(known, 1.0 / np.where(known, u, 1.0) ** 2, 0.0)
+        total = weight.sum(axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            fused = (weight * np.where(known, x, 0.0)).sum(axis=-1) / total
+            parts = [inverse.parts(x[..., i]) for i, inverse in enumerate(self.inverses)]
+            noise, shared = (weight * np.where(known, np.stack([p[j] for p in parts], axis=-1), 0.0) for j in (0, 1))
+            common = np.einsum("...i,ij,...j->...", shared, self.correlation, shared)
+            spread = np.sqrt((noise**2).sum(axis=-1) + common) / total
+        none = ~known.any(axis=-1)
+        outside = np.asarray(none & np.isfinite(signal).any(axis=-1), dtype=bool)
+        if clamp and none.any():
+            ends = np.stack([inv(signal[..., i], clamp=True) for i, inv in enumerate(self.inverses)], axis=-1)
+            fused = np.where(outside, ends[..., 0], fused)
+        return Elongation(fused, spread, outside, self._disagreement(x, u))
+
+    def _disagreement(self, x: FloatArray, u: FloatArray) -> BoolArray:
+        found = np.zeros(x.shape[:-1], dtype=bool)
+        for i in range(x.shape[-1]):
+            for j in range(i):
+                # correlation would only make the difference smaller: leaving it out raises no false alarm
+                apart = np.abs(x[..., i] - x[..., j])
+                found |= apart > DISAGREEMENT_SIGMA * np.hypot(u[..., i], u[..., j])
+        return found
+
+
+@njit(cache=True)
+def _invert(signal: Any, powers: Any, nodes: Any, clamp: bool) -> Any:  # pragma: no cover - compiled
+    """Solve p(u) = signal on -1..1 for every signal; `nodes` are p at equally spaced u, monotone."""
+    out = np.empty_like(signal)
+    count = nodes.size
+    step = 2.0 / (count - 1)
+    sign = 1.0 if nodes[-1] > nodes[0] else -1.0
+    first, last = sign * nodes[0], sign * nodes[-1]
+    rounding = 1e-13 * (last - first + abs(first))  # the ends themselves are inside, however they were computed
+    degree = powers.size - 1
+    for i in range(signal.size):
+        y = sign * signal[i]
+        if not first - rounding <= y <= last + rounding:
+            out[i] = np.nan
+            if clamp and y < first:  # NaN compares false and stays NaN
+                out[i] = -1.0
+            elif clamp and y > last:
+                out[i] = 1.0
+            continue
+        low, high = 0, count - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            if sign * nodes[middle] <= y:
+                low = middle
+            else:
+                high = middle
+        a, b = -1.0 + low * step, -1.0 + high * step
+        u = a + step * (y - sign * nodes[low]) / (sign * (nodes[high] - nodes[low]))
+        for _ in range(60):
+            value, slope = powers[degree], 0.0
+            for j in range(degree - 1, -1, -1):
+                slope = slope * u + value
+                value = value * u + powers[j]
+            error = sign * value - y
+            if error > 0.0:
+                b = u
+            else:
+                a = u
+            following = u - error / (sign * slope) if slope != 0.0 else 0.5 * (a + b)
+            if not (a <= following <= b):
+                following = 0.5 * (a + b)
+            moved = abs(following - u)
+            u = following
+            if moved < 1e-8:  # Newton squares the error: the step just taken was the last that matters
+                break
+        out[i] = u
+    return out

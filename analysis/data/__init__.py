@@ -1,0 +1,1 @@
+"""Recordings and tables of numbers: read, imported, written, exported."""

@@ -1,0 +1,297 @@
+"""A `.boat` file into a `Recording`, and results back into the file.
+
+Strategy: the file is opened read-only and decoded in one pass into one array of `sample_dtype`; the columns are views
+or one vectorised expression of it. The sequencer's steps and the readings become frames in the same board time as the
+samples. A damaged block is named and left out, the rest is read (fault 32).
+
+Rules: nothing recorded is ever changed; a result is added as a new row with the program's version, and only to a file
+that nobody is recording to.
+"""
+
+from __future__ import annotations
+
+import datetime
+import itertools
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.data.recording import READING_COLUMNS, STEP_COLUMNS, Gap, Recording
+from analysis.errors import FileError, RequestError
+from protocol.recording import (
+    SCHEMA_VERSION,
+    check_long_tables,
+    layout_version,
+    open_recording,
+    read_session,
+    refuse_newer,
+    session_dtype,
+)
+from protocol.recording.checks import DAMAGE, harden
+
+LATE_S = 0.5  # the counter is read a little before or after the samples that its row is laid to
+
+SQLITE_MAGIC = b"SQLite format 3\x00"
+LONGEST_US = 1 << 53  # 285 years: beyond, board times are damage, and their sums would not fit
+
+
+def is_boat_file(path: Path) -> bool:
+    """True where the file starts as SQLite files do."""
+    with path.open("rb") as file:
+        return file.read(16) == SQLITE_MAGIC
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a recording read-only, trusting nothing in it; damage met while reading becomes a `FileError`."""
+    db = open_recording(path)
+    try:
+        yield db
+    except DAMAGE as error:
+        raise FileError(f"{path.name} cannot be read to its end: {error}", f"boat-daq recover {path}") from error
+    finally:
+        db.close()
+
+
+def read_boat_file(path: str | Path) -> Recording:
+    """Decode a `.boat` file into a `Recording`.
+
+    Raises
+    ------
+    FileError : not a recording, or one without a single sample.
+    """
+    path = Path(path)
+    with opened(path) as db:
+        meta = read_session(db)
+        check_long_tables(path, db)
+        samples, segment, damaged = _samples(db, meta, path.name)
+        clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))
+        steps = _steps(db, clock)
+        readings = pd.read_sql_query(f"SELECT {', '.join(READING_COLUMNS)} FROM reading ORDER BY id", db)  # noqa: S608
+        failures = _crc_failures(db, clock)
+    if failures:
+        meta["crc_errors"] = sum(failed.frames for failed in failures)
+    if damaged:
+        meta["damaged_blocks"] = damaged
+    counts = "lit" in (samples.dtype.names or ())
+    if counts:
+        scale = float(meta["vref_mv"]) / 2.0 ** int(meta["adc_bits"])
+        signal = (samples["lit"].astype(np.float64) - samples["dark"]) * scale
+    else:
+        signal = samples["signal_mv"].astype(np.float64)
+    recording = Recording.from_arrays(
+        clock.time_s,
+        samples["pressure_pa"] / 1000.0,
+        signal,
+        target_kpa=target_from_steps(clock.time_s, steps),
+        lit=samples["lit"] if counts else None,
+        dark=samples["dark"] if counts else None,
+        state=samples["state"],
+        flags=samples["flags"],
+        segment=segment,
+        index=samples["index"],
+        steps=steps,
+        readings=readings,
+        meta=meta,
+        source=str(path),
+    )
+    return replace(recording, gaps=tuple(_attributed(recording.gaps, failures)))
+
+
+def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:
+    """Reconstruct the commanded pressure [n], kPa: each step's target from its start to its end, else NaN."""
+    target = np.full(time_s.size, np.nan)
+    firsts = np.searchsorted(time_s, steps["started_s"].to_numpy(dtype=float), side="left")
+    ends = steps["ended_s"].to_numpy(dtype=float)
+    lasts = np.where(np.isfinite(ends), np.searchsorted(time_s, ends, side="right"), time_s.size)
+    for first, last, level in zip(firsts, lasts, steps["target_kpa"].to_numpy(dtype=float), strict=True):
+        target[first:last] = level
+    return target
+
+
+@dataclass(frozen=True, slots=True)
+class _Failed:
+    """Frames that failed their check between two looks at the link's counter; samples that a good frame carried."""
+
+    begin_s: float
+    end_s: float
+    frames: int
+    samples_a_frame: float
+
+
+def _crc_failures(db: sqlite3.Connection, clock: _Clock) -> list[_Failed]:
+    """Frames that failed their check during the recording: the growth of the link's counter over its rows.
+
+    The counter may hold what failed before the recording, so its first row is no growth; it starts again at zero
+    where the link was opened anew.
+    """
+    rows = db.execute("SELECT segment, time_us, frames, samples, crc_errors FROM health ORDER BY id").fetchall()
+    found = []
+    for (_, before_us, *before), (segment, after_us, *after) in itertools.pairwise(rows):
+        whole = all(a >= b for a, b in zip(after, before, strict=True))
+        frames, samples, failed = (a - b if whole else a for a, b in zip(after, before, strict=True))
+        if failed > 0:
+            begin, end = (
+                clock.seconds(int(segment or 0), float("nan") if t is None else t) for t in (before_us, after_us)
+            )
+            found.append(_Failed(begin, end, failed, max(samples / frames, 1.0) if frames else 1.0))
+    return found
+
+
+def _attributed(gaps: Sequence[Gap], failures: Sequence[_Failed]) -> Iterator[Gap]:
+    """Say of each gap how many of its samples came in frames that failed: no more than those frames carried."""
+    left = [round(failed.frames * failed.samples_a_frame) for failed in failures]
+    for gap in gaps:
+        carried = 0
+        for k, failed in enumerate(failures):
+            if left[k] and failed.begin_s - LATE_S <= gap.time_s <= failed.end_s + LATE_S:
+                taken = min(left[k], gap.lost - carried)
+                left[k] -= taken
+                carried += taken
+        yield replace(gap, crc_failed=carried)
+
+
+@dataclass(frozen=True, slots=True)
+class _Clock:
+    time_s: FloatArray
+    offset_us: Mapping[int, int]  # by segment: what is added to its board time
+
+    def seconds(self, segment: int, time_us: float) -> float:
+        return (time_us + self.offset_us[segment]) / 1e6 if segment in self.offset_us else float("nan")
+
+
+def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tuple[npt.NDArray[np.void], IntArray, int]:
+    dtype = session_dtype(meta)
+    blobs: list[npt.NDArray[np.void]] = []
+    segments: list[IntArray] = []
+    damaged: list[str] = []
+    for number, segment, n, blob, crc in db.execute("SELECT id, segment, n, samples, crc32 FROM block ORDER BY id"):
+        why = _misfit(n, blob, crc, dtype)
+        if why:
+            damaged.append(f"block {number} {why}")
+            continue
+        blobs.append(np.frombuffer(blob, dtype))
+        segments.append(np.full(n, segment, dtype=np.int64))
+    if not blobs and damaged:
+        raise FileError(
+            f"{name} holds no readable samples: all of its {len(damaged)} blocks are damaged ({damaged[0]})",
+            f"boat-daq recover {name} names all that is damaged; a copy of the file may be whole.",
+        )
+    if not blobs:
+        raise FileError(f"{name} holds no samples", "The session ended before the board sent any.")
+    return np.concatenate(blobs), np.concatenate(segments), len(damaged)
+
+
+def _misfit(n: int, blob: bytes, crc: int | None, dtype: np.dtype[np.void]) -> str:
+    """Return why a block cannot be what it says it is; empty where it can."""
+    if not n or len(blob) != n * dtype.itemsize:
+        return f"says {n} samples and holds {len(blob)} bytes"
+    if crc is not None and crc32(blob) != crc:
+        return "does not match its checksum"
+    time_us = np.frombuffer(blob, dtype)["time_us"]
+    if np.abs(time_us // 2).max() > LONGEST_US // 2:  # halved: the least of all has no absolute value
+        return "holds times beyond any session"
+    return ""
+
+
+def _lay_end_to_end(db: sqlite3.Connection, time_us: IntArray, segment: IntArray, rate_hz: float) -> _Clock:
+    """Board time over all segments: within one as the board said, between two by what both clocks allow.
+
+    A board that restarts its clock is placed after the end of the segment before, by the host's clock where that
+    says more than one sampling interval. A clock that simply ran on (a pause) is left alone.
+    """
+    hosts = dict(db.execute("SELECT id, host_ns FROM segment"))
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1])
+    ends = np.concatenate([starts[1:], [segment.size]])
+    interval_us = round(1e6 / rate_hz) if rate_hz > 0 else 10_000
+    total = time_us.astype(np.int64).copy()
+    offsets: dict[int, int] = {}
+    origin = int(time_us[0])
+    for order, (first, last) in enumerate(zip(starts, ends, strict=True)):
+        name = int(segment[first])
+        offset = -origin
+        if order:
+            before = int(total[first - 1])
+            if int(time_us[first]) <= int(time_us[first - 1]):
+                waited_us = (hosts.get(name, 0) - hosts.get(int(segment[first - 1]), 0)) // 1000
+                ran_us = int(time_us[first - 1]) - int(time_us[starts[order - 1]])
+                offset = before + max(interval_us, waited_us - ran_us) - int(time_us[first])
+            else:
+                offset = offsets[int(segment[first - 1])]
+        offsets[name] = offset
+        total[first:last] += offset
+    return _Clock(total / 1e6, offsets)
+
+
+def _steps(db: sqlite3.Connection, clock: _Clock) -> pd.DataFrame:
+    rows = db.execute(
+        "SELECT id, segment, number, cycle, branch, target_kpa, ramp_kpa_per_s, started_us, arrived_us, settled_us,"
+        " ended_us, status, detail FROM step ORDER BY id"
+    ).fetchall()
+    steps = pd.DataFrame(rows, columns=list(STEP_COLUMNS))
+    for column in ("started_s", "arrived_s", "settled_s", "ended_s"):
+        times = pd.to_numeric(steps[column], errors="coerce")
+        steps[column] = [clock.seconds(int(s), float(t)) for s, t in zip(steps["segment"], times, strict=True)]
+    return steps
+
+
+def store_result(
+    path: str | Path, kind: str, content: Mapping[str, Any], parameters: Mapping[str, Any], *, seed: int | None
+) -> bool:
+    """Add a result to a closed recording, with the program's version; the same result is not added twice.
+
+    Returns
+    -------
+    True where a row was written, False where the file already holds the same result.
+
+    Raises
+    ------
+    RequestError : the recording is not closed: its one writer is still at work; or its layout is an older one, which
+        is not written to without a backup.
+    FileError : the file cannot be written.
+    """
+    path = Path(path)
+    refuse_newer(path)
+    if layout_version(path) < SCHEMA_VERSION:
+        raise RequestError(
+            f"{path.name} is an older program's recording, and nothing is added to it as it is",
+            f"`boat-daq upgrade {path}` first: it keeps the file as it was beside it.",
+        )
+    with opened(path) as db:
+        if read_session(db).get("status") == "recording":
+            raise RequestError(f"{path.name} is being recorded", "Wait for its end, or `boat-daq recover` it.")
+        text = json.dumps(content, sort_keys=True, allow_nan=False)
+        asked = json.dumps(parameters, sort_keys=True)
+        query = "SELECT 1 FROM result WHERE kind=? AND parameters=? AND content=? AND program_version=?"
+        if db.execute(query, (kind, asked, text, program_version())).fetchone():
+            return False
+    try:
+        with closing(sqlite3.connect(path)) as writer, writer:
+            harden(writer)
+            writer.execute(
+                "INSERT INTO result (utc, kind, program_version, seed, parameters, content) VALUES (?, ?, ?, ?, ?, ?)",
+                (datetime.datetime.now(datetime.UTC).isoformat(), kind, program_version(), seed, asked, text),
+            )
+    except DAMAGE as error:
+        raise FileError(f"the result cannot be written into {path.name}: {error}", "Is it read-only?") from error
+    return True
+
+
+def program_version() -> str:
+    """Return the version of the installed program."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("boat-daq")
+    except PackageNotFoundError:
+        return "uninstalled"

@@ -1,0 +1,196 @@
+"""An imported run written as a `.boat` file, by the schema of `protocol.recording`.
+
+Rules: the original bytes are kept in `chunk`, the column map in the session, so that the import can be done again. The
+file appears under its name only when it is whole.
+"""
+
+from __future__ import annotations
+
+import datetime
+import itertools
+import json
+import os
+import sqlite3
+import uuid
+import zlib
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.data.boat_file import program_version
+from analysis.data.recording import Recording
+from analysis.errors import FileError
+from protocol.errors import RecordingError
+from protocol.recording import (
+    APPLICATION_ID,
+    SCHEMA_VERSION,
+    SESSION_KEYS,
+    TABLES,
+    SampleFlag,
+    describe_dtype,
+    sample_dtype,
+)
+from protocol.recording.checks import check_session
+
+CHUNK_BYTES = 1 << 20
+BLOCK_ROWS = 1_000  # as many as a row of the overview
+LATEST_S = 1e12  # 30,000 years; more microseconds than 64 bits hold are no time
+
+
+def write_boat_file(path: str | Path, recording: Recording, *, original: str | Path) -> None:
+    """Write an imported recording.
+
+    Raises
+    ------
+    FileError : the file exists already, or cannot be written.
+    """
+    path = Path(path)
+    if path.exists():
+        raise FileError(f"{path} exists already", "Choose another name: a recording is never overwritten.")
+    unfinished = path.with_name(path.name + ".part")
+    try:
+        unfinished.unlink(missing_ok=True)
+        db = sqlite3.connect(unfinished)
+        try:
+            with db:
+                _write(db, recording, Path(original))
+        finally:
+            db.close()
+        os.replace(unfinished, path)  # noqa: PTH105 - one atomic call
+    except (sqlite3.Error, OSError) as error:
+        raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error
+    finally:
+        with suppress(OSError):  # a folder that is none
+            unfinished.unlink(missing_ok=True)
+
+
+def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None:
+    db.execute(f"PRAGMA application_id={APPLICATION_ID}")
+    db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+    for statement in TABLES.split(";\n"):
+        if statement.strip():
+            db.execute(statement)
+    samples = packed_samples(recording)
+    db.executemany(
+        "INSERT INTO session (key, value) VALUES (?, ?)",
+        [(k, json.dumps(v)) for k, v in _session(recording, samples).items()],
+    )
+    last_chunk = _keep_original(db, original)
+    meta = recording.meta
+    scale_mv = float(meta.get("vref_mv") or 0.0) / 2.0 ** int(meta.get("adc_bits") or 0)
+    changes = np.flatnonzero(np.diff(recording.segment)) + 1
+    edges = [0, *changes.tolist(), recording.n]
+    for number, (first, last) in enumerate(itertools.pairwise(edges), 1):
+        db.execute("INSERT INTO segment (id, host_ns, first_chunk, reason) VALUES (?, 0, 1, 'import')", (number,))
+        _write_blocks(db, samples[first:last], number, last_chunk, scale_mv)
+
+
+def packed_samples(recording: Recording) -> npt.NDArray[np.void]:
+    """Return the samples as records of `sample_dtype`, gaps flagged.
+
+    Raises
+    ------
+    FileError
+        A time that no recording can hold.
+    """
+    if not (np.abs(recording.time_s) < LATEST_S).all():
+        text = f"a time of {np.abs(recording.time_s).max():g} s cannot be recorded"
+        raise FileError(text, "Look at the column of time and its unit.")
+    counts = recording.lit is not None and recording.dark is not None and {"vref_mv", "adc_bits"} <= set(recording.meta)
+    samples = np.zeros(recording.n, sample_dtype(recording.n_sensors, "counts" if counts else "signal"))
+    samples["index"] = _running_index(recording)
+    samples["time_us"] = np.round(recording.time_s * 1e6)
+    samples["pressure_pa"] = recording.pressure_kpa * 1000.0
+    samples["state"], samples["flags"] = recording.state, recording.flags
+    for gap in recording.gaps:
+        samples["flags"][gap.row + 1] |= int(SampleFlag.GAP_BEFORE)
+    if counts:
+        samples["lit"], samples["dark"] = recording.lit, recording.dark
+    else:
+        samples["signal_mv"] = recording.signal_mv
+    return samples
+
+
+def _running_index(recording: Recording) -> npt.NDArray[np.int64]:
+    """The index as it was, or one that jumps where samples are missing."""
+    if not np.array_equal(recording.index, np.arange(recording.n)):
+        return np.asarray(recording.index)
+    jump = np.zeros(recording.n, dtype=np.int64)
+    for gap in recording.gaps:
+        jump[gap.row + 1] = gap.lost
+    return np.arange(recording.n) + np.cumsum(jump)
+
+
+def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, Any]:
+    assert samples.dtype.names is not None
+    values: dict[str, Any] = dict.fromkeys(SESSION_KEYS)
+    values |= {key: value for key, value in recording.meta.items() if key != "sample_dtype"}
+    now = datetime.datetime.now(datetime.UTC).isoformat()
+    values |= {
+        "uuid": str(uuid.uuid4()), "status": "closed", "simulated": recording.simulated,
+        "program_version": program_version(), "started_utc": recording.meta.get("started_utc") or now,
+        "started_host_ns": 0, "ended_utc": now, "ended_host_ns": 0, "stop_reason": "finished",
+        "port": f"import:{recording.meta.get('imported_from', '')}", "n_sensors": recording.n_sensors,
+        "sample_kind": "counts" if "lit" in samples.dtype.names else "signal",
+        "sample_dtype": describe_dtype(samples.dtype),
+        "rate_hz": recording.meta.get("rate_hz") or (1.0 / recording.interval_s if recording.n > 1 else 0.0),
+        "settings": {}, **{key: str(recording.meta.get(key) or "") for key in ("operator", "unit", "note")},
+    }  # fmt: skip
+    try:
+        check_session(values)
+    except RecordingError as error:
+        raise FileError(f"{error.cause}, as a comment of the file says", "Mend the file's comment lines.") from error
+    return values
+
+
+def _keep_original(db: sqlite3.Connection, original: Path) -> int:
+    number = 0
+    with original.open("rb") as file:
+        while raw := file.read(CHUNK_BYTES):
+            number += 1
+            db.execute(
+                "INSERT INTO chunk (id, host_ns, direction, raw, crc32) VALUES (?, 0, 0, ?, ?)",
+                (number, raw, zlib.crc32(raw)),
+            )
+    return number
+
+
+def _write_blocks(
+    db: sqlite3.Connection, samples: npt.NDArray[np.void], segment: int, last_chunk: int, scale_mv: float
+) -> None:
+    """Write a segment's samples: a block of a thousand, and its row of the overview."""
+    for first in range(0, samples.size, BLOCK_ROWS):
+        part = samples[first : first + BLOCK_ROWS]
+        times = (int(part["time_us"][0]), int(part["time_us"][-1]))
+        raw = part.tobytes()
+        block = db.execute(
+            "INSERT INTO block (segment, last_chunk, n, first_time_us, last_time_us, samples, crc32)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (segment, last_chunk, part.size, *times, raw, zlib.crc32(raw)),
+        ).lastrowid
+        db.execute(
+            "INSERT INTO overview (segment, first_block, last_block, n, first_time_us, last_time_us, pressure_min_kpa,"
+            " pressure_max_kpa, signal_min_mv, signal_max_mv, flags) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (segment, block, block, part.size, *times, *_extremes(part, scale_mv)),
+        )
+
+
+def _extremes(samples: npt.NDArray[np.void], scale_mv: float) -> tuple[Any, ...]:
+    """Extremes of pressure and signals, implausible samples left out, and the flags of all."""
+    flags = int(np.bitwise_or.reduce(samples["flags"]))
+    good = samples[(samples["flags"] & int(SampleFlag.IMPLAUSIBLE)) == 0]
+    names = good.dtype.names or ()
+    counts = "lit" in names
+    signal = (good["lit"].astype(np.float64) - good["dark"]) * scale_mv if counts else good["signal_mv"]
+    pressure = good["pressure_pa"] / 1000.0
+    low, high = ([_finite(extreme, column) for column in signal.T] for extreme in (np.min, np.max))
+    return _finite(np.min, pressure), _finite(np.max, pressure), json.dumps(low), json.dumps(high), flags
+
+
+def _finite(extreme: Callable[[Any], Any], values: npt.NDArray[np.float64]) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(extreme(known)) if known.size else None

@@ -1,0 +1,189 @@
+"""Which column of a table is what, and in which unit: by the usual words, or by hand, kept as a profile.
+
+Rules: a guess is told in `notes`; a unit that is not known is refused, with the option that would map it.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.data.csv_hints import guess_unit, time_without_header
+from analysis.data.csv_table import Table
+from analysis.errors import FileError, RequestError
+
+UNITS: dict[str, dict[str, float]] = {
+    "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},
+    "pressure_kpa": {
+        "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mpa": 1e3, "bar": 100.0, "mbar": 0.1, "psi": 6.894757293168361,
+        "mmhg": 0.13332236842105263, "torr": 0.13332236842105263, "atm": 101.325,
+    },
+    "signal": {"mv": 1.0, "v": 1e3, "uv": 1e-3, "µv": 1e-3, "μv": 1e-3},
+    "elongation_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3},
+}  # fmt: skip
+UNITS["target_kpa"] = UNITS["pressure_kpa"]
+WORDS = {
+    "time_s": ("time", "t", "tijd", "zeit", "temps", "tempo", "timestamp", "elapsed", "seconds", "millis", "micros"),
+    "pressure_kpa": ("pressure", "p", "druk", "druck", "pression", "pressione", "press", "gauge"),
+    "target_kpa": ("target", "setpoint", "set point", "target pressure", "pressure target"),
+}
+SENSOR = re.compile(r"^(?:s|sensor|signal|ch|channel|sig|y)[\s_]*([1-9])(?:[\s_]*(?:mv|v|uv|signal|voltage))?$")
+SIGNAL_WORDS = ("signal", "voltage", "sensor", "mv", "v", "output", "light")
+COUNTS = re.compile(r"^s([1-9])_(lit|dark)$")
+PLAIN = ("index", "state", "flags", "segment")
+MAX_PROFILE_BYTES = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of the map: its position in the file, its unit, the factor to ours."""
+
+    position: int
+    unit: str
+    factor: float
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnMap:
+    """Which column is what. Keys are our names: time_s, pressure_kpa, s1_mv, ... `notes` tell every guess."""
+
+    columns: Mapping[str, Column]
+    notes: tuple[str, ...]
+
+    def as_profile(self, table: Table) -> dict[str, str]:
+        """Return the map as NAME -> COLUMN:UNIT, the form that a profile keeps and `--map` takes."""
+        profile = {}
+        for name, column in self.columns.items():
+            title = table.names[column.position]
+            unique = table.names.count(title) == 1 and ":" not in title
+            profile[name] = f"{title if unique else column.position + 1}" + (f":{column.unit}" if column.unit else "")
+        return profile
+
+
+def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> ColumnMap:
+    """Say which column is what: by hand where `columns` says so, else by name and unit."""
+    chosen: dict[str, Column] = {}
+    notes: list[str] = []
+    for name, text in (columns or {}).items():
+        chosen[_our_name(name)] = _by_hand(table, _our_name(name), text)
+    taken = {column.position for column in chosen.values()}
+    by_hand = any(name.endswith("_mv") or COUNTS.match(name) for name in chosen)
+    for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
+        seen = recognised(title)
+        if seen is None or position in taken or seen in chosen or position in table.text:
+            continue
+        if by_hand and (seen.endswith("_mv") or COUNTS.match(seen)):
+            continue  # signals were mapped by hand: no others are added
+        chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), notes)
+        taken.add(position)
+    found = time_without_header(table) if columns and "time_s" not in chosen else None
+    if found is not None and found not in taken:
+        notes.append(f"no header: column {found + 1} never falls, taken as time")
+        chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], notes)
+    return ColumnMap(dict(sorted(chosen.items(), key=lambda item: item[1].position)), tuple(notes))
+
+
+def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
+    """Keep a column map as JSON, to be used again for files of the same kind."""
+    text = json.dumps({"boat_daq_import": 1, "columns": mapping.as_profile(table)}, indent=2, ensure_ascii=False)
+    Path(path).write_text(text + "\n", encoding="utf-8")
+
+
+def load_profile(path: str | Path) -> dict[str, str]:
+    """Read a column map that `save_profile` kept.
+
+    Raises
+    ------
+    FileError : not such a file.
+    """
+    try:
+        if Path(path).stat().st_size > MAX_PROFILE_BYTES:
+            raise ValueError(f"larger than {MAX_PROFILE_BYTES} bytes")
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        columns = content["columns"]
+        if content["boat_daq_import"] != 1 or not all(isinstance(v, str) for v in columns.values()):
+            raise ValueError("unknown version or a column that is no text")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FileError(f"{path} is no import profile ({error})", "Make one with --save-profile.") from error
+    return dict(columns)
+
+
+def _our_name(name: str) -> str:
+    name = name.strip().lower()
+    sensor = SENSOR.match(name)
+    if sensor:
+        return f"s{sensor[1]}_mv"
+    short = {"time": "time_s", "pressure": "pressure_kpa", "target": "target_kpa", "signal": "s1_mv"}.get(name, name)
+    if short in UNITS or short in PLAIN or COUNTS.match(short) or short == "s1_mv":
+        return short
+    raise RequestError(
+        f"{name!r} is nothing that can be mapped",
+        "Map time_s, pressure_kpa, target_kpa, s1_mv, s2_mv, s1_lit, s1_dark, ...",
+    )
+
+
+def _kind(name: str) -> str:
+    return "signal" if name.endswith("_mv") else name
+
+
+def _by_hand(table: Table, name: str, text: str) -> Column:
+    column, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
+    try:
+        position = table.position(column)
+    except RequestError:
+        if not column or column == text:
+            raise
+        position, unit = table.position(text), ""  # a colon that belongs to the column's name
+    unit = unit or table.units[position] or _unit_of_name(table.names[position])
+    known = UNITS.get(_kind(name), {})
+    if not unit or not known:
+        return Column(position, "", 1.0)
+    if unit.lower() not in known:
+        if ":" in text:
+            raise RequestError(f"unit {unit!r} is not known for {name}", f"Known: {', '.join(known)}.")
+        return Column(position, "", 1.0)  # mapped by hand without a unit: taken as it is
+    return Column(position, unit, known[unit.lower()])
+
+
+def recognised(title: str) -> str | None:
+    """Return our name of a column by its title; None where it says nothing."""
+    plain = " ".join(re.sub(r"[_,;]", " ", title.lower()).split())
+    exact = plain.replace(" ", "_")
+    if exact in PLAIN or (exact in UNITS and exact != "signal") or COUNTS.match(exact):
+        return exact
+    words = plain.split()
+    if len(words) > 1 and words[-1] in {u for kind in UNITS.values() for u in kind}:
+        words = words[:-2] if words[-2] == "in" and len(words) > 2 else words[:-1]  # "Druck in kPa"
+    sensor = SENSOR.match(plain) or SENSOR.match(" ".join(words))
+    if sensor:
+        return f"s{sensor[1]}_mv"
+    plain = " ".join(words)
+    for name in ("target_kpa", "time_s", "pressure_kpa"):
+        if plain in WORDS[name] or (words and words[0] in WORDS[name] and len(words[0]) > 1):
+            return name
+    return "s1_mv" if plain in SIGNAL_WORDS else None
+
+
+def _unit_of_name(title: str) -> str:
+    tail = re.split(r"[\s_,;]+", title.strip())[-1]
+    units = {u for kind in UNITS.values() for u in kind}
+    return tail if tail.lower() in units and tail.lower() != title.strip().lower() else ""
+
+
+def _with_unit(table: Table, name: str, position: int, unit: str, notes: list[str]) -> Column:
+    known = UNITS.get(_kind(name))
+    if known is None:
+        return Column(position, "", 1.0)
+    if unit.lower() in known:
+        return Column(position, unit, known[unit.lower()])
+    if unit:
+        raise RequestError(
+            f"unit {unit!r} of column {table.names[position]!r} is not known for {name}",
+            f"Map it by hand: --map {name}={position + 1}:UNIT with one of {', '.join(known)}.",
+        )
+    guessed = guess_unit(name, table.columns[position])
+    notes.append(f"column {table.names[position]!r} has no unit: taken as {guessed}")
+    return Column(position, guessed, known[guessed.lower()])

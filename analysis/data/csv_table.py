@@ -1,0 +1,220 @@
+"""A table of numbers from a text file as it is found.
+
+Strategy: `analysis.data.csv_dialect` says how the file is written; pandas reads the body at speed; only if it
+stumbles is
+the file walked line by line, to name the lines. A column of clock times becomes seconds.
+
+Rules: nothing is guessed silently: `Table` says the dialect, every cell that is no number is counted and the first
+ones are named by line.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from analysis.data.csv_clock import seconds_of
+from analysis.data.csv_dialect import MISSING, Dialect, cells_of, is_comment, number, records, sniff
+from analysis.errors import FileError, RequestError
+
+NAMED_ISSUES = 10
+MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
+SHOWN_WORDS = 100  # cells of a column of words that are tried as grouped numbers
+# pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
+_EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A read table: numeric columns by position, text columns apart.
+
+    `names` are as in the header without units, or "1", "2", ... without one. `issues` are sentences with line
+    numbers, at most `NAMED_ISSUES`; `broken` counts all rows left out and `masked` all cells that are no number.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    columns: tuple[npt.NDArray[np.float64], ...]
+    text: dict[int, list[str]]
+    dialect: Dialect
+    issues: tuple[str, ...]
+    broken: int
+    masked: int
+
+    @property
+    def rows(self) -> int:
+        """Number of rows read."""
+        return self.columns[0].size if self.columns else 0
+
+    def labels(self, wanted: str) -> list[str]:
+        """Return a column as names, whether its cells are numbers or words; raises as `position`."""
+        at = self.position(wanted)
+        return list(self.text[at]) if at in self.text else [str(value) for value in self.columns[at]]
+
+    def position(self, wanted: str) -> int:
+        """Return the position of a column by its name (case and blanks aside) or its number from 1.
+
+        Raises
+        ------
+        RequestError : no such column, or the name stands twice.
+        """
+        plain = [_plain(name) for name in self.names]
+        raw = [_plain(f"{n} ({u})") if u else _plain(n) for n, u in zip(self.names, self.units, strict=True)]
+        hits = [i for i in range(len(plain)) if _plain(wanted) in (plain[i], raw[i])]
+        if not hits and wanted.strip().isdigit() and 1 <= int(wanted) <= len(self.names):
+            return int(wanted) - 1
+        if len(hits) == 1:
+            return hits[0]
+        having = ", ".join(self.names[:20])
+        if hits:
+            raise RequestError(f"column {wanted!r} stands {len(hits)} times", "Give its number, counted from 1.")
+        raise RequestError(f"there is no column {wanted!r}", f"The columns are: {having}.")
+
+
+def read_table(path: str | Path) -> Table:
+    """Read a table of numbers.
+
+    Raises
+    ------
+    FileError : not a table of numbers, or too broken to be one; the message names lines.
+    """
+    path = Path(path)
+    try:
+        dialect = sniff(path)
+        frame = _fast(path, dialect)
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}", "Check name and permissions.") from error
+    if frame is None:
+        return _with_clocks(_slow(path, dialect))
+    columns, text = _as_columns(frame)
+    masked = _count_masked(columns, text)
+    return _with_clocks(Table(_names(dialect), _units(dialect), columns, text, dialect, (), 0, masked))
+
+
+def _with_clocks(table: Table) -> Table:
+    """Turn columns of clock times into seconds since the first, and say so."""
+    columns, units, text, issues = list(table.columns), list(table.units), dict(table.text), list(table.issues)
+    for position, words in table.text.items():
+        clock = seconds_of(words)
+        if clock is None:
+            continue
+        columns[position], units[position] = clock.seconds, "s"
+        del text[position]
+        issues.append(f"column {table.names[position]!r} holds {clock.said}: taken as seconds since its first")
+    return replace(table, columns=tuple(columns), units=tuple(units), text=text, issues=tuple(issues))
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.lower().split())
+
+
+def _names(dialect: Dialect) -> tuple[str, ...]:
+    return tuple(
+        dialect.header[i] if i < len(dialect.header) and dialect.header[i] else str(i + 1)
+        for i in range(dialect.columns)
+    )
+
+
+def _units(dialect: Dialect) -> tuple[str, ...]:
+    return dialect.units if dialect.units else ("",) * dialect.columns
+
+
+def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
+    """Read with pandas' C parser; None where rows are ragged or a cell is neither number nor clean text."""
+    try:
+        with path.open(encoding=dialect.encoding) as file:
+            for _ in range(dialect.data_line):  # by lines: a lone quotation mark above the data ends nothing
+                next(file)
+            frame = pd.read_csv(
+                file, sep=r"\s+" if dialect.separator == " " else dialect.separator, decimal=dialect.decimal,
+                header=None, names=list(range(dialect.columns)), index_col=False, skipinitialspace=True,
+                low_memory=False, on_bad_lines="error", na_values=list(MISSING), **_EXACT,
+            )  # fmt: skip
+    except (ValueError, pd.errors.ParserError, pd.errors.ParserWarning, UnicodeError):
+        return None
+    mixed = [c for c in frame if frame[c].dtype == object or pd.api.types.is_string_dtype(frame[c])]
+    for column in mixed:
+        values = pd.to_numeric(frame[column], errors="coerce")
+        if values.notna().any():  # numbers with some words between: the slow way names the lines
+            return None
+        shown = frame[column].dropna().astype(str).head(SHOWN_WORDS)
+        if any(math.isfinite(number(cell, dialect.decimal) or math.nan) for cell in shown):
+            return None  # grouped thousands, another minus sign
+    if frame.iloc[:, -1].isna().any() and not frame.iloc[:, -1].isna().all():
+        return None  # perhaps rows too short: the slow way counts the fields
+    return pd.DataFrame(frame)
+
+
+def _as_columns(frame: pd.DataFrame) -> tuple[tuple[npt.NDArray[np.float64], ...], dict[int, list[str]]]:
+    columns: list[npt.NDArray[np.float64]] = []
+    text: dict[int, list[str]] = {}
+    for position in range(frame.shape[1]):
+        series = frame.iloc[:, position]
+        if pd.api.types.is_numeric_dtype(series):
+            columns.append(series.to_numpy(dtype=np.float64))
+        else:
+            columns.append(np.full(len(series), np.nan))
+            text[position] = [str(v).strip() if isinstance(v, str) else "" for v in series]
+    return tuple(columns), text
+
+
+def _count_masked(columns: tuple[npt.NDArray[np.float64], ...], text: dict[int, list[str]]) -> int:
+    return int(sum((~np.isfinite(c)).sum() for i, c in enumerate(columns) if i not in text))
+
+
+def _lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
+    with path.open(encoding=dialect.encoding, errors="replace", newline=None) as file:
+        for at, line in enumerate(file):
+            if at >= dialect.data_line and not is_comment(line):
+                yield at + 1, line.rstrip("\n")
+
+
+def _slow(path: Path, dialect: Dialect) -> Table:
+    width = dialect.columns
+    rows: list[list[float]] = []
+    words: list[list[str]] = []
+    places: list[int] = []
+    issues: list[str] = []
+    broken = 0
+    for line_number, line in records(_lines(path, dialect)):
+        cells = cells_of(line, dialect.separator)
+        if len(cells) == width + 1 and not cells[-1].strip():
+            cells = cells[:width]  # a separator at the end of the line
+        if len(cells) != width:
+            broken += 1
+            issues.append(f"line {line_number}: {len(cells)} fields where the others have {width}")
+            continue
+        values = [number(cell, dialect.decimal) for cell in cells]
+        rows.append([math.nan if v is None else v for v in values])
+        words.append([cell.strip() if v is None else "" for cell, v in zip(cells, values, strict=True)])
+        places.append(line_number)
+    if not rows or broken > MAX_BAD_SHARE * (len(rows) + broken) + 2:
+        raise FileError(f"{path.name}: {broken} rows do not fit the columns; {'; '.join(issues[:3])}", "Mend the file.")
+    table = np.asarray(rows)
+    columns = tuple(np.ascontiguousarray(table[:, i]) for i in range(width))
+    text = {i: [row[i] for row in words] for i in range(width) if all(row[i] for row in words)}
+    for place, row in zip(places, words, strict=True):
+        issues += [
+            f"line {place}: {cell[:30]!r} in column {_names(dialect)[i]!r} is not a number"
+            for i, cell in enumerate(row)
+            if cell and i not in text
+        ]
+    return Table(
+        _names(dialect), _units(dialect), columns, text, dialect, tuple(issues[:NAMED_ISSUES]), broken,
+        _count_masked(columns, text),
+    )  # fmt: skip
+
+
+def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
+    """Return the line, counted from 1, on which data row `row`, counted from 0, stands."""
+    for at, (line_number, _) in enumerate(records(_lines(path, dialect))):
+        if at == row:
+            return line_number
+    return dialect.data_line + row + 1

@@ -1,0 +1,36 @@
+"""Load a run from any file that it may be in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from analysis.data.boat_file import is_boat_file, read_boat_file
+from analysis.data.csv_import import import_csv
+from analysis.data.recording import Recording
+from analysis.errors import FileError, RequestError
+from protocol.recording import SUFFIX
+
+
+def load_recording(path: str | Path, **import_options: Any) -> Recording:
+    """Load a run from a `.boat` file, or from a CSV that the importer understands.
+
+    Parameters
+    ----------
+    path : the file. It is only read.
+    import_options : for a CSV, what `csv_import.import_csv` takes (a column map, a profile).
+
+    Raises
+    ------
+    FileError : the file is not there, or is not what it was taken for. RequestError : a map for a recording.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(f"{path} is not there" if not path.exists() else f"{path} is no file", "Check the name.")
+    if is_boat_file(path):
+        if any(value is not None for value in import_options.values()):
+            raise RequestError(f"{path.name} is a recording: its columns are known", "Leave --map and --rate out.")
+        return read_boat_file(path)
+    if path.suffix == SUFFIX:
+        raise FileError(f"{path.name} is not a recording: it holds no SQLite database", "Was it cut off when copied?")
+    return import_csv(path, **import_options)

@@ -1,0 +1,250 @@
+"""A run as the analysis sees it: columns of one length, never changed.
+
+Strategy: whatever a run came from, a `.boat` file, a CSV or arrays in a test, it becomes one `Recording`: read-only
+columns in board time, the sequencer's steps and the readings of elongation as frames, the session's metadata. Nothing
+is repaired here. What must not enter a figure is marked in `usable`, with a count by reason, and stays in the columns.
+
+Rules: time is board time, laid end to end over segments and strictly in file order; no sample is dropped, sorted or
+resampled; a value that is not finite, or whose flags say that it is no measurement, is not usable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from analysis.arrays import BoolArray, FloatArray, IntArray
+from analysis.errors import DataError
+from protocol.recording import NOT_FOR_FIGURES, SampleFlag
+
+GAP_FACTOR = 4.5  # without a running index, a hole is an interval longer than this many median intervals
+
+STEP_COLUMNS = (
+    "id", "segment", "number", "cycle", "branch", "target_kpa", "ramp_kpa_per_s", "started_s", "arrived_s",
+    "settled_s", "ended_s", "status", "detail",
+)  # fmt: skip
+READING_COLUMNS = ("id", "utc", "step", "elongation_mm", "resolution_mm", "source", "reader", "note")
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Samples missing after row `row`: how many, and when (s, board time of the last sample before).
+
+    `crc_failed` of them came in frames that failed their check, as far as the link's counter tells.
+    """
+
+    row: int
+    lost: int
+    time_s: float
+    crc_failed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One run. Arrays have one row a sample (n) and are read-only.
+
+    Attributes
+    ----------
+    time_s : [n] board time from the first sample, segments laid end to end.
+    pressure_kpa, target_kpa : [n] gauge; target is NaN where none was set or known.
+    signal_mv : [n, sensors] (lit - dark) * vref / 2^bits, or the signal itself where the device gives one.
+    lit, dark : [n, sensors] ADC counts, or None where the source has no counts.
+    state, flags, segment, index : [n] as `protocol.recording` defines them.
+    usable : [n, sensors] True where the row may enter a figure of that sensor.
+    pressure_usable : [n] True where the pressure may.
+    masked : rows left out, by reason.
+    interval_s : median sampling interval, NaN below two samples.
+    gaps : where samples are missing.
+    steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty where the source has none.
+    meta : the session's keys.
+    source : the file it came from, or "".
+    """
+
+    time_s: FloatArray
+    pressure_kpa: FloatArray
+    target_kpa: FloatArray
+    signal_mv: FloatArray
+    lit: npt.NDArray[np.uint16] | None
+    dark: npt.NDArray[np.uint16] | None
+    state: npt.NDArray[np.uint8]
+    flags: npt.NDArray[np.uint16]
+    segment: IntArray
+    index: IntArray
+    usable: BoolArray
+    pressure_usable: BoolArray
+    masked: Mapping[str, int]
+    interval_s: float
+    gaps: tuple[Gap, ...]
+    steps: pd.DataFrame
+    readings: pd.DataFrame
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    source: str = ""
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return self.time_s.size
+
+    @property
+    def n_sensors(self) -> int:
+        """Number of sensors."""
+        return int(self.signal_mv.shape[1])
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Column names of the sensors: s1, s2, ..."""
+        return tuple(f"s{i + 1}" for i in range(self.n_sensors))
+
+    @property
+    def simulated(self) -> bool:
+        """True where the run came from the virtual board."""
+        return bool(self.meta.get("simulated", False))
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the last, board time."""
+        return float(self.time_s[-1] - self.time_s[0]) if self.n > 1 else 0.0
+
+    @property
+    def rate_hz(self) -> float:
+        """Effective rate: intervals inside segments over their time, losses counted as samples not there."""
+        if self.n < 2:
+            return float("nan")
+        inside = np.diff(self.segment) == 0
+        elapsed = float(np.diff(self.time_s)[inside].sum())
+        return float(inside.sum() / elapsed) if elapsed > 0 else float("nan")
+
+    @property
+    def lost(self) -> int:
+        """Samples known to be missing."""
+        return sum(gap.lost for gap in self.gaps)
+
+    @property
+    def current_readings(self) -> pd.DataFrame:
+        """The reading that counts for each step: the last one entered, also where it withdraws the one before."""
+        return self.readings.sort_values("id").dropna(subset="step").drop_duplicates("step", keep="last")
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time_s: npt.ArrayLike,
+        pressure_kpa: npt.ArrayLike,
+        signal_mv: npt.ArrayLike,
+        **columns: Any,
+    ) -> Recording:
+        """Build a recording from arrays; the door for scripts, importers and tests.
+
+        Parameters
+        ----------
+        time_s, pressure_kpa : [n].
+        signal_mv : [n] or [n, sensors].
+        columns : any of the other attributes: `target_kpa`, `lit`, `dark`, `state`, `flags`, `segment`, `index`,
+            `steps`, `readings`, `meta`, `source`.
+
+        Raises
+        ------
+        DataError : no samples, or columns of different length.
+        """
+        time = np.asarray(time_s, dtype=np.float64)
+        signal = np.asarray(signal_mv, dtype=np.float64)
+        signal = signal.reshape(signal.shape[0], -1) if signal.ndim else signal.reshape(1, 1)
+        n = time.size
+        _check_columns(n, {"pressure_kpa": pressure_kpa, "signal_mv": signal, **columns})
+        pressure = np.asarray(pressure_kpa, dtype=np.float64)
+        flags = np.asarray(columns.get("flags", np.zeros(n)), dtype=np.uint16)
+        segment = np.asarray(columns.get("segment", np.zeros(n)), dtype=np.int64)
+        indexed = columns.get("index") is not None
+        index = np.asarray(columns["index"] if indexed else np.arange(n), dtype=np.int64)
+        usable, pressure_usable, masked = _usable(time, pressure, signal, flags)
+        return cls(
+            time_s=_frozen(time),
+            pressure_kpa=_frozen(pressure),
+            target_kpa=_frozen(np.asarray(columns.get("target_kpa", np.full(n, np.nan)), dtype=np.float64)),
+            signal_mv=_frozen(signal),
+            lit=_counts(columns.get("lit"), n),
+            dark=_counts(columns.get("dark"), n),
+            state=_frozen(np.asarray(columns.get("state", np.zeros(n)), dtype=np.uint8)),
+            flags=_frozen(flags),
+            segment=_frozen(segment),
+            index=_frozen(index),
+            usable=_frozen(usable),
+            pressure_usable=_frozen(pressure_usable),
+            masked=masked,
+            interval_s=_typical_interval(time),
+            gaps=find_gaps(time, segment, index if indexed else None),
+            steps=columns.get("steps", pd.DataFrame(columns=list(STEP_COLUMNS))),
+            readings=columns.get("readings", pd.DataFrame(columns=list(READING_COLUMNS))),
+            meta=dict(columns.get("meta", {})),
+            source=str(columns.get("source", "")),
+        )
+
+
+def find_gaps(time_s: FloatArray, segment: IntArray, index: IntArray | None) -> tuple[Gap, ...]:
+    """Find the missing samples inside segments.
+
+    From the running index the count is exact; without one, an interval longer than `GAP_FACTOR` median intervals is
+    a hole and the count is estimated from its length.
+    """
+    if time_s.size < 2:
+        return ()
+    inside = np.diff(segment) == 0
+    if index is not None:
+        lost = np.diff(index) - 1
+        rows = np.flatnonzero(inside & (lost > 0))
+        return tuple(Gap(int(r), int(lost[r]), float(time_s[r])) for r in rows)
+    intervals = np.diff(time_s)
+    typical = float(np.median(intervals))
+    if not typical > 0:
+        return ()
+    rows = np.flatnonzero(inside & (intervals > GAP_FACTOR * typical))
+    return tuple(Gap(int(r), round(float(intervals[r]) / typical) - 1, float(time_s[r])) for r in rows)
+
+
+def _usable(
+    time: FloatArray, pressure: FloatArray, signal: FloatArray, flags: npt.NDArray[np.uint16]
+) -> tuple[BoolArray, BoolArray, dict[str, int]]:
+    bad_pressure = ~np.isfinite(pressure) | ~np.isfinite(time)
+    flagged = (flags & int(NOT_FOR_FIGURES)) != 0
+    bad_signal = ~np.isfinite(signal)
+    # a saturated ADC says nothing against the pressure of that row
+    pressure_usable = ~bad_pressure & ((flags & int(NOT_FOR_FIGURES & ~SampleFlag.SATURATED)) == 0)
+    usable = pressure_usable[:, None] & ~bad_signal & ~flagged[:, None]
+    masked = {
+        "pressure_not_finite": int(bad_pressure.sum()),
+        "signal_not_finite": int(bad_signal.any(axis=1).sum()),
+        "saturated": int(((flags & SampleFlag.SATURATED) != 0).sum()),
+        "pressure_invalid": int(((flags & SampleFlag.PRESSURE_INVALID) != 0).sum()),
+        "implausible": int(((flags & SampleFlag.IMPLAUSIBLE) != 0).sum()),
+    }
+    return usable, pressure_usable, masked
+
+
+def _typical_interval(time_s: FloatArray) -> float:
+    intervals = np.diff(time_s)
+    intervals = intervals[intervals > 0]
+    return float(np.median(intervals)) if intervals.size else float("nan")
+
+
+def _check_columns(n: int, columns: Mapping[str, Any]) -> None:
+    if n == 0:
+        raise DataError("the run holds no samples", "Check that the board was streaming when it was recorded.")
+    for name, column in columns.items():
+        if name in ("steps", "readings", "meta", "source") or column is None:
+            continue
+        if len(column) != n:
+            raise DataError(f"column {name} has {len(column)} rows where time_s has {n}", "Give columns of one length.")
+
+
+def _counts(column: Any, n: int) -> npt.NDArray[np.uint16] | None:
+    return None if column is None else _frozen(np.asarray(column, dtype=np.uint16).reshape(n, -1))
+
+
+def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -1,0 +1,264 @@
+"""A run that was broken and went on: are its cycles before and after the break one sample, or two?
+
+Strategy: each complete cycle gives one level and one sensitivity for each sensor. Over a break the means are compared
+by a t-test and the variances by an F-test, all tests of one break together at a family-wise level of `ALPHA` (Holm).
+
+Definitions, for values y_i of the cycles i = 1..n, n1 before and n2 after the break:
+
+- level: mean of the cycle's signal over both branches and the levels of pressure that at least half of the cycles
+  have, mV; a cycle that lacks one of them has no value.
+- sensitivity: span of the branch-mean signal between the outermost such levels, over the span of the elongation there
+  (mV/mm) where it was read, else of the pressure (mV/kPa).
+- t: a unit that drifts differs over any break, so the step is tested beside a drift common to both parts: least squares
+  of y = a + b i + d [after]; t = d / se(d), n - 3 degrees of freedom. With fewer than `FOR_DRIFT` cycles on a side
+  there is no telling a drift from a step: Student's t of the two means, b = 0, n - 2 degrees of freedom.
+- F: ratio of the two parts' variances about their own straight lines (n_k - 2 degrees of freedom each), about their own
+  means (n_k - 1) with fewer than `FOR_DRIFT` cycles on a side; two-sided.
+
+Rules: parts that differ are never pooled; parts that cannot be compared, for want of cycles, are said to be untested.
+Source: NIST/SEMATECH e-Handbook 1.3.5.3 and 1.3.5.9; Holm, Scand. J. Statist. 6 (1979) 65.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy import stats
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.data.recording import Recording
+from analysis.segmentation.cycles import Cycles
+from analysis.segmentation.loops import Loops, branch_mean, continuous_loops
+from protocol.recording import breaks_of
+
+ALPHA = 0.01
+FOR_DRIFT = 4
+
+Verdict = Literal["same", "differs", "untested"]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One quantity of one sensor over one break; `difference` is after minus before, with its 95 % interval.
+
+    t, F and their p are NaN where there are too few cycles; `significant`: the tests that Holm's procedure rejects.
+    """
+
+    sensor: str
+    quantity: str
+    unit: str
+    n_before: int
+    n_after: int
+    mean_before: float
+    mean_after: float
+    sd_before: float
+    sd_after: float
+    difference: float
+    difference_low: float
+    difference_high: float
+    drift_per_cycle: float
+    t: float
+    t_df: int
+    t_p: float
+    f: float
+    f_df_before: int
+    f_df_after: int
+    f_p: float
+    significant: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """One break: when, why, for how long; the cycles of the parts on both sides of it, and what the tests say."""
+
+    utc: str
+    cause: str
+    break_s: float | None
+    before: tuple[int, ...]
+    after: tuple[int, ...]
+    verdict: Verdict
+    comparisons: tuple[Comparison, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What a reader must know."""
+        away = "" if self.break_s is None else f", for {self.break_s:.0f} s"
+        where = f"after cycle {self.before[-1]}" if self.before else "before its first whole cycle"
+        head = f"the run was broken {where} ({self.cause}{away})"
+        if self.verdict == "untested":
+            return f"{head}: too few complete cycles to compare the parts; their cycles are pooled untested"
+        if self.verdict == "same":
+            least = min(p for c in self.comparisons for p in (c.t_p, c.f_p) if np.isfinite(p))
+            return f"{head}: no difference found (smallest p {least:.2g}, level {ALPHA:g}); the parts are pooled"
+        found = [f"{c.sensor} {c.quantity} ({', '.join(c.significant)})" for c in self.comparisons if c.significant]
+        return f"{head} and the parts differ in {'; '.join(found)}: they are not pooled"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the break as `analyze --json` gives it."""
+        return {**asdict(self), "alpha": ALPHA, "pooled": self.verdict != "differs"}
+
+
+def compare_breaks(recording: Recording, cycles: Cycles, loops: Loops) -> tuple[Break, ...]:
+    """Compare the parts on both sides of each break of a run; none for a run that was not broken.
+
+    Raises
+    ------
+    RecordingError : the breaks are not what a recording holds.
+    """
+    entries = breaks_of(dict(recording.meta))
+    if not entries:
+        return ()
+    firsts = np.asarray([entry["first_segment"] for entry in entries])
+    of_cycle = {cycle.number: int(recording.segment[cycle.first]) for cycle in cycles.complete}
+    part = np.searchsorted(firsts, [of_cycle[number] for number in loops.numbers], side="right")
+    names = recording.sensor_names
+    # a break that another one followed before a cycle was whole parts nothing
+    kept = [k for k in range(len(entries)) if k == len(entries) - 1 or (part == k + 1).any()]
+    edges = [0, *(k + 1 for k in kept)]
+    sides = [np.flatnonzero((part >= a) & (part < b)) for a, b in itertools.pairwise([*edges, len(entries) + 1])]
+    found = tuple(_compare(entries[k], loops, sides[i], sides[i + 1], names) for i, k in enumerate(kept))
+    if loops.binned or any(one.verdict != "untested" for one in found):
+        return found
+    # plateaus that the cycles do not share: the samples themselves still say whether the parts differ
+    return compare_breaks(recording, cycles, continuous_loops(recording, cycles))
+
+
+def parts_of(breaks: Sequence[Break]) -> tuple[tuple[int, ...], ...]:
+    """Return the cycles' numbers in as many parts as differ; parts that do not are one."""
+    parts = [breaks[0].before] if breaks else []
+    for found in breaks:
+        if found.verdict == "differs":
+            parts.append(found.after)
+        else:
+            parts[-1] += found.after
+    return tuple(part for part in parts if part)
+
+
+def of_cycles(loops: Loops, numbers: Sequence[int]) -> Loops:
+    """Return the loops of these cycles alone."""
+    at = [loops.numbers.index(number) for number in numbers]
+    x = loops.elongation_mm
+    return replace(
+        loops, pressure_kpa=loops.pressure_kpa[:, at], elongation_mm=None if x is None else x[:, at],
+        signal_mv=loops.signal_mv[:, :, at], own=loops.own[:, at], numbers=tuple(numbers),
+    )  # fmt: skip
+
+
+def _compare(
+    entry: dict[str, Any], loops: Loops, before: np.ndarray[Any, Any], after: np.ndarray[Any, Any], names: Sequence[str]
+) -> Break:
+    tests = [
+        _test(_cycle_values(loops, sensor, quantity), before, after, (name, quantity))
+        for sensor, name in enumerate(names)
+        for quantity in ("level", "sensitivity")
+    ]
+    tests = _holm(tests)
+    tested = any(np.isfinite((test.t_p, test.f_p)).any() for test in tests)
+    differs = any(test.significant for test in tests)
+    verdict: Verdict = "differs" if differs else "same" if tested else "untested"
+    left, right = (tuple(loops.numbers[i] for i in part) for part in (before, after))
+    return Break(entry["utc"], entry["cause"], entry.get("break_s"), left, right, verdict, tuple(tests))
+
+
+def _cycle_values(loops: Loops, sensor: int, quantity: str) -> tuple[FloatArray, str]:
+    """Return one value a cycle [cycles], and its unit; NaN where the cycle lacks one of the common levels."""
+    signal = branch_mean(loops.signal_mv[sensor])
+    x, unit = loops.elongation_mm, "mV/mm"
+    if x is None or _common(branch_mean(x)).sum() < 2:
+        x, unit = loops.pressure_kpa, "mV/kPa"
+    abscissa = branch_mean(x)
+    if quantity == "level":
+        known = _common(signal)
+        return (signal[:, known].mean(axis=1) if known.any() else np.full(len(signal), np.nan)), "mV"
+    ends = np.flatnonzero(_common(signal + abscissa))
+    if ends.size < 2:
+        return np.full(len(signal), np.nan), unit
+    spans = [np.abs(values[:, ends[-1]] - values[:, ends[0]]) for values in (signal, abscissa)]
+    return np.divide(spans[0], spans[1], out=np.full(len(signal), np.nan), where=spans[1] > 0), unit
+
+
+def _common(values: FloatArray) -> BoolArray:
+    """[levels] True for levels that at least half of the cycles have, of [cycles, levels]."""
+    return np.asarray(np.isfinite(values).sum(axis=0) >= max(1.0, len(values) / 2))
+
+
+def _test(
+    values: tuple[FloatArray, str], before: np.ndarray[Any, Any], after: np.ndarray[Any, Any], name: tuple[str, str]
+) -> Comparison:
+    """Compare one quantity over the break."""
+    y, unit = values
+    before, after = before[np.isfinite(y[before])], after[np.isfinite(y[after])]
+    with_drift = min(before.size, after.size) >= FOR_DRIFT
+    step, low, high, drift, t, t_df, t_p = _step(y, before, after, with_drift=with_drift)
+    (var1, df1), (var2, df2) = (_variance(part, y[part], with_drift=with_drift) for part in (before, after))
+    f, f_p = _ratio(var1, df1, var2, df2)
+    return Comparison(
+        sensor=name[0], quantity=name[1], unit=unit, n_before=before.size, n_after=after.size,
+        mean_before=_mean(y[before]), mean_after=_mean(y[after]),
+        sd_before=float(np.sqrt(var1)), sd_after=float(np.sqrt(var2)),
+        difference=step, difference_low=low, difference_high=high, drift_per_cycle=drift, t=t, t_df=t_df, t_p=t_p,
+        f=f, f_df_before=df1, f_df_after=df2, f_p=f_p,
+    )  # fmt: skip
+
+
+def _mean(y: FloatArray) -> float:
+    return float(y.mean()) if y.size else float("nan")
+
+
+def _ratio(var1: float, df1: int, var2: float, df2: int) -> tuple[float, float]:
+    """Return F = var2 / var1 and its two-sided p; NaN where either part has no variance to speak of."""
+    if df1 < 1 or df2 < 1 or var1 == var2 == 0.0:
+        return float("nan"), float("nan")
+    if var1 == 0.0:
+        return float("inf"), 0.0
+    f = var2 / var1
+    return f, min(1.0, 2.0 * float(min(stats.f.sf(f, df2, df1), stats.f.cdf(f, df2, df1))))
+
+
+def _variance(at: np.ndarray[Any, Any], y: FloatArray, *, with_drift: bool) -> tuple[float, int]:
+    """Return the variance about the part's own line, or mean, and its degrees of freedom."""
+    model = np.stack([np.ones(at.size), at - at.mean()]) if with_drift else np.ones((1, at.size))
+    df = at.size - len(model)
+    if df < 1:
+        return float("nan"), max(df, 0)
+    residual = y - np.linalg.lstsq(model.T, y, rcond=None)[0] @ model
+    return float(residual @ residual / df), df
+
+
+def _step(
+    y: FloatArray, before: np.ndarray[Any, Any], after: np.ndarray[Any, Any], *, with_drift: bool
+) -> tuple[float, float, float, float, float, int, float]:
+    """Return the step over the break with its 95 % interval, the common drift per cycle, t, its df, and p."""
+    nan = float("nan")
+    n = before.size + after.size
+    df = n - (3 if with_drift else 2)
+    if not before.size or not after.size:
+        return nan, nan, nan, nan, nan, 0, nan
+    at = np.concatenate([before, after])
+    model = np.stack([np.ones(n), np.isin(at, after).astype(float), at - at.mean()])[: 3 if with_drift else 2]
+    b = np.linalg.lstsq(model.T, y[at], rcond=None)[0]
+    step, drift = float(b[1]), float(b[2]) if with_drift else 0.0
+    residual = y[at] - b @ model
+    if df < 1:
+        return step, nan, nan, drift, nan, 0, nan
+    se = float(np.sqrt(residual @ residual / df * np.linalg.inv(model @ model.T)[1, 1]))
+    half = float(stats.t.ppf(0.975, df)) * se
+    if se == 0.0:
+        return step, step, step, drift, nan if step == 0.0 else float(np.copysign(np.inf, step)), df, float(step == 0.0)
+    t = step / se
+    return step, step - half, step + half, drift, t, df, float(2.0 * stats.t.sf(abs(t), df))
+
+
+def _holm(tests: list[Comparison]) -> list[Comparison]:
+    """Mark what is significant at a family-wise level of `ALPHA`."""
+    ps = [(p, i, name) for i, c in enumerate(tests) for name, p in (("t", c.t_p), ("F", c.f_p)) if np.isfinite(p)]
+    found: dict[int, list[str]] = {}
+    for rank, (p, i, name) in enumerate(sorted(ps)):
+        if p > ALPHA / (len(ps) - rank):
+            break
+        found.setdefault(i, []).append(name)
+    return [replace(c, significant=tuple(sorted(found.get(i, ()), reverse=True))) for i, c in enumerate(tests)]

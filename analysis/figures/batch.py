@@ -1,0 +1,171 @@
+"""A folder of runs into one table, over all cores or on a cluster.
+
+Strategy: one run is one task, `summarise_run`, which returns plain rows; the pool or the cluster only maps it. Results
+come in the order of the names, so that the table is the same wherever it was made.
+
+Rules: a run that cannot be analysed is a row with its reason, never the end of the batch. Readings stand in the
+recording, or beside it in NAME.elongation.csv.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.dask_address import check_scheduler
+from analysis.data.export import neutral
+from analysis.errors import AnalysisError, FileError, RequestError
+
+Progress = Callable[[float, float], None]
+SUFFIXES = (".boat", ".csv")
+ELONGATION = ".elongation.csv"
+LEADING = ("run", "unit", "started_utc", "simulated", "kind", "cycles", "partial", "lost_samples", "sensor", "error")
+
+
+def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict[str, Any]]:
+    """Return one row for each sensor of a run, or one row with the reason why there is none."""
+    from analysis.figures.pipeline import analyse  # a worker imports what it needs, the caller of a batch does not wait
+
+    try:
+        analysis = analyse(path, readings_beside(path), seed=seed, mcmc=mcmc)
+    except Exception as error:
+        cause = getattr(error, "cause", None)
+        if cause is None:
+            raise
+        return [{"run": path.name, "error": cause}]
+    cycles = analysis.cycles.as_json()
+    head = {
+        "run": path.name,
+        "unit": str(analysis.recording.meta.get("unit") or ""),
+        "started_utc": str(analysis.recording.meta.get("started_utc") or ""),
+        "simulated": analysis.recording.simulated,
+        "kind": analysis.kind,
+        "cycles": cycles["complete"],
+        "partial": cycles["partial"],
+        "lost_samples": analysis.recording.lost,
+    }
+    rows = []
+    for sensor in analysis.sensors:
+        row = {**head, "sensor": sensor.name, "error": ""}
+        if sensor.calibration is not None:
+            row |= {f"b{i}": float(b) for i, b in enumerate(sensor.calibration.coefficients)}
+            row["r2"] = sensor.calibration.r2
+        row |= {name: figure.value for name, figure in sensor.figures.items()}
+        rows.append(row)
+    return rows
+
+
+def batch(
+    runs: str | Path | Sequence[str | Path],
+    *,
+    seed: int = 0,
+    mcmc: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    allow_remote: bool = False,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """Analyse many runs.
+
+    Parameters
+    ----------
+    runs : a folder, or files.
+    workers : processes; one for each core by default, 1 for none.
+    scheduler : address of a Dask scheduler; then the runs must be readable from its workers.
+    allow_remote : whether the scheduler may be on another computer; see `analysis.dask_address`.
+    progress : called as progress(done, total); raising from it cancels.
+
+    Raises
+    ------
+    FileError : the folder is not there. RequestError : no run in it, or Dask is not installed.
+    """
+    if scheduler is not None:
+        check_scheduler(scheduler, allow_remote=allow_remote)
+    files = runs_in(runs)
+    task = partial(summarise_run, seed=seed, mcmc=mcmc)
+    rows: list[dict[str, Any]] = []
+    for done, found in enumerate(_mapped(task, files, workers or os.cpu_count() or 1, scheduler), 1):
+        rows += found
+        if progress is not None:
+            progress(done, len(files))
+    table = pd.DataFrame(rows)
+    leading = [name for name in LEADING if name in table]
+    return table[leading + [name for name in table if name not in leading]]
+
+
+def write_table(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a batch's table as CSV, its text cells neutralised.
+
+    Raises
+    ------
+    FileError : it cannot be written.
+    """
+    safe = table.copy()
+    for name in safe:
+        if not (pd.api.types.is_numeric_dtype(safe[name]) or pd.api.types.is_bool_dtype(safe[name])):
+            safe[name] = [neutral(str(v)) if isinstance(v, str) else v for v in safe[name]]
+    try:
+        safe.to_csv(path, index=False, errors="replace")  # a name may be no UTF-8
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror or error}", "Choose another folder.") from error
+
+
+def readings_beside(run: Path) -> Path | None:
+    """Return the elongations that lie beside a run as NAME.elongation.csv, None where there are none."""
+    readings = run.with_name(run.stem + ELONGATION)
+    return readings if readings.is_file() else None
+
+
+def runs_in(runs: str | Path | Sequence[str | Path]) -> list[Path]:
+    """Return the runs of a folder in order of their names, or the files given.
+
+    Raises
+    ------
+    FileError : the folder is not there. RequestError : no run in it.
+    """
+    if not isinstance(runs, str | Path):
+        return [Path(run) for run in runs]
+    folder = Path(runs)
+    if not folder.is_dir():
+        raise FileError(f"{folder} is no folder", "Give the folder that holds the runs.")
+    found = [f for f in sorted(folder.iterdir()) if f.suffix in SUFFIXES and not f.name.endswith(ELONGATION)]
+    if not found:
+        raise RequestError(f"{folder} holds no runs ({' or '.join(SUFFIXES)})", "Choose another folder.")
+    return found
+
+
+def _mapped(
+    task: Callable[[Path], list[dict[str, Any]]], files: list[Path], workers: int, scheduler: str | None
+) -> Iterator[list[dict[str, Any]]]:
+    if scheduler is not None:
+        yield from _on_cluster(task, files, scheduler)
+    elif workers == 1 or len(files) == 1:
+        yield from map(task, files)
+    else:
+        # spawned, not forked: threads of numba and BLAS do not survive a fork
+        with ProcessPoolExecutor(min(workers, len(files)), mp_context=get_context("spawn")) as pool:
+            yield from pool.map(task, files)
+
+
+def _on_cluster(
+    task: Callable[[Path], list[dict[str, Any]]], files: list[Path], scheduler: str
+) -> Iterator[list[dict[str, Any]]]:
+    try:
+        import distributed
+    except ImportError as error:
+        raise RequestError("Dask is not installed", 'Install it with: pip install "boat-daq[cluster]"') from error
+    try:
+        cluster: Any = distributed  # it comes without types
+        client = cluster.Client(scheduler, timeout="10s")
+    except (OSError, TimeoutError, ValueError) as error:
+        raise AnalysisError(f"no Dask scheduler answers at {scheduler}: {error}", "Check its address.") from error
+    with client:
+        for future in client.map(task, files):
+            yield future.result()

@@ -1,0 +1,216 @@
+"""From a run to its figures, in one call.
+
+Strategy: load, cycles, plateaus, elongations, loops, then each sensor (`analysis.figures.sensor_analysis`). Every
+step is a
+function of its own elsewhere; this file only hands one's result to the next, collects what each had to say (`flags`),
+and writes the JSON that `analyze --json` promises.
+
+Rules: what cannot be computed is void with a reason and the rest goes on; the same run, options and seed give the
+same numbers, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.data.load import load_recording
+from analysis.data.recording import Recording
+from analysis.fidelity import fidelity
+from analysis.figures import sensor_figures as metrics
+from analysis.figures.across_breaks import Break, compare_breaks, of_cycles, parts_of
+from analysis.figures.figure import Figure
+from analysis.figures.sensor_analysis import Options, Run, SensorAnalysis, analyse_sensor, limited_by_reading
+from analysis.figures.warnings import flags_of
+from analysis.segmentation.cycles import Cycles, find_cycles
+from analysis.segmentation.loops import Loops, continuous_loops, loop_width, staircase_loops
+from analysis.segmentation.losses import LossCounter
+from analysis.segmentation.plateau_readings import Elongations, elongations_of
+from analysis.segmentation.plateaus import Plateau, find_plateaus
+from analysis.segmentation.signal_faults import mask_faulty_signals
+from analysis.statistics import resampling_weights
+
+Progress = Callable[[float, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The figures of the cycles between two breaks over which the run changed."""
+
+    cycles: tuple[int, ...]
+    sensors: tuple[SensorAnalysis, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """All figures of one run."""
+
+    recording: Recording
+    options: Options
+    cycles: Cycles
+    plateaus: tuple[Plateau, ...]
+    elongations: Elongations | None
+    loops: Loops
+    sensors: tuple[SensorAnalysis, ...]
+    system_sensitivity: Figure
+    actuator_hysteresis: Figure
+    actuator_hysteresis_per_cycle: tuple[float, ...]
+    flags: tuple[dict[str, str], ...]
+    reading_sd_mm: float
+    breaks: tuple[Break, ...] = ()
+    parts: tuple[Part, ...] = ()  # of a run whose parts differ over a break: `sensors` are those of the largest
+
+    @property
+    def kind(self) -> str:
+        """What the run is: calibration (staircase and elongations), staircase (without), repeatability (cycles)."""
+        if not self.plateaus:
+            return "repeatability"
+        return "calibration" if any(s.calibration for s in self.sensors) else "staircase"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object of `analyze --json`; NaN and infinities are left for the writer to turn into null."""
+        recording = self.recording
+        return {
+            "simulated": recording.simulated,
+            "kind": self.kind,
+            "duration_s": recording.duration_s,
+            "rate_hz": recording.rate_hz,
+            "samples": recording.n,
+            "gaps": len(recording.gaps),
+            "lost_samples": recording.lost,
+            "crc_errors": int(recording.meta.get("crc_errors", 0)),
+            "masked": dict(recording.masked),
+            "losses": [
+                LossCounter.of(recording, i).of_windows([slice(0, recording.n)]).as_json()
+                for i in range(recording.n_sensors)
+            ],
+            "cycles": self.cycles.as_json(),
+            "excursions_left_out": len(self.cycles.excursions),
+            "plateaus": len(self.plateaus),
+            "sensors": [sensor.as_json() for sensor in self.sensors],
+            "system_sensitivity_mv_per_mm": self.system_sensitivity.value,
+            "actuator_hysteresis_percent": {
+                "abscissa": "pressure_kpa",
+                "mean": self.actuator_hysteresis.value,
+                "per_cycle": list(self.actuator_hysteresis_per_cycle),
+            },
+            "system_figures": {
+                "system_sensitivity_mv_per_mm": self.system_sensitivity.as_json(),
+                "actuator_hysteresis_percent": self.actuator_hysteresis.as_json(),
+            },
+            "flags": list(self.flags),
+            "seed": self.options.seed,
+            "fidelity": self.options.fidelity,
+            **self._breaks_json(),
+        }
+
+    def _breaks_json(self) -> dict[str, Any]:
+        """Return the keys that a broken run has besides."""
+        if not self.breaks:
+            return {}
+        parts = [
+            {"cycles": list(part.cycles), "sensors": [sensor.as_json() for sensor in part.sensors]}
+            for part in self.parts
+        ]
+        return {"breaks": [found.as_json() for found in self.breaks], "parts": parts}
+
+
+def analyse(
+    recording: Recording | str | Path,
+    elongation: str | Path | None = None,
+    *,
+    seed: int = 0,
+    mcmc: bool = True,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Analysis:
+    """Compute every figure of a run.
+
+    Parameters
+    ----------
+    recording : a loaded run, or its file.
+    elongation : CSV of elongations; without one the recording's own readings are used.
+    seed, mcmc : shorthands for the options of the same name.
+    options : all settings; overrides the shorthands.
+    progress : called as progress(done, total); raising from it cancels.
+
+    Raises
+    ------
+    FileError, DataError : the run or the elongations cannot be read, or do not fit each other. A run that is merely
+        incomplete or damaged is no error: its figures are void, with reasons.
+    """
+    options = options or Options(seed=seed, mcmc=mcmc)
+    if not isinstance(recording, Recording):
+        recording = load_recording(recording)
+    cycles = find_cycles(recording)
+    recording = mask_faulty_signals(recording, cycles.smooth_kpa)
+    plateaus = find_plateaus(recording, cycles, options.plateau)
+    elongations = elongations_of(recording, plateaus, elongation)
+    if plateaus:
+        x = elongations.elongation_mm if elongations else None
+        loops = staircase_loops(plateaus, cycles, x, recording.n_sensors)
+    else:
+        loops = continuous_loops(recording, cycles)
+    breaks = compare_breaks(recording, cycles, loops)
+    parts = [of_cycles(loops, numbers) for numbers in parts_of(breaks)]
+    if len(parts) > 1:  # never pooled: the figures are those of the largest part, the later one of two
+        loops = max(reversed(parts), key=lambda part: part.n_cycles)
+    run = Run(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), breaks)
+    sensors = []
+    for number in range(recording.n_sensors):
+        sensors.append(analyse_sensor(run, number))
+        if progress is not None:
+            progress(number + 1, recording.n_sensors)
+    actuator, actuator_cycles = _actuator_hysteresis(run)
+    return Analysis(
+        recording, options, cycles, plateaus, elongations, loops, tuple(sensors), _system_sensitivity(sensors),
+        actuator, actuator_cycles, flags_of(run, sensors), run.reading_sd_mm, breaks,
+        tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
+    )  # fmt: skip
+
+
+def _weights(loops: Loops, options: Options) -> FloatArray:
+    rng, resamples = np.random.default_rng(options.seed), fidelity(options.fidelity).resamples
+    return resampling_weights(max(loops.n_cycles, 1), rng, resamples)[:, : loops.n_cycles]
+
+
+def _part(run: Run, loops: Loops) -> Part:
+    """Return every figure of some cycles, without the posterior."""
+    options = replace(run.options, mcmc=False)
+    part = replace(run, loops=loops, options=options, weights=_weights(loops, options))
+    return Part(loops.numbers, tuple(analyse_sensor(part, sensor) for sensor in range(run.recording.n_sensors)))
+
+
+def _actuator_hysteresis(run: Run) -> tuple[Figure, tuple[float, ...]]:
+    """The actuator's own loop: x over p, % of the span of x."""
+    definition = "max over p of |x loading - x unloading| / span of x, mean loop"
+    x = run.loops.elongation_mm
+    if x is None or not np.isfinite(x).any():
+        return Figure.nothing("%", "no elongation was read", definition), ()
+    span = float(np.nanmax(x) - np.nanmin(x))
+    width = loop_width(run.loops.pressure_kpa, x, run.weights)
+    figure = metrics.hysteresis(width, span, run.loops.n_cycles, definition)
+    per_cycle = tuple((100.0 / span * width.per_cycle).tolist()) if span > 0 else ()
+    per_mm = 100.0 / span if span > 0 else 0.0
+    return limited_by_reading(replace(figure, unit="%"), run.reading_sd_mm, per_mm), per_cycle
+
+
+def _system_sensitivity(sensors: list[SensorAnalysis]) -> Figure:
+    definition = "mean over the sensors of their end-to-end sensitivity"
+    parts = [s.figures["sensitivity_mv_per_mm"] for s in sensors if s.calibration is not None]
+    if len(parts) < len(sensors) or not parts:
+        return Figure.nothing("mV/mm", "not every sensor is calibrated", definition)
+    flat = [s.name for s, p in zip(sensors, parts, strict=True) if p.value == 0.0]
+    if flat:
+        return Figure.nothing("mV/mm", f"{', '.join(flat)} is flat", definition)
+    n = len(parts)
+    value = sum(p.value for p in parts) / n
+    # the sensors share their cycles and readings: half-widths are averaged, as for fully correlated parts
+    low = sum(p.value - p.low for p in parts) / n
+    high = sum(p.high - p.value for p in parts) / n
+    return Figure(value, "mV/mm", parts[0].n, value - low, value + high, definition=definition)

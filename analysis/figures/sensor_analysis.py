@@ -1,0 +1,248 @@
+"""One sensor of a run: its calibration, its posterior, its figures.
+
+Strategy: every figure is a function of its own in `analysis.figures.sensor_figures`; this file hands each what it
+needs, in the order
+in which one rests on another, and collects why one is void.
+
+Rules: what cannot be computed is void with a reason and the rest goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.fit import Calibration, fit_calibration
+from analysis.calibration.posterior import Posterior, sample_posterior
+from analysis.data.recording import Recording
+from analysis.errors import AnalysisError, DataError
+from analysis.fidelity import Level, fidelity
+from analysis.figures import sensor_figures as metrics
+from analysis.figures.across_breaks import Break
+from analysis.figures.figure import Figure
+from analysis.figures.figure_windows import with_losses
+from analysis.segmentation.cycles import Cycles
+from analysis.segmentation.loops import Loops, cluster_levels, loop_width, sensor_loop_width
+from analysis.segmentation.plateau_readings import Elongations
+from analysis.segmentation.plateaus import Plateau, PlateauSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How a run is analysed.
+
+    Attributes
+    ----------
+    degree : of the calibration.
+    x_resolution_mm : grid of the readings; None takes what the recording says, else 0.5 mm.
+    monotone : only monotone curves in the posterior.
+    seed : of the bootstrap and the sampler.
+    mcmc : sample the posterior.
+    plateau : what counts as settled.
+    fidelity : how fine bootstrap and sampler are, see `analysis.fidelity`.
+    """
+
+    degree: int = 3
+    x_resolution_mm: float | None = None
+    monotone: bool = False
+    seed: int = 0
+    mcmc: bool = True
+    plateau: PlateauSettings = field(default_factory=PlateauSettings)
+    fidelity: Level = "normal"
+
+
+@dataclass(frozen=True, slots=True)
+class SensorAnalysis:
+    """What is known of one sensor. `figures` by name; loops are % FSO over `sensor_loop` (x) and `system_loop` (p)."""
+
+    name: str
+    calibration: Calibration | None
+    calibration_void: str
+    posterior: Posterior | None
+    figures: Mapping[str, Figure]
+    hysteresis_abscissa: str
+    hysteresis_per_cycle: tuple[float, ...]
+    system_hysteresis_per_cycle: tuple[float, ...]
+    drift_by_level: FloatArray
+    point_plateau: FloatArray
+    point_cycle: FloatArray
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the sensor's object of `analyze --json`."""
+        figures = self.figures
+        chosen = "sensor_hysteresis_percent_fso" if self.calibration is not None else "system_hysteresis_percent_fso"
+        plain = {name: figure.value for name, figure in figures.items() if "hysteresis" not in name}
+        plain.setdefault("sensitivity_mv_per_mm", float("nan"))
+        return {
+            "name": self.name,
+            "calibration": self.calibration.as_json() if self.calibration else None,
+            "calibration_void": self.calibration_void if self.calibration is None else "",
+            "posterior": self.posterior.as_json() if self.posterior else None,
+            **plain,
+            "hysteresis_percent_fso": {
+                "abscissa": self.hysteresis_abscissa,
+                "mean": figures[chosen].value,
+                "per_cycle": list(self.hysteresis_per_cycle),
+            },
+            "system_hysteresis_percent_fso": {
+                "abscissa": "pressure_kpa",
+                "mean": figures["system_hysteresis_percent_fso"].value,
+                "per_cycle": list(self.system_hysteresis_per_cycle),
+            },
+            "figures": {name: figure.as_json() for name, figure in figures.items()},
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run cut into cycles, plateaus and loops: what every figure is computed from."""
+
+    recording: Recording
+    options: Options
+    cycles: Cycles
+    plateaus: tuple[Plateau, ...]
+    elongations: Elongations | None
+    loops: Loops
+    weights: FloatArray
+    breaks: tuple[Break, ...] = ()
+
+    @property
+    def reading_sd_mm(self) -> float:
+        """Standard deviation of a reading within its grid, mm."""
+        resolution = self.options.x_resolution_mm
+        if resolution is None:
+            resolution = self.elongations.resolution_mm if self.elongations else 0.0
+        return float(resolution / np.sqrt(12.0))
+
+    def calibration_points(self, sensor: int) -> BoolArray:
+        """[plateaus] True for plateaus of complete cycles whose elongation was read and that are not void."""
+        used = set(self.loops.numbers)
+        inside = np.asarray(
+            [p.cycle in used and not p.void and np.isfinite(p.signal_mv[sensor]) for p in self.plateaus], dtype=bool
+        )
+        return inside & self.elongations.known if self.elongations is not None else np.zeros_like(inside)
+
+    def position_of(self, points: np.ndarray[Any, Any]) -> FloatArray:
+        """[points] number of the position of each plateau: its level and its branch, read once a cycle."""
+        _, level = cluster_levels(np.asarray([p.pressure_kpa for p in self.plateaus]))
+        loading = np.asarray([p.branch == "loading" for p in self.plateaus])
+        position: FloatArray = np.asarray(2.0 * level + loading, dtype=np.float64)[points]
+        return position
+
+
+def analyse_sensor(run: Run, sensor: int) -> SensorAnalysis:
+    """Compute every figure of a sensor, counted from 0."""
+    calibration, posterior, reason = None, None, ""
+    points = np.flatnonzero(run.calibration_points(sensor))
+    position = {number: k for k, number in enumerate(run.loops.numbers)}
+    cycle_of = np.asarray([position[run.plateaus[i].cycle] for i in points], dtype=np.float64)
+    try:
+        calibration = _calibrate(run, sensor, points)
+        if run.options.mcmc:
+            posterior = sample_posterior(
+                calibration.x, calibration.y, run.options.degree, reading_sd=run.reading_sd_mm,
+                positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
+                max_steps=fidelity(run.options.fidelity).posterior_steps,
+            )  # fmt: skip
+    except AnalysisError as error:
+        reason = error.cause
+    resampled = None
+    if calibration is not None:
+        rng = np.random.default_rng((run.options.seed, 1))
+        resampled = metrics.resample_fit(calibration, cycle_of, run.weights, rng)
+    figures = {"fso_mv": metrics.full_scale(calibration, resampled, run.loops, sensor, run.weights)}
+    if calibration is not None and resampled is not None:
+        figures |= metrics.sensitivities(calibration, resampled)
+        figures["nonlinearity_percent_fso"] = metrics.nonlinearity(calibration, resampled)
+    fso = figures["fso_mv"].value
+    loops_figures, per_cycle, system_per_cycle, levels = _loop_figures(run, sensor, calibration, fso)
+    if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
+        loops_figures = {name: metrics.with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
+    figures = loops_figures | figures
+    abscissa = "elongation_mm" if calibration is not None else "pressure_kpa"
+    chosen = "sensor_hysteresis_percent_fso" if calibration is not None else "system_hysteresis_percent_fso"
+    figures["combined_error_percent_fso"] = metrics.combined_error(
+        [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
+    )
+    figures = with_losses(run, sensor, figures)
+    return SensorAnalysis(
+        run.recording.sensor_names[sensor], calibration, reason, posterior, figures, abscissa,
+        per_cycle if calibration is not None else system_per_cycle, system_per_cycle, levels,
+        points.astype(np.float64), cycle_of,
+    )  # fmt: skip
+
+
+def _calibrate(run: Run, sensor: int, points: np.ndarray[Any, Any]) -> Calibration:
+    if run.elongations is None:
+        raise DataError("no elongation was read", "Give a file with --elongation, or enter the readings.")
+    if not points.size:
+        raise DataError("no plateau of a complete cycle has an elongation", "Record at least one whole cycle.")
+    y = np.asarray([run.plateaus[i].signal_mv[sensor] for i in points])
+    calibration = fit_calibration(run.elongations.elongation_mm[points], y, run.options.degree)
+    return calibration.with_reading(run.reading_sd_mm, run.position_of(points))
+
+
+def _loop_figures(
+    run: Run, sensor: int, calibration: Calibration | None, fso: float
+) -> tuple[dict[str, Figure], tuple[float, ...], tuple[float, ...], FloatArray]:
+    loops, n = run.loops, run.loops.n_cycles
+    figures: dict[str, Figure] = {}
+    system = loop_width(loops.pressure_kpa, loops.signal_mv[sensor], run.weights)
+    figures["system_hysteresis_percent_fso"] = metrics.hysteresis(
+        system, fso, n, "max over p of |loading - unloading| / FSO, mean loop"
+    )
+    per_cycle: tuple[float, ...] = ()
+    if loops.elongation_mm is not None:
+        own = sensor_loop_width(loops, sensor, calibration, run.weights)
+        figures["sensor_hysteresis_percent_fso"] = metrics.hysteresis(
+            own, fso, n, "max over x of |loading - unloading| / FSO, mean loop"
+        )
+        per_cycle = tuple((100.0 / fso * own.per_cycle).tolist()) if fso > 0 else ()
+        per_mm = _percent_per_mm(calibration, loops.elongation_mm)
+        figures["sensor_hysteresis_percent_fso"] = limited_by_reading(
+            figures["sensor_hysteresis_percent_fso"], run.reading_sd_mm, per_mm
+        )
+    system_cycles = tuple((100.0 / fso * system.per_cycle).tolist()) if fso > 0 else ()
+    if run.plateaus:
+        parts = metrics.staircase_noise(run.plateaus, sensor)
+    else:
+        parts = metrics.continuous_noise(run.recording, run.cycles, sensor)
+    usable = run.recording.signal_mv[run.recording.usable[:, sensor], sensor]
+    rounding = 4.0 * float(np.spacing(np.abs(usable).max(initial=0.0)))
+    figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(parts, loops.numbers, fso, run.weights, rounding)
+    by_noise = metrics.loop_made_by_noise(run.plateaus, loops, run.cycles, sensor, figures["noise_mv"].value)
+    if 0 < fso < by_noise and not figures["snr_db"].void:
+        note = f"the full-scale output of {fso:.2g} mV is no more than noise alone makes ({by_noise:.2g} mV)"
+        figures["snr_db"] = replace(figures["snr_db"], note=note)
+    for name in [name for name in figures if "hysteresis" in name]:
+        figures[name] = metrics.limited(figures[name], 100.0 / fso * by_noise if fso > 0 else 0.0, "noise")
+    figures["nonlinearity_percent_fso"] = metrics.pressure_nonlinearity(loops, sensor, fso, run.weights)
+    figures |= metrics.repeatability(loops, sensor, fso, run.weights)
+    figures["drift_percent_fso_per_100_cycles"], levels = metrics.drift(loops, sensor, fso)
+    return figures, per_cycle, system_cycles, levels
+
+
+def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: float) -> Figure:
+    """Widen the interval of a loop by the reading error of x, and say where that alone would make most of it.
+
+    `percent_per_mm` is what a millimetre makes at the steepest place. The largest of many differences of two readings
+    comes near the grid's whole step (sqrt(12) sd) and lifts the maximum; the one at the loop's widest place may
+    also hide it, within two sigma.
+    """
+    floor = np.sqrt(12.0) * reading_sd_mm * percent_per_mm
+    hidden = 2.0 * np.sqrt(2.0) * reading_sd_mm * percent_per_mm
+    figure = replace(figure, high=figure.value + float(np.hypot(figure.high - figure.value, hidden)))
+    return metrics.limited(figure, float(floor), f"a reading error of {reading_sd_mm:.2f} mm", 0.5)
+
+
+def _percent_per_mm(calibration: Calibration | None, elongation_mm: FloatArray) -> float:
+    """Return the steepest slope of the fit in % of its full scale; without one, of the straight line; 0 if flat."""
+    if calibration is not None and calibration.full_scale > 0:
+        grid = np.linspace(*calibration.x_range, metrics.CURVE_POINTS)
+        return 100.0 / calibration.full_scale * float(np.abs(calibration.slope(grid)).max())
+    span = float(np.nanmax(elongation_mm) - np.nanmin(elongation_mm)) if np.isfinite(elongation_mm).any() else 0.0
+    return 100.0 / span if span > 0 else 0.0

@@ -1,0 +1,413 @@
+"""The figures of a sensor, each with its unit, its count and its confidence interval.
+
+Strategy: everything is computed from loops (`analysis.segmentation.loops`) and a calibration; intervals come from one
+bootstrap over
+cycles, shared by all figures, so that they are consistent with one another. Terms are those of ISA-S37.1 and ISO 5725.
+
+Rules: a figure is % of full-scale output (FSO), mV or dB as its name says; one that is undefined (no span, no noise,
+one cycle) says so and is NaN or infinite, never an exception and never zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import signal as sp_signal
+
+from analysis.arrays import FloatArray
+from analysis.calibration.fit import Calibration
+from analysis.data.recording import Recording
+from analysis.figures.figure import Figure
+from analysis.segmentation.cycles import Cycles
+from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels
+from analysis.segmentation.plateaus import Plateau
+from analysis.statistics import bootstrap_interval, theil_sen
+
+CURVE_POINTS = 201
+ONE_CYCLE = "one cycle gives no interval"
+NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
+IN_PART, LEAST_SHARED = "the branches share only", 0.85  # of the abscissa
+BOUND, BOUND_SHARE = "a bound, no value", 0.25  # said of a hysteresis of which so much may be noise
+
+
+@dataclass(frozen=True, slots=True)
+class ResampledFit:
+    """The calibration refitted to resampled cycles.
+
+    `coefficients` [resamples, degree + 1] in the scaled basis of `calibration`; NaN rows where a resample cannot
+    carry the degree. `ends` [resamples, 2]: the range of x of the cycles that were drawn.
+    """
+
+    calibration: Calibration
+    coefficients: FloatArray
+    n_cycles: int
+    ends: FloatArray
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """Return y(x) of every resample, [resamples, x]."""
+        return self.coefficients @ self.calibration.fit.basis.design(x).T
+
+    def slopes(self, x: FloatArray) -> FloatArray:
+        """Return dy/dx of every resample, [resamples, x]."""
+        return self.coefficients @ self.calibration.fit.basis.slope_design(x).T
+
+
+def resample_fit(
+    calibration: Calibration,
+    cycle_of: FloatArray,
+    weights: FloatArray,
+    rng: np.random.Generator | None = None,
+) -> ResampledFit:
+    """Refit a calibration to every bootstrap resample of the cycles.
+
+    Parameters
+    ----------
+    cycle_of : [n] position (0, 1, ...) of the cycle of each point of the calibration.
+    weights : [resamples, cycles] how often each cycle was drawn.
+    rng : of the readings of x; a grid rounds one position alike in every cycle, so that the cycles cannot tell it:
+        where x was read, each position is moved once in each resample, by a normal draw.
+
+    Notes
+    -----
+    The normal equations are formed cycle by cycle in the orthogonal basis, where they are well conditioned, and added
+    with the weights: all resamples are solved at once.
+    """
+    design = calibration.fit.basis.design(calibration.x)
+    cycles = weights.shape[1]
+    grams = np.zeros((cycles, design.shape[1], design.shape[1]))
+    sides = np.zeros((cycles, design.shape[1]))
+    for k in range(cycles):
+        rows = design[cycle_of == k]
+        grams[k] = rows.T @ rows
+        sides[k] = rows.T @ calibration.y[cycle_of == k]
+    total = np.einsum("bk,kij->bij", weights, grams)
+    solvable = np.linalg.cond(total) < 1e12
+    coefficients = np.full((weights.shape[0], design.shape[1]), np.nan)
+    right = np.einsum("bk,ki->bi", weights, sides)
+    coefficients[solvable] = np.linalg.solve(total[solvable], right[solvable][..., None])[..., 0]
+    positions = calibration.reading
+    if positions is not None and rng is not None:
+        moved = np.sqrt(positions.x_variance) * rng.standard_normal((weights.shape[0], positions.n))
+        by_reading = -moved[:, positions.of_point] * calibration.slope(calibration.x)
+        coefficients += by_reading @ np.linalg.pinv(design).T
+    own = [calibration.x[cycle_of == k] for k in range(cycles)]
+    ends = np.asarray([[x.min(initial=np.inf), x.max(initial=-np.inf)] for x in own])
+    drawn = weights > 0
+    low, high = (np.where(drawn, sign * ends[:, side], np.inf).min(axis=1) * sign for side, sign in ((0, 1), (1, -1)))
+    drawn_ends = np.stack([low, high], axis=1)  # infinite where only cycles without readings were drawn
+    return ResampledFit(calibration, coefficients, cycles, np.where(np.isfinite(drawn_ends), drawn_ends, np.nan))
+
+
+def full_scale(
+    calibration: Calibration | None, resampled: ResampledFit | None, loops: Loops, sensor: int, weights: FloatArray
+) -> Figure:
+    """Full-scale output, mV: of the fitted curve over its range; without x, between the extreme pressures."""
+    if calibration is not None and resampled is not None:
+        basis = calibration.fit.basis
+        ends = np.stack([(resampled.coefficients * basis.design(x)).sum(axis=1) for x in resampled.ends.T], axis=1)
+        definition = "|y(x_max) - y(x_min)| of the fit"
+        return _figure(calibration.full_scale, np.abs(ends[:, 1] - ends[:, 0]), "mV", loops.n_cycles, definition)
+    low, high = (float(v[0]) for v in end_levels(loops, sensor))
+    if not np.isfinite(high - low):
+        return Figure.nothing("mV", "no complete cycle to take it from")
+    lows, highs = end_levels(loops, sensor, weights)
+    return _figure(
+        abs(high - low), np.abs(highs - lows), "mV", loops.n_cycles, "|y(p_max) - y(p_min)|, means over cycles"
+    )
+
+
+def sensitivities(calibration: Calibration, resampled: ResampledFit) -> dict[str, Figure]:
+    """Return the end-to-end sensitivity, the slope at rest and the least-squares slope, mV/mm."""
+    low, high = calibration.x_range
+    ends = np.asarray([low, high])
+    values = resampled.values(ends)
+    centred = calibration.x - calibration.x.mean()
+    line = float(centred @ calibration.y / (centred @ centred))
+    figures = {
+        "sensitivity_mv_per_mm": _figure(
+            calibration.full_scale / (high - low), np.abs(values[:, 1] - values[:, 0]) / (high - low), "mV/mm",
+            resampled.n_cycles, "|y(x_max) - y(x_min)| / (x_max - x_min) of the fit",
+        ),
+        "least_squares_slope_mv_per_mm": _figure(
+            line, resampled.values(calibration.x) @ centred / (centred @ centred), "mV/mm", resampled.n_cycles,
+            "slope of the straight line through all points",
+        ),
+    }  # fmt: skip
+    if low <= 0.0 <= high:
+        at_rest = float(calibration.slope(0.0))
+        figures["slope_at_rest_mv_per_mm"] = _figure(
+            at_rest, resampled.slopes(np.zeros(1))[:, 0], "mV/mm", resampled.n_cycles, "dy/dx at x = 0, with its sign"
+        )
+    else:
+        figures["slope_at_rest_mv_per_mm"] = Figure.nothing("mV/mm", "x = 0 is outside the calibrated range")
+    return figures
+
+
+def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: str) -> Figure:
+    """Hysteresis, % of full scale, of the loop averaged over cycles."""
+    if width.void:
+        return Figure.nothing("% FSO", width.void, definition)
+    if not full_scale_value > 0:
+        return Figure.nothing("% FSO", "the full-scale output is zero", definition)
+    scale = 100.0 / full_scale_value
+    figure = _figure(scale * width.mean_loop, scale * width.replicates, "% FSO", n, definition)
+    if width.shared < LEAST_SHARED:
+        figure = replace(figure, note=f"{IN_PART} {width.shared:.0%} of the range: a wider loop elsewhere is not seen")
+    return figure
+
+
+def loop_made_by_noise(
+    plateaus: tuple[Plateau, ...], loops: Loops, cycles: Cycles, sensor: int, noise_mv: float
+) -> float:
+    """Width, mV, that noise alone gives the mean loop: the greatest of many differences that are zero in truth.
+
+    sd sqrt(2 ln 2m) for m levels, sd that of the difference of two branch means; 0 where it is not known.
+    """
+    if not loops.n_cycles or not np.isfinite(noise_mv):
+        return 0.0
+    if plateaus:
+        errors = np.asarray([p.signal_se_mv[sensor] for p in plateaus if p.branch and not p.void])
+        error = float(np.median(errors)) if errors.size and np.isfinite(errors).all() else 0.0
+    else:
+        samples = sum(c.last - c.first for c in cycles.used) / len(cycles.used)
+        error = noise_mv / np.sqrt(max(samples / (2 * loops.level_kpa.size), 1.0))
+    levels = max(loops.level_kpa.size, 2)
+    return float(error * np.sqrt(2.0 / loops.n_cycles) * np.sqrt(2.0 * np.log(2.0 * levels)))
+
+
+def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -> Figure:
+    """Say where something else than a loop, `floor` in the unit of the figure, makes a share of a hysteresis.
+
+    It lifts the maximum: the interval reaches down to the figure less the floor.
+    """
+    figure = replace(figure, low=min(figure.low, max(figure.value - floor, 0.0)))
+    if not floor > share * figure.value:
+        return figure
+    said = f"{BOUND}: {by} alone makes up to about {floor:.2g} {figure.unit} of it"
+    return replace(figure, note=f"{said}; {figure.note}" if figure.note else said)
+
+
+def nonlinearity(calibration: Calibration, resampled: ResampledFit) -> Figure:
+    """Largest distance of the fitted curve from the best-fit straight line, % FSO (ISA-S37.1)."""
+    definition = "max |y(x) - line(x)| / FSO, line by least squares through all points"
+    if not calibration.full_scale > 0:
+        return Figure.nothing("% FSO", "the full-scale output is zero", definition)
+    grid = np.linspace(*calibration.x_range, CURVE_POINTS)
+    line = np.polynomial.Polynomial.fit(calibration.x, calibration.y, 1)
+    scale = 100.0 / calibration.full_scale
+    value = scale * float(np.abs(calibration.predict(grid) - line(grid)).max())
+    # the data's own weighting of the line is kept: project each resampled curve's values at the data's x
+    at_data, curves = resampled.values(calibration.x), resampled.values(grid)
+    rows = np.vander(calibration.x, 2)
+    lines = np.linalg.lstsq(rows, at_data.T, rcond=None)[0] if np.isfinite(at_data).all() else None
+    if lines is None:
+        return Figure(value, "% FSO", calibration.n, note="the interval could not be given", definition=definition)
+    apart = np.abs(curves - (np.vander(grid, 2) @ lines).T).max(axis=1)
+    return _figure(value, scale * apart, "% FSO", resampled.n_cycles, definition)
+
+
+def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> Figure:
+    """The same against pressure, for runs without x: the middle of the mean loop and its straight line."""
+    definition = "max |middle of the mean loop - line| / FSO against pressure"
+    middle = branch_mean(loops.signal_mv[sensor])
+    known = np.isfinite(middle).all(axis=0) & (loops.n_cycles > 0)
+    if known.sum() < 3 or not full_scale_value > 0:
+        return Figure.nothing("% FSO", "no complete cycle, or no span", definition)
+    p = loops.level_kpa[known]
+    rows = np.vander(p, 2)
+    hat = rows @ np.linalg.pinv(rows)
+    curves = np.vstack([middle[:, known].mean(axis=0), weights @ middle[:, known] / weights.sum(axis=1, keepdims=True)])
+    apart = 100.0 / full_scale_value * np.abs(curves - curves @ hat.T).max(axis=1)
+    return _figure(float(apart[0]), apart[1:], "% FSO", loops.n_cycles, definition)
+
+
+def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> dict[str, Figure]:
+    """ISO 5725 repeatability sd over cycles at each pressure and branch, % FSO: pooled and worst."""
+    names = ("repeatability_percent_fso", "repeatability_worst_percent_fso")
+    values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+    counts = np.isfinite(values).sum(axis=1)
+    enough = counts >= 2
+    if loops.n_cycles < 2 or not enough.any():
+        return {name: Figure.nothing("% FSO", "fewer than two complete cycles") for name in names}
+    if not full_scale_value > 0:
+        return {name: Figure.nothing("% FSO", "the full-scale output is zero") for name in names}
+    series = values.transpose(1, 0, 2)[:, enough]  # [cycles, level and branch]
+    scale = 100.0 / full_scale_value
+    pooled, worst = _pooled_and_worst(series, np.ones((1, loops.n_cycles)))
+    n = loops.n_cycles
+    # a resample's variance is (n - 1) / n of the sample's on average: without this the interval would sit too low
+    pooled_b, worst_b = (np.sqrt(n / (n - 1.0)) * part for part in _pooled_and_worst(series, weights))
+    return {
+        names[0]: _figure(scale * pooled[0], scale * pooled_b, "% FSO", n, "pooled sd over cycles of all levels / FSO"),
+        names[1]: _figure(scale * worst[0], scale * worst_b, "% FSO", n, "largest sd over cycles of a level / FSO"),
+    }
+
+
+def drift(loops: Loops, sensor: int, full_scale_value: float) -> tuple[Figure, FloatArray]:
+    """Drift over cycles, % FSO per 100 cycles.
+
+    Returns
+    -------
+    The common drift: Theil-Sen slope over cycles of the mean displacement of all levels, with Sen's interval; and the
+    slope of every level alone, [2, levels].
+    """
+    definition = "Theil-Sen slope over cycles of the mean displacement of all levels"
+    levels = np.full((2, loops.level_kpa.size), np.nan)
+    if loops.n_cycles < 3:
+        return Figure.nothing("% FSO/100 cycles", "fewer than three complete cycles", definition), levels
+    if not full_scale_value > 0:
+        return Figure.nothing("% FSO/100 cycles", "the full-scale output is zero", definition), levels
+    values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+    number = np.asarray(loops.numbers, dtype=np.float64)
+    scale = 100.0 * 100.0 / full_scale_value
+    for b, g in zip(*np.nonzero(np.isfinite(values).sum(axis=1) >= 3), strict=True):
+        known = np.isfinite(values[b, :, g])
+        levels[b, g] = scale * theil_sen(number[known], values[b, known, g])[0]
+    whole = np.isfinite(values).all(axis=1)
+    if not whole.any():
+        return Figure.nothing("% FSO/100 cycles", "no level is known in every cycle", definition), levels
+    common = values.transpose(1, 0, 2)[:, whole].mean(axis=1)
+    slope, low, high = (scale * v for v in theil_sen(number, common))
+    return Figure(slope, "% FSO/100 cycles", loops.n_cycles, low, high, definition=definition), levels
+
+
+def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sum of squares about each plateau's mean, its degrees of freedom, and its cycle; plateaus that count only."""
+    usable = [p for p in plateaus if not p.void and p.branch and p.n[sensor] > 1]
+    dof = np.asarray([p.n[sensor] - 1 for p in usable], dtype=np.float64)
+    squares = np.asarray([p.signal_sd_mv[sensor] ** 2 for p in usable]) * dof
+    return squares, dof, np.asarray([p.cycle for p in usable], dtype=np.float64)
+
+
+def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same for a continuous run: about a local cubic (Savitzky-Golay), per cycle.
+
+    The residual of a point at the middle of the window has variance sigma^2 (1 - h), h the weight of the point in its
+    own fit: its share of the degrees of freedom. Samples near the turns of the pressure, where a cubic cannot follow
+    a corner, and those next to something not usable are left out.
+    """
+    used = cycles.used
+    period = float(np.median([c.last - c.first for c in used])) if used else 0.0
+    window = int(np.clip(period / 40, 7, 31)) | 1
+    if not used or recording.n < window:
+        return np.empty(0), np.empty(0), np.empty(0)
+    weights = sp_signal.savgol_coeffs(window, 3)
+    y, good = recording.signal_mv[:, sensor], recording.usable[:, sensor]
+    filled = y if good.all() else np.where(good, y, 0.0)
+    residual = filled - np.convolve(filled, weights[::-1], mode="same")
+    half = window // 2
+    bad = np.concatenate([[0], np.cumsum(~good)])
+    rows = np.arange(recording.n)
+    clear = bad[np.minimum(rows + half + 1, recording.n)] == bad[np.maximum(rows - half, 0)]
+    for gap in recording.gaps:
+        clear[max(gap.row - half, 0) : gap.row + half + 2] = False
+    turns = np.unique([row for c in used for row in (c.first, c.turn, c.last)])
+    for row in turns:
+        clear[max(row - window, 0) : row + window + 1] = False
+    squares, dof = [], []
+    for cycle in used:
+        part = residual[cycle.rows][clear[cycle.rows]]
+        squares.append(float(part @ part))
+        dof.append(part.size * (1.0 - float(weights[half])))
+    return np.asarray(squares), np.asarray(dof), np.asarray([c.number for c in used], dtype=np.float64)
+
+
+def noise_and_snr(
+    parts: tuple[FloatArray, FloatArray, FloatArray],
+    numbers: tuple[int, ...],
+    full_scale_value: float,
+    weights: FloatArray,
+    rounding_mv: float = 0.0,
+) -> tuple[Figure, Figure]:
+    """Return the noise rms (mV) and the SNR (dB) = 20 log10(FSO / noise), with intervals over cycles.
+
+    `rounding_mv` is what the rounding of doubles at the signal's level may make: less is no noise.
+    """
+    squares, dof, cycle_of = parts
+    if dof.sum() <= 0:
+        reason = "no usable samples at rest or in a cycle"
+        return Figure.nothing("mV", reason), Figure.nothing("dB", reason)
+    noise = float(np.sqrt(squares.sum() / dof.sum()))
+    by_cycle = np.asarray([[squares[cycle_of == k].sum(), dof[cycle_of == k].sum()] for k in numbers]).reshape(-1, 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        totals = weights @ by_cycle if by_cycle.size else np.zeros((0, 2))
+        replicates = np.sqrt(totals[:, 0] / totals[:, 1])
+        snr_replicates = 20.0 * np.log10(full_scale_value / replicates)
+    noise_figure = _figure(noise, replicates, "mV", len(numbers), "rms about the plateau's mean or a local cubic")
+    # a few cycles may agree by chance: white noise of so many samples is known no better than this (chi-square)
+    least = 1.96 / np.sqrt(2.0 * dof.sum())
+    noise_figure = _at_least(noise_figure, noise * least)
+    definition = "20 log10(FSO / noise rms)"
+    if not np.isfinite(full_scale_value):
+        return noise_figure, Figure.nothing("dB", "the full-scale output is not known", definition)
+    if noise <= max(1e-10 * full_scale_value, rounding_mv):  # rounding of the arithmetic, not noise
+        reason = "the signal is flat" if full_scale_value == 0 else "no noise was found: infinite"
+        value = float("nan") if full_scale_value == 0 else float("inf")
+        return noise_figure, Figure(value, "dB", len(numbers), void=reason, definition=definition)
+    if full_scale_value == 0:
+        return noise_figure, Figure(
+            float("-inf"), "dB", len(numbers), void="the full-scale output is zero", definition=definition
+        )
+    value = float(20.0 * np.log10(full_scale_value / noise))
+    snr = _figure(value, snr_replicates, "dB", len(numbers), definition)
+    return noise_figure, _at_least(snr, 20.0 * np.log10(1.0 + least))
+
+
+def _at_least(figure: Figure, reach: float) -> Figure:
+    """Widen an interval, where there is one, to `reach` on either side of the value."""
+    if not np.isfinite([figure.low, figure.high]).all():
+        return figure
+    low = min(figure.low, max(figure.value - reach, 0.0 if figure.unit in NEVER_NEGATIVE else -np.inf))
+    return replace(figure, low=float(low), high=float(max(figure.high, figure.value + reach)))
+
+
+def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
+    """Widen the interval of a figure in dB or % FSO by that of its full scale, as of independent parts."""
+    ends = np.asarray([full_scale.low, full_scale.high])
+    if figure.unit == "mV" or not np.isfinite([figure.value, figure.low, figure.high, *ends]).all() or not ends[0] > 0:
+        return figure
+    ratio = ends / full_scale.value
+    if figure.unit == "dB":
+        down, up = np.abs(20.0 * np.log10(ratio))
+    else:
+        up, down = np.abs(figure.value * (1.0 / ratio - 1.0))
+        down, up = (up, down) if figure.value < 0 else (down, up)
+    low = figure.value - float(np.hypot(figure.value - figure.low, down))
+    low = max(low, 0.0) if figure.unit in NEVER_NEGATIVE else low
+    return replace(figure, low=low, high=figure.value + float(np.hypot(figure.high - figure.value, up)))
+
+
+def combined_error(parts: list[Figure]) -> Figure:
+    """Root sum of squares of non-linearity, hysteresis and repeatability, % FSO (ISA-S37.1, static error)."""
+    definition = "sqrt(non-linearity^2 + hysteresis^2 + repeatability^2)"
+    missing = [p for p in parts if not np.isfinite(p.value)]
+    if missing:
+        return Figure.nothing("% FSO", f"a part is void: {missing[0].void}", definition)
+    value = float(np.sqrt(sum(p.value**2 for p in parts)))
+    # each part's half-interval propagated linearly; the parts share cycles, so this is the cautious sum of squares
+    low = float(np.sqrt(sum((p.value * (p.value - p.low)) ** 2 for p in parts)) / value) if value > 0 else 0.0
+    high = float(np.sqrt(sum((p.value * (p.high - p.value)) ** 2 for p in parts)) / value) if value > 0 else 0.0
+    return Figure(value, "% FSO", min(p.n for p in parts), value - low, value + high, definition=definition)
+
+
+def _figure(value: float, replicates: FloatArray, unit: str, n: int, definition: str) -> Figure:
+    low, high = bootstrap_interval(value, replicates, n, positive=unit in NEVER_NEGATIVE)
+    if unit in NEVER_NEGATIVE:
+        low = max(low, 0.0) if np.isfinite(low) else low
+    return Figure(float(value), unit, n, low, high, note=ONE_CYCLE if n < 2 else "", definition=definition)
+
+
+def _pooled_and_worst(series: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pooled and largest sd over cycles, for every row of weights; NaN in `series` [cycles, levels] is left out."""
+    known = np.isfinite(series)
+    filled = np.where(known, series - np.nanmean(series, axis=0), 0.0)
+    count = weights @ known
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = weights @ filled / count
+        squares = weights @ filled**2 - count * mean**2
+        distinct = (weights > 0).astype(float) @ known
+        dof = np.where(distinct >= 2, count - 1, np.nan)
+        variance = np.maximum(squares, 0.0) / dof
+        pooled = np.sqrt(np.nansum(variance * dof, axis=1) / np.nansum(dof, axis=1))
+    return pooled, np.sqrt(np.nanmax(np.where(np.isfinite(variance), variance, 0.0), axis=1))

@@ -1,0 +1,106 @@
+"""Results kept in the recording they came from, so that a report can be traced and a figure reproduced.
+
+Rules: a result carries its parameters, its seed and the program's version; the same result is kept once. A run that is
+no `.boat` file, or cannot be written, keeps nothing, and says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.data.boat_file import is_boat_file, opened, store_result
+from analysis.errors import AnalysisError
+from analysis.figures.pipeline import Analysis, analyse
+from analysis.figures.sensor_analysis import Options
+from analysis.segmentation.plateaus import PlateauSettings
+from protocol.recording import breaks_of, read_session
+
+_COMPUTING = (".", "data", "segmentation", "calibration", "figures")
+
+
+def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path | None = None) -> str:
+    """Keep an analysis in its recording.
+
+    Returns
+    -------
+    "", or a sentence why nothing was kept.
+    """
+    run = Path(run)
+    if not is_boat_file(run):
+        return ""
+    parameters: dict[str, Any] = {"options": asdict(analysis.options), "code": code_state()}
+    if elongation is not None:
+        file = Path(elongation)
+        parameters["elongation"] = {"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
+    try:
+        store_result(run, "analysis", finite(analysis.to_json()), parameters, seed=analysis.options.seed)
+    except AnalysisError as error:
+        return f"the result was not kept: {error.cause}. {error.remedy}".rstrip(". ") + "."
+    return ""
+
+
+@cache
+def code_state() -> str:
+    """Return what tells this state of the program from others of the same version: a hash of all that figures rest on.
+
+    It covers the packages that figures are computed by (not the reports, which compute nothing), the recording's
+    schema, and the versions of the numerical libraries.
+    """
+    analysis = Path(__file__).parents[1]
+    sources = [file for package in _COMPUTING for file in sorted((analysis / package).glob("*.py"))]
+    digest = hashlib.sha256()
+    for file in (*sources, analysis.parent / "protocol" / "recording" / "schema.py"):
+        digest.update(file.name.encode() + file.read_bytes().replace(b"\r\n", b"\n"))
+    for name in ("numpy", "scipy", "pandas", "emcee"):
+        digest.update(f"{name} {version(name)}".encode())
+    return digest.hexdigest()[:12]
+
+
+def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Compute a stored analysis anew, with the options it was made with.
+
+    Returns
+    -------
+    Its content as `store_analysis` would keep it; None where it rests on more than the recording holds (a file of
+    elongations), a reading was corrected since, or the run went on since.
+    """
+    if "elongation" in parameters or _corrected_since(Path(run), result_id) or _went_on_since(Path(run), result_id):
+        return None
+    stored = dict(parameters["options"])
+    options = Options(**{**stored, "plateau": PlateauSettings(**stored["plateau"])})
+    content: dict[str, Any] = finite(analyse(run, options=options).to_json())
+    return content
+
+
+def _corrected_since(run: Path, result_id: int) -> bool:
+    with opened(run) as db:
+        # as instants, to the millisecond: readings are in local time with its offset, results in UTC
+        query = "SELECT count(*) FROM reading WHERE julianday(utc) > (SELECT julianday(utc) FROM result WHERE id = ?)"
+        return bool(db.execute(query, (result_id,)).fetchone()[0])
+
+
+def _went_on_since(run: Path, result_id: int) -> bool:
+    with opened(run) as db:
+        return any(entry["last_result"] >= result_id for entry in breaks_of(read_session(db)))
+
+
+def finite(value: Any) -> Any:
+    """Return `value` in JSON's own types, NaN and infinities as None."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [finite(item) for item in value]
+    if isinstance(value, np.generic):
+        return finite(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,297 @@
+"""Uncertainty budgets after the GUM (JCGM 100:2008).
+
+Strategy: a budget is a list of components, each a standard uncertainty with a sensitivity and degrees of freedom; they
+are combined by the law of propagation (GUM 5.1.2, 5.2.2), the effective degrees of freedom by Welch-Satterthwaite
+(G.4.1). The budget of an elongation is filled from the analysis of a run: every component is measured, or its source
+says that it was not.
+
+Rules: nothing is counted twice: what one component already holds is taken out of the next. A component that could not
+be assessed is zero and says so. The expanded uncertainty uses k = 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from analysis.arrays import FloatArray
+from analysis.calibration.inverse import Fusion, Inverse
+from analysis.errors import DataError
+from analysis.figures.between_runs import between_runs_mm
+from analysis.figures.pipeline import Analysis
+from analysis.segmentation.loops import sensor_loop_width
+
+COVERAGE_FACTOR = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """One line of a budget: standard uncertainty `u`, in a unit that `sensitivity` turns into the result's."""
+
+    name: str
+    u: float
+    sensitivity: float = 1.0
+    dof: float = float("inf")
+    source: str = ""
+
+    @property
+    def contribution(self) -> float:
+        """|c| u, in the unit of the result."""
+        return abs(self.sensitivity) * self.u
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """A combined budget. `u` standard, `expanded` with k = 2, `dof` effective."""
+
+    components: tuple[Component, ...]
+    u: float
+    dof: float
+
+    @property
+    def expanded(self) -> float:
+        """U = 2 u."""
+        return COVERAGE_FACTOR * self.u
+
+    @property
+    def coverage(self) -> float:
+        """Level of confidence of U: about 0.95 with many effective degrees of freedom, less with few (GUM G.6.4)."""
+        inside = stats.norm.cdf(COVERAGE_FACTOR) if np.isinf(self.dof) else stats.t.cdf(COVERAGE_FACTOR, self.dof)
+        return float(2.0 * inside - 1.0)
+
+    def expanded_at(self, level: float) -> float:
+        """U at a level of confidence, with Student's t for the effective degrees of freedom (GUM G.3)."""
+        factor = stats.norm.ppf(0.5 + level / 2) if np.isinf(self.dof) else stats.t.ppf(0.5 + level / 2, int(self.dof))
+        return float(factor * self.u)
+
+    def shares(self) -> dict[str, float]:
+        """Return the share of each component in the variance, largest first; they add up to 1."""
+        total = sum(c.contribution**2 for c in self.components)
+        ordered = sorted(self.components, key=lambda c: -c.contribution)
+        return {c.name: (c.contribution**2 / total if total > 0 else 0.0) for c in ordered}
+
+    def what_halves_it(self) -> str:
+        """Say which single action halves the uncertainty, or that none does."""
+        shares = self.shares()
+        name, share = next(iter(shares.items()))
+        if share >= 0.75:
+            return f"without {name} ({share:.0%} of the variance) the uncertainty would be half or less"
+        return f"no single component does: the largest, {name}, is {share:.0%} of the variance, and halving takes 75 %"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the budget as a dictionary."""
+        shares = self.shares()
+        lines = [
+            {"name": c.name, "u_mm": c.contribution, "share": shares[c.name], "source": c.source}
+            for c in self.components
+        ]
+        return {
+            "components": lines,
+            "standard_uncertainty_mm": self.u,
+            "expanded_uncertainty_mm": self.expanded,
+            "coverage_factor": COVERAGE_FACTOR,
+            "effective_dof": self.dof,
+            "what_halves_it": self.what_halves_it(),
+        }
+
+
+def combine(components: Sequence[Component]) -> Budget:
+    """Combine uncorrelated components (GUM 5.1.2, G.4.1)."""
+    squares = [c.contribution**2 for c in components]
+    u = float(np.sqrt(sum(squares)))
+    small = sum(s**2 / c.dof for s, c in zip(squares, components, strict=True))
+    return Budget(tuple(components), u, u**4 / small if small > 0 else float("inf"))
+
+
+def propagate(function: Callable[[FloatArray], FloatArray], values: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Propagate a covariance matrix through a function of several quantities (GUM 5.2.2, matrix form of JCGM 102).
+
+    Parameters
+    ----------
+    function : [inputs] -> [outputs].
+    values, covariance : [inputs], [inputs, inputs].
+
+    Returns
+    -------
+    [outputs, outputs], with the Jacobian from central differences of a tenth of a standard uncertainty.
+    """
+    steps = 0.1 * np.sqrt(np.diag(covariance))
+    columns = []
+    for i, step in enumerate(steps):
+        shift = np.zeros_like(values)
+        shift[i] = step
+        up, down = np.asarray(function(values + shift)), np.asarray(function(values - shift))
+        columns.append((up - down) / (2 * step) if step > 0 else np.zeros_like(up))
+    jacobian = np.stack(columns, axis=1)
+    return np.asarray(jacobian @ covariance @ jacobian.T, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class SignalParts:
+    """Standard uncertainties of one sensor's signal, mV, each without what the others hold."""
+
+    noise: float
+    resolution: float
+    ambient: float
+    repeatability: float
+    drift: float
+    hysteresis: float
+    noise_dof: float
+    repeatability_dof: float
+
+    @property
+    def independent(self) -> float:
+        """What differs from sample to sample."""
+        return float(np.sqrt(self.noise**2 + self.resolution**2 + self.ambient**2))
+
+    @property
+    def shared(self) -> float:
+        """What the curve leaves out."""
+        return float(np.sqrt(self.repeatability**2 + self.drift**2 + self.hysteresis**2))
+
+
+def signal_parts(analysis: Analysis, sensor: int) -> SignalParts:
+    """Assess the components of one sensor's signal from the run itself."""
+    figures = analysis.sensors[sensor].figures
+    fso = figures["fso_mv"].value
+    cycles = analysis.loops.n_cycles
+    noise = _known(figures["noise_mv"].value)
+    resolution = _resolution(analysis)
+    ambient = _ambient(analysis, sensor)
+    repeatability = _known(figures["repeatability_percent_fso"].value) * fso / 100.0
+    per_cycle = _known(figures["drift_percent_fso_per_100_cycles"].value) * fso / 1e4
+    drift = abs(per_cycle) * cycles / np.sqrt(12.0)  # a ramp over the run, seen at any time of it
+    mean_noise = np.nanmedian([p.signal_se_mv[sensor] for p in analysis.plateaus]) if analysis.plateaus else 0.0
+    return SignalParts(
+        noise=_without(noise, resolution, ambient),
+        resolution=resolution,
+        ambient=ambient,
+        repeatability=_without(repeatability, drift, float(mean_noise)),
+        drift=float(drift),
+        hysteresis=_hysteresis(analysis, sensor),
+        noise_dof=float(max(analysis.recording.n // 10, 1)),
+        repeatability_dof=float(max(cycles - 1, 1) * 2 * max(analysis.loops.level_kpa.size - 1, 1)),
+    )
+
+
+def elongation_reader(analysis: Analysis) -> Fusion:
+    """Return the fusion of the run's sensors, with the uncertainties of its budget: what a live display calls.
+
+    Raises
+    ------
+    DataError : a sensor is not calibrated, or its curve has no inverse.
+    """
+    return Fusion.of([_inverse(analysis, i) for i in range(len(analysis.sensors))])
+
+
+def elongation_budget(analysis: Analysis, x_mm: float, *, runs: Sequence[Analysis] = ()) -> tuple[Budget, ...]:
+    """Return the budget of one reading of elongation at `x_mm`, for each sensor.
+
+    Parameters
+    ----------
+    analysis : of a calibration run.
+    runs : calibrations of the same unit, this one among them; with two or more reproducibility is assessed.
+
+    Raises
+    ------
+    DataError : as `elongation_reader`. RequestError : as `between_runs_mm`.
+    """
+    return tuple(_budget(analysis, i, x_mm, runs) for i in range(len(analysis.sensors)))
+
+
+def _budget(analysis: Analysis, sensor: int, x_mm: float, runs: Sequence[Analysis]) -> Budget:
+    inverse = _inverse(analysis, sensor)
+    parts = signal_parts(analysis, sensor)
+    per_mv = 1.0 / abs(float(inverse.calibration.slope(x_mm)))
+    cycles = f"{analysis.loops.n_cycles} cycles"
+    between = Component("reproducibility", 0.0, source="not assessed: one run")
+    if len(runs) > 1:
+        between_mm, dof = between_runs_mm(runs, sensor, x_mm)
+        between = Component("reproducibility", between_mm, dof=float(dof), source=f"between {dof + 1} runs, less fit")
+    counted = analysis.recording.lit is not None
+    return combine(
+        [
+            Component("reading", float(inverse.reading_uncertainty(x_mm)), 1.0, source="grid, the same in every cycle"),
+            Component("noise", parts.noise, per_mv, parts.noise_dof, "within plateaus"),
+            Component("repeatability", parts.repeatability, per_mv, parts.repeatability_dof, cycles),
+            between,
+            Component("hysteresis", parts.hysteresis, per_mv, source="rms of half the loop over x, less reading error"),
+            Component("zero drift", parts.drift, per_mv, source=f"drift over {cycles}"),
+            Component("resolution", parts.resolution, per_mv, source="ADC step" if counted else "not known: no counts"),
+            Component("ambient residual", parts.ambient, per_mv,
+                      source="signal against dark" if counted else "not known: no counts"),
+            Component("fit", float(inverse.calibration.curve_sd(x_mm)), per_mv, inverse.calibration.dof, "covariance"),
+        ]
+    )  # fmt: skip
+
+
+def _inverse(analysis: Analysis, sensor: int) -> Inverse:
+    calibration = analysis.sensors[sensor].calibration
+    if calibration is None:
+        reason = analysis.sensors[sensor].calibration_void
+        raise DataError(f"{analysis.sensors[sensor].name} is not calibrated: {reason}", "Give its elongations.")
+    parts = signal_parts(analysis, sensor)
+    return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared)
+
+
+def _hysteresis(analysis: Analysis, sensor: int) -> float:
+    """Rms of half the distance of the branches over x, less what the reading error of x alone makes of it."""
+    calibration, x = analysis.sensors[sensor].calibration, analysis.loops.elongation_mm
+    if calibration is None or x is None:
+        return 0.0
+    ones = np.ones((1, analysis.loops.n_cycles))
+    width = sensor_loop_width(analysis.loops, sensor, calibration, ones)
+    if width.void:
+        return 0.0
+    half = 0.5 * (width.loading - width.unloading)
+    slope = np.abs(calibration.slope(width.grid))
+    by_reading = 0.5 * (analysis.reading_sd_mm * slope) ** 2  # half a difference of two readings
+    return float(np.sqrt(max(float(np.mean(half**2 - by_reading)), 0.0)))
+
+
+def _resolution(analysis: Analysis) -> float:
+    meta = analysis.recording.meta
+    if analysis.recording.lit is None or not meta.get("vref_mv") or not meta.get("adc_bits"):
+        return 0.0
+    step = float(meta["vref_mv"]) / 2.0 ** int(meta["adc_bits"])
+    return float(step * np.sqrt(2.0 / 12.0))  # lit and dark are both rounded
+
+
+def _ambient(analysis: Analysis, sensor: int) -> float:
+    """What is left of ambient light in the signal, mV: its slope on the light, times the light's sd.
+
+    Dark readings are the light plus noise of their own, and that noise is in the signal too (signal = lit - dark). The
+    reading one sample later shares the light but not the noise: slope = cov(y_t, d_t+1) / cov(d_t, d_t+1), an
+    instrument in the sense of Carroll et al. (2006), 6. Zero where either covariance is not above its own scatter.
+    """
+    recording = analysis.recording
+    if recording.dark is None:
+        return 0.0
+    products, n = np.zeros(4), 0  # y_t d_t+1, d_t d_t+1, y y, d d
+    for p in analysis.plateaus:
+        rows = slice(p.settled_first, p.last + 1)
+        good = recording.usable[rows, sensor]
+        if p.damaged[sensor] or good.sum() < 4:
+            continue
+        dark, signal = recording.dark[rows, sensor][good].astype(float), recording.signal_mv[rows, sensor][good]
+        dark, signal = dark - dark.mean(), signal - signal.mean()
+        products += signal[:-1] @ dark[1:], dark[:-1] @ dark[1:], signal @ signal, dark @ dark
+        n += int(good.sum())
+    if not n or not products.all():
+        return 0.0
+    with_light, of_light, of_signal, of_dark = products / n
+    if abs(of_light) < 3.0 * of_dark / np.sqrt(n) or abs(with_light) < 3.0 * np.sqrt(of_signal * of_dark / n):
+        return 0.0
+    return float(min(abs(with_light / of_light) * np.sqrt(abs(of_light)), np.sqrt(of_signal)))
+
+
+def _without(whole: float, *parts: float) -> float:
+    return float(np.sqrt(max(whole**2 - sum(p**2 for p in parts), 0.0)))
+
+
+def _known(value: float) -> float:
+    return float(value) if np.isfinite(value) else 0.0

@@ -1,0 +1,1 @@
+"""One design in one state: parameters, centrelines, outline as lines and arcs, BVH."""

@@ -1,0 +1,150 @@
+"""A smooth curve through points, made of circular arcs: its offsets are arcs again, exactly.
+
+Rules: an arc is held as start point, unit tangent, curvature and length; a straight line is an arc of curvature 0, so
+nothing is a special case. Joints share one point and one tangent, bit for bit. Positions along a curve are
+measured by arc length s, offsets u to the left of the way are positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError
+
+
+@dataclass(frozen=True, slots=True)
+class ArcSpline:
+    """Consecutive arcs with a common tangent at every joint.
+
+    Parameters
+    ----------
+    nodes : (m + 1, 5) x, y, unit tangent x, y, arc length s of each joint, mm.
+    curvature : (m,) of each arc, 1/mm, positive to the left.
+    """
+
+    nodes: FloatArray
+    curvature: FloatArray
+
+    @property
+    def length(self) -> float:
+        """Arc length of the whole curve, mm."""
+        return float(self.nodes[-1, 4])
+
+    def frame(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points (n, 2) in mm and unit tangents (n, 2) at arc lengths `s` (n,), mm; beyond the ends the last arc goes
+        on.
+        """
+        s = np.asarray(s, dtype=float)
+        i = np.clip(np.searchsorted(self.nodes[:, 4], s, side="right") - 1, 0, len(self.curvature) - 1)
+        step = s - self.nodes[i, 4]
+        turn = self.curvature[i] * step
+        tangent = self.nodes[i, 2:4]
+        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        along = step * np.sinc(turn / np.pi)
+        across = step * np.sin(turn / 2) * np.sinc(turn / (2 * np.pi))
+        point = self.nodes[i, :2] + along[:, None] * tangent + across[:, None] * normal
+        turned = np.cos(turn)[:, None] * tangent + np.sin(turn)[:, None] * normal
+        return point, turned
+
+    def offset(self, s: FloatArray, u: float) -> FloatArray:
+        """Points (n, 2) at arc lengths `s`, `u` mm to the left of the curve."""
+        point, tangent = self.frame(s)
+        return point + u * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+
+    def reversed(self) -> ArcSpline:
+        """Return the same curve run the other way."""
+        nodes = self.nodes[::-1].copy()
+        nodes[:, 2:4] *= -1
+        nodes[:, 4] = self.length - nodes[:, 4]
+        return ArcSpline(nodes, -self.curvature[::-1])
+
+
+def smooth(points: FloatArray, knots: int = 10) -> tuple[FloatArray, FloatArray]:
+    """Points and unit tangents of the cubic spline through `points`, at `knots` even steps or at the points if they
+    are more.
+
+    Parameters
+    ----------
+    points : (n, 2) in mm, n >= 4, no two neighbours equal.
+    knots : how many to return at the least.
+
+    Returns
+    -------
+    knot points (k, 2) in mm and unit tangents (k, 2).
+
+    Raises
+    ------
+    DataError : two neighbouring points coincide.
+    """
+    chord = np.hypot(*np.diff(points, axis=0).T)
+    if not np.all(chord > 1e-9 * chord.sum()):
+        raise DataError("two neighbouring points of a guide coincide", "remove the repeated point from the curve file")
+    way = np.concatenate([[0.0], np.cumsum(chord)])
+    spline = CubicSpline(way, points)
+    at = way if len(points) >= knots else np.linspace(0.0, way[-1], knots)
+    velocity = spline(at, 1)
+    return spline(at), velocity / np.hypot(velocity[:, 0], velocity[:, 1])[:, None]
+
+
+def biarcs(points: FloatArray, tangents: FloatArray) -> ArcSpline:
+    """Join points with given tangents by biarcs: two arcs a span with equal control lengths.
+
+    With v the chord and T0, T1 the tangents, the control length d solves |v - d (T0 + T1)| = 2 d; the joint lies midway
+    between the control points and its tangent along them.
+
+    Source: K. M. Bolton, Biarc curves, Computer-Aided Design 7 (1975) 89-92.
+
+    Raises
+    ------
+    DataError : a span doubles back on itself.
+    """
+    v = np.diff(points, axis=0)
+    t0, t1 = tangents[:-1], tangents[1:]
+    both = np.sum(v * (t0 + t1), axis=1)
+    open_ = 2 * (1 - np.sum(t0 * t1, axis=1))
+    square = np.sum(v * v, axis=1)
+    if np.any(np.sum(v * t0, axis=1) <= 0) or np.any(np.sum(v * t1, axis=1) <= 0):
+        raise DataError(
+            "a guide doubles back on itself between two of its points",
+            "give its points in order along the guide, and more of them where it bends sharply",
+        )
+    d = (square / (both + np.sqrt(both**2 + np.maximum(open_, 0.0) * square)))[:, None]
+    middle = (points[:-1] + d * t0 + points[1:] - d * t1) / 2
+    along = v - d * (t0 + t1)
+    middle_tangent = along / np.hypot(along[:, 0], along[:, 1])[:, None]
+    xy = np.empty((2 * len(v) + 1, 2))
+    tangent = np.empty_like(xy)
+    xy[::2], xy[1::2] = points, middle
+    tangent[::2], tangent[1::2] = tangents, middle_tangent
+    return _from_joints(xy, tangent)
+
+
+def _from_joints(xy: FloatArray, tangent: FloatArray) -> ArcSpline:
+    chord = np.diff(xy, axis=0)
+    cross = tangent[:-1, 0] * chord[:, 1] - tangent[:-1, 1] * chord[:, 0]
+    dot = np.sum(tangent[:-1] * chord, axis=1)
+    half = np.arctan2(cross, dot)
+    length = np.hypot(chord[:, 0], chord[:, 1]) / np.sinc(half / np.pi)
+    curvature = 2 * cross / np.sum(chord * chord, axis=1)
+    s = np.concatenate([[0.0], np.cumsum(length)])
+    return ArcSpline(np.column_stack([xy, tangent, s]), curvature)
+
+
+def straight(start: tuple[float, float], end: tuple[float, float]) -> ArcSpline:
+    """A straight line as an arc spline of one arc, mm."""
+    xy = np.array([start, end], dtype=float)
+    way = xy[1] - xy[0]
+    tangent = way / np.hypot(*way)
+    nodes = np.column_stack([xy, [tangent, tangent], [0.0, np.hypot(*way)]])
+    return ArcSpline(nodes, np.zeros(1))
+
+
+def ring(radius_mm: float, angle_rad: float, arcs: int = 2) -> ArcSpline:
+    """A ring's sector about the origin from the positive x axis to the left, exact, in `arcs` equal arcs."""
+    at = np.linspace(0.0, angle_rad, arcs + 1)
+    nodes = np.column_stack([radius_mm * np.cos(at), radius_mm * np.sin(at), -np.sin(at), np.cos(at), radius_mm * at])
+    return ArcSpline(nodes, np.full(arcs, 1.0 / radius_mm))

@@ -1,0 +1,251 @@
+"""Deformation curves from CSV: x and z in mm, 7 points or more a guide, two guides a state, 1 or 15 states.
+
+Accepted, in this order of preference (README of the format: METHODS.md, "Curve files"):
+
+1. **Named columns**: `x` and `z` (or x_mm, z_mm), with a column for the guide (guide, waveguide, curve, side; any two
+labels) and
+   one for the state (state, frame, step, elongation_mm, pressure_kpa; any 15 numbers, sorted upwards: compressed
+   first).
+2. **Side by side**: x1, z1, x2, z2 (also x1_mm, ...), with or without a state column.
+3. **Plain**: two columns x, z, with or without a header. Guides follow one another, separated by a blank line or seen
+by the
+   jump from the end of one to the start of the next; 2 runs are one state, 30 runs are 15 states, the two guides of a
+   state together. One run alone is one guide, and the other is its mirror image in the line through its ends.
+4. **A folder** of 15 such files with one state each, in the order of their names.
+
+Separators: comma, semicolon, tab or spaces; decimal commas where the separator is not a comma; `#` begins a comment.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.errors import FileError
+from analysis.optics.scene.curves import POINTS, STATES, checked_curves
+
+_STATE = ("state", "frame", "step", "elongation_mm", "elongation", "pressure_kpa", "pressure")
+_GUIDE = ("guide", "waveguide", "curve", "side", "sensor", "boat")
+_FORM = "give CSV with x and z in mm, 7 points or more for each of the two guides, for 1 state or 15"
+_JUMP = 3.0
+_MAX_BYTES = 64 << 20  # 15 states of two guides with a thousand points take 2 MB
+_MIRROR_FLAT = 1e-6
+
+Row = list[str]
+
+
+def read_curves(path: Path) -> FloatArray:
+    """Read the curves of 1 or 15 states.
+
+    Parameters
+    ----------
+    path : a CSV file, or a folder of 15.
+
+    Returns
+    -------
+    [states][2][points][2] in mm; guides with fewer points than the longest are refused, not padded.
+
+    Raises
+    ------
+    FileError : not found, empty, not numbers, too few points, or guides and states that cannot be told apart.
+    """
+    if path.is_dir():
+        files = sorted(path.glob("*.csv"), key=_natural)
+        if len(files) not in (1, STATES):
+            raise FileError(f"{path} holds {len(files)} CSV files", f"put {STATES} into it, one for each state")
+        return checked_curves(_stack([state for file in files for state in _states(file)], path))
+    return checked_curves(_stack(_states(path), path))
+
+
+def _natural(path: Path) -> tuple[list[int], str]:
+    return [int(part) for part in re.findall(r"\d+", path.stem)], path.stem
+
+
+def _stack(states: list[list[FloatArray]], path: Path) -> FloatArray:
+    if len(states) not in (1, STATES):
+        raise FileError(f"{path} holds {len(states)} states", f"give one state, or {STATES}")
+    lengths = {len(guide) for state in states for guide in state}
+    if min(lengths) < POINTS:
+        raise FileError(f"{path}: a guide has {min(lengths)} points", f"give {POINTS} points or more for each guide")
+    if len(lengths) > 1:
+        raise FileError(
+            f"{path}: guides have {', '.join(map(str, sorted(lengths)))} points",
+            "give every guide the same number of points",
+        )
+    return np.array(states)
+
+
+def _states(path: Path) -> list[list[FloatArray]]:
+    rows = _rows(path)
+    head = [cell.strip().lower() for cell in next((r for r in rows if r), [])]
+    if not head:
+        raise FileError(f"{path} holds no points", _FORM)
+    if all(_number(cell) is not None for cell in head):
+        return _plain(_table(rows, path), path)
+    body = rows[rows.index(next(r for r in rows if r)) + 1 :]
+    head = [re.sub(r"\s*[\[(]\s*mm\s*[\])]$|_mm$", "", cell) if cell not in _STATE else cell for cell in head]
+    _check_units(head, path)
+    width = len(head)
+    if {"x1", "z1", "x2", "z2"} <= set(head):
+        return _side_by_side(head, _table(body, path, width), path)
+    if {"x", "z"} <= set(head):
+        return _named(head, body, path)
+    raise FileError(f"{path} has the columns {', '.join(head)}, but no x and z", _FORM)
+
+
+def _rows(path: Path) -> list[Row]:
+    """Cells of every line; an empty list for a blank line."""
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise FileError(f"{path} is larger than {_MAX_BYTES >> 20} MB", "name the right file")
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError as error:
+        raise FileError(f"there is no curve file {path}", "check its name and folder") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(f"{path} cannot be read as text: {error}", _FORM) from error
+    lines = [line.split("#")[0].strip() for line in text.splitlines() if not line.lstrip().startswith("#")]
+    full = [line for line in lines if line]
+    separator = next((s for s in (";", "\t", ",") if full and all(s in line for line in full[:3])), None)
+    comma = separator in (";", "\t") or (separator is None and not any("." in line for line in full))
+    return [
+        [c.strip().replace(",", ".") if comma else c.strip() for c in line.split(separator)]
+        if line.strip(",;\t ")
+        else []
+        for line in lines
+    ]
+
+
+def _check_units(head: Row, path: Path) -> None:
+    other = [cell for cell in head if re.fullmatch(r"[xz][12]?[_ \[(]+(m|cm|um|µm|in|inch)[\])]?", cell)]
+    if other:
+        raise FileError(f"{path}: column '{other[0]}' is not in mm", "convert the curves to mm")
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _table(rows: Sequence[Row], path: Path, width: int = 2) -> FloatArray:
+    """Numbers of all rows; a blank line becomes a row of NaN."""
+    out = []
+    for line, row in enumerate(rows, start=1):
+        values = [_number(cell) for cell in row]
+        if row and (len(row) < width or any(v is None or not np.isfinite(v) for v in values[:width])):
+            raise FileError(f"{path}: row {line} is '{', '.join(row)}', which is not {width} numbers", _FORM)
+        out.append([v if v is not None else np.nan for v in values[:width]] if row else [np.nan] * width)
+    if not out:
+        raise FileError(f"{path} holds a header but no points", _FORM)
+    return np.array(out, dtype=float)
+
+
+def _named(head: Row, body: list[Row], path: Path) -> list[list[FloatArray]]:
+    guide = next((head.index(name) for name in _GUIDE if name in head), None)
+    state = next((head.index(name) for name in _STATE if name in head), None)
+    wanted = [head.index("x"), head.index("z"), *([state] if state is not None else [])]
+    if any(row and len(row) <= max(wanted + ([guide] if guide is not None else [])) for row in body):
+        raise FileError(f"{path}: a row has fewer cells than the header", _FORM)
+    table = _table([[row[i] for i in wanted] if row else [] for row in body], path, len(wanted))
+    kept = np.isfinite(table[:, 0])
+    labels = np.array([row[guide] if row and guide is not None else "" for row in body])
+    if state is None and guide is None:
+        return _plain(table, path)
+    groups = (
+        [table[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])]
+        if state is not None
+        else [table[kept]]
+    )
+    names = (
+        [labels[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])]
+        if state is not None
+        else [labels[kept]]
+    )
+    if guide is None:
+        return [_pair(_runs(group[:, :2], path), path) for group in groups]
+    return [
+        [group[name == label][:, :2] for label in _two(name, path)] for group, name in zip(groups, names, strict=True)
+    ]
+
+
+def _two(labels: np.ndarray[tuple[int], np.dtype[np.str_]], path: Path) -> list[str]:
+    found = list(dict.fromkeys(labels.tolist()))
+    if len(found) != 2:
+        raise FileError(
+            f"{path}: a state has {len(found)} guides ({', '.join(found)})", "name two guides in every state"
+        )
+    return found
+
+
+def _side_by_side(head: Row, table: FloatArray, path: Path) -> list[list[FloatArray]]:
+    table = table[np.isfinite(table[:, 0])]
+    columns = [[head.index(f"x{n}"), head.index(f"z{n}")] for n in (1, 2)]
+    state = next((head.index(name) for name in _STATE if name in head), None)
+    if state is None and len(table) % STATES == 0 and len(table) >= STATES * POINTS:
+        groups = np.split(table, STATES)
+    elif state is None:
+        groups = [table]
+    else:
+        groups = [table[table[:, state] == value] for value in np.unique(table[:, state])]
+    return [[group[:, pair] for pair in columns] for group in groups]
+
+
+def _plain(table: FloatArray, path: Path) -> list[list[FloatArray]]:
+    runs = _runs(table[:, :2], path)
+    if len(runs) <= 2:
+        return [_pair(runs, path)]
+    if len(runs) % 2:
+        raise FileError(
+            f"{path} holds {len(runs)} guides", f"give two guides for one state, or {2 * STATES} for {STATES}"
+        )
+    return [runs[i : i + 2] for i in range(0, len(runs), 2)]
+
+
+def _pair(runs: list[FloatArray], path: Path) -> list[FloatArray]:
+    if len(runs) == 1:
+        return [runs[0], mirrored(runs[0], path)]
+    if len(runs) != 2:
+        raise FileError(
+            f"{path}: a state has {len(runs)} guides", "separate two guides by a blank line, or name them in a column"
+        )
+    return runs
+
+
+def _runs(xz: FloatArray, path: Path) -> list[FloatArray]:
+    """Split points into guides: at blank lines, else where the way jumps, stands still or turns back."""
+    blank = ~np.isfinite(xz[:, 0])
+    if np.any(blank[1:-1] & ~blank[2:]) and np.any(~blank):
+        parts = np.split(xz, np.flatnonzero(blank))
+        parts = [part[np.isfinite(part[:, 0])] for part in parts]
+        parts = [part for part in parts if len(part)]
+        if len(parts) > 1:
+            return parts
+    xz = xz[~blank]
+    if len(xz) < POINTS:
+        raise FileError(f"{path} holds {len(xz)} points", _FORM)
+    step = np.diff(xz, axis=0)
+    length = np.hypot(step[:, 0], step[:, 1])
+    usual = float(np.median(length))
+    dot = np.sum(step[1:] * step[:-1], axis=1)
+    back = np.concatenate([[False], dot < -0.5 * length[1:] * length[:-1]])
+    apart = (length > _JUMP * usual) | (length < 1e-6 * usual) | back
+    cuts = [int(c) + 1 for i, c in enumerate(np.flatnonzero(apart)) if i == 0 or not apart[c - 1]]
+    return np.split(xz, cuts)
+
+
+def mirrored(guide: FloatArray, path: Path) -> FloatArray:
+    """The mirror image of a guide (n, 2) in the line through its two ends."""
+    way = guide[-1] - guide[0]
+    span = float(np.hypot(*way))
+    if span == 0.0:
+        raise FileError(f"{path}: the only guide ends where it begins", "give two guides, separated by a blank line")
+    normal = np.array([-way[1], way[0]]) / span
+    height = (guide - guide[0]) @ normal
+    if np.max(np.abs(height)) < _MIRROR_FLAT * span:
+        raise FileError(f"{path}: the only guide is straight, so that its mirror image is itself", "give both guides")
+    return np.asarray(guide - 2 * height[:, None] * normal)

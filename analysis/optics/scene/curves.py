@@ -1,0 +1,158 @@
+"""The deformed centrelines: 15 states of two guides, from any source, through one door.
+
+`curves` is an array [states][2][points][2] in mm, state 0 the most compressed. The shadow, a file and the parametric
+set all give it; `frames_of` is the only way from there to a scene. Coordinates are (x, z), z along the actuator by
+habit; nothing depends on it, a scene may be moved and turned as one likes. The default are the shadow's fifteen states,
+read from `shadow_states.csv`, which `boat-daq shadow states --out FILE` writes; nothing of the shadow is imported here.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError
+from analysis.optics.scene.arc_spline import biarcs, smooth
+from analysis.optics.scene.frame import Frame, two_guides
+from analysis.optics.scene.parameters import Waveguide
+
+STATES = 15
+REST = 7
+POINTS = 7
+LENGTH_MM = 75.0
+"""Six unit cells of 12.5 mm (paper)."""
+COMPRESSION_MM, ELONGATION_MM = -2.70, 3.80
+"""Elongation at -40 and +50 kPa (definitions: derived from the paper's figures)."""
+BOW_MM = 12.5
+"""Assumed in the parametric set: at rest the middle of a guide is one unit cell off the axis."""
+BOW_PER_ELONGATION = 0.925
+"""Assumed: mm of bow a mm of elongation. The bladders push the guides out as they lengthen (paper: straighter in
+compression, more bent in elongation): 10.0 mm at the most compressed state, 16.0 mm at the most elongated."""
+
+
+@cache
+def _shadow_states() -> FloatArray:
+    """Rows of the packaged file: state, guide, point, x, z, pressure, elongation."""
+    path = Path(__file__).with_name("shadow_states.csv")
+    return np.loadtxt(path, delimiter=",", comments=("#", "state"), encoding="utf-8")
+
+
+def default_curves() -> FloatArray:
+    """The shadow's fifteen states of the paper's actuator, [15][2][7][2] mm."""
+    return _shadow_states()[:, 3:5].reshape(STATES, 2, -1, 2).copy()
+
+
+def elongations() -> FloatArray:
+    """Elongation of the fifteen default states, mm: even steps of pressure from -40 to 0 and from 0 to +50 kPa."""
+    return _shadow_states()[:, 6].reshape(STATES, -1)[:, 0].copy()
+
+
+def parametric_elongations() -> FloatArray:
+    """Elongation of the parametric states, mm: 7 even steps of compression, rest, 7 of elongation."""
+    return np.concatenate([np.linspace(COMPRESSION_MM, 0.0, REST + 1), np.linspace(0.0, ELONGATION_MM, REST + 1)[1:]])
+
+
+def parametric_curves(states: FloatArray | None = None) -> FloatArray:
+    """Two guides bowed like a boat's sides: half a sine over the actuator's length, points even along it.
+
+    Parameters
+    ----------
+    states : elongation of each state, mm; by default the 15 of `parametric_elongations`.
+
+    Returns
+    -------
+    [states][2][7][2], mm: x = +-bow sin(pi z / length).
+    """
+    e = parametric_elongations() if states is None else np.asarray(states, dtype=float)
+    part = np.linspace(0.0, 1.0, POINTS)
+    z = (LENGTH_MM + e)[:, None] * part
+    x = (BOW_MM + BOW_PER_ELONGATION * e)[:, None] * np.sin(np.pi * part)
+    x[:, [0, -1]] = 0.0
+    return np.stack([np.stack([-x, z], axis=2), np.stack([x, z], axis=2)], axis=1)
+
+
+def checked_curves(curves: FloatArray) -> FloatArray:
+    """Return `curves` as float64 [states][2][points][2] or say what is wrong with it.
+
+    Raises
+    ------
+    DataError : wrong shape, fewer than 7 points, not finite, or of a size that is not in mm.
+    """
+    curves = np.asarray(curves, dtype=np.float64)
+    if curves.ndim != 4 or curves.shape[1] != 2 or curves.shape[3] != 2:
+        raise DataError(
+            f"curves of shape {curves.shape} are not [states][2 guides][points][2 coordinates]",
+            "give x and z of two guides for each state",
+        )
+    if curves.shape[0] not in (1, STATES):
+        raise DataError(
+            f"curves of {curves.shape[0]} states", f"give {STATES} states, most compressed first, or a single one"
+        )
+    if curves.shape[2] < POINTS:
+        raise DataError(f"{curves.shape[2]} points a guide are too few", f"give {POINTS} points or more for each guide")
+    if not np.all(np.isfinite(curves)):
+        state, guide = np.argwhere(~np.isfinite(curves))[0][:2]
+        raise DataError(
+            f"state {state}, guide {guide + 1} has a coordinate that is not a number", "give every point's x and z"
+        )
+    extent = float(np.max(np.ptp(curves, axis=2)))
+    if not 1.0 <= extent <= 10_000.0:
+        raise DataError(f"guides {extent:.3g} mm long are not an actuator's", "give the curves in mm")
+    return curves
+
+
+def frames_of(curves: FloatArray, guide: Waveguide) -> list[Frame]:
+    """One frame for each state.
+
+    Raises
+    ------
+    DataError : a state's guides touch, cross, bend too tightly or do not make a pair; the cause names the state.
+    """
+    return [_frame(pair, guide, f"state {state}") for state, pair in enumerate(checked_curves(curves))]
+
+
+def frame_of(curves: FloatArray, state: int, guide: Waveguide) -> Frame:
+    """The frame of one state."""
+    return _frame(checked_curves(curves)[state], guide, f"state {state}")
+
+
+def _frame(pair: FloatArray, guide: Waveguide, name: str) -> Frame:
+    a, b = pair
+    if _squares(a[-1] - b[-1], a[0] - b[0]) > _squares(a[-1] - b[0], a[0] - b[-1]):
+        b = b[::-1]
+    a, b = _joined(a, b, guide.thickness_mm / 2)
+    left, right = (biarcs(*smooth(points, guide.knots)) for points in (a, b))
+    middle_a, middle_b = (c.frame(np.array([c.length / 2]))[0][0] for c in (left, right))
+    way = a[-1] - a[0]
+    if way[0] * (middle_b - middle_a)[1] - way[1] * (middle_b - middle_a)[0] > 0:
+        left, right = right, left
+    return two_guides(left, right, guide, name)
+
+
+def _squares(*vectors: FloatArray) -> float:
+    return float(sum(v @ v for v in vectors))
+
+
+def _joined(a: FloatArray, b: FloatArray, reach: float) -> tuple[FloatArray, FloatArray]:
+    """Let both guides begin and end in a common junction.
+
+    Ends closer than half a thickness are moved to their midpoint; ends further apart (a shadow's tracked points stop
+    where the lattice stops) get a junction half their gap further out, so that both guides run into it at 45 degrees.
+    """
+    for end, inner in ((0, 1), (-1, -2)):
+        gap = float(np.hypot(*(a[end] - b[end])))
+        middle = (a[end] + b[end]) / 2
+        if gap <= reach:
+            a, b = a.copy(), b.copy()
+            a[end], b[end] = middle, middle
+            continue
+        out = middle - (a[inner] + b[inner]) / 2
+        side = (a[end] - b[end]) / gap
+        out = out - (out @ side) * side
+        junction = middle + out / np.hypot(*out) * gap / 2
+        at = 0 if end == 0 else len(a)
+        a, b = np.insert(a, at, junction, axis=0), np.insert(b, at, junction, axis=0)
+    return a, b

@@ -1,0 +1,376 @@
+"""What all designs share in one state: two guides between two junctions, with stems, emitter and receiver.
+
+Strategy: all that does not depend on the cavities is worked out once a state, in plain numpy, and refused here by name
+where it cannot be built. The compiled part (`geometry.py`) then only cuts the guides into cells.
+
+A **surface** is one row of 16 numbers, the same for arcs and lines. With q = x - P0, it lies where
+f(x) = k/2 |q|^2 - N0.q equals `level`; f falls along the normal N0, by -u + k u^2/2 at offset u. It reaches from end Pa
+to end Pb: Ta.(x - Pa) >= 0 and Tb.(x - Pb) < 0, half-open, so that a joint belongs to one surface. The row is P0, N0,
+k, level, the sign of f's slope on the way out of the resin, 1 / |grad f|, Pa, Ta, Pb, Tb.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.errors import DataError, RequestError
+from analysis.optics.scene.arc_spline import ArcSpline
+from analysis.optics.scene.parameters import Waveguide
+
+NOTHING, INTERFACE, RECEIVER = 0, 1, 2
+CORNER_A, CORNER_B, FREE = 1, 2, 4
+FORK_START, FORK_END, NO_CELL = -1, -2, -3
+_SAMPLES = 1500
+_TIGHTEST = 0.98
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One state without its cavities; arrays only, so that it travels to a cluster's worker as it is.
+
+    Parameters
+    ----------
+    nodes : (g, m + 1, 5) joints of each guide's centreline, as in `ArcSpline`; guide 0 is on the left of the way.
+    curvature : (g, m), 1/mm.
+    ends : (g, 2) arc lengths between which a guide is its own, beyond them it is part of a junction.
+    outer : (g,) +1 where the outer face is the left one, -1 where it is the right one.
+    half_mm : half the thickness.
+    free : (g, m, 2) whether an arc's left and right edge have the whole scene behind each of their tangents, so that
+        light leaving there meets nothing more.
+    surfaces : (j, 16) of the two junctions with their stems; a single strip has none.
+    kinds, owners, corners : (j,) what a surface is, which junction it bounds, which of its ends are corners.
+    emitter : x, y of the point, unit direction of the fan's middle.
+    receiver_way : unit vector along which light must arrive to be counted.
+    source_cell : cell in which the rays start.
+    """
+
+    nodes: FloatArray
+    curvature: FloatArray
+    ends: FloatArray
+    outer: FloatArray
+    half_mm: float
+    free: IntArray
+    surfaces: FloatArray
+    kinds: IntArray
+    owners: IntArray
+    corners: IntArray
+    emitter: FloatArray
+    receiver_way: FloatArray
+    source_cell: int
+
+    @property
+    def free_mm(self) -> float:
+        """Longest centred row of cavities that fits both guides, mm."""
+        middle = self.nodes[:, -1, 4] / 2
+        return float(2 * np.min(np.minimum(middle - self.ends[:, 0], self.ends[:, 1] - middle)))
+
+    def guide(self, number: int) -> ArcSpline:
+        """The centreline of guide 0 or 1."""
+        return ArcSpline(self.nodes[number], self.curvature[number])
+
+
+def line_surface(start: FloatArray, end: FloatArray) -> FloatArray:
+    """A straight surface from `start` to `end` with the resin on its left."""
+    way = (end - start) / np.hypot(*(end - start))
+    normal = np.array([-way[1], way[0]])
+    return np.concatenate([start, normal, [0.0, 0.0, 1.0, 1.0], start, way, end, way])
+
+
+def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float]) -> FloatArray:
+    """The offset at `u` of one arc between two arc lengths, the resin on the centreline's side."""
+    node, k = curve.nodes[arc], curve.curvature[arc]
+    (start, end), (way_a, way_b) = curve.offset(np.array(span), u), curve.frame(np.array(span))[1]
+    return np.concatenate(
+        [node[:2], [-node[3], node[2]], [k, -u + k * u * u / 2, -np.sign(u), 1 / (1 - k * u)], start, way_a, end, way_b]
+    )
+
+
+def offset_of(curve: ArcSpline, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Signed distance u and arc length s of the nearest foot of each point (n, 2) on the curve; u is inf beyond its
+    ends.
+    """
+    xy, t, k = curve.nodes[:, :2], curve.nodes[:, 2:4], curve.curvature
+    q = points[:, None, :] - xy[None]
+    ahead = np.sum(q * t[None], axis=2)
+    inside = (ahead[:, :-1] >= 0) & (ahead[:, 1:] < 0)
+    left = q[:, :-1, 1] * t[None, :-1, 0] - q[:, :-1, 0] * t[None, :-1, 1]
+    level = k / 2 * np.sum(q[:, :-1] ** 2, axis=2) - left
+    root = np.sqrt(np.maximum(1 + 2 * k * level, 0.0))
+    u = np.where(inside, -2 * level / (1 + root), np.inf)
+    best = np.argmin(np.abs(u), axis=1)
+    row = np.arange(len(points))
+    k, a, b = k[best], ahead[row, best], 1 - k[best] * left[row, best]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        step = np.where(np.abs(k) * np.hypot(a, b) > 1e-14, np.arctan2(k * a, b) / k, a / b)
+    return u[row, best], curve.nodes[best, 4] + step
+
+
+def _hull(a: FloatArray, way_a: FloatArray, b: FloatArray, way_b: FloatArray) -> FloatArray:
+    """Triangles (n, 3, 2) that enclose arcs: both ends and where the tangents there meet."""
+    cross = way_a[:, 0] * way_b[:, 1] - way_a[:, 1] * way_b[:, 0]
+    chord = b - a
+    along = chord[:, 0] * way_b[:, 1] - chord[:, 1] * way_b[:, 0]
+    flat = np.abs(cross) < 1e-9
+    step = np.where(flat, 0.5 * np.hypot(*chord.T), along / np.where(flat, 1.0, cross))
+    return np.stack([a, a + step[:, None] * way_a, b], axis=1)
+
+
+def free_edges(guides: list[ArcSpline], half: float, fork: FloatArray) -> IntArray:
+    """(g, m, 2) 1 where all of the scene lies behind the tangents and the chord of an arc's left or right edge.
+
+    Light that leaves there, or through the mouth of a cavity cut there, meets nothing more. Cavities only take resin
+    away, so that it holds for every design.
+    """
+    edges = [[_edges(curve, side * half) for side in (1.0, -1.0)] for curve in guides]
+    points = np.concatenate([_hull(*e).reshape(-1, 2) for pair in edges for e in pair])
+    if len(fork):
+        points = np.concatenate(
+            [points, _hull(fork[:, 8:10], fork[:, 10:12], fork[:, 12:14], fork[:, 14:16]).reshape(-1, 2)]
+        )
+    slack = 1e-10 * float(np.max(np.ptp(points, axis=0)))
+    return np.stack(
+        [np.stack([_behind(points, *e, s, slack) for e, s in zip(pair, (1.0, -1.0), strict=True)], 1) for pair in edges]
+    )
+
+
+def _edges(curve: ArcSpline, u: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Start, tangent there, end, tangent there of each arc's offset."""
+    xy = curve.nodes[:, :2] + u * np.stack([-curve.nodes[:, 3], curve.nodes[:, 2]], axis=1)
+    return xy[:-1], curve.nodes[:-1, 2:4], xy[1:], curve.nodes[1:, 2:4]
+
+
+def _behind(
+    points: FloatArray, a: FloatArray, way_a: FloatArray, b: FloatArray, way_b: FloatArray, side: float, slack: float
+) -> IntArray:
+    """Whether no point lies on the outer side (left for +1) of the tangents at both ends nor of the chord.
+
+    An arc's own points may lie beyond its chord, by its bulge.
+    """
+    out = np.ones(len(a), dtype=bool)
+    chord = (b - a) / np.hypot(*(b - a).T)[:, None]
+    bulge = _hull(a, way_a, b, way_b)[:, 1]
+    for start, way, own in ((a, way_a, 0.0), (b, way_b, 0.0), (a, chord, 1.0)):
+        q = points[None] - start[:, None]
+        above = side * (way[:, None, 0] * q[..., 1] - way[:, None, 1] * q[..., 0])
+        mine = np.hypot(*(points[None] - bulge[:, None]).transpose(2, 0, 1)) == 0.0
+        out &= np.all((above <= slack) | (mine & (own > 0)), axis=1)
+    return out.astype(np.int32)
+
+
+def check_bends(curve: ArcSpline, half: float, name: str) -> None:
+    """Refuse a guide whose edge would fold over in a bend."""
+    tightest = float(np.max(np.abs(curve.curvature)))
+    if tightest * half > _TIGHTEST:
+        raise DataError(
+            f"{name} bends to a radius of {1 / tightest:.3g} mm, too tight for a guide {2 * half:g} mm thick",
+            "use a thinner guide or a smoother curve",
+        )
+
+
+def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = "the guides") -> Frame:
+    """Join two centrelines that share both ends into stems, junctions and guides.
+
+    Parameters
+    ----------
+    left, right : centrelines from the emitter's junction to the receiver's, the left one first.
+    guide : thickness, stems, receiver.
+    name : what the state is called in an error.
+
+    Raises
+    ------
+    DataError : the guides touch, cross or bend too tightly; the cause says which.
+    """
+    half = guide.thickness_mm / 2
+    for number, curve in enumerate((left, right), start=1):
+        check_bends(curve, half, f"{name}: guide {number}")
+    start = _crotch(left, right, half, name)
+    end_left, end_right = _crotch(right.reversed(), left.reversed(), half, name)[::-1]
+    ends = np.array([[start[0], left.length - end_left], [start[1], right.length - end_right]])
+    _check_apart(left, right, ends, half, name)
+    parts = [
+        _fork(left, right, ends[:, 0], guide, FORK_START, name),
+        _fork(right.reversed(), left.reversed(), np.array([end_right, end_left]), guide, FORK_END, name),
+    ]
+    surfaces, kinds, corners, ways = zip(*parts, strict=True)
+    emitter = np.concatenate([left.nodes[0, :2] + ways[0] * guide.stem_mm, -ways[0]])
+    return Frame(
+        np.stack([left.nodes, right.nodes]),
+        np.stack([left.curvature, right.curvature]),
+        ends,
+        np.array([1.0, -1.0]),
+        half,
+        free_edges([left, right], half, np.concatenate(surfaces)),
+        np.concatenate(surfaces),
+        np.concatenate(kinds),
+        np.repeat([FORK_START, FORK_END], [len(k) for k in kinds]),
+        np.concatenate(corners),
+        emitter,
+        ways[1],
+        FORK_START,
+    )
+
+
+def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = None) -> Frame:
+    """A single guide with square ends: its end face is the receiver. The scene of the closed forms.
+
+    Parameters
+    ----------
+    curve : centreline.
+    guide : thickness and index; the stems do not apply.
+    emitter : x, y, direction x, y; by default `backing_mm` inside the start, looking along the guide.
+    """
+    half = guide.thickness_mm / 2
+    check_bends(curve, half, "the guide")
+    if emitter is None:
+        point, tangent = curve.frame(np.array([guide.backing_mm]))
+        emitter = np.concatenate([point[0], tangent[0]])
+    _, s = offset_of(curve, emitter[None, :2])
+    cell = int(np.searchsorted(curve.nodes[:, 4], s[0], side="right") - 1)
+    none = np.zeros(0, dtype=np.int64)
+    return Frame(
+        curve.nodes[None],
+        curve.curvature[None],
+        np.array([[0.0, curve.length]]),
+        np.array([1.0]),
+        half,
+        free_edges([curve], half, np.zeros((0, 16))),
+        np.zeros((0, 16)),
+        none,
+        none,
+        none,
+        emitter,
+        curve.nodes[-1, 2:4],
+        cell,
+    )
+
+
+def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[float, float]:
+    """Arc lengths on both guides at which their inner edges part, seen from the start."""
+
+    def gap(s: float) -> float:
+        u, _ = offset_of(right, left.offset(np.array([s]), -half))
+        return float(min(u[0], 1e3 * half) - half)
+
+    s = np.linspace(0.0, left.length, _SAMPLES)
+    u, _ = offset_of(right, left.offset(s, -half))
+    clear = np.flatnonzero(u > half)
+    if not clear.size:
+        raise DataError(
+            f"{name}: the two guides touch along their whole length",
+            f"bow them apart by more than the guide's thickness of {2 * half:g} mm, or use a thinner guide",
+        )
+    if clear[0] == 0:
+        raise DataError(
+            f"{name}: the two guides do not meet at their junction", "let both curves share their end points"
+        )
+    s_left = float(brentq(gap, s[clear[0] - 1], s[clear[0]], xtol=1e-14, rtol=1e-15))
+    _, s_right = offset_of(right, left.offset(np.array([s_left]), -half))
+    return s_left, float(s_right[0])
+
+
+def _check_apart(left: ArcSpline, right: ArcSpline, ends: FloatArray, half: float, name: str) -> None:
+    """Refuse guides that touch between their junctions, and guides that cross themselves."""
+    margin = 1e-6 * half
+    for number, (a, b, u) in enumerate(((left, right, -half), (right, left, half))):
+        s = np.linspace(ends[number, 0], ends[number, 1], _SAMPLES)[1:-1]
+        away, _ = offset_of(b, a.offset(s, u))
+        if ends[number, 0] >= ends[number, 1] or np.any(np.abs(away) < half - margin):
+            raise DataError(
+                f"{name}: the two guides touch between their junctions", "bow them further apart or use a thinner guide"
+            )
+        both = a.frame(s)[0]
+        apart = np.hypot(*(both[:, None, :] - both[None, ::8, :]).transpose(2, 0, 1))
+        far = np.abs(s[:, None] - s[None, ::8]) > 4 * half
+        if np.any(apart[far] < 2 * half):
+            raise DataError(f"{name}: guide {number + 1} runs into itself", "check the order of its points")
+
+
+def _fork(
+    left: ArcSpline, right: ArcSpline, crotch: FloatArray, guide: Waveguide, end: int, name: str
+) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
+    """Surfaces of one junction with its stem, resin on the left of each; and the way out along the stem."""
+    half, junction = guide.thickness_mm / 2, left.nodes[0, :2]
+    both = left.nodes[0, 2:4] + right.nodes[0, 2:4]
+    if np.hypot(*both) < 0.35:
+        raise DataError(
+            f"{name}: the guides leave their junction in opposite directions",
+            "let them leave it side by side, each within 80 degrees of the stem",
+        )
+    out = -both / np.hypot(*both)
+    across = np.array([out[1], -out[0]])
+    far = guide.stem_mm + (guide.backing_mm if end == FORK_START else 0.0)
+    rim = [junction + far * out + side * half * across for side in (1.0, -1.0)]
+    rows, corners = [], []
+    foot = []
+    for curve, s_crotch, side in ((left, crotch[0], 1.0), (right, crotch[1], -1.0)):
+        s0 = _leaves_stem(curve, s_crotch, half, side, across, name)
+        foot.append(curve.offset(np.array([s0]), side * half)[0])
+        for arc, span in _pieces(curve, s0, s_crotch):
+            rows.append(arc_surface(curve, arc, side * half, span))
+            corners.append(CORNER_A if span[0] == s0 else 0)
+    face, kinds = _end_face(rim, guide, end)
+    lines = [line_surface(foot[0], rim[0]), *face, line_surface(rim[1], foot[1])]
+    rows += lines
+    corners += [CORNER_A | CORNER_B] * len(lines)
+    kind = [INTERFACE] * (len(rows) - len(lines) + 1) + kinds + [INTERFACE]
+    return np.array(rows), np.array(kind, dtype=np.int64), np.array(corners, dtype=np.int64), out
+
+
+def _end_face(rim: list[FloatArray], guide: Waveguide, end: int) -> tuple[list[FloatArray], list[int]]:
+    """The stem's end from its left rim to its right one; at the receiver's end with the receiver in its middle."""
+    if end == FORK_START or guide.receiver_mm == 0.0:
+        return [line_surface(rim[0], rim[1])], [INTERFACE]
+    width = guide.thickness_mm if guide.receiver_mm is None else guide.receiver_mm
+    middle, way = (rim[0] + rim[1]) / 2, (rim[1] - rim[0]) / guide.thickness_mm
+    edge = [middle - width / 2 * way, middle + width / 2 * way]
+    if width >= guide.thickness_mm * (1 - 1e-9):
+        return [line_surface(*(edge if width > guide.thickness_mm else rim))], [RECEIVER]
+    return (
+        [line_surface(rim[0], edge[0]), line_surface(edge[0], edge[1]), line_surface(edge[1], rim[1])],
+        [INTERFACE, RECEIVER, INTERFACE],
+    )
+
+
+def _leaves_stem(curve: ArcSpline, s_crotch: float, half: float, side: float, across: FloatArray, name: str) -> float:
+    """Arc length at which a guide's outer edge comes out of the stem's edge."""
+
+    def height(s: float) -> float:
+        return float((curve.offset(np.array([s]), side * half)[0] - curve.nodes[0, :2]) @ across * side - half)
+
+    s = np.linspace(0.0, s_crotch, 200)
+    out = np.flatnonzero((curve.offset(s, side * half) - curve.nodes[0, :2]) @ across * side > half)
+    if not out.size:
+        raise DataError(
+            f"{name}: the guides leave their junction too steeply curved for its stem",
+            "use a thinner guide or a smoother curve at the ends",
+        )
+    return 0.0 if out[0] == 0 else float(brentq(height, s[out[0] - 1], s[out[0]], xtol=1e-14, rtol=1e-15))
+
+
+def _pieces(curve: ArcSpline, s0: float, s1: float) -> list[tuple[int, tuple[float, float]]]:
+    s = curve.nodes[:, 4]
+    return [
+        (i, (max(s[i], s0), min(s[i + 1], s1)))
+        for i in range(len(curve.curvature))
+        if min(s[i + 1], s1) - max(s[i], s0) > 1e-9 * s1
+    ]
+
+
+def check_row(frame: Frame, row_mm: float, depth_mm: float, name: str) -> None:
+    """Refuse cavities that cut through the guide or do not fit between the junctions."""
+    thickness = 2 * frame.half_mm
+    if depth_mm >= thickness * (1 - 1e-6):
+        raise RequestError(
+            f"a cavity of {depth_mm:g} mm depth cuts through the guide of {thickness:g} mm",
+            f"choose a depth below {thickness:g} mm or a thicker guide",
+        )
+    if row_mm >= frame.free_mm:
+        raise RequestError(
+            f"{name}: a row of cavities {row_mm:.4g} mm long does not fit the {frame.free_mm:.4g} mm "
+            "between the junctions",
+            "choose fewer, narrower or closer cavities",
+        )

@@ -1,0 +1,1 @@
+"""All designs in all states, their figure of merit, and the search beyond the grid."""

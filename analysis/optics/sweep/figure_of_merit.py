@@ -1,0 +1,152 @@
+"""From the detected rays of 15 states to one figure: aNDR, Delta, n_sign, RMSE, P, with their uncertainty.
+
+Rules: all functions take arrays whose last axis is the states, from the most compressed to the most elongated, and work
+on any number of designs at once. P is given as the paper prints it and repaired; the two part only where the printed
+one has no value or stands on noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError
+
+DEGREE = 3
+DRAWS = 500
+_TIE = 0.025
+
+PARTING = (
+    "Printed and repaired P are the same number wherever NDR rises at least once and its scatter about aNDR is above "
+    "the resolution of the ray count. They part for monotone designs (n_sign = 0), where the printed P divides by zero "
+    "although such a design is what is wanted: the repaired one counts n_sign as 1 and marks it; and where RMSE falls "
+    "below the resolution, which is then used instead, so that chance agreement with a cubic wins nothing."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Merit:
+    """Figures of any number of designs, (n,) unless said otherwise.
+
+    Parameters
+    ----------
+    andr : (n, states) the cubic through NDR, evaluated at the states.
+    delta : aNDR at maximum compression less aNDR at maximum elongation.
+    n_sign : steps in which NDR rises from compression to elongation.
+    rmse : root mean square of NDR - aNDR over the states.
+    p_printed : Delta / (n_sign RMSE) as in the paper; NaN where it is undefined.
+    p : the same with max(n_sign, 1) and RMSE no smaller than the resolution.
+    monotone : n_sign = 0. floored : RMSE was below the resolution.
+    """
+
+    andr: FloatArray
+    delta: FloatArray
+    n_sign: FloatArray
+    rmse: FloatArray
+    p_printed: FloatArray
+    p: FloatArray
+    monotone: FloatArray
+    floored: FloatArray
+
+    @property
+    def p_normalised(self) -> FloatArray:
+        """P over its maximum, as in the paper's figure 3D."""
+        return self.p / np.max(self.p)
+
+
+def cubic_projector(states: int) -> FloatArray:
+    """Matrix (states, states) from NDR to aNDR: least squares on orthonormal cubics in the state's number.
+
+    Raises
+    ------
+    DataError : 4 states or fewer leave nothing to judge a cubic by.
+    """
+    if states <= DEGREE + 1:
+        raise DataError(f"{states} states are too few for a cubic and its residuals", "give the curves of 15 states")
+    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, states), DEGREE))
+    return np.asarray(basis @ basis.T)
+
+
+def resolution(rays: int) -> float:
+    """RMSE that rounding to whole rays alone leaves: one ray's step, scaled to 250, over sqrt(12)."""
+    return 250.0 / rays / math.sqrt(12.0)
+
+
+def merit(ndr: FloatArray, floor: float) -> Merit:
+    """Figures of merit of NDR (..., states), rays scaled to 250.
+
+    Parameters
+    ----------
+    floor : smallest RMSE that is believed, from `resolution`.
+
+    Notes
+    -----
+    P = Delta / (n_sign RMSE), the paper's section "Optical simulation".
+    """
+    andr = ndr @ cubic_projector(ndr.shape[-1])
+    delta = andr[..., 0] - andr[..., -1]
+    n_sign = np.sum(np.diff(ndr, axis=-1) > 0, axis=-1).astype(float)
+    rmse = np.sqrt(np.mean((ndr - andr) ** 2, axis=-1))
+    below = n_sign * rmse
+    printed = np.divide(delta, below, out=np.full_like(delta, np.nan), where=below > 0)
+    return Merit(
+        andr,
+        delta,
+        n_sign,
+        rmse,
+        printed,
+        delta / (np.maximum(n_sign, 1.0) * np.maximum(rmse, floor)),
+        n_sign == 0,
+        rmse < floor,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """What a finite number of rays leaves open.
+
+    Parameters
+    ----------
+    p_ci : (n, 2) 95 % interval of each design's P.
+    tied : (n,) whether a design cannot be told from the best.
+    """
+
+    p_ci: FloatArray
+    tied: FloatArray
+
+
+def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = DRAWS, seed: int = 0) -> Uncertainty:
+    """Draw NDR anew about its value with its standard deviation, and see what becomes of P.
+
+    Parameters
+    ----------
+    ndr, sd : (n, states), rays scaled to 250.
+    floor : as in `merit`.
+    draws, seed : of the parametric bootstrap.
+
+    Notes
+    -----
+    The interval is the central 95 % of the draws, widened to hold P itself: scatter can only add rises, so that the
+    draws lie below the P of a design that owes its rank to luck. A design is tied with the best if it is at least as
+    good in 2.5 % of the draws. Both take the states as independent.
+    """
+    rng = np.random.default_rng(seed)
+    p = merit(ndr, floor).p
+    drawn = np.empty((draws, len(ndr)))
+    for i in range(draws):
+        drawn[i] = merit(ndr + sd * rng.standard_normal(ndr.shape), floor).p
+    low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
+    best = int(np.argmax(p))
+    tied = np.mean(drawn >= drawn[:, best : best + 1], axis=0) >= _TIE
+    return Uncertainty(np.stack([np.minimum(low, p), np.maximum(high, p)], axis=1), tied)
+
+
+def pareto(delta: FloatArray, rmse: FloatArray, n_sign: FloatArray) -> FloatArray:
+    """(n,) True where no other design is as good in Delta, RMSE and n_sign and better in one of them."""
+    cost = np.stack([-delta, rmse, n_sign], axis=1)
+    no_worse = np.all(cost[None] <= cost[:, None], axis=2)
+    better = np.any(cost[None] < cost[:, None], axis=2)
+    return np.asarray(~np.any(no_worse & better, axis=1))

@@ -1,0 +1,281 @@
+"""Beyond the grid: width, depth, spacing, count and face searched together, on detected power.
+
+Strategy: power converges where a count of rays does not, so the search uses power with practically every reflection
+followed. The grid is looked through with half of the rays; its best designs, looked at again, are the first population
+of scipy's differential evolution (count and face as integers), each generation's candidates running side by side. The
+search has settled when eight generations in a row have found nothing better by a hundredth. The best of the grid and
+the best that was searched are then judged alike with ten times the rays, and both winners again with the fan turned
+twice, so that luck at few rays is not reported as gain.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution
+
+from analysis.arrays import FloatArray
+from analysis.errors import RequestError
+from analysis.optics.scene.curves import frames_of
+from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.geometry import pattern_of
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Face, Light, Waveguide
+from analysis.optics.sweep.figure_of_merit import merit, resolution
+from analysis.optics.sweep.sweep import Progress, paper_grid, run_item
+from analysis.optics.tracer.simulation import fan_of, rules_of, stacked
+
+POPULATION = 16
+FOLLOWED = 4
+"""Budget of secondaries for each released ray: with this many practically none is refused."""
+FAINTEST = 1e-3
+FLOOR = float(resolution(250))
+"""RMSE below what the paper's 250 rays resolve wins nothing."""
+BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
+PATIENCE, BETTER = 8, 0.01
+"""Generations without a design better by that part, after which the search has settled."""
+PHASES = (-0.31, 0.27)
+"""Turns of the fan, in its own steps, at which the winners are judged again."""
+_CHECK, _GLANCE, _FINALISTS, _FEW = 10, 2, 6, 2
+_LOOK, _SEARCH = 0.45, 0.8
+"""Parts of the time after which the look through the grid and the search itself are cut short."""
+
+Scored = tuple[float, Design]
+
+
+@dataclass(frozen=True, slots=True)
+class Optimum:
+    """What the search found.
+
+    Parameters
+    ----------
+    start, best : the grid's best design and the one found; start_p, best_p, paper_p : P on power at `checked_rays`.
+    start_power, power : (15,) detected power of both.
+    evaluations, seconds : what it took; rays, checked_rays : released in the search and in the last judgement.
+    finished : False if the time ran out before the search had settled.
+    start_range, best_range : least and greatest P of both over three turns of the fan.
+    """
+
+    start: Design
+    best: Design
+    start_p: float
+    best_p: float
+    paper_p: float
+    start_power: FloatArray
+    power: FloatArray
+    evaluations: int
+    seconds: float
+    rays: int
+    checked_rays: int
+    finished: bool
+    start_range: tuple[float, float]
+    best_range: tuple[float, float]
+
+    @property
+    def gain(self) -> float:
+        """How many times the grid's best P the found one is."""
+        return self.best_p / self.start_p
+
+
+class PowerMerit:
+    """P on detected power of designs over the given states; safe to call from several threads."""
+
+    def __init__(self, frames: Sequence[Frame], guide: Waveguide, rays: int, phase: float = 0.0) -> None:
+        light = Light(rays=rays, secondary=FOLLOWED * rays, faintest=FAINTEST, order="index", phase=phase)
+        self.thickness_mm = guide.thickness_mm
+        self._common = stacked(frames), rules_of(guide, light, frames[0]), fan_of(light, frames[0]), light.secondary
+        self._free = min(f.free_mm for f in frames)
+
+    def fits(self, design: Design) -> bool:
+        """Whether the design can be built in every state."""
+        return design.row_mm < self._free and design.depth_mm < self.thickness_mm * (1 - 1e-6)
+
+    def power(self, design: Design) -> FloatArray:
+        """Detected power over the states, emitted = 1."""
+        _, energy, _ = run_item(*self._common, pattern_of(design)[None])
+        return np.asarray(energy[0, :, 0])
+
+    def p(self, design: Design) -> float:
+        """P on power scaled to 250 rays; -inf for a design that cannot be built."""
+        return float(merit(250.0 * self.power(design), FLOOR).p) if self.fits(design) else -np.inf
+
+
+def design_at(x: FloatArray) -> Design:
+    """The design at a point of the search space: count, width, depth, spacing (mm), face (0 outer, 1 inner)."""
+    face: Face = "inner" if round(float(x[4])) else "outer"
+    return Design(round(float(x[0])), float(x[1]), float(x[2]), float(x[3]), face)
+
+
+def _point(design: Design) -> list[float]:
+    return [*design.values, 1.0 if design.face == "inner" else 0.0]
+
+
+def optimise(
+    guide: Waveguide,
+    curves: FloatArray,
+    *,
+    rays: int = 2_000,
+    seconds: float = 50.0,
+    first_face: Face = "outer",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Optimum:
+    """Search for the design with the largest P on power.
+
+    Parameters
+    ----------
+    guide, curves : the guide and the states.
+    rays : released in each evaluation; ten times as many judge the result.
+    seconds : the search stops about then, settled or not; it is repeatable if it settles.
+    first_face : face of the grid that the search starts from.
+    progress : called with (seconds gone, seconds allowed); raising from it cancels.
+
+    Raises
+    ------
+    RequestError : no design of the grid can be built in these states, or no time is allowed.
+    """
+    if not 0 < seconds < np.inf:
+        raise RequestError(f"a search of {seconds:g} s", "allow some seconds, 50 are enough")
+    began = time.perf_counter()
+    frames = frames_of(curves, guide)
+    pool = ThreadPoolExecutor(os.cpu_count() or 1)
+    try:
+        search = _Search(frames, guide, rays, pool, _watch(began, seconds, progress))
+        ranked = search.through_grid(first_face, seed)
+        found = search.beyond([design for _, design in ranked[:POPULATION]], seed)
+        return _judged(search, ranked, found, began)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[[float], bool]:
+    """A clock that reports progress and says whether a part of the time has gone."""
+
+    def late(part: float) -> bool:
+        gone = time.perf_counter() - began
+        if progress is not None:
+            progress(min(gone, allowed), allowed)
+        return gone > part * allowed
+
+    return late
+
+
+class _Search:
+    """What the two stages share: frames, rays, threads, the clock, and the designs that were seen."""
+
+    def __init__(
+        self,
+        frames: Sequence[Frame],
+        guide: Waveguide,
+        rays: int,
+        pool: ThreadPoolExecutor,
+        late: Callable[[float], bool],
+    ) -> None:
+        self.frames, self.guide, self.rays, self.pool, self.late = frames, guide, rays, pool, late
+        self.judge = PowerMerit(frames, guide, rays)
+        self.seen: dict[Design, float] = {}
+        self.evaluations, self.finished = 0, False
+
+    def scored(self, judge: PowerMerit, designs: Sequence[Design]) -> list[Scored]:
+        """P and design of some designs, side by side."""
+        self.evaluations += len(designs)
+        return list(zip(self.pool.map(judge.p, designs), designs, strict=True))
+
+    def through_grid(self, face: Face, seed: int) -> list[Scored]:
+        """The grid's likeliest designs, best first; in random order, as time may end the look."""
+        every = [design for design in paper_grid(face=face) if self.judge.fits(design)]
+        if not every:
+            raise RequestError("no design of the grid fits these states", "use longer or thicker guides")
+        grid = [every[i] for i in np.random.default_rng(seed).permutation(len(every))]
+        glance = PowerMerit(self.frames, self.guide, max(self.rays // _GLANCE, 50))
+        rough: list[Scored] = []
+        for first in range(0, len(grid), 2 * POPULATION):
+            rough += self.scored(glance, grid[first : first + 2 * POPULATION])
+            if self.late(_LOOK):
+                break
+        return _best(self.scored(self.judge, [design for _, design in _best(rough)[: 3 * POPULATION]]))
+
+    def beyond(self, first: Sequence[Design], seed: int) -> OptimizeResult:
+        """Differential evolution from some designs, until nothing better turns up or the time is over."""
+        low, high = np.array(BOUNDS).T
+        high[2] = min(BOUNDS[2][1], 0.9 * self.judge.thickness_mm)
+        population = np.array([_point(design) for design in first])
+        if len(population) < 5:
+            population = np.concatenate([population, low + (high - low) * np.random.default_rng(seed).random((5, 5))])
+        best, waited = np.inf, 0
+
+        def spread(function: Callable[[Any], float], points: Iterable[Any]) -> list[float]:
+            return list(self.pool.map(function, points))
+
+        def loss(x: FloatArray) -> float:
+            design = design_at(x)
+            if design not in self.seen:
+                self.seen[design] = self.judge.p(design)
+            return -self.seen[design]
+
+        def settled(intermediate_result: Any) -> Any:
+            nonlocal best, waited
+            now = float(intermediate_result.fun)
+            waited = 0 if now < best - BETTER * abs(best) or not np.isfinite(best) else waited + 1
+            best = min(best, now)
+            self.finished = waited >= PATIENCE
+            return self.finished or self.late(_SEARCH)
+
+        found = differential_evolution(
+            loss,
+            Bounds(low, high),
+            init=population,
+            integrality=[True, False, False, False, True],
+            rng=seed,
+            workers=spread,
+            updating="deferred",
+            polish=False,
+            maxiter=1_000,
+            tol=0.0,
+            callback=settled,
+        )
+        self.evaluations += int(found.nfev)
+        return found
+
+
+def _best(scored: Sequence[Scored]) -> list[Scored]:
+    return sorted(scored, key=lambda pair: -pair[0])
+
+
+def _judged(search: _Search, grid: Sequence[Scored], found: OptimizeResult, began: float) -> Optimum:
+    """The grid's and the search's best with ten times the rays, and again with the fan turned; few if it is late."""
+    rays, most = _CHECK * search.rays, _FEW if search.late(1.0) else _FINALISTS
+    grid = grid[:most]
+    careful = PowerMerit(search.frames, search.guide, rays)
+    searched = _best([(p, design) for design, p in list(search.seen.items())])[:most]
+    last = design_at(found.x)
+    finalists = dict.fromkeys([*(d for _, d in grid), *(d for _, d in searched), last, PAPER_OPTIMUM])
+    able = [design for design in finalists if careful.fits(design)]
+    power = dict(zip(able, search.pool.map(careful.power, able), strict=True))
+    p = {design: float(merit(250.0 * each, FLOOR).p) for design, each in power.items()}
+    start = max((design for _, design in grid), key=lambda design: p[design])
+    best = max((design for design in able if design != PAPER_OPTIMUM or design == start), key=lambda design: p[design])
+    turned = [PowerMerit(search.frames, search.guide, rays, phase) for phase in PHASES]
+    again = list(search.pool.map(lambda pair: pair[0].p(pair[1]), [(m, d) for d in (start, best) for m in turned]))
+    ranges = [[p[d], *again[i * len(PHASES) : (i + 1) * len(PHASES)]] for i, d in enumerate((start, best))]
+    return Optimum(
+        start,
+        best,
+        p[start],
+        p[best],
+        p.get(PAPER_OPTIMUM, np.nan),
+        power[start],
+        power[best],
+        search.evaluations,
+        time.perf_counter() - began,
+        search.rays,
+        rays,
+        search.finished,
+        (min(ranges[0]), max(ranges[0])),
+        (min(ranges[1]), max(ranges[1])),
+    )

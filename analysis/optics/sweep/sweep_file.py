@@ -1,0 +1,137 @@
+"""The results of a sweep in one SQLite file: written as they come, so that a stopped sweep goes on where it was.
+
+Schema (additive only): `meta(key, value)` holds the parameters as JSON, the program's version and when it began;
+`simulation` holds one row per design and state, from which every figure can be derived again. A file belongs to one
+set of parameters; another set is refused, not mixed in.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.errors import FileError, RequestError
+from analysis.optics.scene.parameters import Design
+from analysis.optics.tracer.rays import TALLIES
+from analysis.optics.tracer.simulation import ENERGY, LEDGER
+
+USER_VERSION = 1
+COUNTS = (*LEDGER, "hits", "secondaries", "refused")
+_KEYS = ("cavities", "width_mm", "depth_mm", "spacing_mm", "face", "state")
+_COLUMNS = (*_KEYS, *COUNTS, *(f"{name}_power" for name in ENERGY), "changes")
+_INSERT = f"insert or ignore into simulation values ({','.join('?' * len(_COLUMNS))})"  # noqa: S608
+_SCHEMA = f"""
+create table meta (key text primary key, value text not null);
+create table simulation ({", ".join(f"{c} not null" for c in _COLUMNS)}, primary key ({", ".join(_KEYS)}));
+pragma user_version = {USER_VERSION};
+"""
+
+
+def program_version() -> str:
+    """Version of the installed program, or 'source' where it runs from its folder."""
+    try:
+        return metadata.version("boat-daq")
+    except metadata.PackageNotFoundError:
+        return "source"
+
+
+class SweepFile:
+    """A sweep's results on disk.
+
+    Parameters
+    ----------
+    path : the file; made where it does not exist.
+    parameters : everything that decides a simulation's result, JSON's own types.
+
+    Raises
+    ------
+    FileError : the file is no sweep's. RequestError : it belongs to another sweep.
+    """
+
+    def __init__(self, path: Path, parameters: dict[str, object]) -> None:
+        self.path = path
+        text = json.dumps(parameters, sort_keys=True)
+        try:
+            with self._open() as db:
+                if db.execute("pragma user_version").fetchone()[0] == 0:
+                    db.executescript(_SCHEMA)
+                    about = [
+                        ("parameters", text),
+                        ("version", program_version()),
+                        ("began", datetime.now(UTC).isoformat(timespec="seconds")),
+                    ]
+                    db.executemany("insert into meta values (?, ?)", about)
+                kept = dict(db.execute("select key, value from meta"))["parameters"]
+        except (sqlite3.Error, UnicodeDecodeError, MemoryError, KeyError) as error:
+            raise FileError(
+                f"{path} cannot be used as a sweep's results: {error}", "choose another --out folder"
+            ) from error
+        if kept != text:
+            raise RequestError(
+                f"{path} holds a sweep with other parameters",
+                "choose another --out folder, or remove the file to begin again",
+            )
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        db = sqlite3.connect(self.path, timeout=10)
+        try:
+            for pragma in ("trusted_schema=off", "cell_size_check=on", "mmap_size=0"):
+                db.execute(f"pragma {pragma}")
+            if db.execute("select 1 from sqlite_schema where type in ('view', 'trigger')").fetchone():
+                raise FileError(f"{self.path} holds something that runs when read", "it was not made by boat-daq")
+            with db:
+                yield db
+        finally:
+            db.close()
+
+    def write(self, designs: Sequence[Design], counts: IntArray, energy: FloatArray, changes: FloatArray) -> None:
+        """Add the results of whole designs in one transaction: counts (d, s, 10), energy (d, s, 4), changes (d, s)."""
+        rows = [
+            (
+                d.cavities,
+                d.width_mm,
+                d.depth_mm,
+                d.spacing_mm,
+                d.face,
+                s,
+                *counts[i, s].tolist(),
+                *energy[i, s].tolist(),
+                float(changes[i, s]),
+            )
+            for i, d in enumerate(designs)
+            for s in range(counts.shape[1])
+        ]
+        with self._open() as db:
+            db.executemany(_INSERT, rows)
+
+    def read(self, states: int) -> dict[Design, tuple[IntArray, FloatArray, FloatArray]]:
+        """Every design that has all its states: counts (s, 10), energy (s, 4), changes (s,).
+
+        Raises
+        ------
+        FileError : the file is damaged. RequestError : it holds a design that cannot be.
+        """
+        sql = f"select {', '.join(_COLUMNS)} from simulation order by {', '.join(_KEYS)}"  # noqa: S608
+        try:
+            with self._open() as db:
+                rows = db.execute(sql).fetchall()
+            done: dict[Design, list[tuple[float, ...]]] = {}
+            for row in rows:
+                done.setdefault(Design(int(row[0]), *row[1:5]), []).append(row[6:])
+            return {design: _arrays(values) for design, values in done.items() if len(values) == states}
+        except (sqlite3.Error, MemoryError, ValueError, TypeError, OverflowError) as error:
+            raise FileError(f"{self.path} is damaged: {error}", "remove it to begin the sweep again") from error
+
+
+def _arrays(rows: list[tuple[float, ...]]) -> tuple[IntArray, FloatArray, FloatArray]:
+    table = np.array(rows, dtype=float)
+    return table[:, :TALLIES].astype(np.int64), table[:, TALLIES:-1], table[:, -1]

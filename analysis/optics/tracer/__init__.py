@@ -1,0 +1,1 @@
+"""Rays through a scene: Snell, Fresnel, secondary rays, counts and powers."""

@@ -1,0 +1,218 @@
+"""The next surface that a ray meets: cell by cell in the resin, by a tree of boxes in the air.
+
+Strategy: along a ray x = p + t d a surface's f is k t^2 / 2 + b t + c / 2 (see `frame.py`), so lines and arcs have one
+formula, and the root with the right sign of slope is the one that leaves (or enters) the resin. The surface just left
+has c = 0 exactly: its root at 0 is skipped without an epsilon. A ray that leaves through a free surface (one that has
+the whole scene behind its tangents) meets nothing more; one that starts in a cavity looks at that cavity first.
+
+Rules: tables are read through pointers (see `compiled.py`). A scene without cells is a bag of surfaces, searched by its
+tree in the resin too.
+"""
+
+from __future__ import annotations
+
+import math
+
+from analysis.arrays import FloatArray
+from analysis.optics.compiled import inner
+from analysis.optics.scene.frame import FORK_START, FREE, NO_CELL, RECEIVER
+from analysis.optics.scene.geometry import (
+    AFTER,
+    BEFORE,
+    C_END,
+    C_LEFT,
+    C_LEVEL_L,
+    C_RIGHT,
+    C_START,
+    CELL_COLUMNS,
+    LINK_COLUMNS,
+    POCKET_COLUMNS,
+    SURFACE_COLUMNS,
+    WALL_AFTER,
+    WALL_BEFORE,
+    Geometry,
+)
+
+_JOINT = 1e-9
+
+
+@inner
+def root(b: float, c: float, k: float, slope: float) -> float:
+    """First t > 0 with k t^2 + 2 b t + c = 0 and slope's sign, or inf; stable for k -> 0, exact for c = 0."""
+    square = b * b - k * c
+    if square < 0.0:
+        return math.inf
+    s = slope * math.sqrt(square)
+    t: float = -c / (b + s) if slope * b > 0.0 else (s - b) / k
+    return t if 0.0 < t < math.inf else math.inf
+
+
+@inner
+def _reach(table: FloatArray, i: int, px: float, py: float, dx: float, dy: float, slope: float, left: bool) -> float:
+    """Distance along a ray to surface `i` within its extent, or inf."""
+    r = i * SURFACE_COLUMNS
+    qx, qy, nx, ny, k = px - table[r], py - table[r + 1], table[r + 2], table[r + 3], table[r + 4]
+    b = dx * (k * qx - nx) + dy * (k * qy - ny)
+    if slope * b <= 0.0 and slope * k <= 0.0:  # turned away, and the surface does not come round
+        return math.inf
+    if k == 0.0:
+        if left:
+            return math.inf
+        t: float = (nx * qx + ny * qy + table[r + 5]) / b
+        if t <= 0.0:
+            return math.inf
+    else:
+        c = 0.0 if left else k * (qx * qx + qy * qy) - 2.0 * (nx * qx + ny * qy + table[r + 5])
+        t = root(b, c, k, slope)
+        if t == math.inf:
+            return t
+    x, y = px + t * dx, py + t * dy
+    if (x - table[r + 8]) * table[r + 10] + (y - table[r + 9]) * table[r + 11] < 0.0:
+        return math.inf
+    if (x - table[r + 12]) * table[r + 14] + (y - table[r + 13]) * table[r + 15] >= 0.0:
+        return math.inf
+    return t
+
+
+@inner
+def _in_bag(g: Geometry, px: float, py: float, dx: float, dy: float, last: int, resin: bool) -> tuple[float, int]:
+    """Nearest of all surfaces, by the tree of boxes: distance and number, or (inf, -1)."""
+    best, found, node = math.inf, -1, 0
+    ax, ay = abs(dx), abs(dy)
+    while node < g.tree_nodes:
+        r = 4 * node
+        cx, cy, ex, ey = g.boxes[r] - px, g.boxes[r + 1] - py, g.boxes[r + 2], g.boxes[r + 3]
+        ahead, spread = cx * dx + cy * dy, ex * ax + ey * ay
+        if abs(cx * dy - cy * dx) > ex * ay + ey * ax or ahead + spread < 0.0 or ahead - spread > best:
+            node = g.branches[3 * node]
+            continue
+        for j in range(g.branches[3 * node + 1], g.branches[3 * node + 2]):
+            number = g.leaves[j]
+            slope = g.surfaces[number * SURFACE_COLUMNS + 6]
+            t = _reach(g.surfaces, number, px, py, dx, dy, slope if resin else -slope, number == last)
+            if g.kinds[number] == RECEIVER and not resin:
+                t = min(t, _reach(g.surfaces, number, px, py, dx, dy, slope, number == last))
+            if t < best:
+                best, found = t, number
+        node += 1
+    return best, found
+
+
+@inner
+def _in_pocket(g: Geometry, px: float, py: float, dx: float, dy: float, pocket: int, last: int) -> tuple[float, int]:
+    """Nearest wall or floor of a cavity seen from inside it, or (inf, -1) for a ray that leaves through its mouth."""
+    best, found, r = math.inf, -1, POCKET_COLUMNS * pocket
+    first, final, side = g.pockets[r], g.pockets[r + 1], g.pockets[r + 2]
+    for cell in range(first - 1, final + 2):
+        number = 4 * cell + (3 if cell < first else 2 if cell > final else side)
+        slope = -g.surfaces[number * SURFACE_COLUMNS + 6]
+        t = _reach(g.surfaces, number, px, py, dx, dy, slope, number == last)
+        if t < best:
+            best, found = t, number
+    return best, found
+
+
+@inner
+def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int, resin: bool) -> tuple[float, int]:
+    """Nearest surface in front of a ray in the air (or in the resin of a bag): distance and number, or (inf, -1)."""
+    if not resin:
+        if g.corners[last] & FREE != 0:
+            return math.inf, -1
+        pocket = g.owners[last] if last < 4 * g.most_cells else -1
+        if pocket >= 0:
+            t, found = _in_pocket(g, px, py, dx, dy, pocket, last)
+            if found >= 0 or g.pockets[POCKET_COLUMNS * pocket + 3] != 0:
+                return t, found
+    return _in_bag(g, px, py, dx, dy, last, resin)
+
+
+@inner
+def _in_fork(g: Geometry, px: float, py: float, dx: float, dy: float, fork: int, last: int) -> tuple[float, int, int]:
+    """Nearest surface of a junction, or the door into a guide: distance, number (-1 for a door), cell."""
+    best, found, cell = math.inf, -1, fork
+    for number in range(4 * g.most_cells, g.all_surfaces):
+        if g.owners[number] == fork:
+            t = _reach(g.surfaces, number, px, py, dx, dy, g.surfaces[number * SURFACE_COLUMNS + 6], number == last)
+            if t < best:
+                best, found = t, number
+    at_start = fork == FORK_START
+    for guide in range(2):
+        c = g.doors[2 * guide + (0 if at_start else 1)]
+        r = c * CELL_COLUMNS
+        at = r + (C_START if at_start else C_END)
+        x, y, tx, ty = g.cells[at], g.cells[at + 1], g.cells[at + 2], g.cells[at + 3]
+        speed = dx * tx + dy * ty
+        if (speed > 0.0) == at_start and speed != 0.0:
+            t = ((x - px) * tx + (y - py) * ty) / speed
+            u = (py + t * dy - y) * tx - (px + t * dx - x) * ty
+            if 0.0 < t < best and g.cells[r + C_RIGHT] <= u <= g.cells[r + C_LEFT]:
+                best, found, cell = t, -1, c
+    return best, found, cell
+
+
+@inner
+def _at_edge(
+    g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int, forward: bool
+) -> tuple[float, int]:
+    """First edge of a cell that a ray inside meets: distance and side (0 left, 1 right), or inf.
+
+    It meets the edge it heads for; only where that is the inside of a bend can it miss it and meet the other. A
+    neighbour's bend may let it cross the circle before it comes to this cell; that crossing does not count.
+    """
+    r = cell * CELL_COLUMNS
+    k, nx, ny = g.cells[r + 4], g.cells[r + 2], g.cells[r + 3]
+    qx, qy = px - g.cells[r], py - g.cells[r + 1]
+    b = dx * (k * qx - nx) + dy * (k * qy - ny)
+    f = k * (qx * qx + qy * qy) - 2.0 * (nx * qx + ny * qy)
+    side = 0 if b < 0.0 else 1
+    slope = -1.0 if b < 0.0 else 1.0
+    t = root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + C_LEVEL_L + side], k, slope)
+    if t < math.inf:
+        at = r + (C_START if forward else C_END)
+        past = (px + t * dx - g.cells[at]) * g.cells[at + 2] + (py + t * dy - g.cells[at + 1]) * g.cells[at + 3]
+        slack = _JOINT * (g.cells[r + C_LEFT] - g.cells[r + C_RIGHT])
+        if (past if forward else -past) < -slack:
+            t = math.inf
+    if t == math.inf:
+        side = 1 - side
+        t = root(b, 0.0 if last == 4 * cell + side else f - 2.0 * g.cells[r + C_LEVEL_L + side], k, -slope)
+    return t, side
+
+
+@inner
+def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int) -> tuple[float, int]:
+    """First surface that a ray in the resin meets, walking from cell to cell: distance and number, or (inf, -1).
+
+    A ray that crosses the cross-section ahead between the edges, and heads for the same edge there as here, has met
+    neither: told without a root or a division, by the offset u there times |speed| through the section.
+    """
+    for _ in range(4 * g.most_cells + 8):
+        if cell < 0:
+            t, number, cell = _in_fork(g, px, py, dx, dy, cell, last)
+            if number >= 0 or cell < 0:
+                return t, number
+        r = cell * CELL_COLUMNS
+        k = g.cells[r + 4]
+        gx, gy = k * (px - g.cells[r]) - g.cells[r + 2], k * (py - g.cells[r + 1]) - g.cells[r + 3]
+        forward = gx * dy - gy * dx > 0.0
+        at = r + (C_END if forward else C_START)
+        x, y, tx, ty = px - g.cells[at], py - g.cells[at + 1], g.cells[at + 2], g.cells[at + 3]
+        sign = 1.0 if forward else -1.0
+        speed, short = sign * (dx * tx + dy * ty), -sign * (x * tx + y * ty)
+        u = (y * tx - x * ty) * speed + short * (dy * tx - dx * ty)
+        b = gx * dx + gy * dy
+        clear = b * (b * speed + k * short) > 0.0 and g.cells[r + C_RIGHT] * speed <= u < g.cells[r + C_LEFT] * speed
+        if not (clear and speed > 0.0):
+            t, side = _at_edge(g, px, py, dx, dy, cell, last, forward)
+            if t < math.inf:
+                beyond = sign * ((x + t * dx) * tx + (y + t * dy) * ty)
+                if beyond < 0.0 or (beyond == 0.0 and not forward):
+                    return t, 4 * cell + side
+        link = LINK_COLUMNS * cell
+        after = g.links[link + (AFTER if forward else BEFORE)]
+        if g.links[link + (WALL_AFTER if forward else WALL_BEFORE)] == 1:
+            wall, n = 4 * cell + (3 if forward else 2), after * CELL_COLUMNS
+            if after == NO_CELL or u >= g.cells[n + C_LEFT] * speed or u < g.cells[n + C_RIGHT] * speed:
+                return (short / speed, wall) if short > 0.0 and wall != last else (math.inf, -1)
+        cell = after
+    return math.inf, -1

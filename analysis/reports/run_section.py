@@ -1,0 +1,332 @@
+"""The sections of a report on one run, each filled from an `Analysis`.
+
+Rules: nothing is computed here but a rounding; a section that has nothing to say is not made by its caller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from analysis.calibration.checks import fit_checks
+from analysis.data.boat_file import program_version
+from analysis.errors import AnalysisError
+from analysis.figures import between_runs as comparison
+from analysis.figures.pipeline import Analysis
+from analysis.figures.repeatability import LIMITS, per_cycle
+from analysis.figures.sensor_analysis import SensorAnalysis
+from analysis.figures.uncertainty import Budget, elongation_budget
+from analysis.numbers import NOTHING, rounded, with_uncertainty
+from analysis.reports import drawings
+from analysis.reports.cells import cells, p_value, power
+from analysis.reports.document import Drawing, Section, Table
+
+PUBLISHED = {
+    "sensitivity_mv_per_mm": ("39.3", "29.2"),
+    "snr_db": ("44.7", "45.2"),
+    "system_hysteresis_percent_fso": ("4.95", "4.46"),
+}
+KEY_FIGURES = (
+    ("sensitivity_mv_per_mm", "Sensitivity, end to end"),
+    ("fso_mv", "Full-scale output"),
+    ("system_hysteresis_percent_fso", "Hysteresis, system"),
+    ("sensor_hysteresis_percent_fso", "Hysteresis, sensor"),
+    ("nonlinearity_percent_fso", "Non-linearity"),
+    ("repeatability_percent_fso", "Repeatability, pooled"),
+    ("repeatability_worst_percent_fso", "Repeatability, worst level"),
+    ("combined_error_percent_fso", "Combined error"),
+    ("drift_percent_fso_per_100_cycles", "Drift"),
+    ("noise_mv", "Noise, rms"),
+    ("snr_db", "Signal-to-noise ratio"),
+    ("slope_at_rest_mv_per_mm", "Slope at rest"),
+    ("least_squares_slope_mv_per_mm", "Least-squares slope"),
+)
+
+
+def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
+    """The figures that a reader looks for, two sensors a table, and the calibration curves where there are any."""
+    count = len(analysis.sensors)
+    tables = [_key_table(analysis, limits, range(at, min(at + 2, count))) for at in range(0, count, 2)]
+    calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
+    draws = tuple(drawings.calibration_curve(analysis, i) for i in calibrated[:2])
+    first = [Drawing(draws, "Plateau means, fitted curve and its 95 % bands.", 2.45)] if draws else []
+    return Section("Key figures", (*tables, *first, *_undefined(analysis)))
+
+
+def _undefined(analysis: Analysis) -> list[str]:
+    """A sentence for each reason why figures are void."""
+    by_reason: dict[tuple[int, str], list[str]] = {}
+    for key, label in KEY_FIGURES:
+        for number, sensor in enumerate(analysis.sensors, 1):
+            figure = sensor.figures.get(key)
+            if figure is not None and figure.void:
+                reason = figure.void.removeprefix("a part is void: ")
+                by_reason.setdefault((number, reason), []).append(label[0].lower() + label[1:])
+    sensors: dict[str, list[int]] = {}
+    for (number, reason), labels in by_reason.items():
+        sensors.setdefault(f"{reason} ({'; '.join(labels)})", []).append(number)
+    return [
+        f"Undefined for sensor{'s' if len(who) > 1 else ''} {' and '.join(map(str, who))}: {what}."
+        for what, who in sensors.items()
+    ]
+
+
+def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> Table:
+    sensors = [analysis.sensors[i] for i in chosen]
+    paper = comparison.unit_of(analysis) in ("", "SA1") and len(analysis.sensors) == 2
+    rows = []
+    for key, label in KEY_FIGURES:
+        parts = [s.figures.get(key) for s in sensors]
+        unit = next((p.unit for p in parts if p is not None), None)
+        if unit is None:
+            continue
+        shown = [text for p in parts for text in cells(p)]
+        published = " / ".join(PUBLISHED[key]) if paper and key in PUBLISHED else ""
+        limit = next((f"{limits[n]:g}" for n, (k, _, _) in LIMITS.items() if k == key and n in limits), "")
+        rows.append((f"{label}, {unit}", *shown, published, limit))
+    whole = (
+        ("Sensitivity of the system, mV/mm", analysis.system_sensitivity, "34.2" if paper else ""),
+        ("Hysteresis, actuator, % of span", analysis.actuator_hysteresis, ""),
+    )
+    blank = [""] * (2 * len(sensors) - 2)
+    rows += [(n, *cells(f), *blank, p, "") for n, f, p in whole if np.isfinite(f.value) and chosen.start == 0]
+    lost = [text for s in sensors for text in _lost(s)]
+    rows += [("Samples lost or left out", *lost, "", "")] if any(lost) else []
+    heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
+    header = ("Figure", *heads, "Published", "Limit")
+    keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
+    return Table(
+        tuple(header[i] for i in keep),
+        tuple(tuple(row[i] for i in keep) for row in rows),
+        "Intervals by bootstrap over cycles (drift: Sen). FSO: full-scale output. Hysteresis: system, signal over "
+        "pressure; sensor, signal over elongation; actuator, elongation over pressure.",
+    )
+
+
+def _lost(sensor: SensorAnalysis) -> tuple[str, str]:
+    """Share of the windows of a sensor's figures that was lost or left out, and by which reason."""
+    window = sensor.figures["system_hysteresis_percent_fso"].window
+    if window is None or not window.samples:
+        return "", ""
+    share = f"{window.share:.2%}" if window.damaged else "none"
+    return share, window.said() if window.damaged else f"of {window.samples}"
+
+
+def curves(analysis: Analysis) -> Section:
+    parts: list[str | Table | Drawing] = []
+    for i, sensor in enumerate(analysis.sensors):
+        if sensor.calibration is not None:
+            drawing = (drawings.calibration_curve(analysis, i), drawings.residuals(analysis, i))
+            caption = f"Sensor {i + 1}: plateau means, fit and bands; below, residuals."
+            parts.append(Drawing(drawing, caption, 3.9, (2.6, 1.0)))
+    return Section("Calibration curve", tuple(parts))
+
+
+def coefficients(analysis: Analysis) -> Section:
+    parts: list[str | Table | Drawing] = []
+    for i, sensor in enumerate(analysis.sensors):
+        c, p = sensor.calibration, sensor.posterior
+        if c is None:
+            parts.append(f"Sensor {i + 1} is not calibrated: {sensor.calibration_void}.")
+            continue
+        rows = []
+        for k, (b, u) in enumerate(zip(c.coefficients, c.std_errors_with_reading, strict=True)):
+            sampled = with_uncertainty(float(p.mean[k]), float(p.sd[k])) if p else NOTHING
+            rows.append(
+                (f"b{k}", with_uncertainty(float(b), float(u)), sampled, "mV" if k == 0 else f"mV/mm{power(k)}")
+            )
+        header = ("", "least squares ± u", "posterior ± sd", "unit")
+        parts.append(
+            Table(header, tuple(rows), f"Sensor {i + 1}: y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}")
+        )
+    return Section("Coefficients", tuple(parts))
+
+
+def _quality(analysis: Analysis, sensor: int) -> str:
+    c, p = analysis.sensors[sensor].calibration, analysis.sensors[sensor].posterior
+    assert c is not None
+    turning = ", ".join(f"{t:.2f}" for t in c.turning_points) or "none"
+    r2 = f"R² = {c.r2:.5f}" if np.isfinite(c.r2) else "R² undefined"
+    text = (
+        f"{r2}, residual sd {c.residual_sd:.2f} mV, n = {c.n}, range {c.x_range[0]:+.2f} to "
+        f"{c.x_range[1]:+.2f} mm, {'monotone' if c.monotone else 'NOT monotone'}, turning points {turning} mm."
+    )
+    checks = fit_checks(c, analysis.sensors[sensor].point_cycle)
+    if checks["lack_of_fit"] is not None:
+        text += f" Lack of fit: F = {checks['lack_of_fit']['f']:.2f}, p {p_value(checks['lack_of_fit']['p'])}."
+    text += f" Degree by AICc: {checks['preferred_degree'] or 'too few points'}."
+    if p is not None:
+        text += f" Posterior: {p.n_eff:.0f} effective samples, tau {p.tau:.0f}, "
+        text += "converged." if p.converged else "NOT CONVERGED."
+    return text
+
+
+def loops(analysis: Analysis) -> Section:
+    return Section("Hysteresis loops", (*loop_drawings(analysis), where_the_loop_is(analysis)))
+
+
+def loop_drawings(analysis: Analysis) -> list[Drawing]:
+    draws = [drawings.system_loop(analysis, i) for i in range(len(analysis.sensors))]
+    return [
+        Drawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
+        for at in range(0, len(draws), 2)
+    ]
+
+
+def where_the_loop_is(analysis: Analysis) -> Drawing:
+    """The branches' distance over pressure, and the actuator's own loop where elongation was read."""
+    x = analysis.loops.elongation_mm
+    if x is None or not np.isfinite(x).any():
+        return Drawing((drawings.loop_difference(analysis),), "Where the hysteresis sits.", 2.7)
+    both = (drawings.loop_difference(analysis), drawings.actuator_loop(analysis))
+    return Drawing(both, "Where the hysteresis sits, and the actuator's own loop.", 2.7)
+
+
+def over_cycles(analysis: Analysis) -> Section:
+    sensors = range(len(analysis.sensors))
+    parts: list[str | Table | Drawing] = [
+        Drawing(
+            (
+                drawings.per_cycle_figure(
+                    analysis, "hysteresis_percent_fso", "hysteresis, % FSO", "Hysteresis per cycle"
+                ),
+                drawings.per_cycle_figure(analysis, "displacement_percent_fso", "displacement, % FSO", "Common drift"),
+            ),
+            "Each cycle; displacement is the mean of all levels from the second half of the run.",
+            2.5,
+        ),
+        Drawing(
+            (
+                drawings.per_cycle_figure(analysis, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle"),
+                drawings.per_cycle_figure(analysis, "span_mv", "span, mV", "Output span per cycle"),
+            ),
+            "Each cycle.",
+            2.5,
+        ),
+    ]
+    parts += [
+        Drawing((drawings.drift_of_levels(analysis, i), drawings.distribution(analysis, i)), f"Sensor {i + 1}.", 2.8)
+        for i in sensors
+        if analysis.sensors[i].figures["fso_mv"].value > 0
+    ]
+    for i in sensors:
+        warm = per_cycle(analysis, i).warm_up
+        if warm:
+            numbers = analysis.loops.numbers[:warm]
+            listed = ", ".join(map(str, numbers)) if warm <= 3 else f"{numbers[0]} to {numbers[-1]}"
+            said = f"cycles {listed}" if warm > 1 else f"cycle {listed}"
+            parts.append(f"Sensor {i + 1}: warm-up {said}, beyond three robust sds of the second half.")
+    return Section("Over the cycles", tuple(parts))
+
+
+def budget(analysis: Analysis, runs: Sequence[Analysis] = (), of: str = "") -> list[Section]:
+    """The budget in the middle of the range; of the latest of several runs where `runs` are given."""
+    title = f"Uncertainty of an elongation{f' with {of}' if of else ''}"
+    try:
+        calibrations = [s.calibration for s in analysis.sensors if s.calibration is not None]
+        if not calibrations:
+            return []
+        middle = sum(calibrations[0].x_range) / 2
+        budgets = elongation_budget(analysis, middle, runs=runs)
+    except AnalysisError as error:
+        return [Section(title, (f"Not given: {error.cause}.",))]
+    drawing = Drawing(
+        tuple(drawings.budget_pareto(b, f"Sensor {i + 1} at {middle:+.2f} mm") for i, b in enumerate(budgets[:2])),
+        "Components, largest first, with their share of the variance.",
+        2.6,
+        left=1.15,
+    )
+    return [Section(title, (drawing, _budget_table(budgets)))]
+
+
+def _dof(dof: float) -> str:
+    return f"{dof:.0f}" if dof < 10_000 else "above 10,000"
+
+
+def _budget_table(budgets: Sequence[Budget]) -> Table:
+    """The sensors' budgets side by side; a component's source is said once where it is the same."""
+    shares = [b.shares() for b in budgets]
+    rows = []
+    for parts in zip(*(b.components for b in budgets), strict=True):
+        both = [(f"{1000 * c.contribution:.1f}", _percent(own[c.name])) for c, own in zip(parts, shares, strict=True)]
+        rows.append((parts[0].name, *sum(both, ()), " / ".join(dict.fromkeys(c.source for c in parts))))
+    dof = " / ".join(dict.fromkeys(_dof(b.dof) for b in budgets))
+    covers = " / ".join(dict.fromkeys(f"{b.coverage:.0%}" for b in budgets))
+    combined = (t for b in budgets for t in (f"{1000 * b.u:.1f}", "100 %"))
+    expanded = (t for b in budgets for t in (f"{1000 * b.expanded:.0f}", ""))
+    rows.append(("combined", *combined, f"effective degrees of freedom {dof}"))
+    rows.append(("expanded, k = 2", *expanded, f"covers about {covers}"))
+    heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
+    said = " ".join(f"Sensor {i}: {b.what_halves_it()}." for i, b in enumerate(budgets, 1))
+    return Table(("Component", *heads, "source"), tuple(rows), said)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def readings(analysis: Analysis) -> Section:
+    x = analysis.elongations.elongation_mm if analysis.elongations else None
+    rows = []
+    typical = np.nanmedian([p.signal_se_mv for p in analysis.plateaus], axis=0)
+    for i, p in enumerate(analysis.plateaus):
+        if not p.branch:
+            continue
+        signals = [
+            f"{rounded(m, t)} ± {rounded(u, t)}" if np.isfinite(m) else NOTHING
+            for m, u, t in zip(p.signal_mv, p.signal_se_mv, typical, strict=True)
+        ]
+        reading = f"{x[i]:+.2f}" if x is not None and np.isfinite(x[i]) else NOTHING
+        rows.append(
+            (
+                str(p.number),
+                str(p.cycle),
+                p.branch,
+                f"{p.pressure_kpa:+.2f}" if np.isfinite(p.pressure_kpa) else NOTHING,
+                reading,
+                *signals,
+                str(min(p.n)),
+                "void" if p.void else "",
+            )
+        )
+    header = (
+        "no.",
+        "cycle",
+        "branch",
+        "kPa",
+        "mm",
+        *(f"s{i + 1}, mV" for i in range(len(analysis.sensors))),
+        "n",
+        "",
+    )
+    void = any(p.void for p in analysis.plateaus)
+    keep = slice(None) if void else slice(-1)
+    caption = f"Means ± standard error.{' Why a plateau is void stands among the flags.' if void else ''}"
+    table = Table(header[keep], tuple(row[keep] for row in rows), caption)
+    return Section("Plateaus and readings", (table,))
+
+
+def run(analysis: Analysis) -> Section:
+    o = analysis.options
+    calibrated = any(s.calibration for s in analysis.sensors)
+    fitted = (
+        ("Degree", str(o.degree)),
+        ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"),
+    )
+    settings = (
+        *(fitted if calibrated else ()),
+        ("Settled within", f"{o.plateau.tolerance_kpa:g} kPa for {o.plateau.settling_s:g} s"),
+        ("Void above", f"{o.plateau.max_damaged:.0%} of a window lost or left out"),
+        ("Seed", str(o.seed)),
+        ("Program", f"boat-daq {program_version()}"),
+        ("Recorded with", str(analysis.recording.meta.get("program_version") or "–")),
+        ("Recording", str(analysis.recording.meta.get("uuid") or analysis.recording.source)),
+    )
+    flags = tuple((f["code"].replace("_", " "), f["text"]) for f in analysis.flags)
+    parts: list[str | Table | Drawing] = [Drawing((drawings.trace(analysis),), "Measured pressure.", 1.9)]
+    parts.append(
+        Table(("Flag", "What"), flags, numeric=False) if flags else "No flags: nothing was lost, masked or void."
+    )
+    parts.append(Table(("Setting", "Value"), settings, numeric=False))
+    return Section("The run, flags and settings", tuple(parts))

@@ -1,0 +1,1 @@
+"""Cycles, plateaus, loops and strokes in a recording, and what each window lost."""

@@ -1,0 +1,389 @@
+"""Cycles from measured pressure.
+
+Strategy: the pressure is freed of spikes, drop-outs and noise, its span is taken from robust extremes, and a reversal
+of at least half of it is an extreme: noise, ties on the end levels and small excursions cannot make one, and amplitudes
+may grow or shrink. A cycle runs from the extreme that the run starts with, through the other, back.
+
+Rules: an incomplete first or last cycle is named and left out, never completed; a cycle across a segment boundary (a
+pause, a reset) is left out; one with a hole is marked; smaller excursions are listed. The sequencer's
+marks are compared, never used. Nothing here looks at a signal.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numba import njit
+from scipy import ndimage
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.data.recording import Recording
+from analysis.statistics import white_noise_sd
+
+SWING_SHARE = 0.5  # a reversal of at least this share of the span is an extreme
+LOW = 0.25  # what is this far from an extreme has left it
+EXTREME_SHARE = 0.02  # rows this near to an extreme belong to it
+TRUNCATED_SHARE = 0.10  # an end extreme this much short of its neighbour was cut off
+VENTED_KPA = 3.0  # a run that begins or ends this near to zero (or 5 % of its span) was vented there, not cut off
+LEAD = 0.4  # of the branches' time: the way from or to the vented state is a ramp, a branch has holds
+EXCURSION_SHARE = 0.10  # smaller reversals are not listed
+DROP_OUT_SHARE, MAX_DROP_OUT = 0.25, 50  # of the span in one sample, and back within so many
+MAX_DROPPED_SHARE = 0.05
+MAX_WINDOW = 401  # samples of the noise filter
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """One complete cycle: rows `first`..`last`, the other extreme at row `turn`.
+
+    `falls_first` is True where it starts at high pressure: then first..turn is the unloading branch, the way from
+    elongation to compression, and turn..last the loading branch; else the other way round.
+    """
+
+    number: int
+    first: int
+    turn: int
+    last: int
+    falls_first: bool
+    lost: int = 0
+    left_out: str = ""
+
+    @property
+    def unloading(self) -> slice:
+        """Rows of the branch on which pressure falls."""
+        return slice(self.first, self.turn + 1) if self.falls_first else slice(self.turn, self.last + 1)
+
+    @property
+    def loading(self) -> slice:
+        """Rows of the branch on which pressure rises."""
+        return slice(self.turn, self.last + 1) if self.falls_first else slice(self.first, self.turn + 1)
+
+    @property
+    def rows(self) -> slice:
+        """All rows of the cycle."""
+        return slice(self.first, self.last + 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Excursion:
+    """A stretch that is no complete cycle: rows, pressures it ran between, and why it is left out."""
+
+    first: int
+    last: int
+    low_kpa: float
+    high_kpa: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cycles:
+    """All that the pressure says about cycles.
+
+    Attributes
+    ----------
+    complete : cycles that enter the figures, and those left out for a stated reason (`left_out` not empty).
+    partial : the incomplete first and last cycle, where there is one.
+    excursions : reversals too small to be a cycle.
+    smooth_kpa : [n] the pressure used, free of spikes and noise.
+    noise_kpa : sd of the white noise found on the pressure.
+    span_kpa : distance of the extremes.
+    """
+
+    complete: tuple[Cycle, ...]
+    partial: tuple[Excursion, ...]
+    excursions: tuple[Excursion, ...]
+    smooth_kpa: FloatArray
+    noise_kpa: float
+    span_kpa: float
+
+    @property
+    def used(self) -> tuple[Cycle, ...]:
+        """The complete cycles that enter the figures."""
+        return tuple(cycle for cycle in self.complete if not cycle.left_out)
+
+    def as_json(self) -> dict[str, int]:
+        """Return the counts that `analyze --json` reports."""
+        return {
+            "complete": len(self.used),
+            "partial": len(self.partial) + len(self.complete) - len(self.used),
+            "with_gap": sum(cycle.lost > 0 for cycle in self.complete),
+        }
+
+
+def smooth_pressure(pressure_kpa: FloatArray, usable: BoolArray) -> tuple[FloatArray, float]:
+    """Free a pressure of what is not usable, of single spikes and of noise.
+
+    Returns
+    -------
+    [n] smoothed pressure, and the sd of the white noise that was on it. The running mean is as short as brings the
+    noise below 1 % of the span.
+    """
+    rows = np.arange(pressure_kpa.size)
+    good = np.asarray(usable, dtype=bool)
+    if not good.any():
+        return np.zeros_like(pressure_kpa), 0.0
+    whole = _bridged(pressure_kpa, good)
+    noise = white_noise_sd(whole)
+    middle = ndimage.median_filter(whole, 5, mode="nearest")
+    span = float(np.ptp(np.percentile(middle, [0.5, 99.5])))
+    dropped = _drop_outs(whole, max(DROP_OUT_SHARE * span, 8.0 * noise))
+    if dropped.any():
+        whole = np.interp(rows, rows[~dropped], whole[~dropped])
+        middle = ndimage.median_filter(whole, 5, mode="nearest")
+    # only spikes are replaced (Hampel): a plain median would round off the turns of a fast cycle
+    quiet = np.where(np.abs(whole - middle) > max(6.0 * noise, 0.03 * span), middle, whole)
+    window = 1 if span <= 0 else int(np.ceil((noise / (0.01 * span)) ** 2))
+    window = min(window | 1, MAX_WINDOW, max(1, (whole.size // 20) | 1))
+    return (ndimage.uniform_filter1d(quiet, window, mode="nearest") if window > 1 else quiet), noise
+
+
+def pressure_drop_outs(pressure_kpa: FloatArray, usable: BoolArray) -> BoolArray:
+    """Rows [n] at which the pressure had dropped out, as `smooth_pressure` takes them out."""
+    good = np.asarray(usable, dtype=bool)
+    if not good.any():
+        return np.zeros_like(good)
+    whole = _bridged(pressure_kpa, good)
+    found = _drop_outs(whole, _jump(whole))
+    found &= good
+    return found
+
+
+def _bridged(pressure_kpa: FloatArray, good: BoolArray) -> FloatArray:
+    rows = np.arange(pressure_kpa.size)
+    return pressure_kpa if good.all() else np.interp(rows, rows[good], pressure_kpa[good])
+
+
+def _jump(whole_kpa: FloatArray) -> float:
+    """The least jump of a drop-out: a share of the span, and well above the noise."""
+    span = float(np.ptp(np.percentile(ndimage.median_filter(whole_kpa, 5, mode="nearest"), [0.5, 99.5])))
+    return max(DROP_OUT_SHARE * span, 8.0 * white_noise_sd(whole_kpa))
+
+
+def _drop_outs(pressure_kpa: FloatArray, jump_kpa: float) -> BoolArray:
+    """Rows between a jump and the jump back, few samples later: no pump does that, a loose wire does."""
+    found = np.zeros(pressure_kpa.size, dtype=bool)
+    steps = np.diff(pressure_kpa)
+    jumps = np.flatnonzero(np.abs(steps) > jump_kpa) if jump_kpa > 0 else np.empty(0, dtype=np.int64)
+    for out, back in itertools.pairwise(jumps.tolist()):
+        returns = abs(steps[out] + steps[back]) < 0.3 * abs(steps[out])
+        if returns and back - out <= MAX_DROP_OUT and not found[out]:
+            found[out + 1 : back + 1] = True
+    # what fills more of the run than faults do is its plan: a square wave, seldom sampled
+    return found if found.mean() <= MAX_DROPPED_SHARE else np.zeros_like(found)
+
+
+def find_cycles(recording: Recording) -> Cycles:
+    """Find the cycles of a run in its measured pressure.
+
+    Returns
+    -------
+    Cycles; empty, never an error, where the pressure did not move or the run is too short.
+    """
+    smooth, noise = smooth_pressure(recording.pressure_kpa, recording.pressure_usable)
+    low, high = (float(v) for v in np.percentile(smooth, [0.5, 99.5]))
+    span = high - low
+    if smooth.size < 8 or span <= max(6.0 * noise / np.sqrt(5), 1e-9):
+        return Cycles((), (), (), smooth, noise, max(span, 0.0))
+    complete, partial = _assemble(smooth, _groups(smooth, span), span)
+    complete = tuple(_marked(cycle, recording) for cycle in complete)
+    return Cycles(complete, partial, _small_excursions(smooth, span, noise), smooth, noise, span)
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """One extreme: +1 high or -1 low, the middle of the rows at it, its pressure, and whether the run ends in it."""
+
+    sign: int
+    row: int
+    level: float
+    edge: bool
+
+
+def _groups(smooth: FloatArray, span: float) -> list[_Group]:
+    """The run's extremes: reversals of at least half the span, and what the run starts and ends with."""
+    rows = _turning_points(smooth, SWING_SHARE * span)
+    if rows.size < 2:
+        return []
+    signs = np.where(np.diff(smooth[rows], append=smooth[rows[-2]]) < 0, 1, -1)
+    found = []
+    for k, (row, sign) in enumerate(zip(rows.tolist(), signs.tolist(), strict=True)):
+        first = 0 if k == 0 else int(rows[k - 1])
+        last = smooth.size - 1 if k == rows.size - 1 else int(rows[k + 1])
+        # the middle of the rows at the extreme: right on a tie, on a hold and on a noisy peak alike
+        at = first + np.flatnonzero(sign * smooth[first : last + 1] >= sign * smooth[row] - EXTREME_SHARE * span)
+        found.append(_Group(sign, int(at[at.size // 2]), float(smooth[row]), k in (0, rows.size - 1)))
+    return found
+
+
+@njit(cache=True)
+def _turning_points(values: Any, threshold: float) -> Any:  # pragma: no cover - compiled
+    """Rows where the values turn by more than `threshold`, begun by the first extreme and ended by the last."""
+    rows = []
+    low, high, direction = 0, 0, 0
+    for row in range(values.size):
+        value = values[row]
+        if value < values[low]:
+            low = row
+        if value > values[high]:
+            high = row
+        if direction <= 0 and value - values[low] > threshold:
+            rows.append(low)
+            direction, high = 1, row
+        elif direction >= 0 and values[high] - value > threshold:
+            rows.append(high)
+            direction, low = -1, row
+        if direction > 0:
+            low = row if value < values[low] or row == high else low
+        elif direction < 0:
+            high = row if value > values[high] or row == low else high
+    if direction != 0:
+        rows.append(high if direction > 0 else low)
+    return np.array(rows, dtype=np.int64)
+
+
+def _assemble(smooth: FloatArray, groups: list[_Group], span: float) -> tuple[tuple[Cycle, ...], tuple[Excursion, ...]]:
+    """Chain the extremes to cycles; what hangs over is partial, or the way from and to the vented state."""
+    partial: list[Excursion] = []
+    begin, end = 0, len(groups)
+    if _falls_short(groups, 0, span):
+        # the run starts on its way to groups[1]: inside a branch that came from the other kind of extreme
+        vented = _is_vented(_edge(smooth, 0), span)
+        begin = 1 if vented else 2
+        if not vented and begin < end:
+            partial.append(
+                _stretch(smooth, 0, groups[begin].row, "the first cycle is incomplete: the run starts inside it")
+            )
+    if end - 1 > begin and _falls_short(groups, end - 1, span):
+        end -= 1
+    if len(groups) > 3:  # where the plan itself ends at zero: the way from and to the vented state is no branch
+        usual = float(np.median([_transit(smooth, a, b) for a, b in itertools.pairwise(groups[1:-1])]))
+        if begin == 0 and _is_lead(smooth, groups[0], groups[1], span, usual):
+            begin = 1
+        if end == len(groups) and _is_lead(smooth, groups[-1], groups[-2], span, usual):
+            end -= 1
+    cycles: list[Cycle] = []
+    at = begin
+    while at + 2 < end:
+        a, b, c = groups[at : at + 3]
+        cycles.append(Cycle(len(cycles) + 1, a.row, b.row, c.row, a.sign > 0))
+        at += 2
+    if at < len(groups):
+        away = abs(_edge(smooth, -1) - groups[at].level) > LOW * span
+        if at + 1 < end or (away and not _is_vented(_edge(smooth, -1), span)):
+            last = smooth.size - 1
+            partial.append(
+                _stretch(smooth, groups[at].row, last, "the last cycle is incomplete: the run ends inside it")
+            )
+    return tuple(cycles), tuple(partial)
+
+
+def _is_lead(smooth: FloatArray, end: _Group, other: _Group, span: float, usual: float) -> bool:
+    """True where the run's end is vented and passed far quicker than its branches are."""
+    return _is_vented(end.level, span) and _transit(smooth, *sorted((end, other), key=lambda g: g.row)) < LEAD * usual
+
+
+def _transit(smooth: FloatArray, before: _Group, after: _Group) -> int:
+    """Rows from a tenth to nine tenths of the way between two extremes."""
+    share = (smooth[before.row : after.row + 1] - before.level) / (after.level - before.level)
+    left = np.flatnonzero(share < 0.1)
+    return int(np.argmax(share > 0.9) - (left[left < np.argmax(share > 0.9)][-1] if left.size else 0))
+
+
+def _falls_short(groups: list[_Group], at: int, span: float) -> bool:
+    """True where the run's first or last extreme was cut off: short of its neighbour of the same kind.
+
+    A run whose amplitude grows or shrinks starts or ends short too, but its other extremes then go on like it.
+    """
+    step = 2 if at == 0 else -2
+    if not (groups and 0 <= at + step < len(groups)):
+        return False
+    short = groups[at].sign * (groups[at + step].level - groups[at].level)
+    if short <= TRUNCATED_SHARE * span:
+        return False
+    beyond = at + 2 * step
+    if not 0 <= beyond < len(groups):
+        return short > LOW * span
+    trend = groups[at].sign * (groups[beyond].level - groups[at + step].level)
+    return trend < 0.5 * short
+
+
+def _edge(smooth: FloatArray, end: int) -> float:
+    """The pressure at the run's first (0) or last (-1) samples: a median, for what noise the filter left."""
+    rows = max(3, min(50, smooth.size // 1000))
+    return float(np.median(smooth[:rows] if end == 0 else smooth[-rows:]))
+
+
+def _is_vented(pressure_kpa: float, span: float) -> bool:
+    return abs(pressure_kpa) < max(VENTED_KPA, 0.05 * span)
+
+
+def _stretch(smooth: FloatArray, first: int, last: int, reason: str) -> Excursion:
+    part = smooth[first : last + 1]
+    return Excursion(first, last, float(part.min()), float(part.max()), reason)
+
+
+def _marked(cycle: Cycle, recording: Recording) -> Cycle:
+    lost = sum(gap.lost for gap in recording.gaps if cycle.first <= gap.row < cycle.last)
+    broken = recording.segment[cycle.first] != recording.segment[cycle.last]
+    return replace(cycle, lost=lost, left_out="interrupted by a pause or a restart of the board" if broken else "")
+
+
+def _small_excursions(smooth: FloatArray, span: float, noise: float) -> tuple[Excursion, ...]:
+    """List reversals of 10 to 50 % of the span, smallest first removed, as rainflow counting does (ASTM E1049)."""
+    step = max(1, smooth.size // 20_000)
+    coarse = smooth[::step]
+    rows = _turning_points(coarse, max(EXCURSION_SHARE * span, 4.0 * noise / np.sqrt(5))).tolist()
+    found: list[Excursion] = []
+    while len(rows) > 3:
+        swings = np.abs(np.diff(coarse[rows]))[1:-1]  # the first and last swing are the run's lead-in and lead-out
+        at = int(np.argmin(swings)) + 1
+        if swings[at - 1] >= SWING_SHARE * span:
+            break
+        a, b = rows[at], rows[at + 1]
+        pair = sorted((float(coarse[a]), float(coarse[b])))
+        found.append(Excursion(a * step, b * step, pair[0], pair[1], "too small to be a cycle"))
+        del rows[at : at + 2]
+    return tuple(sorted(found, key=lambda e: e.first))
+
+
+def disagreements_with_marks(cycles: Cycles, recording: Recording) -> tuple[str, ...]:
+    """Compare the cycles with the sequencer's marks; one sentence for each disagreement, none where they agree.
+
+    A mark agrees where the found cycle's two extremes lie inside the marked one, to within a tenth of its length.
+    """
+    marked = _marked_cycles(recording.steps)
+    if marked is None or recording.n < 2:
+        return ()
+    # a cycle that a pause or a restart interrupted is none by the marks either
+    found = [(recording.time_s[c.first], recording.time_s[c.turn], recording.time_s[c.last]) for c in cycles.used]
+    if len(found) != len(marked):
+        return (f"the pressure shows {len(found)} complete cycles, the sequencer marked {len(marked)}",)
+    said = []
+    for number, ((start, turn, _), (begin, end)) in enumerate(zip(found, marked, strict=True), 1):
+        slack = 0.1 * (end - begin)
+        if not (begin - slack - _hold(recording, begin) <= start and begin <= turn <= end):
+            said.append(f"cycle {number} was marked {begin:.1f} to {end:.1f} s, found from {start:.1f} s on")
+    return tuple(said)
+
+
+def _hold(recording: Recording, begin_s: float) -> float:
+    """Length of the step before `begin_s`: a cycle may start anywhere in the hold at its starting extreme."""
+    before = recording.steps[recording.steps["ended_s"] <= begin_s + 1e-6]
+    return float((before["ended_s"] - before["started_s"]).iloc[-1]) if len(before) else 0.0
+
+
+def _marked_cycles(steps: pd.DataFrame) -> list[tuple[float, float]] | None:
+    """Start and end (s) of the cycles that the sequencer finished, or None where there are no marks."""
+    inside = steps[steps["branch"].isin(["unloading", "loading"])]
+    if inside.empty:
+        return None
+    spans = []
+    full = int(inside.groupby("cycle").size().max())
+    for _, rows in inside.groupby("cycle"):
+        if len(rows) == full and rows["status"].eq("reached").all() and rows["ended_s"].notna().all():
+            spans.append((float(rows["started_s"].min()), float(rows["ended_s"].max())))
+    return spans

@@ -1,0 +1,293 @@
+"""Loops: the two branches of every cycle on one set of pressure levels.
+
+Strategy: a staircase gives its plateaus, a continuous run the means of its samples in equal bins of pressure; from here
+on both are the same thing, arrays [branch, cycle, level] with NaN where there is no value. Hysteresis, repeatability
+and drift are read from these arrays and nowhere else.
+
+Rules: branch 0 is unloading, 1 is loading; levels ascend in pressure; branches are compared only where they overlap,
+interpolated between their own points, never extrapolated. A damaged plateau or cycle leaves NaN, and a reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.fit import Calibration
+from analysis.data.recording import Recording
+from analysis.segmentation.cycles import Cycles
+from analysis.segmentation.losses import LossCounter
+from analysis.segmentation.plateaus import Plateau, branch_members
+from analysis.statistics import interpolate
+
+BINS, MIN_BINS = 45, 6
+MIN_PER_BIN = 3
+MAX_DAMAGED_CYCLE = 0.05  # share of a continuous cycle's samples that may be lost or left out
+
+
+@dataclass(frozen=True, slots=True)
+class Loops:
+    """Branches of the used cycles.
+
+    Attributes
+    ----------
+    level_kpa : [levels] nominal, ascending.
+    pressure_kpa : [2, cycles, levels] measured.
+    elongation_mm : [2, cycles, levels], or None where x was not read.
+    signal_mv : [sensors, 2, cycles, levels].
+    own : [2, cycles, levels] True where the value belongs to this branch alone; an extreme ends one branch and only
+        opens the next, so that it is counted once.
+    numbers : the cycles' numbers.
+    void : a sentence for every cycle or plateau that carries no figure.
+    ends_kpa : lowest and highest pressure that the cycles reach.
+    binned : True where the levels are bins of a continuous run.
+    """
+
+    level_kpa: FloatArray
+    pressure_kpa: FloatArray
+    elongation_mm: FloatArray | None
+    signal_mv: FloatArray
+    own: BoolArray
+    numbers: tuple[int, ...]
+    void: tuple[str, ...]
+    ends_kpa: tuple[float, float]
+    binned: bool
+
+    @property
+    def n_cycles(self) -> int:
+        """Number of cycles."""
+        return len(self.numbers)
+
+
+def staircase_loops(
+    plateaus: tuple[Plateau, ...], cycles: Cycles, elongation_mm: FloatArray | None, n_sensors: int
+) -> Loops:
+    """Arrange the plateaus of the used cycles as loops."""
+    inside = [p for p in plateaus if p.cycle or p.branch]
+    levels, level_of = cluster_levels(np.asarray([p.pressure_kpa for p in plateaus]))
+    numbers = tuple(cycle.number for cycle in cycles.used)
+    shape = (2, len(numbers), levels.size)
+    pressure, x = np.full(shape, np.nan), np.full(shape, np.nan)
+    signal, own = np.full((n_sensors, *shape), np.nan), np.zeros(shape, dtype=bool)
+    for k, number in enumerate(numbers):
+        for b, members in enumerate(branch_members(plateaus, number)):
+            name = ("unloading", "loading")[b]
+            for i in members:
+                p, g = plateaus[i], level_of[i]
+                if p.void or g < 0:
+                    continue
+                pressure[b, k, g] = p.pressure_kpa
+                signal[:, b, k, g] = p.signal_mv
+                own[b, k, g] = p.cycle == number and p.branch == name
+                if elongation_mm is not None:
+                    x[b, k, g] = elongation_mm[i]
+    ends = (float(levels[0]), float(levels[-1])) if levels.size else (float("nan"), float("nan"))
+    void = tuple(
+        f"plateau {p.number}{f' ({p.place})' if p.place else ''}{which}: {reason}"
+        for p in inside
+        for which, reason in ([("", p.void)] if p.void else [(f" of s{i}", r) for i, r in enumerate(p.damaged, 1)])
+        if reason
+    )
+    return Loops(levels, pressure, None if elongation_mm is None else x, signal, own, numbers, void, ends, False)
+
+
+def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
+    """Average the samples of every branch of the used cycles in equal bins of pressure, as many as they fill."""
+    lengths = [min(c.turn - c.first, c.last - c.turn) for c in cycles.used]
+    bins = int(np.clip(np.median(lengths) / (2 * MIN_PER_BIN), MIN_BINS, BINS)) if lengths else BINS
+    counters = [LossCounter.of(recording, sensor) for sensor in range(recording.n_sensors)]
+    used, void, whole = [], [], []
+    for cycle in cycles.used:
+        reasons = [counter.of_windows([cycle.rows]).void(MAX_DAMAGED_CYCLE) for counter in counters]
+        if all(reasons):
+            void.append(f"cycle {cycle.number}: {reasons[0]}")
+            continue
+        void += [f"cycle {cycle.number} of s{i}: {reason}" for i, reason in enumerate(reasons, 1) if reason]
+        used.append(cycle)
+        whole.append([not reason for reason in reasons])
+    numbers = tuple(cycle.number for cycle in used)
+    shape = (2, len(used), bins)
+    if not used:
+        empty = np.full(shape, np.nan)
+        signal = np.full((recording.n_sensors, *shape), np.nan)
+        nowhere = (float("nan"), float("nan"))
+        return Loops(np.full(bins, np.nan), empty, None, signal, np.zeros(shape, bool), (), tuple(void), nowhere, True)
+    smooth = cycles.smooth_kpa
+    low = float(np.median([min(smooth[c.first], smooth[c.turn]) for c in used]))
+    high = float(np.median([max(smooth[c.first], smooth[c.turn]) for c in used]))
+    bin_of = np.floor((smooth - low) / (high - low) * bins).astype(np.int64)
+    cell = np.full(recording.n, -1, dtype=np.int64)
+    for k, cycle in enumerate(used):
+        for b, rows in enumerate((cycle.unloading, cycle.loading)):
+            inside = np.clip(bin_of[rows], 0, bins - 1)
+            cell[rows] = (b * len(used) + k) * bins + inside
+    pressure = _bin_means(cell, smooth, recording.pressure_usable, shape)
+    signal = np.stack(
+        [_bin_means(cell, recording.signal_mv[:, s], recording.usable[:, s], shape) for s in range(recording.n_sensors)]
+    )
+    signal[np.broadcast_to(~np.asarray(whole).T[:, None, :, None], signal.shape)] = np.nan
+    centres = low + (np.arange(bins) + 0.5) * (high - low) / bins
+    return Loops(centres, pressure, None, signal, np.isfinite(pressure), numbers, tuple(void), (low, high), True)
+
+
+def cluster_levels(pressure_kpa: FloatArray, apart_kpa: float = 2.0) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Group plateaus held at one pressure.
+
+    Returns
+    -------
+    levels [levels] ascending, medians of their plateaus; and for each plateau the number of its level, -1 for NaN.
+    """
+    known = np.flatnonzero(np.isfinite(pressure_kpa))
+    order = known[np.argsort(pressure_kpa[known], kind="stable")]
+    level_of = np.full(pressure_kpa.size, -1, dtype=np.int64)
+    if not order.size:
+        return np.empty(0), level_of
+    level_of[order] = np.concatenate([[0], np.cumsum(np.diff(pressure_kpa[order]) > apart_kpa)])
+    count = int(level_of.max()) + 1
+    return np.asarray([np.median(pressure_kpa[level_of == g]) for g in range(count)]), level_of
+
+
+@dataclass(frozen=True, slots=True)
+class LoopWidth:
+    """How far the branches of loops lie apart, in the unit of the ordinate.
+
+    `per_cycle` [cycles]; `mean_loop`, of the loop averaged over cycles; `replicates` of it over resampled cycles;
+    `grid`, `unloading`, `loading` : the mean loop. `shared` : the part of the whole abscissa that all branches cover.
+    NaN and `void` where branches do not overlap.
+    """
+
+    per_cycle: FloatArray
+    mean_loop: float
+    replicates: FloatArray
+    grid: FloatArray
+    unloading: FloatArray
+    loading: FloatArray
+    void: str = ""
+    shared: float = 1.0
+
+
+def loop_width(abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) -> LoopWidth:
+    """Measure max |loading - unloading| over the abscissa that the branches share.
+
+    Parameters
+    ----------
+    abscissa, ordinate : [2, cycles, levels].
+    weights : [resamples, cycles] bootstrap weights.
+
+    Notes
+    -----
+    Branches are piecewise linear between their points, so the largest distance is at a point of one of them: the grid
+    is the union of all points, which makes the maximum exact.
+    """
+    cycles = abscissa.shape[1]
+    known = np.isfinite(abscissa) & np.isfinite(ordinate)
+    grid = _shared_grid(abscissa, known)
+    if grid.size < 2:
+        nothing = np.full(0, np.nan)
+        reason = "the two branches share no stretch of the abscissa"
+        return LoopWidth(np.full(cycles, np.nan), float("nan"), nothing, grid, nothing, nothing, reason)
+    curves = np.full((2, cycles, grid.size), np.nan)
+    per_cycle = np.full(cycles, np.nan)
+    for k in range(cycles):
+        if (known[:, k].sum(axis=1) < 2).any():
+            continue
+        points = [(abscissa[b, k, known[b, k]], ordinate[b, k, known[b, k]]) for b in (0, 1)]
+        own = np.unique(np.concatenate([points[0][0], points[1][0]]))
+        apart = interpolate(own, *points[1]) - interpolate(own, *points[0])
+        per_cycle[k] = np.nanmax(np.abs(apart)) if np.isfinite(apart).any() else np.nan
+        for b in (0, 1):
+            curves[b, k] = interpolate(grid, *points[b])
+    whole = np.isfinite(curves).all(axis=(0, 2))
+    if not whole.any():
+        return LoopWidth(per_cycle, float("nan"), np.full(0, np.nan), grid, curves[0, 0], curves[1, 0], "no whole loop")
+    apart = curves[1, whole] - curves[0, whole]
+    chosen = weights[:, whole]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        replicates = np.abs(chosen @ apart / chosen.sum(axis=1, keepdims=True)).max(axis=1)
+    means = curves[:, whole].mean(axis=1)
+    shared = float((grid[-1] - grid[0]) / np.ptp(abscissa[known]))
+    most = float(np.abs(means[1] - means[0]).max())
+    return LoopWidth(per_cycle, most, replicates, grid, means[0], means[1], shared=shared)
+
+
+def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None, weights: FloatArray) -> LoopWidth:
+    """Measure the loop of a sensor's signal over elongation, mV; `weights` as `loop_width` takes them.
+
+    The actuator's loop sets the branches' points apart, and a chord between two points is off a curved sensor by
+    y'' d^2 / 8. So what the points leave of the calibration is interpolated: the curve is common to both branches and
+    drops out of their difference. Without a calibration the points themselves are.
+    """
+    assert loops.elongation_mm is not None
+    x, signal = loops.elongation_mm, loops.signal_mv[sensor].copy()
+    if calibration is not None:
+        known = np.isfinite(x)
+        signal[known] -= calibration.predict(x[known])
+    return loop_width(x, signal, weights)
+
+
+def _shared_grid(abscissa: FloatArray, known: BoolArray) -> FloatArray:
+    """Points of all branches inside the stretch that every whole branch covers."""
+    lows, highs = [], []
+    for b in (0, 1):
+        for k in range(abscissa.shape[1]):
+            if known[b, k].sum() >= 2:
+                lows.append(abscissa[b, k, known[b, k]].min())
+                highs.append(abscissa[b, k, known[b, k]].max())
+    if not lows or max(lows) >= min(highs):
+        return np.empty(0)
+    points = np.unique(np.append(abscissa[known], [max(lows), min(highs)]))
+    points = points[(points >= max(lows)) & (points <= min(highs))]
+    return points if points.size <= 2000 else np.linspace(points[0], points[-1], 2000)
+
+
+def end_levels(loops: Loops, sensor: int, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Return the signal at the lowest and at the highest pressure, mV, of each row of cycle weights ([1] without).
+
+    Means over branches and cycles. Where `ends_kpa` lie beyond the outermost levels (half a bin, in a continuous run)
+    the line through the two outermost levels is followed to them.
+    """
+    known = np.isfinite(loops.signal_mv[sensor]).any(axis=(0, 1)) if loops.n_cycles else np.zeros(0, bool)
+    rows = 1 if weights is None else weights.shape[0]
+    if known.sum() < 2:
+        return np.full(rows, np.nan), np.full(rows, np.nan)
+    weights = np.ones((1, loops.n_cycles)) if weights is None else weights
+    by_cycle, p_by_cycle = (
+        branch_mean(a[:, :, known]) for a in (loops.signal_mv[sensor], loops.pressure_kpa)
+    )  # [cycles, levels]
+    signal, pressure = _weighted_mean(by_cycle, weights), _weighted_mean(p_by_cycle, weights)
+    ends = []
+    for first, second, end in ((0, 1, loops.ends_kpa[0]), (-1, -2, loops.ends_kpa[1])):
+        slope = (signal[:, first] - signal[:, second]) / (pressure[:, first] - pressure[:, second])
+        beyond = end - pressure[:, first]
+        ends.append(signal[:, first] + slope * beyond * loops.binned)
+    return ends[0], ends[1]
+
+
+def branch_mean(values: FloatArray) -> FloatArray:
+    """Mean over the two branches [2, cycles, levels] -> [cycles, levels]; NaN only where both are."""
+    count = np.isfinite(values).sum(axis=0)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.nansum(values, axis=0) / np.where(count, count, np.nan), dtype=np.float64)
+
+
+def _weighted_mean(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Mean over cycles [cycles, levels] with weights [rows, cycles], NaN left out -> [rows, levels]."""
+    known = np.isfinite(values)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(weights @ np.where(known, values, 0.0) / (weights @ known), dtype=np.float64)
+
+
+def _bin_means(
+    cell: npt.NDArray[np.int64], values: FloatArray, usable: BoolArray, shape: tuple[int, int, int]
+) -> FloatArray:
+    size = int(np.prod(shape))
+    inside = (cell >= 0) & usable & np.isfinite(values)
+    counts = np.bincount(cell[inside], minlength=size)
+    sums = np.bincount(cell[inside], weights=values[inside], minlength=size)
+    means = np.full(size, np.nan)
+    enough = counts >= MIN_PER_BIN
+    means[enough] = sums[enough] / counts[enough]
+    return means.reshape(shape)

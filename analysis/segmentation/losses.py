@@ -1,0 +1,99 @@
+"""What a figure's window lost: samples that never came, failed their check, were saturated, flagged, or no numbers.
+
+Strategy: each reason is counted along the run once, as a running sum, so that any window's count is a difference of two
+of its entries, whatever the number of windows.
+
+Rules: a sample is counted under one reason, the first that holds; what is lost because its frame failed its check is
+counted under `crc_failed`, what is lost otherwise under `lost`. Above a limit the figure is void, with the share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.arrays import IntArray
+from analysis.data.recording import Recording
+from protocol.recording import SampleFlag
+
+MAX_DAMAGED = 0.20  # share of a figure's window that may be lost or left out
+
+
+@dataclass(frozen=True, slots=True)
+class Losses:
+    """Samples of a window: `samples` that should be there, and of these how many are missing or left out, by reason.
+
+    `lost` never came; `crc_failed` came in a frame that failed its check; `saturated`; `flagged` invalid or
+    implausible by the board or the decoder; `not_finite`; `standing` clipped, frozen or dropped out with no flag.
+    """
+
+    samples: int = 0
+    lost: int = 0
+    crc_failed: int = 0
+    saturated: int = 0
+    flagged: int = 0
+    not_finite: int = 0
+    standing: int = 0
+
+    @property
+    def damaged(self) -> int:
+        """All that is missing or left out."""
+        return self.lost + self.crc_failed + self.saturated + self.flagged + self.not_finite + self.standing
+
+    @property
+    def share(self) -> float:
+        """Share of the window that is missing or left out; 0 of an empty one."""
+        return self.damaged / self.samples if self.samples else 0.0
+
+    def void(self, limit: float = MAX_DAMAGED) -> str:
+        """Return why a figure over this window is void, or ""."""
+        if self.share <= limit:
+            return ""
+        return f"{self.share:.0%} of its samples lost or left out ({self.said()}), above the limit of {limit:.0%}"
+
+    def said(self) -> str:
+        """Return the counts that are not zero, in words."""
+        counts = {name.replace("_", " "): count for name, count in asdict(self).items() if name != "samples" and count}
+        return ", ".join(f"{count} {name}" for name, count in counts.items()) or "none"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the counts as a dictionary."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class LossCounter:
+    """Running sums [n + 1] of one sensor's losses: a window's are the difference at its ends."""
+
+    sums: tuple[IntArray, ...]
+
+    @classmethod
+    def of(cls, recording: Recording, sensor: int) -> LossCounter:
+        """Count along a run."""
+        lost, crc = np.zeros(recording.n, np.int64), np.zeros(recording.n, np.int64)
+        for gap in recording.gaps:
+            crc[gap.row] += gap.crc_failed
+            lost[gap.row] += gap.lost - gap.crc_failed
+        flags = recording.flags
+        saturated = (flags & int(SampleFlag.SATURATED)) != 0
+        flagged = (flags & int(SampleFlag.PRESSURE_INVALID | SampleFlag.IMPLAUSIBLE)) != 0
+        wrong = ~np.isfinite(recording.signal_mv[:, sensor]) | ~np.isfinite(recording.pressure_kpa)
+        flagged &= ~saturated
+        wrong &= ~saturated & ~flagged
+        standing = ~recording.usable[:, sensor] & ~saturated & ~flagged & ~wrong
+        sums = (np.concatenate([[0], np.cumsum(a)]) for a in (lost, crc, saturated, flagged, wrong, standing))
+        return cls(tuple(sums))
+
+    def of_windows(self, windows: Sequence[slice]) -> Losses:
+        """Count in windows that do not overlap. A gap belongs to the window that holds both its sides."""
+        if not windows:
+            return Losses()
+        first = np.asarray([w.start for w in windows])
+        last = np.asarray([max(w.stop, w.start) for w in windows])
+        inside = np.maximum(last - 1, first)  # a gap stands at the row before it
+        gaps = [int((s[inside] - s[first]).sum()) for s in self.sums[:2]]
+        rows = [int((s[last] - s[first]).sum()) for s in self.sums[2:]]
+        return Losses(int((last - first).sum()) + sum(gaps), *gaps, *rows)

@@ -1,0 +1,188 @@
+"""Readings of elongation, put to the plateaus they belong to.
+
+Strategy: a reading of the session carries its step, and so its plateau; a file's rows are matched by order or by their
+cycle and branch columns. Every match is checked by pressure.
+
+Rules: a file that does not fit is refused with the first place where it does not; nothing is matched by luck. The
+reading that counts for a step is the last one entered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from analysis.arrays import FloatArray
+from analysis.data.recording import Recording
+from analysis.errors import DataError, FileError
+from analysis.segmentation.plateaus import Plateau
+from protocol.errors import LocalError
+from protocol.recording.elongation_file import read_elongation_rows
+
+DEFAULT_RESOLUTION_MM = 0.5
+NEAR_KPA = 3.0  # a reading belongs to a plateau no farther than this, or than a third of the smallest step
+
+
+@dataclass(frozen=True, slots=True)
+class Elongations:
+    """Elongation at each plateau: [plateaus] mm, NaN where none was read; the grid's resolution; where from."""
+
+    elongation_mm: FloatArray
+    resolution_mm: float
+    source: str
+
+    @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """[plateaus] True where an elongation was read."""
+        return np.isfinite(self.elongation_mm)
+
+
+def elongations_of(
+    recording: Recording, plateaus: tuple[Plateau, ...], file: str | Path | None = None
+) -> Elongations | None:
+    """Return the elongations of a run, from `file` if one is given, else from the recording's own readings.
+
+    Returns
+    -------
+    None where there are none: then the figures against pressure can still be given.
+
+    Raises
+    ------
+    FileError, DataError : the file cannot be read, or does not fit the plateaus.
+    """
+    if file is not None:
+        steps = recording.steps
+        reached = set(steps.loc[steps["status"] == "reached", "id"].tolist())
+        return _from_file(read_elongation_file(file), plateaus, reached, Path(file).name)
+    return _from_session(recording, plateaus)
+
+
+def read_elongation_file(path: str | Path) -> pd.DataFrame:
+    """Read a CSV of elongations, as `protocol.recording.elongation_file` describes it.
+
+    Returns
+    -------
+    Frame with `pressure_kpa`, `elongation_mm`, and `cycle` and `branch` where the file has them.
+
+    Raises
+    ------
+    FileError : it cannot be read, lacks a column, or a row is not numbers; names the line.
+    """
+    try:
+        rows = read_elongation_rows(Path(path))
+    except LocalError as error:
+        raise FileError(error.cause, error.remedy) from error
+    frame = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in ("pressure_kpa", "elongation_mm")})
+    if rows[0].cycle is not None:
+        frame["cycle"] = [row.cycle for row in rows]
+        frame["branch"] = [row.branch for row in rows]
+    return frame
+
+
+def _from_session(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elongations | None:
+    if recording.readings.empty:
+        return None
+    current = recording.current_readings
+    read = pd.to_numeric(current["elongation_mm"], errors="coerce").astype(float)
+    if not np.isfinite(read).any():
+        return None  # every reading was withdrawn
+    elongation = dict(zip(current["step"].tolist(), read.tolist(), strict=True))
+    taken: set[int] = set()
+    values = np.full(len(plateaus), np.nan)
+    for i, plateau in enumerate(plateaus):
+        if plateau.step is not None and plateau.step in elongation and plateau.step not in taken:
+            values[i] = elongation[plateau.step]
+            taken.add(plateau.step)
+    resolution = pd.to_numeric(current["resolution_mm"], errors="coerce").dropna()
+    sources = ", ".join(sorted(set(map(str, current["source"]))))
+    return Elongations(values, float(resolution.median()) if len(resolution) else DEFAULT_RESOLUTION_MM, sources)
+
+
+def _from_file(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], name: str) -> Elongations:
+    if not plateaus:
+        raise DataError("the run has no plateaus, so there is nothing to put the elongations to", "Record a staircase.")
+    near = _near(plateaus)
+    if {"cycle", "branch"} <= set(frame.columns):
+        values = _by_branch(frame, plateaus, near, name)
+    else:
+        values = _by_order(frame, plateaus, reached, near=near, name=name)
+    return Elongations(values, DEFAULT_RESOLUTION_MM, name)
+
+
+def _near(plateaus: tuple[Plateau, ...]) -> float:
+    levels = np.sort([p.pressure_kpa for p in plateaus if np.isfinite(p.pressure_kpa)])
+    steps = np.diff(levels)
+    steps = steps[steps > 2.0]
+    return float(min(NEAR_KPA, steps.min() / 3)) if steps.size else NEAR_KPA
+
+
+def _by_order(
+    frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], *, near: float, name: str
+) -> FloatArray:
+    """Rows in plateau order: of all plateaus, of those in cycles, of the sequencer's steps, as a run that broke off
+    has them, or of those at a pressure that was read (a plan without zero is vented at either end);
+    equal neighbours in the file are one hold.
+    """
+    everything = list(range(len(plateaus)))
+    in_cycles = [i for i in everything if plateaus[i].branch]
+    without_start = [i for i in in_cycles if plateaus[i].branch != "start"]
+    of_steps = [i for i in everything if plateaus[i].step is not None]
+    of_reached = [i for i in of_steps if plateaus[i].step in reached]
+    read_kpa = frame["pressure_kpa"].unique()
+    at_read = [i for i in everything if np.abs(read_kpa - plateaus[i].pressure_kpa).min() <= near]
+    misfit = ""
+    for rows in (frame, _merged(frame)):
+        for chosen in (everything, in_cycles, without_start, of_reached, of_steps, at_read):
+            if len(rows) != len(chosen):
+                continue
+            reason = _first_misfit(rows, [plateaus[i] for i in chosen], near)
+            if reason:
+                misfit = misfit or reason
+                continue
+            values = np.full(len(plateaus), np.nan)
+            values[chosen] = rows["elongation_mm"].to_numpy()
+            return values
+    if not misfit:
+        misfit = f"{len(frame)} rows where the run has {len(plateaus)} plateaus, {len(in_cycles)} of them in its cycles"
+    raise DataError(f"{name} does not fit the plateaus: {misfit}", "One row a plateau, in the order of the run.")
+
+
+def _merged(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rows that follow each other at one pressure are one hold, their elongations averaged."""
+    run = (frame["pressure_kpa"].diff().abs() > 1e-9).cumsum()
+    return frame.groupby(run, as_index=False)[["pressure_kpa", "elongation_mm"]].mean()
+
+
+def _first_misfit(rows: pd.DataFrame, plateaus: list[Plateau], near: float) -> str:
+    pressures = rows["pressure_kpa"].to_numpy()
+    for i, (pressure, plateau) in enumerate(zip(pressures, plateaus, strict=True)):
+        if not abs(pressure - plateau.pressure_kpa) <= near:
+            return f"row {i + 1} says {pressure:g} kPa where the run held {plateau.pressure_kpa:.1f} kPa"
+    return ""
+
+
+def _by_branch(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], near: float, name: str) -> FloatArray:
+    values = np.full(len(plateaus), np.nan)
+    columns = [frame[c].tolist() for c in ("cycle", "branch", "pressure_kpa", "elongation_mm")]
+    for at, (cycle, branch, pressure, elongation) in enumerate(zip(*columns, strict=True), 1):
+        close = [i for i, p in enumerate(plateaus) if abs(p.pressure_kpa - pressure) <= near]
+        own = [i for i in close if plateaus[i].cycle == cycle]
+        hits = [i for i in own if plateaus[i].branch == branch] or [i for i in own if plateaus[i].branch == "start"]
+        # the extreme that ends a branch also opens the next: a row may name it from either side
+        hits = hits or [i for i in close if abs(plateaus[i].cycle - cycle) <= 1 and _is_extreme(i, plateaus)]
+        if not hits:
+            raise DataError(
+                f"{name} does not fit the plateaus: row {at} (cycle {cycle:g}, {branch}, {pressure:g} kPa) has none",
+                "Check cycle, branch (unloading or loading) and pressure.",
+            )
+        values[hits[0]] = elongation
+    return values
+
+
+def _is_extreme(i: int, plateaus: tuple[Plateau, ...]) -> bool:
+    ends = [p.pressure_kpa for p in plateaus]
+    return abs(ends[i] - max(ends)) < 1.0 or abs(ends[i] - min(ends)) < 1.0

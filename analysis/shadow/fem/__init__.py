@@ -1,0 +1,1 @@
+"""The finite-element method: mesh, element, material, pressure, equilibrium, stability."""

@@ -1,0 +1,152 @@
+"""Meshes of the half plane r >= 0: eight-node quadrilaterals with named parts, and their quality.
+
+Strategy: the actuator is a map of a rectangle: along it the row of bladders, across it the wall and then the lattice,
+graded so that the elements grow away from the wall. Nodes in the middle of an edge lie on the bladder's curve itself.
+
+Rule: a mesh is judged before it is used; one whose map folds or nearly folds is refused by `check_quality`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.errors import RequestError
+from analysis.shadow.fem.element import EDGES, shape
+from analysis.shadow.fem.parameters import ActuatorParameters
+
+LATTICE, WALL = 0, 1
+WORST_SCALED_JACOBIAN = 0.05
+_QUAD_STEPS = ((0, 0), (0, 2), (2, 2), (2, 0), (0, 1), (1, 2), (2, 1), (1, 0))  # (z, r) half steps of the 8 nodes
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """A mesh and its parts.
+
+    Parameters
+    ----------
+    nodes : shape (n, 2), reference (r, z), mm.
+    quads : shape (m, 8), corners anticlockwise, then the midside after each corner.
+    material : shape (m,), LATTICE or WALL.
+    cavity : shape (k, 3), nodes of the wetted edges (start, middle, end), the solid on the left hand.
+    base, tip : node numbers on the fixed base and on the rigid tip plate.
+    """
+
+    nodes: FloatArray
+    quads: IntArray
+    material: IntArray
+    cavity: IntArray
+    base: IntArray
+    tip: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class MeshQuality:
+    """How far a mesh is from a good one.
+
+    `scaled_jacobian` is the least over all elements of min det(J) / mean det(J) (1 for parallelograms, 0 where the map
+    folds); `aspect` is the greatest ratio of the longest to the shortest edge of an element.
+    """
+
+    elements: int
+    nodes: int
+    scaled_jacobian: float
+    aspect: float
+
+
+def bladder_radius(parameters: ActuatorParameters, z_mm: FloatArray) -> FloatArray:
+    """Return the inner radius of the bladders at rest, mm: a cosine between neck and belly with the pitch's period."""
+    p = parameters
+    middle, swing = (p.belly_radius_mm + p.neck_radius_mm) / 2, (p.belly_radius_mm - p.neck_radius_mm) / 2
+    return middle - swing * np.cos(2.0 * np.pi * np.asarray(z_mm) / p.pitch_mm)
+
+
+def stations(parameters: ActuatorParameters) -> FloatArray:
+    """Return where nodes lie across wall (0 .. 1) and lattice (1 .. 2), shape (2 (wall + lattice elements) + 1,)."""
+    p = parameters
+    widths = p.grading ** (np.arange(p.lattice_elements) / max(p.lattice_elements - 1, 1))
+    ends = np.concatenate([[0.0], np.cumsum(widths)]) / widths.sum()
+    lattice = np.sort(np.concatenate([ends, (ends[1:] + ends[:-1]) / 2.0]))
+    return np.concatenate([np.linspace(0.0, 1.0, 2 * p.wall_elements + 1), 1.0 + lattice[1:]])
+
+
+def build_mesh(parameters: ActuatorParameters) -> Mesh:
+    """Mesh the actuator.
+
+    Returns
+    -------
+    Mesh
+        With base at z = 0 and tip at z = length.
+
+    Raises
+    ------
+    RequestError
+        If the elements come out folded.
+    """
+    p = parameters
+    across = stations(p)
+    z = np.linspace(0.0, p.length_mm, 2 * p.cells * p.axial_elements + 1)
+    inner = bladder_radius(p, z)[:, None]
+    outer = inner + p.wall_mm
+    r = np.where(across <= 1.0, inner + across * p.wall_mm, outer + (across - 1.0) * (p.envelope_radius_mm - outer))
+    used = np.ones(r.shape, dtype=bool)
+    used[1::2, 1::2] = False  # the serendipity element has no node in its middle
+    number = np.full(r.shape, -1)
+    number[used] = np.arange(used.sum())
+    row, column = (
+        a.ravel() for a in np.meshgrid(np.arange(0, len(z) - 1, 2), np.arange(0, len(across) - 1, 2), indexing="ij")
+    )
+    quads = np.stack([number[row + a, column + b] for a, b in _QUAD_STEPS], axis=1)
+    mesh = Mesh(
+        nodes=np.stack([r, np.broadcast_to(z[:, None], r.shape)], axis=2)[used],
+        quads=quads,
+        material=np.where(column < 2 * p.wall_elements, WALL, LATTICE),
+        cavity=quads[column == 0][:, EDGES[3]],
+        base=number[0],
+        tip=number[-1],
+    )
+    check_quality(mesh)
+    return mesh
+
+
+def quality(mesh: Mesh) -> MeshQuality:
+    """Measure a mesh at the corners, midsides and centre of its elements."""
+    xi, eta = (a.ravel() for a in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
+    _, n_xi, n_eta = shape(xi, eta)
+    corners = mesh.nodes[mesh.quads]
+    d_xi, d_eta = (np.einsum("gi,mic->mgc", n, corners) for n in (n_xi, n_eta))
+    det = d_xi[..., 0] * d_eta[..., 1] - d_xi[..., 1] * d_eta[..., 0]
+    mean = np.abs(det).mean(axis=1)
+    edges = np.linalg.norm(corners[:, [1, 2, 3, 0]] - corners[:, :4], axis=2)
+    scaled = np.divide(det.min(axis=1), mean, out=np.full(len(det), -1.0), where=mean > 0)
+    shortest = np.maximum(edges.min(axis=1), np.finfo(float).tiny)
+    return MeshQuality(
+        len(mesh.quads), len(mesh.nodes), float(scaled.min()), float((edges.max(axis=1) / shortest).max())
+    )
+
+
+def check_quality(mesh: Mesh) -> MeshQuality:
+    """Return the quality of a mesh fit for use.
+
+    Raises
+    ------
+    RequestError
+        If a node is not finite or lies at r < 0, or an element is folded or nearly so.
+    """
+    if not np.isfinite(mesh.nodes).all():
+        raise RequestError("the mesh has a node that is not a number", "repair the mesh file")
+    if mesh.nodes[:, 0].min() < -1e-9:
+        raise RequestError(
+            f"the mesh reaches r = {mesh.nodes[:, 0].min():.3g} mm, beyond the axis",
+            "put the axis of the actuator at r = 0 and the mesh at r >= 0",
+        )
+    found = quality(mesh)
+    if found.scaled_jacobian < WORST_SCALED_JACOBIAN:
+        raise RequestError(
+            f"these parameters make no mesh: an element is folded (scaled Jacobian {found.scaled_jacobian:.2g})",
+            "take more elements along a cell, or a shallower bladder",
+        )
+    return found

@@ -1,0 +1,235 @@
+"""Meshes and states as files: VTU for ParaView, MSH for Gmsh, INP for CalculiX; and meshes back from VTU and MSH.
+
+Strategy: meshio writes and reads; parts are cells with a number (`part`, in MSH also a physical group with its name):
+lattice 1 and wall 2 are eight-node quadrilaterals, cavity 3, base 4 and tip 5 three-node lines. A mesh from elsewhere
+is taken if it has these; clockwise elements are turned over, wetted edges are directed by the element that owns them.
+
+Rules: coordinates are (r, axis, 0) in mm. A file that is not such a mesh is refused with what is missing.
+"""
+
+from __future__ import annotations
+
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.errors import FileError, RequestError
+from analysis.shadow.fem.calculix import calculix_deck
+from analysis.shadow.fem.element import EDGES
+from analysis.shadow.fem.mesh import LATTICE, WALL, Mesh, check_quality
+from analysis.shadow.fem.solver import Solution
+from analysis.shadow.model.full import FullModel
+
+MAX_BYTES = 128 << 20  # a hundred thousand elements take 20 MB
+PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
+FLAT_SHARE = 1e-6
+FARTHEST_MM = 1e6  # of a point; beyond it areas are no longer finite somewhere
+"""Of the length: how far a node of a flat end may lie from it."""
+_TURNED = [0, 3, 2, 1, 7, 6, 5, 4]
+
+
+def write_state(model: FullModel, solution: Solution, path: Path, file_format: str) -> None:
+    """Write a state (VTU), the mesh at rest (MSH) or the whole problem at the state's pressure (INP).
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    RequestError
+        If the format is unknown.
+    """
+    if file_format not in ("vtu", "msh", "inp"):
+        raise RequestError(f"'{file_format}' is no format of a mesh here", "choose vtu, msh or inp")
+    try:
+        if file_format == "inp":
+            path.write_text(calculix_deck(model.parameters, model.mesh, solution.pressure_kpa), encoding="ascii")
+        elif file_format == "msh":
+            meshio.write(path, to_meshio(model.mesh, named=True), file_format="gmsh22", binary=False)
+        else:
+            meshio.write(path, to_meshio(model.mesh, solution.displacement_mm), file_format="vtu")
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
+
+
+def to_meshio(mesh: Mesh, displacement_mm: FloatArray | None = None, *, named: bool = False) -> meshio.Mesh:
+    """Return a mesh with its parts (as Gmsh's physical groups if `named`), and a state's displacements where given."""
+    lines = [("base", line_cells(mesh, mesh.base)), ("tip", line_cells(mesh, mesh.tip)), ("cavity", mesh.cavity)]
+    quads = [("lattice", mesh.quads[mesh.material == LATTICE]), ("wall", mesh.quads[mesh.material == WALL])]
+    cells = [("quad8", c) for _, c in quads] + [("line3", c[:, [0, 2, 1]]) for _, c in lines]
+    part = [np.full(len(c), PARTS[name]) for name, c in quads + lines]
+    points = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
+    state = (
+        {}
+        if displacement_mm is None
+        else {"displacement_mm": np.column_stack([displacement_mm, np.zeros(len(points))])}
+    )
+    groups = {name: np.array([n, 2 if n <= 2 else 1]) for name, n in PARTS.items()}
+    if named:
+        return meshio.Mesh(
+            points, cells, field_data=groups, cell_data={"gmsh:physical": part, "gmsh:geometrical": part}
+        )
+    return meshio.Mesh(points, cells, point_data=state, cell_data={"part": part})
+
+
+def line_cells(mesh: Mesh, members: IntArray) -> IntArray:
+    """Return the element edges whose three nodes are all members, shape (k, 3): start, middle, end."""
+    edges = mesh.quads[:, EDGES].reshape(-1, 3)
+    chosen: IntArray = edges[np.isin(edges, members).all(axis=1)]
+    return chosen
+
+
+def read_mesh(path: Path) -> Mesh:
+    """Read a mesh with parts lattice, wall, cavity, base and tip.
+
+    Raises
+    ------
+    FileError
+        If the file is no mesh, or lacks a part.
+    RequestError
+        If an element is folded or a node lies beyond the axis.
+    """
+    kind = {".vtu": "vtu", ".msh": "gmsh"}.get(path.suffix.lower())
+    refusal = FileError(f"{path} is not a mesh that can be read here", "give a .vtu or .msh file")
+    if kind is None:
+        raise refusal
+    if path.is_file() and path.stat().st_size > MAX_BYTES:
+        raise FileError(f"{path} is larger than {MAX_BYTES >> 20} MB", "give a coarser mesh")
+    try:
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio talks, and leaves the program
+            found = meshio.read(path, file_format=kind)
+    except (Exception, SystemExit) as error:
+        raise refusal from error
+    return from_meshio(found, path)
+
+
+def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
+    """Return our mesh from meshio's.
+
+    Raises
+    ------
+    FileError, RequestError
+        As `read_mesh`.
+    """
+    cells = by_part(found, path)
+    missing = [name for name in ("lattice", "cavity", "base", "tip") if not len(cells[name])]
+    if missing:
+        raise FileError(
+            f"{path.name} has no part named {', '.join(missing)}",
+            "mark lattice and wall as quad8, cavity, base and tip as line3, as `shadow export` does",
+        )
+    quads = np.concatenate([cells["lattice"], cells["wall"]])
+    used, flat = np.unique(quads, return_inverse=True)
+    rank = np.full(len(found.points), -1)
+    rank[used] = np.arange(len(used))
+    quads = flat.reshape(quads.shape)
+    nodes = np.asarray(found.points, dtype=float)[used, :2]
+    if not (np.abs(nodes) < FARTHEST_MM).all():
+        raise FileError(f"{path.name} has a point that is nowhere, or {FARTHEST_MM:g} mm away", "export the mesh again")
+    nodes[:, 1] -= nodes[:, 1].min()
+    mesh = Mesh(
+        nodes,
+        anticlockwise(nodes, quads),
+        np.repeat([LATTICE, WALL], [len(cells["lattice"]), len(cells["wall"])]),
+        rank[cells["cavity"][:, [0, 2, 1]]],
+        np.unique(rank[cells["base"]]),
+        np.unique(rank[cells["tip"]]),
+    )
+    if min(mesh.cavity.min(), mesh.base.min(), mesh.tip.min()) < 0:
+        raise FileError(f"{path.name} has a cavity, base or tip that is not on the mesh", "export the mesh again")
+    mesh = replace(mesh, cavity=directed(mesh, path))
+    check_quality(mesh)
+    check_ends(mesh, path)
+    check_chain(mesh, path)
+    return mesh
+
+
+def check_ends(mesh: Mesh, path: Path) -> None:
+    """Refuse a base or a tip that is not the whole flat end: what is left out would be free where nobody frees it.
+
+    Raises
+    ------
+    FileError
+        Naming the end.
+    """
+    z = mesh.nodes[:, 1]
+    near = FLAT_SHARE * float(z.max())
+    for name, members, end in (("base", mesh.base, 0.0), ("tip", mesh.tip, float(z.max()))):
+        missing = len(np.setdiff1d(np.flatnonzero(np.abs(z - end) <= near), members))
+        astray = int((np.abs(z[members] - end) > near).sum())
+        if missing or astray:
+            raise FileError(
+                f"{path.name}: the {name} is not the mesh's flat end at z = {end:g} mm ({missing} of its nodes left "
+                f"out, {astray} elsewhere)",
+                "mark the whole lower end as base and the whole upper end as tip, r first and z second",
+            )
+
+
+def check_chain(mesh: Mesh, path: Path) -> None:
+    """Refuse a cavity that is not one chain of edges from base (or axis) to tip: its volume would be another one.
+
+    Raises
+    ------
+    FileError
+        Saying what is wrong with the chain.
+    """
+    nodes, times = np.unique(mesh.cavity[:, [0, 2]], return_counts=True)
+    ends = nodes[times == 1]
+    on_axis = np.flatnonzero(mesh.nodes[:, 0] <= FLAT_SHARE * mesh.nodes[:, 0].max())
+    closed = np.isin(ends, np.concatenate([mesh.base, mesh.tip, on_axis]))
+    if times.max() > 2 or len(np.unique(mesh.cavity[:, 1])) < len(mesh.cavity):
+        raise FileError(f"{path.name} has a wetted edge twice, or edges that fork", "mark each wetted edge once")
+    if len(ends) != 2 or not closed.all():
+        open_ends = int((~closed).sum())
+        raise FileError(
+            f"{path.name}: the cavity is not one chain of edges from base to tip ({len(ends)} ends, {open_ends} "
+            "of them neither on base, tip nor axis)",
+            "mark every edge between the pressure and the wall as cavity",
+        )
+
+
+def by_part(found: meshio.Mesh, path: Path) -> dict[str, IntArray]:
+    """Return the cells of each part; parts are told by physical names, else by the number in `part`."""
+    numbers = {name: int(data[0]) for name, data in found.field_data.items() if name in PARTS} or PARTS
+    labels = found.cell_data.get("gmsh:physical") or found.cell_data.get("part")
+    if labels is None:
+        raise FileError(
+            f"{path.name} does not say which cells are lattice, wall, cavity, base and tip",
+            "give it physical groups (Gmsh) or a cell array 'part'",
+        )
+    kinds = {
+        "lattice": ("quad8", 8),
+        "wall": ("quad8", 8),
+        "cavity": ("line3", 3),
+        "base": ("line3", 3),
+        "tip": ("line3", 3),
+    }
+    parts: dict[str, IntArray] = {}
+    for name, (kind, width) in kinds.items():
+        blocks = [
+            block.data[np.asarray(label) == numbers.get(name, -1)]
+            for block, label in zip(found.cells, labels, strict=True)
+            if block.type == kind
+        ]
+        parts[name] = np.concatenate([np.empty((0, width), dtype=np.int64), *blocks]).astype(np.int64)
+    return parts
+
+
+def anticlockwise(points: FloatArray, quads: IntArray) -> IntArray:
+    """Turn over the elements that run clockwise."""
+    x, y = points[quads[:, :4], 0], points[quads[:, :4], 1]
+    area = (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
+    return np.where(area[:, None] < 0.0, quads[:, _TURNED], quads)
+
+
+def directed(mesh: Mesh, path: Path) -> IntArray:
+    """Direct each wetted edge as the element that owns it runs: the solid on the left hand."""
+    owned = {frozenset(edge): edge for edge in mesh.quads[:, EDGES].reshape(-1, 3).tolist()}
+    try:
+        return np.array([owned[frozenset(edge)] for edge in mesh.cavity.tolist()])
+    except KeyError as error:
+        raise FileError(f"{path.name} has a wetted edge that belongs to no element", "export the mesh again") from error

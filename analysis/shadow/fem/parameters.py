@@ -1,0 +1,137 @@
+"""What the shadow's actuator is made of: every length and modulus that a user may change, and its default.
+
+Strategy: one frozen value from which mesh, materials, guides and caches are derived; its hash names a cached table.
+
+Rule: what the paper gives is marked (paper); what it does not give is marked (assumed) or (fitted). Both fitted values
+come from `fit.py`, and METHODS.md shows the fit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass, fields
+
+from analysis.errors import RequestError
+from analysis.shadow.fem.material import NeoHookean
+
+MOST_ELEMENTS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorParameters:
+    """Geometry, materials and mesh of the actuator; lengths in mm, moduli in kPa.
+
+    Parameters
+    ----------
+    cells : bladders in the row (assumed: six).
+    pitch_mm : distance of neighbouring bladders, equal to the lattice's unit cell (paper: 12.5).
+    neck_radius_mm, belly_radius_mm : least (fitted) and greatest (assumed) inner radius of the bladders.
+    wall_mm : thickness of the elastomer wall, measured along r (assumed).
+    envelope_radius_mm : outer radius of the lattice (assumed: two unit cells).
+    lattice_modulus_kpa : effective Young's modulus of the lattice (paper: 18.34 +- 1.86).
+    lattice_modulus_sd_kpa : its standard deviation over three specimens (paper).
+    lattice_poisson, wall_poisson : Poisson's ratios (assumed).
+    wall_modulus_kpa : Young's modulus of the wall (fitted).
+    guide_bow_mm : greatest distance of a waveguide's centreline from the axis (assumed).
+    guide_end_mm : length of each rigid end piece, in which the guides run to their junction (assumed).
+    axial_elements, wall_elements, lattice_elements : elements along one cell, across the wall, across the lattice.
+    grading : ratio of the outermost to the innermost lattice element's width.
+
+    Raises
+    ------
+    RequestError
+        If a value is not finite or makes no actuator; the message names it.
+    """
+
+    cells: int = 6
+    pitch_mm: float = 12.5
+    neck_radius_mm: float = 4.277
+    belly_radius_mm: float = 7.5
+    wall_mm: float = 2.2
+    envelope_radius_mm: float = 25.0
+    lattice_modulus_kpa: float = 18.34
+    lattice_modulus_sd_kpa: float = 1.86
+    lattice_poisson: float = 0.3
+    wall_modulus_kpa: float = 1320.9
+    wall_poisson: float = 0.49
+    guide_bow_mm: float = 18.0
+    guide_end_mm: float = 12.5
+    axial_elements: int = 8
+    wall_elements: int = 2
+    lattice_elements: int = 4
+    grading: float = 3.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            check_number(field.name, getattr(self, field.name), whole=field.type == "int")
+        _ = self.lattice, self.wall  # their own checks
+        for failed, cause, remedy in self._geometry_faults():
+            if failed:
+                raise RequestError(cause, remedy)
+
+    def _geometry_faults(self) -> list[tuple[bool, str, str]]:
+        outer = self.belly_radius_mm + self.wall_mm
+        elements = self.cells * self.axial_elements * (self.wall_elements + self.lattice_elements)
+        return [
+            (
+                self.neck_radius_mm > self.belly_radius_mm,
+                f"the neck ({self.neck_radius_mm} mm) is wider than the belly ({self.belly_radius_mm} mm)",
+                "swap neck_radius_mm and belly_radius_mm",
+            ),
+            (
+                outer >= self.envelope_radius_mm,
+                f"bladder and wall reach r = {outer:g} mm, the lattice ends at {self.envelope_radius_mm:g} mm",
+                "make envelope_radius_mm larger than belly_radius_mm + wall_mm",
+            ),
+            (
+                elements > MOST_ELEMENTS,
+                f"{elements} elements are more than the {MOST_ELEMENTS} allowed here",
+                "ask for fewer elements a cell",
+            ),
+            (
+                self.guide_bow_mm >= self.envelope_radius_mm,
+                f"the guides bow out to {self.guide_bow_mm:g} mm, the lattice ends at {self.envelope_radius_mm:g} mm",
+                "make guide_bow_mm smaller than envelope_radius_mm",
+            ),
+        ]
+
+    @property
+    def length_mm(self) -> float:
+        """Length between base and tip plate at rest, mm."""
+        return self.cells * self.pitch_mm
+
+    @property
+    def lattice(self) -> NeoHookean:
+        """The homogenised lattice."""
+        return NeoHookean(self.lattice_modulus_kpa, self.lattice_poisson)
+
+    @property
+    def wall(self) -> NeoHookean:
+        """The elastomer of the bladders."""
+        return NeoHookean(self.wall_modulus_kpa, self.wall_poisson)
+
+    @property
+    def digest(self) -> str:
+        """Hash of all values, the name of this actuator's cached table."""
+        text = json.dumps(asdict(self), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def check_number(name: str, value: float, *, whole: bool = False) -> None:
+    """Refuse what is not a finite, positive number (Poisson's ratios may be negative).
+
+    Raises
+    ------
+    RequestError
+        Naming the parameter.
+    """
+    if isinstance(value, int) and abs(value) >= 2**63:  # no float, and of too many digits to be printed
+        raise RequestError(f"{name} is a number of more than 64 bits", f"give {name} as a plain number")
+    if whole and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
+        raise RequestError(f"{name} = {value} is not a whole number of 1 or more", f"give {name} as 1, 2, 3, ...")
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise RequestError(f"{name} = {value} is not a finite number", f"give {name} as a plain number")
+    if value <= 0 and not name.endswith("poisson") and not (name.endswith("_sd_kpa") and value == 0):
+        raise RequestError(f"{name} = {value} is not positive", f"give {name} above zero")

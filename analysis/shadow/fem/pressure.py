@@ -1,0 +1,80 @@
+"""Pressure on a deformed cavity, and its tangent.
+
+Strategy: the load of a pressure p on a closed cavity is p dV/du, where V(u) is the volume that the wetted edges
+enclose with the axis, the base and the tip plate,
+
+    V = - integral of pi r^2 dz along the wetted edges, the solid on the left hand.
+
+Differentiating V instead of integrating a traction gives, without a further word, a load that follows the surface,
+the thrust on the plate at the cavity's end, and a symmetric tangent p d2V/du2. Each edge is a parabola, so V is a
+polynomial and three Gauss points integrate it exactly.
+
+Rule: the chain of wetted edges ends on the axis, on a fixed node or on the plate; elsewhere the end term pi r^2
+would be a force that nobody applies.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.shadow.fem.band import add_to_band
+
+_POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+VALUES = np.stack([_POINTS * (_POINTS - 1) / 2, 1 - _POINTS**2, _POINTS * (_POINTS + 1) / 2], axis=1)
+DERIVATIVES = np.stack([_POINTS - 0.5, -2 * _POINTS, _POINTS + 0.5], axis=1)
+_CROSS = np.einsum("g,gi,gj->gij", WEIGHTS, VALUES, DERIVATIVES)
+
+
+@njit(cache=True)
+def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
+    """Return V, mm^3, of the cavity whose wetted edges have node numbers `edges`, shape (k, 3)."""
+    volume = 0.0
+    for edge in edges:
+        for g in range(3):
+            r, dz = 0.0, 0.0
+            for a in range(3):
+                r += VALUES[g, a] * (nodes[edge[a], 0] + u[edge[a], 0])
+                dz += DERIVATIVES[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
+            volume -= WEIGHTS[g] * np.pi * r * r * dz
+    return volume
+
+
+@njit(cache=True)
+def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient: FloatArray) -> None:
+    """Add dV/du, mm^2, to `gradient`, shape (n, 2)."""
+    for edge in edges:
+        for g in range(3):
+            r, dz = 0.0, 0.0
+            for a in range(3):
+                r += VALUES[g, a] * (nodes[edge[a], 0] + u[edge[a], 0])
+                dz += DERIVATIVES[g, a] * (nodes[edge[a], 1] + u[edge[a], 1])
+            for a in range(3):
+                gradient[edge[a], 0] -= WEIGHTS[g] * 2.0 * np.pi * r * dz * VALUES[g, a]
+                gradient[edge[a], 1] -= WEIGHTS[g] * np.pi * r * r * DERIVATIVES[g, a]
+
+
+@njit(cache=True)
+def pressure_tangent(
+    nodes: FloatArray, u: FloatArray, edges: IntArray, pressure: float, equations: IntArray, band: FloatArray
+) -> None:
+    """Add -p d2V/du2, mN/mm, to the lower band."""
+    for edge in edges:
+        for a in range(3):
+            for b in range(3):
+                rr, rz = 0.0, 0.0
+                for g in range(3):
+                    r, dz = 0.0, 0.0
+                    for i in range(3):
+                        r += VALUES[g, i] * (nodes[edge[i], 0] + u[edge[i], 0])
+                        dz += DERIVATIVES[g, i] * (nodes[edge[i], 1] + u[edge[i], 1])
+                    rr += WEIGHTS[g] * 2.0 * np.pi * dz * VALUES[g, a] * VALUES[g, b]
+                    rz += 2.0 * np.pi * r * _CROSS[g, a, b]
+                row = equations[edge[a], 0]
+                if row < 0:
+                    continue
+                add_to_band(band, row, equations[edge[b], 0], pressure * rr)
+                column = equations[edge[b], 1]
+                if column >= 0:
+                    add_to_band(band, max(row, column), min(row, column), pressure * rz)

@@ -1,0 +1,290 @@
+"""Equilibrium of a finite-strain problem: Newton's method, warm starts, line search, load stepping.
+
+Strategy: a state is held by its pressure, by its elongation, or by both; what is not held follows.
+
+    pressure      the plate is free of force; the elongation follows
+    elongation    the plate is free of force; the pressure follows (this control passes a limit point)
+    both          the plate is held; the force that holds it follows
+
+Newton steps reuse the last factorisation as long as it brings the residual down fivefold a step (a warm start then
+costs back-substitutions, not factorisations). A step that turns an element inside out, or raises both the residual and
+the potential, is halved. Where a load cannot be reached in one go it is approached in halved load steps.
+
+Rules: a tangent that is not positive definite ends the search (the state is not stable); nothing is returned that has
+not met the tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.errors import ConvergenceError
+from analysis.shadow.fem import band
+from analysis.shadow.fem.problem import Balance, Problem
+
+TOLERANCE = 1e-9
+MOST_ITERATIONS = 40
+SMALLEST_LOAD_STEP = 1.0 / 256.0
+CHORD_RATIO = 0.2
+CHORD_ENTRY = 1e-3
+SMALLEST_SHARE = 1.0 / 512.0
+PLATE_TOLERANCE_MM = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """One state of equilibrium.
+
+    Parameters
+    ----------
+    displacement_mm : shape (n, 2), (u_r, u_z) of each node.
+    pressure_kpa, elongation_mm : the state's pressure and its plate's displacement (0 without a plate).
+    tip_force_mn : force on the plate that holds it there, mN, positive pulling; 0 when the plate is free.
+    iterations : Newton steps taken, over all load steps.
+    residual : the last relative residual.
+    """
+
+    displacement_mm: FloatArray
+    pressure_kpa: float
+    elongation_mm: float
+    tip_force_mn: float
+    iterations: int
+    residual: float
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """Cholesky factor of a tangent, from which a held plate is taken out.
+
+    `column` and `diagonal`: the held plate's own column of the tangent, off and on the diagonal; zero when it is free.
+    """
+
+    cholesky: FloatArray
+    column: FloatArray
+    diagonal: float
+    held: bool
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Return the tangent's inverse times `right`, shape (size,)."""
+        return np.asarray(band.backward(self.cholesky, band.forward(self.cholesky, right)))
+
+
+class NotConvergedError(Exception):
+    """One load step failed; the caller halves it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Iterate:
+    """A trial state and its forces out of balance; `norm` leaves out the plate while its force may be anything."""
+
+    u: FloatArray
+    pressure_kpa: float
+    balance: Balance
+    norm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """What a load step holds; None follows."""
+
+    pressure_kpa: float | None
+    elongation_mm: float | None
+
+    @property
+    def plate(self) -> bool:
+        """Whether the plate is moved to a given place."""
+        return self.elongation_mm is not None
+
+    @property
+    def both(self) -> bool:
+        """Whether the plate needs a force to be where it is."""
+        return self.plate and self.pressure_kpa is not None
+
+
+def factorise(problem: Problem, u: FloatArray, pressure_kpa: float, *, held: bool) -> Factor | None:
+    """Factorise the tangent; None where it is not positive definite.
+
+    Parameters
+    ----------
+    held : the plate's displacement is prescribed: its row and column are taken out.
+    """
+    matrix = problem.tangent(u, pressure_kpa)
+    column, diagonal = np.zeros(problem.size), 0.0
+    if held:
+        plate, width = problem.plate, problem.bandwidth
+        below = min(width, problem.size - 1 - plate)
+        above = np.arange(max(0, plate - width), plate)
+        column[plate + 1 : plate + 1 + below] = matrix[plate, 1 : below + 1]
+        column[above] = matrix[above, plate - above]
+        diagonal = float(matrix[plate, 0])
+        matrix[plate] = 0.0
+        matrix[above, plate - above] = 0.0
+        matrix[plate, 0] = 1.0
+    whole = band.factorise(matrix) == problem.size
+    return Factor(matrix, column, diagonal, held) if whole else None
+
+
+@dataclass(slots=True)
+class Solver:
+    """Solves one problem again and again, keeping its last factorisation for a warm start.
+
+    Parameters
+    ----------
+    problem : what is solved.
+    tolerance : relative residual (Euclidean, to the greater of load and internal forces) at which a state is found.
+    """
+
+    problem: Problem
+    tolerance: float = TOLERANCE
+    _factor: Factor | None = None
+
+    def rest(self) -> Solution:
+        """Return the state without load."""
+        return Solution(np.zeros_like(self.problem.nodes), 0.0, 0.0, 0.0, 0, 0.0)
+
+    def solve(
+        self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None
+    ) -> Solution:
+        """Find the state that holds the given pressure, elongation, or both.
+
+        Parameters
+        ----------
+        pressure_kpa, elongation_mm : what is held; at least one.
+        start : a neighbouring state to begin from; the state at rest by default.
+
+        Raises
+        ------
+        ConvergenceError
+            If no equilibrium is found down to the smallest load step.
+        """
+        first = state = start or self.rest()
+        done, step, spent = 0.0, 1.0, 0
+        while done < 1.0:
+            share = min(1.0, done + step)
+            hold = Hold(
+                part_way(first.pressure_kpa, pressure_kpa, share), part_way(first.elongation_mm, elongation_mm, share)
+            )
+            try:
+                state = self._newton(state, hold)
+            except NotConvergedError as failure:
+                self._factor = None
+                step /= 2.0
+                if step < SMALLEST_LOAD_STEP:
+                    raise ConvergenceError(
+                        f"no equilibrium beyond {state.pressure_kpa:.4g} kPa, {state.elongation_mm:.4g} mm: {failure}",
+                        "ask for a smaller load, or a finer mesh",
+                    ) from None
+            else:
+                spent += state.iterations
+                done, step = share, 1.5 * step
+        return replace(state, iterations=spent)
+
+    def _newton(self, start: Solution, hold: Hold) -> Solution:
+        """Iterate from `start` to the state of `hold`."""
+        if self._factor is not None and self._factor.held != hold.plate:
+            self._factor = None
+        now = self._look(
+            start.displacement_mm, start.pressure_kpa if hold.pressure_kpa is None else hold.pressure_kpa, hold
+        )
+        before = np.inf
+        for iteration in range(MOST_ITERATIONS):
+            if self._settled(now, hold):
+                return self._found(now, hold, iteration)
+            stale = self._factor is not None and now.norm < CHORD_RATIO * before
+            before = now.norm
+            moved = self._step(now, hold, self._factor) if stale or (iteration == 0 and self._factor) else None
+            if moved is None:
+                self._factor = factorise(self.problem, now.u, now.pressure_kpa, held=hold.plate)
+                if self._factor is None:
+                    raise NotConvergedError("the tangent stiffness is no longer positive definite")
+                moved = self._search(now, hold, self._factor)
+            now = moved
+        raise NotConvergedError(f"Newton's method did not settle in {MOST_ITERATIONS} steps")
+
+    def _look(self, u: FloatArray, pressure_kpa: float, hold: Hold) -> Iterate:
+        balance = self.problem.balance(u, pressure_kpa)
+        force = balance.force
+        norm = float(np.linalg.norm(force))
+        if hold.both and norm > 0.0:
+            norm = float(np.sqrt(max(norm**2 - force[self.problem.plate] ** 2, 0.0)))
+        return Iterate(u, pressure_kpa, balance, norm)
+
+    def _missing_mm(self, now: Iterate, hold: Hold) -> float:
+        """How far the plate still is from where it shall be held."""
+        if hold.elongation_mm is None:
+            return 0.0
+        return hold.elongation_mm - self.problem.plate_displacement(now.u)
+
+    def _settled(self, now: Iterate, hold: Hold) -> bool:
+        if not now.balance.smallest_j > 0.0:
+            raise NotConvergedError("an element would be turned inside out")
+        enough = self.tolerance * now.balance.scale + self.problem.roundoff_mn
+        return now.norm <= enough and abs(self._missing_mm(now, hold)) < PLATE_TOLERANCE_MM
+
+    def _found(self, now: Iterate, hold: Hold, iterations: int) -> Solution:
+        tip_force = float(now.balance.force[self.problem.plate]) if hold.both else 0.0
+        return Solution(
+            now.u,
+            now.pressure_kpa,
+            self.problem.plate_displacement(now.u),
+            tip_force,
+            iterations,
+            now.norm / (now.balance.scale or 1.0),
+        )
+
+    def _direction(self, now: Iterate, hold: Hold, factor: Factor) -> tuple[FloatArray, float]:
+        """Return the Newton step (displacements by node, pressure)."""
+        force, plate = now.balance.force, self.problem.plate
+        if not hold.plate:
+            return self.problem.spread(-factor.solve(force)), 0.0
+        gap = self._missing_mm(now, hold)
+        right = -(force + factor.column * gap)
+        right[plate] = 0.0
+        dp = 0.0
+        if hold.both:
+            du = factor.solve(right)
+        else:
+            area = now.balance.area.copy()
+            area[plate] = 0.0
+            du, by_pressure = factor.solve(right), factor.solve(area)
+            stiff = float(factor.column @ by_pressure) - now.balance.area[plate]
+            dp = -(force[plate] + factor.diagonal * gap + float(factor.column @ du)) / stiff
+            du = du + dp * by_pressure
+        du[plate] = gap
+        return self.problem.spread(du), float(dp)
+
+    def _step(self, now: Iterate, hold: Hold, factor: Factor | None) -> Iterate | None:
+        """Try one whole step with an old factor; None if it does not pay."""
+        if factor is None:
+            return None
+        du, dp = self._direction(now, hold, factor)
+        then = self._look(now.u + du, now.pressure_kpa + dp, hold)
+        pays = then.norm < now.norm or then.norm <= CHORD_ENTRY * then.balance.scale
+        return then if then.balance.smallest_j > 0.0 and pays else None
+
+    def _search(self, now: Iterate, hold: Hold, factor: Factor) -> Iterate:
+        """Go along the Newton step as far as it pays."""
+        du, dp = self._direction(now, hold, factor)
+        comparable = not hold.plate or (hold.both and self._missing_mm(now, hold) == 0.0)
+        share = 1.0
+        while share > SMALLEST_SHARE:
+            then = self._look(now.u + share * du, now.pressure_kpa + share * dp, hold)
+            if then.balance.smallest_j > 0.0 and (not comparable or then.norm < now.norm or self._lower(now, then)):
+                return then
+            share /= 2.0
+        raise NotConvergedError("no step length brings the state nearer to balance")
+
+    def _lower(self, now: Iterate, then: Iterate) -> bool:
+        """Whether the potential falls."""
+        potential = self.problem.potential
+        return potential(then.u, then.pressure_kpa) < potential(now.u, now.pressure_kpa)
+
+
+def part_way(first: float, last: float | None, share: float) -> float | None:
+    """Return the value a given share of the way from `first` to `last`; None where nothing is held."""
+    if last is None:
+        return None
+    return last if share == 1.0 else first + share * (last - first)

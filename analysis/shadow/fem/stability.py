@@ -1,0 +1,135 @@
+"""How far a state is from losing its stability, and where an actuator loses it.
+
+Strategy: a state under given pressure is stable while its tangents K_n are positive definite for every wave number n
+around the circle (n = 0 is axisymmetric; n = 2 makes a bladder oval). The margin is the lowest eigenvalue of
+K_n v = lambda K_n(rest) v: 1 at rest, 0 at the limit, without unit, and the same on every mesh that is fine enough. The
+limits themselves are found by walking along the equilibria with the elongation held, which passes a limit point, and by
+bisecting between the last stable and the first unstable state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.errors import ConvergenceError
+from analysis.shadow.fem import band
+from analysis.shadow.fem.harmonics import Harmonics
+from analysis.shadow.fem.problem import Problem
+from analysis.shadow.fem.solver import Solution, Solver
+
+WAVE_NUMBERS = (0, 1, 2, 3, 4, 5, 6)
+STEP_SHARE = 1.0 / 50.0
+LONGEST_WALK_SHARE = 0.2
+BISECTIONS = 12
+EIGENVALUE_STEP = 1e-5
+"""The walk goes in steps of this share of the length, as far as that share, and halves its last step so often."""
+
+
+@dataclass(frozen=True, slots=True)
+class CriticalState:
+    """Where stability ends.
+
+    Parameters
+    ----------
+    pressure_kpa, elongation_mm : the last stable state found.
+    wave_number : waves around the circle of the mode that loses its stiffness first (0: a limit point of the
+        axisymmetric path); -1 where the walk ended, still stable.
+    """
+
+    pressure_kpa: float
+    elongation_mm: float
+    wave_number: int
+
+    @property
+    def mode(self) -> str:
+        """The mode in words."""
+        names = {-1: "none found", 0: "axisymmetric (limit point)", 1: "sideways", 2: "the bladders go oval"}
+        return names.get(self.wave_number, f"{self.wave_number} waves around the bladders")
+
+
+@dataclass(frozen=True, slots=True)
+class Stability:
+    """The tangents of one actuator, whose signs decide."""
+
+    problem: Problem
+    harmonics: Harmonics
+
+    def tangent(self, u: FloatArray, pressure_kpa: float, wave_number: int) -> FloatArray:
+        """Return the band of K_n."""
+        if wave_number == 0:
+            return self.problem.tangent(u, pressure_kpa)
+        return self.harmonics.tangent(u, pressure_kpa, wave_number)
+
+    def unstable_mode(self, solution: Solution) -> int | None:
+        """Return the first wave number whose tangent is not positive definite; None for a stable state."""
+        for n in WAVE_NUMBERS:
+            matrix = self.tangent(solution.displacement_mm, solution.pressure_kpa, n)
+            if band.factorise(matrix) < len(matrix):
+                return n
+        return None
+
+    def lowest_eigenvalue(self, solution: Solution) -> float:
+        """Return the margin of a state, the least over all wave numbers: 1 at rest, 0 at the limit, no unit.
+
+        It is the greatest s for which K_n - s K_n(rest) is positive definite for all n, found by bisection.
+        """
+        rest = np.zeros_like(solution.displacement_mm)
+        lowest = np.inf
+        for n in WAVE_NUMBERS:
+            now = self.tangent(solution.displacement_mm, solution.pressure_kpa, n)
+            lowest = least_shift(now, self.tangent(rest, 0.0, n), lowest)
+        return lowest
+
+
+def least_shift(matrix: FloatArray, reference: FloatArray, known: float) -> float:
+    """Return the smaller of `known` and the lowest eigenvalue of matrix v = s reference v, to EIGENVALUE_STEP."""
+
+    def definite(shift: float) -> bool:
+        return band.factorise(matrix - shift * reference) == len(matrix)
+
+    if np.isfinite(known) and definite(known):
+        return known
+    low, high = (0.0, min(known, 2.0)) if definite(0.0) else (-1.0, 0.0)
+    while low < 0.0 and not definite(low):
+        low, high = 2.0 * low, low
+        if low < -1e6:
+            raise ConvergenceError("the actuator is not stable even at rest", "support it, or repair its mesh")
+    while high - low > EIGENVALUE_STEP:
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if definite(middle) else (low, middle)
+    return low
+
+
+def find_limit(solver: Solver, stability: Stability, length_mm: float, direction: Literal[-1, 1]) -> CriticalState:
+    """Walk from rest in one direction until stability ends.
+
+    Parameters
+    ----------
+    direction : -1 towards vacuum, +1 towards inflation.
+
+    Returns
+    -------
+    CriticalState
+        The last stable state, with what ends it.
+    """
+    step = direction * STEP_SHARE * length_mm
+    last, mode = solver.rest(), -1
+    halvings = 0
+    while abs(last.elongation_mm) < LONGEST_WALK_SHARE * length_mm and halvings < BISECTIONS:
+        try:
+            then = solver.solve(elongation_mm=last.elongation_mm + step, start=last)
+            found = 0 if direction * (then.pressure_kpa - last.pressure_kpa) < 0 else stability.unstable_mode(then)
+        except ConvergenceError:
+            then, found = last, 0
+        if found is None:
+            last = then
+        else:
+            mode = found
+        if mode >= 0:
+            step /= 2.0
+            halvings += 1
+    return CriticalState(last.pressure_kpa, last.elongation_mm, mode)

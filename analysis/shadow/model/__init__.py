@@ -1,0 +1,1 @@
+"""The actuator: full model, reduced model, states, frames for the window."""

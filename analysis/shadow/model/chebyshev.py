@@ -1,0 +1,44 @@
+"""Polynomials through Chebyshev points of an interval or a rectangle.
+
+Strategy: values at the Gauss points of the first kind determine the coefficients by a discrete orthogonality, without
+solving a system; evaluation is a product of two small matrices, which numpy does for thousands of states at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from analysis.arrays import FloatArray
+
+
+def points(ends: FloatArray, count: int) -> FloatArray:
+    """Return the Chebyshev points between two ends, increasing, shape (count,)."""
+    low, high = ends
+    return np.asarray((low + high) / 2.0 + (high - low) / 2.0 * chebyshev.chebpts1(count))
+
+
+def basis(values: FloatArray, ends: FloatArray, count: int) -> FloatArray:
+    """Return T_0 .. T_(count-1) of the interval at each value, shape (n, count)."""
+    low, high = ends
+    return np.asarray(chebyshev.chebvander((2.0 * values - low - high) / (high - low), count - 1))
+
+
+def coefficients(values: FloatArray) -> FloatArray:
+    """Return the coefficients of the polynomial through values at Chebyshev points.
+
+    Parameters
+    ----------
+    values : shape (count, ...), the first axis runs over the points.
+    """
+    count = len(values)
+    vander = chebyshev.chebvander(chebyshev.chebpts1(count), count - 1)
+    weights = np.full(count, 2.0 / count)
+    weights[0] = 1.0 / count
+    return np.tensordot(vander * weights, values, axes=(0, 0))
+
+
+def tensor_coefficients(values: FloatArray) -> FloatArray:
+    """Return the coefficients over a rectangle; the first two axes of `values` run over the points of each side."""
+    first = coefficients(values)
+    return np.swapaxes(coefficients(np.swapaxes(first, 0, 1)), 0, 1)

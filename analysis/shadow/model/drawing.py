@@ -1,0 +1,99 @@
+"""One frame of the shadow as a figure: the actuator drawn lengthwise, both halves, coloured by displacement or strain.
+
+Strategy: the upper half is mirrored; a fill with a colour at each node needs no element outlines, and the rest state
+stands behind it as a thin line. The numbers that matter stand in one line above: pressure, elongation, deviation.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
+
+from analysis.shadow.model.frames import ShadowState, ShadowTopology
+
+TEXT, MUTED, REST, GUIDES, TIP = "#1a2027", "#555f6b", "#6b7683", ("#0072b2", "#d55e00"), "#cc79a7"
+Colour = Literal["displacement", "strain"]
+
+
+def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour = "displacement") -> Figure:
+    """Draw one frame.
+
+    Parameters
+    ----------
+    state, topology : from `Shadow`.
+    colour : displacement in mm, or greatest principal strain in %.
+    """
+    figure = Figure(figsize=(9.0, 5.2), layout="constrained")
+    axes = figure.subplots()
+    values, title = (
+        (state.displacement_mm, "displacement, mm")
+        if colour == "displacement"
+        else (100.0 * state.strain, "greatest principal strain, %")
+    )
+    shown = None
+    for sign in (1.0, -1.0):
+        x, z = sign * state.nodes_mm[:, 0], state.nodes_mm[:, 1]
+        shown = axes.tripcolor(
+            Triangulation(z, x, topology.triangles),
+            values,
+            shading="gouraud",
+            cmap="viridis",
+            vmin=min(0.0, float(values.min())),
+            vmax=max(float(values.max()), 1e-6),
+        )
+        for line in (topology.outline, topology.cavity):
+            rest = topology.rest_mm[line]
+            axes.plot(rest[:, 1], sign * rest[:, 0], color=REST, lw=0.8, ls=(0, (4, 3)))
+        for line in (topology.outline, topology.cavity, topology.interface):
+            axes.plot(z[line], x[line], color=TEXT, lw=0.7)
+    draw_guides(axes, state)
+    draw_tips(axes, state, topology)
+    if shown is not None:
+        figure.colorbar(shown, ax=axes, shrink=0.75, pad=0.02).set_label(title, color=MUTED)
+    axes.set(xlabel="along the actuator (z), mm", ylabel="across (x), mm", aspect="equal")
+    axes.set_title(headline(state), loc="left", fontsize=9.5, color=TEXT)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
+    return figure
+
+
+def headline(state: ShadowState) -> str:
+    """Return the frame's numbers in one line."""
+    text = f"{state.pressure_kpa:+.1f} kPa    elongation {state.elongation_mm:+.2f} mm"
+    if np.isfinite(state.deviation_mm):
+        text += (
+            f"    nominal {state.nominal_elongation_mm:+.2f} ± {2 * state.nominal_sd_mm:.2f} mm (k = 2)"
+            f"    deviation {state.deviation_mm:+.2f} mm"
+        )
+    return text + f"    {state.model} model"
+
+
+def draw_guides(axes: Axes, state: ShadowState) -> None:
+    """Draw both centrelines with their tracked points."""
+    for i, colour in enumerate(GUIDES):
+        line, dots = state.centrelines_mm[i], state.tracked_points_mm[i]
+        axes.plot(line[:, 1], line[:, 0], color="white", lw=3.4)
+        axes.plot(line[:, 1], line[:, 0], color=colour, lw=1.8, label=f"guide {i + 1}")
+        axes.plot(dots[:, 1], dots[:, 0], "o", color=colour, mec="white", mew=0.8, ms=5.5)
+
+
+def draw_tips(axes: Axes, state: ShadowState, topology: ShadowTopology) -> None:
+    """Draw the measured tip plate as a line and the nominal one with its band (k = 2)."""
+    top = 1.08 * float(state.nodes_mm[:, 0].max())
+    measured = topology.length_mm + state.elongation_mm
+    axes.plot([measured, measured], [-top, top], color=TIP, lw=2.0, label="measured tip")
+    if np.isfinite(state.nominal_elongation_mm):
+        nominal = topology.length_mm + state.nominal_elongation_mm
+        axes.plot([nominal, nominal], [-top, top], color=TEXT, lw=1.0, ls="--", label="nominal tip")
+        axes.axvspan(
+            nominal - 2 * state.nominal_sd_mm,
+            nominal + 2 * state.nominal_sd_mm,
+            color=TEXT,
+            alpha=0.12,
+            lw=0,
+            label="its band from E, k = 2",
+        )

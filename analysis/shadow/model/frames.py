@@ -1,0 +1,252 @@
+"""The digital shadow: measured pressure and elongation in, everything that the pane draws out.
+
+Strategy: the reduced model answers inside its rectangle, the full model outside it, and the answer says which. A frame
+is plain arrays: deformed nodes, a colour value for each, guides, tracked points, nominal and measured tip, deviation
+with its band. What never changes (triangles, outline, rest) is in `ShadowTopology`, so a pane uploads it once.
+
+Rules: NaN in elongation or pressure is refused, never drawn. Lengths in mm; z along the axis from the base, x across.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numba import njit
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.errors import DataError, RequestError
+from analysis.shadow.fem.element import deformation_gradients
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.fem.solver import Solution
+from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.guides import both_guides
+from analysis.shadow.model.reduced import Progress, ReducedModel
+from analysis.shadow.model.table import load_table
+
+Model = Literal["full", "reduced"]
+_NODE_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
+_NODE_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
+_GAUSS = np.array([-1.0, 1.0])
+EXTRAPOLATION = np.stack(
+    [(1 + np.sqrt(3.0) * x * _NODE_XI) * (1 + np.sqrt(3.0) * y * _NODE_ETA) / 4.0 for y in _GAUSS for x in _GAUSS],
+    axis=1,
+)
+"""Bilinear weights of the 2 x 2 Gauss points at the eight nodes, shape (8, 4)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShadowTopology:
+    """What stays the same from frame to frame.
+
+    Parameters
+    ----------
+    rest_mm : shape (n, 2), (x, z) of one half's nodes at rest; the other half is its mirror image, x -> -x.
+    quads : shape (m, 8), the elements.
+    triangles : shape (6 m, 3), the elements cut up for drawing with a colour at each node.
+    material : shape (m,), 0 lattice, 1 wall.
+    outline, interface, cavity : node numbers along the envelope with base and tip edge, along the wall's outside, and
+        along the bladders' inside: three polylines.
+    length_mm : distance between base and tip plate at rest.
+    """
+
+    rest_mm: FloatArray
+    quads: IntArray
+    triangles: IntArray
+    material: IntArray
+    outline: IntArray
+    interface: IntArray
+    cavity: IntArray
+    length_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class ShadowState:
+    """One frame.
+
+    Parameters
+    ----------
+    pressure_kpa, elongation_mm : the state drawn.
+    nodes_mm : shape (n, 2), deformed (x, z) of one half.
+    displacement_mm : shape (n,), length of each node's displacement.
+    strain : shape (n,), greatest principal stretch minus 1 at each node, dimensionless.
+    centrelines_mm : shape (2, k, 2), (x, z) of both guides every 0.5 mm.
+    tracked_points_mm : shape (2, 7, 2).
+    nominal_elongation_mm, nominal_sd_mm : x_nom(p) and its standard uncertainty from E; NaN outside the table.
+    deviation_mm : elongation minus nominal elongation.
+    pressure_residual_kpa : pressure minus p_nom(elongation); NaN outside the table.
+    tip_force_mn : the force at the plate that the model needs to hold this state, mN.
+    model : which model answered.
+    seconds : what it cost.
+    """
+
+    pressure_kpa: float
+    elongation_mm: float
+    nodes_mm: FloatArray
+    displacement_mm: FloatArray
+    strain: FloatArray
+    centrelines_mm: FloatArray
+    tracked_points_mm: FloatArray
+    nominal_elongation_mm: float
+    nominal_sd_mm: float
+    deviation_mm: float
+    pressure_residual_kpa: float
+    tip_force_mn: float
+    model: Model
+    seconds: float
+
+
+class Shadow:
+    """The shadow of one actuator.
+
+    Parameters
+    ----------
+    parameters : the actuator; the paper's by default.
+    table : its reduced model; from the cache, or built (about 3 s), by default.
+    progress : follows the building.
+    """
+
+    def __init__(
+        self,
+        parameters: ActuatorParameters | None = None,
+        table: ReducedModel | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self.parameters = parameters or ActuatorParameters()
+        self.table = table or load_table(self.parameters, progress=progress)
+        self.model = FullModel(self.parameters)
+        self._last: Solution | None = None
+
+    @cached_property
+    def topology(self) -> ShadowTopology:
+        """What stays the same from frame to frame."""
+        mesh = self.model.mesh
+        outer = np.isclose(mesh.nodes[:, 0], self.parameters.envelope_radius_mm)
+        envelope = np.flatnonzero(outer)[np.argsort(mesh.nodes[outer, 1])]
+        wall = np.unique(mesh.quads[mesh.material == 1])
+        lattice = np.unique(mesh.quads[mesh.material == 0])
+        between = np.intersect1d(wall, lattice)
+        inside = np.unique(mesh.cavity)
+        return ShadowTopology(
+            rest_mm=mesh.nodes,
+            quads=mesh.quads,
+            triangles=triangles(mesh.quads),
+            material=mesh.material,
+            outline=np.concatenate(
+                [
+                    mesh.base[np.argsort(mesh.nodes[mesh.base, 0])],
+                    envelope[1:-1],
+                    mesh.tip[np.argsort(-mesh.nodes[mesh.tip, 0])],
+                ]
+            ),
+            interface=between[np.argsort(mesh.nodes[between, 1])],
+            cavity=inside[np.argsort(mesh.nodes[inside, 1])],
+            length_mm=self.parameters.length_mm,
+        )
+
+    def state(
+        self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None, model: Model = "reduced"
+    ) -> ShadowState:
+        """Return the frame at a measured elongation, a measured pressure, or both.
+
+        Parameters
+        ----------
+        elongation_mm, pressure_kpa : what is measured; the one that is not follows from the nominal actuator.
+        model : 'reduced' (falls back to the full model outside its rectangle) or 'full'.
+
+        Raises
+        ------
+        DataError
+            If a value is NaN or infinite.
+        RequestError
+            If the state lies beyond the critical pressure.
+        """
+        begun = time.perf_counter()
+        solution, answered = self.solution(elongation_mm=elongation_mm, pressure_kpa=pressure_kpa, model=model)
+        return self._frame(solution, answered, begun)
+
+    def solution(
+        self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None, model: Model = "reduced"
+    ) -> tuple[Solution, Model]:
+        """Return the state as nodal displacements, and which model answered; arguments and errors as `state`."""
+        q, p = self._complete(elongation_mm, pressure_kpa)
+        if model == "reduced" and q is not None and p is not None and bool(self.table.holds(np.array(p), np.array(q))):
+            u, force = self.table.displacement(p, q)
+            return Solution(u, p, q, force, 0, 0.0), "reduced"
+        self._last = self._solve_full(elongation_mm, pressure_kpa)
+        return self._last, "full"
+
+    def _complete(self, q: float | None, p: float | None) -> tuple[float | None, float | None]:
+        """Fill in what is not measured from the nominal curve; None where the table does not reach."""
+        for name, value in (("elongation", q), ("pressure", p)):
+            if value is not None and not math.isfinite(value):
+                raise DataError(
+                    f"the {name} is {value}, not a number",
+                    "the calibration gives NaN outside its range: check the reading, or leave it out",
+                )
+        if q is None and p is None:
+            raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
+        if q is None:
+            q = float(self.table.nominal_elongation(np.array(p))[0])
+        elif p is None:
+            p = float(self.table.nominal_pressure(np.array(q)))
+        return (q if math.isfinite(q) else None), (p if p is not None and math.isfinite(p) else None)
+
+    def _solve_full(self, q: float | None, p: float | None) -> Solution:
+        start = self._last
+        if start is not None and p is not None and abs(start.pressure_kpa - p) > 20.0:
+            start = None
+        return self.model.solve(pressure_kpa=p, elongation_mm=q, start=start)
+
+    def _frame(self, solution: Solution, model: Model, begun: float) -> ShadowState:
+        u, p, q = solution.displacement_mm, solution.pressure_kpa, solution.elongation_mm
+        nominal, spread = (float(v) for v in self.table.nominal_elongation(np.array(p)))
+        guides = self.model.guides
+        return ShadowState(
+            pressure_kpa=p,
+            elongation_mm=q,
+            nodes_mm=self.model.mesh.nodes + u,
+            displacement_mm=np.hypot(u[:, 0], u[:, 1]),
+            strain=self.strain(u),
+            centrelines_mm=both_guides(guides.centreline.positions(u)),
+            tracked_points_mm=both_guides(guides.tracked.positions(u)),
+            nominal_elongation_mm=nominal,
+            nominal_sd_mm=spread,
+            deviation_mm=q - nominal,
+            pressure_residual_kpa=p - float(self.table.nominal_pressure(np.array(q))),
+            tip_force_mn=solution.tip_force_mn,
+            model=model,
+            seconds=time.perf_counter() - begun,
+        )
+
+    def strain(self, displacement_mm: FloatArray) -> FloatArray:
+        """Return the greatest principal stretch minus 1 at each node, averaged over its elements' Gauss points."""
+        problem = self.model.problem
+        f = deformation_gradients(problem.quadrature.gradient, displacement_mm, problem.quads)
+        return nodal_stretch(f, problem.quads, len(problem.nodes)) - 1.0
+
+
+@njit(cache=True)
+def nodal_stretch(f: FloatArray, quads: IntArray, nodes: int) -> FloatArray:
+    """Extrapolate the greatest principal stretch from 2 x 2 Gauss points to the nodes and average, shape (nodes,)."""
+    total, seen, at = np.zeros(nodes), np.zeros(nodes), np.empty(f.shape[1])
+    for e in range(f.shape[0]):
+        for g in range(f.shape[1]):
+            rr, rz, zr, zz, tt = f[e, g]
+            a, b, c = rr * rr + zr * zr, rz * rz + zz * zz, rr * rz + zr * zz
+            plane = 0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c * c)
+            at[g] = max(np.sqrt(plane), abs(tt))
+        for i in range(8):
+            total[quads[e, i]] += np.dot(EXTRAPOLATION[i], at)
+            seen[quads[e, i]] += 1.0
+    return total / np.maximum(seen, 1.0)
+
+
+def triangles(quads: IntArray) -> IntArray:
+    """Cut each eight-node quadrilateral into six triangles over its eight nodes, shape (6 m, 3)."""
+    corners = [(0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 7), (5, 6, 7)]
+    return np.concatenate([quads[:, list(c)] for c in corners])

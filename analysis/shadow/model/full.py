@@ -1,0 +1,164 @@
+"""The full model of the actuator: parameters in, states of equilibrium out.
+
+Strategy: one object holds mesh, problem, guides and the warm solver of one set of parameters; every question is
+answered by `solve`, which first refuses what has no answer: a number that is none, a pressure or an elongation beyond
+the point where the actuator loses its stability.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError, RequestError
+from analysis.shadow.fem.harmonics import make_harmonics
+from analysis.shadow.fem.mesh import WALL, Mesh, build_mesh
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.fem.problem import Problem, make_problem
+from analysis.shadow.fem.solver import TOLERANCE, Solution, Solver
+from analysis.shadow.fem.stability import CriticalState, Stability, find_limit
+from analysis.shadow.model.guides import Guides, make_guides
+
+VACUUM_KPA = -101.325
+FINE_ENOUGH = (8, 1, 3)
+"""Elements along a cell, across the wall and across the lattice from which on points are known to 0.05 mm."""
+
+
+def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: int = 2) -> Problem:
+    """Set up the actuator: base clamped, tip bonded to a rigid plate that only moves along the axis."""
+    table = np.array([[m.c10_kpa, m.d1_per_kpa] for m in (parameters.lattice, parameters.wall)])
+    fixed = np.zeros(mesh.nodes.shape, dtype=bool)
+    fixed[mesh.base] = True
+    fixed[mesh.tip, 0] = True
+    return make_problem(
+        mesh, table[(mesh.material == WALL).astype(int)], fixed=fixed, tied=mesh.tip, points_a_side=points_a_side
+    )
+
+
+class FullModel:
+    """The actuator by finite elements.
+
+    Parameters
+    ----------
+    parameters : geometry, materials, mesh density.
+    mesh : a mesh from elsewhere in place of the parametric one, its base at 0 (see `mesh_files.read_mesh`).
+    tolerance : relative residual at which a state counts as found.
+
+    Raises
+    ------
+    RequestError
+        If the parameters make no mesh.
+    """
+
+    def __init__(
+        self, parameters: ActuatorParameters | None = None, *, mesh: Mesh | None = None, tolerance: float = TOLERANCE
+    ) -> None:
+        self.parameters = parameters or ActuatorParameters()
+        self.parametric = mesh is None
+        self.mesh = mesh or build_mesh(self.parameters)
+        self.length_mm = float(self.mesh.nodes[self.mesh.tip, 1].max())
+        self.problem = actuator_problem(self.parameters, self.mesh)
+        self.solver = Solver(self.problem, tolerance)
+
+    @property
+    def reservations(self) -> tuple[str, ...]:
+        """What a reader of the numbers alone would not see, one sentence each; none where all is well."""
+        p = self.parameters
+        elements = (p.axial_elements, p.wall_elements, p.lattice_elements)
+        if not self.parametric or all(has >= wants for has, wants in zip(elements, FINE_ENOUGH, strict=True)):
+            return ()
+        along, wall, lattice = elements
+        return (
+            f"the mesh is coarse ({along} elements along a cell, {wall} in the wall, {lattice} in the lattice): "
+            "points may be off by more than 0.05 mm",
+        )
+
+    @cached_property
+    def guides(self) -> Guides:
+        """The waveguides, embedded in the mesh."""
+        return make_guides(self.parameters, self.mesh)
+
+    @cached_property
+    def stability(self) -> Stability:
+        """The tangents that decide whether a state is stable."""
+        clamped = np.zeros(len(self.mesh.nodes), dtype=bool)
+        clamped[self.mesh.base] = clamped[self.mesh.tip] = True
+        return Stability(self.problem, make_harmonics(self.problem, clamped))
+
+    @cached_property
+    def vacuum_limit(self) -> CriticalState:
+        """The state in which the actuator loses its stability under vacuum."""
+        return find_limit(Solver(self.problem), self.stability, self.length_mm, -1)
+
+    @cached_property
+    def inflation_limit(self) -> CriticalState:
+        """The state in which the actuator loses its stability under pressure."""
+        return find_limit(Solver(self.problem), self.stability, self.length_mm, 1)
+
+    def solve(
+        self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None
+    ) -> Solution:
+        """Find the state at a pressure, at an elongation, or with both imposed.
+
+        Parameters
+        ----------
+        pressure_kpa : gauge pressure in the bladders, kPa; follows from the elongation if None.
+        elongation_mm : displacement of the tip plate, mm; follows from the pressure if None.
+        start : a neighbouring state to begin from.
+
+        Raises
+        ------
+        DataError
+            If a given value is NaN or infinite, as a calibration returns outside its range.
+        RequestError
+            If neither is given, or the state lies beyond the limit of stability; names the critical pressure.
+        ConvergenceError
+            If no equilibrium is found.
+        """
+        if pressure_kpa is None and elongation_mm is None:
+            raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
+        for name, value in (("pressure", pressure_kpa), ("elongation", elongation_mm)):
+            if value is not None and not math.isfinite(value):
+                raise DataError(
+                    f"the {name} is {value}, not a number",
+                    "the calibration gives NaN outside its range: check the reading, or leave it out",
+                )
+        self.refuse_beyond_limits(pressure_kpa, elongation_mm)
+        return self.solver.solve(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm, start=start)
+
+    def refuse_beyond_limits(self, pressure_kpa: float | None, elongation_mm: float | None) -> None:
+        """Raise where the actuator is not stable; an elongation is judged only where the plate is free.
+
+        Raises
+        ------
+        RequestError
+            Naming the critical pressure.
+        """
+        p, q = pressure_kpa, elongation_mm
+        if (p is not None and p < 0.0) or (p is None and q is not None and q < 0.0):
+            limit = self.vacuum_limit
+            beyond = p < limit.pressure_kpa if p is not None else (q or 0.0) < limit.elongation_mm
+        else:
+            limit = self.inflation_limit
+            beyond = p > limit.pressure_kpa if p is not None else (q or 0.0) > limit.elongation_mm
+        if beyond:
+            asked = f"{p:g} kPa" if p is not None else f"{q:g} mm"
+            where = f"{limit.pressure_kpa:.1f} kPa ({limit.elongation_mm:+.2f} mm)"
+            cause = (
+                f"{asked} lies beyond the critical pressure of {where}, where the actuator loses its stability: "
+                f"{limit.mode}"
+                if limit.wave_number >= 0
+                else f"{asked} lies beyond {where}, as far as the model was walked and found stable"
+            )
+            raise RequestError(cause, f"stay on this side of {limit.pressure_kpa:.1f} kPa")
+        if p is not None and p < VACUUM_KPA:
+            raise RequestError(
+                f"{p:g} kPa is less than perfect vacuum", f"give a gauge pressure above {VACUUM_KPA} kPa"
+            )
+
+    def tracked(self, solution: Solution) -> FloatArray:
+        """Return the deformed tracked points of one guide, shape (7, 2), (r, z) in mm."""
+        return self.guides.tracked.positions(solution.displacement_mm)

@@ -1,0 +1,158 @@
+"""The two waveguides: their centrelines at rest, and how the mesh carries them along.
+
+Strategy: a guide is a parabola from junction to junction, like one side of a boat; its points are embedded in the
+elements that hold them, so a deformed centreline is one sparse product with the nodal displacements. The junctions and
+a short piece of each guide lie in the rigid end pieces below the base and above the tip plate and move with them.
+
+Rules: z runs along the actuator's axis from the base (z = 0) to the tip, x across it; guide 1 is at x > 0, guide 2 its
+mirror image. Points go from the base's junction to the tip's. The guides add no stiffness of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.errors import RequestError
+from analysis.shadow.fem.element import shape
+from analysis.shadow.fem.mesh import Mesh
+from analysis.shadow.fem.parameters import ActuatorParameters
+
+SAMPLING_MM = 0.5
+TRACKED = 7
+_INSIDE = 1.0 + 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Embedding:
+    """Points that move with a mesh.
+
+    Parameters
+    ----------
+    rest_mm : shape (n, 2), (r, z) at rest.
+    weights : sparse, shape (n, nodes): displacement of each point = weights @ nodal displacements.
+    """
+
+    rest_mm: FloatArray
+    weights: sparse.csr_array
+
+    def positions(self, displacement_mm: FloatArray) -> FloatArray:
+        """Return the deformed (r, z), shape (n, 2), mm."""
+        moved: FloatArray = self.rest_mm + self.weights @ displacement_mm
+        return moved
+
+
+@dataclass(frozen=True, slots=True)
+class Guides:
+    """The centreline at every 0.5 mm and the seven tracked points of a guide."""
+
+    centreline: Embedding
+    tracked: Embedding
+
+
+def rest_centreline(parameters: ActuatorParameters, length_mm: float, points: int | None = None) -> FloatArray:
+    """Return a guide at rest, equally spaced along its arc.
+
+    Parameters
+    ----------
+    parameters : bow and end pieces.
+    length_mm : distance between base and tip plate.
+    points : how many; by default one every 0.5 mm (to the nearest whole number).
+
+    Returns
+    -------
+    FloatArray
+        Shape (n, 2), (r, z) in mm.
+    """
+    p = parameters
+    half = length_mm / 2.0 + p.guide_end_mm
+    s = np.linspace(-1.0, 1.0, 4001)
+    curve = np.stack([p.guide_bow_mm * (1.0 - s * s), length_mm / 2.0 + half * s], axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    count = points or max(TRACKED, round(arc[-1] / SAMPLING_MM) + 1)
+    at = np.interp(np.linspace(0.0, arc[-1], count), arc, s)
+    return np.stack([p.guide_bow_mm * (1.0 - at * at), length_mm / 2.0 + half * at], axis=1)
+
+
+def locate(mesh: Mesh, points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Find the element and the shape functions' values at each point.
+
+    Parameters
+    ----------
+    points : shape (n, 2), (r, z) in mm.
+
+    Returns
+    -------
+    element (n,) with -1 where no element holds the point; shape functions' values (n, 8).
+    """
+    corners = mesh.nodes[mesh.quads]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    slack = 0.05 * (high - low)
+    owner, values = np.full(len(points), -1), np.zeros((len(points), 8))
+    for i, point in enumerate(points):
+        near = np.flatnonzero(((point >= low - slack) & (point <= high + slack)).all(axis=1))
+        local = invert(corners[near], point)
+        inside = np.flatnonzero(np.abs(local).max(axis=1, initial=0.0) <= _INSIDE) if len(near) else near
+        if len(inside):
+            owner[i] = near[inside[0]]
+            values[i] = shape(local[inside[0], 0], local[inside[0], 1])[0][0]
+    return owner, values
+
+
+def invert(corners: FloatArray, point: FloatArray) -> FloatArray:
+    """Return the local coordinates of one point in each of several elements, shape (k, 2); 9 where there are none."""
+    local = np.zeros((len(corners), 2))
+    for _ in range(12):
+        n, n_xi, n_eta = shape(local[:, 0], local[:, 1])
+        gap = point - np.einsum("ki,kic->kc", n, corners)
+        jacobian = np.stack([np.einsum("ki,kic->kc", d, corners) for d in (n_xi, n_eta)], axis=2)
+        det = np.linalg.det(jacobian)
+        jacobian[np.abs(det) < 1e-300] = np.eye(2)
+        local = np.clip(local + np.linalg.solve(jacobian, gap[..., None])[..., 0], -3.0, 3.0)
+    scale = np.ptp(corners, axis=1).max(axis=1)
+    n, _, _ = shape(local[:, 0], local[:, 1])
+    missed = np.linalg.norm(point - np.einsum("ki,kic->kc", n, corners), axis=1) > 1e-9 * scale
+    local[missed] = 9.0
+    return local
+
+
+def embed(mesh: Mesh, points: FloatArray, length_mm: float) -> Embedding:
+    """Tie points to the mesh, or to the rigid pieces beyond base and tip.
+
+    Raises
+    ------
+    RequestError
+        If a point between base and tip lies in no element: the guide leaves the lattice.
+    """
+    between = (points[:, 1] > 0.0) & (points[:, 1] < length_mm)
+    owner, values = locate(mesh, points[between])
+    if (owner < 0).any() or (mesh.material[owner] != 0).any():
+        r, z = points[between][(owner < 0) | (mesh.material[owner] != 0)][0]
+        raise RequestError(
+            f"a guide leaves the lattice at r = {r:.1f} mm, {z:.1f} mm above the base",
+            "change guide_bow_mm or guide_end_mm so that it runs between bladder and envelope",
+        )
+    inner = np.flatnonzero(between)
+    above = np.flatnonzero(points[:, 1] >= length_mm)
+    rows = np.concatenate([np.repeat(inner, 8), above])
+    columns = np.concatenate([mesh.quads[owner].ravel(), np.full(len(above), mesh.tip[0])])
+    entries = np.concatenate([values.ravel(), np.ones(len(above))])
+    weights = sparse.csr_array((entries, (rows, columns)), shape=(len(points), len(mesh.nodes)))
+    return Embedding(points, weights)
+
+
+def make_guides(parameters: ActuatorParameters, mesh: Mesh) -> Guides:
+    """Embed centreline and tracked points of a guide in a mesh whose base is at 0."""
+    length = float(mesh.nodes[mesh.tip, 1].max())
+    return Guides(
+        embed(mesh, rest_centreline(parameters, length), length),
+        embed(mesh, rest_centreline(parameters, length, TRACKED), length),
+    )
+
+
+def both_guides(half_plane: FloatArray) -> FloatArray:
+    """Return guide 1 and its mirror image in (x, z), shape (2, n, 2), of points (r, z), shape (n, 2)."""
+    return np.stack([half_plane, half_plane * (-1.0, 1.0) + 0.0])

@@ -1,0 +1,237 @@
+"""The lattice's effective modulus from uniaxial compression tests, with its uncertainty.
+
+Strategy: each specimen's force over displacement becomes engineering stress over strain; the modulus is the slope of a
+straight line through the loading branch between two strains, counted from where contact begins (the toe of a soft
+specimen is not the material). Specimens differ more than any single slope is uncertain, so the uncertainty is between
+specimens: sd of the moduli, standard error of their mean, and Student's t interval.
+
+Rules: signs are free (compression may be recorded negative), order in time is not: the loading branch is what comes
+before the greatest displacement. What is not a compression test is refused: a force that does not rise with the way, a
+curve that is no line within the window, a window without points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from analysis.arrays import FloatArray
+from analysis.data.csv_table import Table, read_table
+from analysis.errors import DataError, FileError, RequestError
+
+FEWEST_POINTS = 5
+CONTACT_SHARE = 0.01
+STRAIGHT_R2 = 0.95
+FORCE_N = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
+LENGTH_MM = {"mm": 1.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "cm": 10.0}
+FORCE_NAMES = ("force_n", "force", "load", "load_n", "f", "standard force", "load_cell")
+WAY_NAMES = (
+    "displacement_mm",
+    "displacement",
+    "extension",
+    "deformation",
+    "travel",
+    "compression_mm",
+    "compression",
+    "disp",
+    "disp_mm",
+    "position",
+    "crosshead",
+    "stroke",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CompressionTest:
+    """One specimen: force in N and displacement in mm, both shape (n,), and its size at rest."""
+
+    name: str
+    force_n: FloatArray
+    displacement_mm: FloatArray
+    height_mm: float
+    area_mm2: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpecimenModulus:
+    """One specimen's modulus: slope, kPa, its own standard error, R2, points used, strain where contact begins."""
+
+    name: str
+    modulus_kpa: float
+    standard_error_kpa: float
+    r2: float
+    points: int
+    contact_strain: float
+
+
+@dataclass(frozen=True, slots=True)
+class EffectiveModulus:
+    """The modulus of all specimens together.
+
+    Parameters
+    ----------
+    mean_kpa, sd_kpa : over specimens (the form of the paper: 18.34 +- 1.86, N = 3); sd is NaN for one specimen.
+    standard_error_kpa : sd / sqrt(N), or the slope's own for one specimen.
+    interval_kpa : 95 % interval of the mean, Student's t; NaN for one specimen.
+    specimens : one by one.
+    """
+
+    mean_kpa: float
+    sd_kpa: float
+    standard_error_kpa: float
+    interval_kpa: tuple[float, float]
+    specimens: tuple[SpecimenModulus, ...]
+
+
+def read_compression_test(
+    path: Path,
+    height_mm: float,
+    area_mm2: float,
+    force_column: str | None = None,
+    displacement_column: str | None = None,
+) -> CompressionTest:
+    """Read one specimen's CSV: a force column and a displacement column, in any of the common names and units.
+
+    Parameters
+    ----------
+    height_mm, area_mm2 : the specimen at rest.
+    force_column, displacement_column : name or number of a column; common names are tried by default.
+
+    Raises
+    ------
+    FileError
+        If the file is no table, or has no such columns.
+    """
+    table = read_table(path)
+    force, force_unit = find_column(table, FORCE_NAMES, path, force_column)
+    way, way_unit = find_column(table, WAY_NAMES, path, displacement_column)
+    return CompressionTest(
+        path.stem,
+        force * factor(FORCE_N, force_unit, path),
+        way * factor(LENGTH_MM, way_unit, path),
+        height_mm,
+        area_mm2,
+    )
+
+
+def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | None = None) -> tuple[FloatArray, str]:
+    """Return the wanted column, or the first with one of the names, and its unit ('' if none is given)."""
+    if wanted is not None:
+        at = table.position(wanted)
+        return table.columns[at], table.units[at].strip().lower()
+    plain = [name.strip().lower() for name in table.names]
+    for name in names:
+        if name in plain:
+            at = plain.index(name)
+            return table.columns[at], table.units[at].strip().lower()
+    raise FileError(
+        f"{path.name} has no column of {names[1]} (it has {', '.join(table.names[:8])})", f"name the column {names[0]}"
+    )
+
+
+def factor(units: dict[str, float], unit: str, path: Path) -> float:
+    """Return what to multiply a unit by; a column without a unit is in N or mm."""
+    if unit and unit not in units:
+        raise FileError(f"{path.name} has the unit '{unit}', which is not known here", f"use one of {', '.join(units)}")
+    return units.get(unit, 1.0)
+
+
+def specimen_modulus(test: CompressionTest, window: tuple[float, float] = (0.02, 0.10)) -> SpecimenModulus:
+    """Return one specimen's modulus.
+
+    Parameters
+    ----------
+    test : the specimen.
+    window : strains between which the line is drawn, counted from contact.
+
+    Raises
+    ------
+    DataError
+        If the data are not a compression test.
+    RequestError
+        If the specimen's size or the window is not one.
+    """
+    check_request(test, window)
+    strain, stress, contact = loading_branch(test)
+    inside = (strain - contact >= window[0]) & (strain - contact <= window[1])
+    if inside.sum() < FEWEST_POINTS or np.ptp(strain[inside]) < 0.5 * (window[1] - window[0]):
+        raise DataError(
+            f"{test.name}: {int(inside.sum())} points between {100 * window[0]:g} and {100 * window[1]:g} % "
+            f"strain (the test reaches {100 * (strain.max() - contact):.1f} %)",
+            "compress further, sample faster, or move the window",
+        )
+    fit = stats.linregress(strain[inside], stress[inside])
+    slope, r2 = float(fit.slope), float(fit.rvalue) ** 2
+    if slope <= 0.0 or r2 < STRAIGHT_R2:
+        raise DataError(
+            f"{test.name} is not a compression test: force against displacement is no rising line between "
+            f"{100 * window[0]:g} and {100 * window[1]:g} % strain (slope {slope:.3g} kPa, R2 {r2:.2f})",
+            "check the columns, or choose a window before the lattice buckles",
+        )
+    return SpecimenModulus(test.name, slope, float(fit.stderr), r2, int(inside.sum()), contact)
+
+
+def check_request(test: CompressionTest, window: tuple[float, float]) -> None:
+    """Refuse a size or a window that is none."""
+    for name, value in (("height", test.height_mm), ("area", test.area_mm2)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise RequestError(f"a specimen's {name} of {value} is none", f"give the {name} at rest, above zero")
+    if not 0.0 <= window[0] < window[1] <= 0.8:
+        raise RequestError(f"a window from {window[0]} to {window[1]} strain is none", "give 0 <= from < to <= 0.8")
+
+
+def loading_branch(test: CompressionTest) -> tuple[FloatArray, FloatArray, float]:
+    """Return strain, stress in kPa up to the greatest displacement, both positive, and the strain at contact."""
+    known = np.isfinite(test.force_n) & np.isfinite(test.displacement_mm)
+    force, way = test.force_n[known], test.displacement_mm[known]
+    if len(force) < FEWEST_POINTS:
+        raise DataError(f"{test.name} has {len(force)} usable points", f"give {FEWEST_POINTS} or more")
+    way = way - way[0]
+    turn = int(np.argmax(np.abs(way)))
+    force, way = force[: turn + 1], way[: turn + 1]
+    if len(way) < FEWEST_POINTS or way[-1] == 0.0:
+        raise DataError(
+            f"{test.name} is not a compression test: the displacement does not grow",
+            "check which column is the displacement",
+        )
+    way, force = way * np.sign(way[-1]), force * np.sign(force[np.argmax(np.abs(force))] or 1.0)
+    height = float(np.ptp(force))
+    if height == 0.0:
+        raise DataError(
+            f"{test.name} is not a compression test: the force never changes", "check which column is the force"
+        )
+    touched = int(np.argmax(force - force[: max(3, len(force) // 50)].mean() >= CONTACT_SHARE * height))
+    strain = way / test.height_mm
+    if strain[-1] >= 1.0:
+        raise DataError(
+            f"{test.name} was compressed by {way[-1]:.1f} mm, more than its height of {test.height_mm:g} mm",
+            "check height and units",
+        )
+    return strain, 1e3 * force / test.area_mm2, float(strain[touched])
+
+
+def effective_modulus(tests: Sequence[CompressionTest], window: tuple[float, float] = (0.02, 0.10)) -> EffectiveModulus:
+    """Return the modulus over specimens.
+
+    Raises
+    ------
+    RequestError
+        If no test is given.
+    DataError
+        If one is not a compression test.
+    """
+    if not tests:
+        raise RequestError("no compression test is given", "give one CSV a specimen")
+    specimens = tuple(specimen_modulus(test, window) for test in tests)
+    values = np.array([s.modulus_kpa for s in specimens])
+    mean, n = float(values.mean()), len(values)
+    if n == 1:
+        return EffectiveModulus(mean, np.nan, specimens[0].standard_error_kpa, (np.nan, np.nan), specimens)
+    sd = float(values.std(ddof=1))
+    error = sd / np.sqrt(n)
+    reach = float(stats.t.ppf(0.975, n - 1)) * error
+    return EffectiveModulus(mean, sd, float(error), (mean - reach, mean + reach), specimens)

@@ -1,0 +1,157 @@
+"""The reduced model: any state over (pressure, elongation) from a handful of shapes.
+
+Strategy: full solutions at Chebyshev points of a rectangle of pressure and elongation, the plate held, are compressed
+by a singular value decomposition (POD): displacement = mean + sum of a few shapes times amplitudes, and the amplitudes
+are polynomials of (pressure, elongation). The nominal curve, its inverse and the band that the lattice's modulus
+leaves are polynomials too. What this costs in truth is measured on full solutions that were not used, never assumed.
+
+Rule: `error_bound_mm` is twice the greatest error of any tracked point over those held-out states. Outside its
+rectangle the table refuses; `Shadow` in shadow.py then asks the full model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.errors import RequestError
+from analysis.shadow.model import chebyshev
+
+Progress = Callable[[float, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class TableSettings:
+    """How fine the table is; every value has its chart in METHODS.md.
+
+    Parameters
+    ----------
+    pressures, elongations : Chebyshev points along each side.
+    modes : shapes kept at most.
+    held_out : full solutions, not used for the table, that its error is measured on.
+    highest_pressure_kpa : upper side of the rectangle; the lower lies a little short of the critical pressure.
+    margin_mm : how far the rectangle reaches beyond the nominal elongations of its pressures.
+    """
+
+    pressures: int = 7
+    elongations: int = 7
+    modes: int = 8
+    held_out: int = 64
+    highest_pressure_kpa: float = 55.0
+    margin_mm: float = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class ReducedModel:
+    """The table.
+
+    Parameters
+    ----------
+    pressure_range_kpa, elongation_range_mm : shape (2,), the rectangle.
+    mean : shape (2 nodes,); shapes : (2 nodes, modes), mm per unit amplitude.
+    amplitudes : (pressures, elongations, modes), Chebyshev coefficients; the last entry of `force` likewise, mN.
+    tracked_mean, tracked_shapes : the same for the seven points, (14,) and (14, modes).
+    nominal_mm, nominal_sd_mm : Chebyshev coefficients of x_nom(p) and of its standard uncertainty.
+    nominal_kpa : Chebyshev coefficients of p_nom(x).
+    errors_mm : shape (modes,), greatest error of a tracked point over the held-out states with 1, 2, ... modes.
+    critical_kpa : the critical pressure under vacuum.
+    """
+
+    pressure_range_kpa: FloatArray
+    elongation_range_mm: FloatArray
+    mean: FloatArray
+    shapes: FloatArray
+    amplitudes: FloatArray
+    force: FloatArray
+    tracked_mean: FloatArray
+    tracked_shapes: FloatArray
+    nominal_mm: FloatArray
+    nominal_sd_mm: FloatArray
+    nominal_kpa: FloatArray
+    errors_mm: FloatArray
+    critical_kpa: FloatArray
+
+    @property
+    def error_bound_mm(self) -> float:
+        """Twice the greatest error of a tracked point found on held-out states, mm."""
+        return 2.0 * float(self.errors_mm[-1])
+
+    def holds(self, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> BoolArray:
+        """Whether each state lies in the rectangle (NaN does not)."""
+        (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
+        p, q = np.asarray(pressure_kpa), np.asarray(elongation_mm)
+        return np.asarray((p >= p0) & (p <= p1) & (q >= q0) & (q <= q1))
+
+    def truncated(self, modes: int) -> ReducedModel:
+        """Return the same table with fewer shapes."""
+        return replace(
+            self,
+            shapes=self.shapes[:, :modes],
+            amplitudes=self.amplitudes[..., :modes],
+            tracked_shapes=self.tracked_shapes[:, :modes],
+            errors_mm=self.errors_mm[:modes],
+        )
+
+    def _products(self, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
+        """Return all products of the two bases, shape (n, pressures * elongations)."""
+        p, q = np.atleast_1d(pressure_kpa), np.atleast_1d(elongation_mm)
+        inside = self.holds(p, q)
+        if not inside.all():
+            worst = int(np.flatnonzero(~inside)[0])
+            (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
+            raise RequestError(
+                f"{p[worst]:g} kPa with {q[worst]:g} mm is outside the table ({p0:.1f} .. {p1:.1f} kPa, "
+                f"{q0:.2f} .. {q1:.2f} mm)",
+                "use the full model there",
+            )
+        along = chebyshev.basis(p, self.pressure_range_kpa, self.amplitudes.shape[0])
+        across = chebyshev.basis(q, self.elongation_range_mm, self.amplitudes.shape[1])
+        products: FloatArray = np.einsum("ni,nj->nij", along, across).reshape(len(p), -1)
+        return products
+
+    def tracked(self, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
+        """Return the deformed tracked points of one guide, shape (n, 7, 2), (r, z) in mm.
+
+        Raises
+        ------
+        RequestError
+            If a state lies outside the rectangle.
+        """
+        products = self._products(pressure_kpa, elongation_mm)
+        matrix = self.amplitudes.reshape(products.shape[1], -1) @ self.tracked_shapes.T
+        return (self.tracked_mean + products @ matrix).reshape(len(products), -1, 2)
+
+    def displacement(self, pressure_kpa: float, elongation_mm: float) -> tuple[FloatArray, float]:
+        """Return the nodal displacements, shape (nodes, 2), mm, and the force on the plate, mN, of one state.
+
+        Raises
+        ------
+        RequestError
+            If the state lies outside the rectangle.
+        """
+        products = self._products(np.array([pressure_kpa]), np.array([elongation_mm]))[0]
+        amplitudes = products @ self.amplitudes.reshape(len(products), -1)
+        return (self.mean + self.shapes @ amplitudes).reshape(-1, 2), float(products @ self.force.ravel())
+
+    def nominal_elongation(self, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return x_nom(p) and its standard uncertainty from the lattice's modulus, mm; NaN outside the range."""
+        p = np.asarray(pressure_kpa, dtype=float)
+        low, high = self.pressure_range_kpa
+        inside = np.where((p >= low) & (p <= high), p, np.nan)
+        base = chebyshev.basis(inside, self.pressure_range_kpa, len(self.nominal_mm))
+        return (base @ self.nominal_mm).reshape(p.shape), np.abs(base @ self.nominal_sd_mm).reshape(p.shape)
+
+    def nominal_pressure(self, elongation_mm: FloatArray) -> FloatArray:
+        """Return p_nom(x), kPa; NaN outside the elongations that the range of pressures reaches."""
+        x = np.asarray(elongation_mm, dtype=float)
+        low, high = ends = self.nominal_range_mm
+        inside = np.where((x >= low) & (x <= high), x, np.nan)
+        return np.reshape(chebyshev.basis(inside, ends, len(self.nominal_kpa)) @ self.nominal_kpa, x.shape)
+
+    @property
+    def nominal_range_mm(self) -> FloatArray:
+        """The nominal elongations at both ends of the range of pressures, shape (2,), mm."""
+        return self.nominal_elongation(self.pressure_range_kpa)[0]

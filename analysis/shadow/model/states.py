@@ -1,0 +1,174 @@
+"""The fifteen states of the two guides that the optical model starts from: mechanics handed to optics.
+
+Strategy: as in the paper, pressure is swept in even steps, seven of compression, rest, seven of elongation, and the
+guides are sampled in each: seven tracked points a guide, or every 0.5 mm.
+
+Rules: state 0 is the most compressed. Coordinates are (x, z) in mm, z along the actuator from the base; guide 1 is at
+x > 0. The files are CSV with one row a point, or NPZ with the array `curves_mm` [15][2][n][2]. The states of the
+present model are kept in the user's cache, named by a hash of its parameters as the reduced table is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import platformdirs
+
+from analysis.arrays import FloatArray
+from analysis.errors import FileError, RequestError
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.fem.solver import Solution
+from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.guides import both_guides
+from analysis.shadow.model.table import UNREADABLE
+
+FORMAT = 1
+STEPS = 7
+HEADER = "state,guide,point,x_mm,z_mm,pressure_kpa,elongation_mm"
+
+
+@dataclass(frozen=True, slots=True)
+class GuideStates:
+    """The fifteen states.
+
+    Parameters
+    ----------
+    curves_mm : shape (15, 2, n, 2), (x, z).
+    pressure_kpa, elongation_mm : shape (15,).
+    parameters : hash of the actuator's parameters.
+    """
+
+    curves_mm: FloatArray
+    pressure_kpa: FloatArray
+    elongation_mm: FloatArray
+    parameters: str
+
+    def bow_mm(self) -> FloatArray:
+        """Return half the greatest distance of the guides in each state, shape (15,)."""
+        return np.asarray(np.ptp(self.curves_mm[..., 0], axis=(1, 2)) / 2.0)
+
+    def curvature_per_mm(self) -> FloatArray:
+        """Return the curvature in the middle of guide 1 in each state, 1/mm, by a circle through ends and middle."""
+        a, c = self.curves_mm[:, 0, 0], self.curves_mm[:, 0, -1]
+        b = self.curves_mm[:, 0, self.curves_mm.shape[2] // 2]
+        u, v = b - a, c - a
+        twice_area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        sides = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) * np.linalg.norm(c - b, axis=1)
+        return np.asarray(2.0 * twice_area / sides)
+
+
+def guide_states(
+    model: FullModel | None = None, *, lowest_kpa: float = -40.0, highest_kpa: float = 50.0, every_half_mm: bool = False
+) -> GuideStates:
+    """Solve the fifteen states.
+
+    Parameters
+    ----------
+    model : the actuator; the paper's by default.
+    lowest_kpa, highest_kpa : pressures of the most compressed and the most elongated state.
+    every_half_mm : centrelines sampled every 0.5 mm in place of the seven tracked points.
+
+    Raises
+    ------
+    RequestError
+        If the pressures do not lie on both sides of zero, or beyond the critical pressure.
+    """
+    if not lowest_kpa < 0.0 < highest_kpa:
+        raise RequestError(
+            f"{lowest_kpa:g} .. {highest_kpa:g} kPa does not span compression and elongation",
+            "give a lowest pressure below zero and a highest above",
+        )
+    full = model or FullModel()
+    pressures = np.concatenate([np.linspace(lowest_kpa, 0.0, STEPS + 1), np.linspace(0.0, highest_kpa, STEPS + 1)[1:]])
+    carried = full.guides.centreline if every_half_mm else full.guides.tracked
+    curves, elongations = [], []
+    state: Solution | None = None
+    for pressure in pressures:
+        state = full.solve(pressure_kpa=float(pressure), start=state)
+        curves.append(both_guides(carried.positions(state.displacement_mm)))
+        elongations.append(state.elongation_mm)
+    return GuideStates(np.array(curves), pressures, np.array(elongations), full.parameters.digest)
+
+
+def kept_states(parameters: ActuatorParameters | None = None, *, folder: Path | None = None) -> GuideStates:
+    """The fifteen states of an actuator from the cache, or solved and kept there.
+
+    Parameters
+    ----------
+    parameters : the paper's actuator by default.
+    folder : where states are kept; the user's cache folder by default.
+    """
+    chosen = parameters or ActuatorParameters()
+    name = hashlib.sha256(f"{chosen.digest} {FORMAT} {_version()}".encode()).hexdigest()[:20]
+    path = (folder or platformdirs.user_cache_path("boat-daq") / "shadow") / f"states_{name}.npz"
+    with suppress(*UNREADABLE), np.load(path, allow_pickle=False) as kept:
+        found = GuideStates(kept["curves_mm"], kept["pressure_kpa"], kept["elongation_mm"], chosen.digest)
+        if found.curves_mm.shape == (2 * STEPS + 1, 2, 7, 2) and np.isfinite(found.curves_mm).all():
+            return found
+    states = guide_states(FullModel(chosen))
+    with suppress(OSError):  # a cache that cannot be written costs time, never the answer
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        with os.fdopen(handle, "wb") as file:
+            _save(states, file)
+        Path(part).replace(path)
+    return states
+
+
+def write_states(states: GuideStates, path: Path) -> None:
+    """Write the states as CSV or, by the suffix .npz, as arrays.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    try:
+        if path.suffix.lower() == ".npz":
+            with path.open("wb") as file:
+                _save(states, file)
+        else:
+            path.write_text("\n".join([*_origin(states), HEADER, *_lines(states)]) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
+
+
+def _save(states: GuideStates, file: BinaryIO) -> None:
+    np.savez(file, curves_mm=states.curves_mm, pressure_kpa=states.pressure_kpa, elongation_mm=states.elongation_mm)
+
+
+def _version() -> str:
+    try:
+        return version("boat-daq")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _origin(states: GuideStates) -> list[str]:
+    """Comment lines that say what the file is and where it comes from."""
+    low, high = states.pressure_kpa[[0, -1]]
+    return [
+        "# SIMULATED: the two guides in 15 states, most compressed first, by the digital shadow of boat-daq",
+        f"# boat-daq shadow states --lowest {low:g} --highest {high:g}, version {_version()}, "
+        f"actuator parameters {states.parameters}",
+        "# x across, z along the actuator from its base",
+    ]
+
+
+def _lines(states: GuideStates) -> list[str]:
+    lines = []
+    for (state, guide, point), _ in np.ndenumerate(states.curves_mm[..., 0]):
+        x, z = states.curves_mm[state, guide, point]
+        lines.append(
+            f"{state},{guide + 1},{point + 1},{x:.9g},{z:.9g},{states.pressure_kpa[state]:.6g},"
+            f"{states.elongation_mm[state]:.9g}"
+        )
+    return lines

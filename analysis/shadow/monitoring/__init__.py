@@ -1,0 +1,1 @@
+"""A run against the shadow: drift, leak, periodic interference, sequential alarms."""

@@ -1,0 +1,140 @@
+"""A sequential test for many figures at once: self-starting CUSUM.
+
+Strategy: each new value is compared with all healthy values before it: T = (x - mean) / (s sqrt(1 + 1/n)) follows
+Student's t with n - 1 degrees of freedom, and its quantile turned into a normal one is an independent standard
+normal z for every cycle, however short the history (D. M. Hawkins, D. H. Olwell, Cumulative Sum Charts, 1998, ch. 7).
+Two sums, S+ = max(0, S+ + z - k) and S- = max(0, S- - z - k), alarm beyond h. h follows from the wanted number of
+healthy cycles between false alarms by Siegmund's formula.
+
+Rules: z is clipped, so no single cycle can raise an alarm; the spread is never taken smaller than a figure's floor, the
+change that nobody cares about, so that a very quiet actuator does not cry over trifles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import optimize, stats
+
+from analysis.arrays import BoolArray, FloatArray
+
+REFERENCE = 0.5
+CLIP = 4.0
+FEWEST = 3
+"""k in standard deviations; the greatest |z|; healthy values before the first test."""
+SPENT = 8
+"""Cycles of a history that its own scatter costs a self-starting sum, found by simulation (the atlas has the map)."""
+FEWEST_FOR_CORRELATION = 20
+CORRELATED = 0.5
+"""A history shorter than this, or whose neighbours correlate by more than so many 1/sqrt(n), is no independent one."""
+
+
+def cycles_between_alarms(threshold: float | FloatArray, reference: float = REFERENCE) -> FloatArray:
+    """Return the mean number of healthy values until a one-sided CUSUM passes `threshold`.
+
+    Siegmund's approximation, ARL = (exp(2 k b) - 2 k b - 1) / (2 k^2) with b = h + 1.166.
+    """
+    b = 2.0 * reference * (np.asarray(threshold) + 1.166)
+    return np.asarray((np.exp(b) - b - 1.0) / (2.0 * reference**2))
+
+
+def threshold_for(cycles: float, sides: int, reference: float = REFERENCE) -> float:
+    """Return h so that `sides` one-sided sums together raise one false alarm in `cycles` healthy values."""
+    wanted = cycles * sides
+    return float(optimize.brentq(lambda h: float(cycles_between_alarms(h, reference)) - wanted, 0.0, 60.0))
+
+
+def sight(history: int, threshold: float, reference: float = REFERENCE) -> float:
+    """Return the smallest lasting shift, in standard deviations, that a self-starting sum finds; infinite without one.
+
+    The baseline learns the shift as well: after m values it has moved the mean by m / (n + m) of it, so the sum grows
+    to n (d ln(d / k) - d + k) at most, which must reach the threshold and its overshoot, 1.166. Nine in ten such
+    shifts are then found.
+    """
+    if history <= SPENT:
+        return float("inf")
+    wanted = (threshold + 1.166) / (history - SPENT)
+
+    def short(d: float) -> float:
+        return float(d * np.log(d / reference) - d + reference - wanted)
+
+    return float(optimize.brentq(short, reference, 1e6))
+
+
+@dataclass(slots=True)
+class SelfStartingCusum:
+    """Sums of many figures side by side; arrays have the shape of `floor`, a last axis of two holds up and down.
+
+    Parameters
+    ----------
+    floor : smallest spread taken for each figure.
+    """
+
+    floor: FloatArray
+    count: FloatArray = field(init=False)
+    mean: FloatArray = field(init=False)
+    squares: FloatArray = field(init=False)
+    sums: FloatArray = field(init=False)
+    length: FloatArray = field(init=False)
+    shift: FloatArray = field(init=False)
+    tested: FloatArray = field(init=False)
+    before: FloatArray = field(init=False)
+    last: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        shape = self.floor.shape
+        self.tested, self.before, self.last = np.zeros((*shape, 4)), np.zeros((*shape, 2, 4)), np.zeros(shape)
+        self.count, self.mean, self.squares = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self.sums, self.length, self.shift = (np.zeros((*shape, 2)) for _ in range(3))
+
+    def update(self, values: FloatArray) -> FloatArray:
+        """Take one value of each figure (NaN: none this time) and return the sums, shape (..., 2).
+
+        `length` counts the values since each sum last stood at zero, `shift` is their mean distance from the baseline.
+        """
+        seen = np.isfinite(values)
+        x = np.where(seen, values, self.mean)
+        z = np.where(seen & (self.count >= FEWEST), self._normal_score(x), 0.0)
+        steps = np.stack([z, -z], axis=-1) - REFERENCE
+        sums = np.where(seen[..., None], np.maximum(0.0, self.sums + steps), self.sums)
+        running = sums > 0.0
+        length = np.where(running, self.length + seen[..., None], 0.0)
+        new = np.where(running, self.shift + ((x - self.mean)[..., None] - self.shift) / np.maximum(length, 1.0), 0.0)
+        self.shift = np.where(seen[..., None], new, self.shift)
+        self.sums, self.length = sums, length
+        tested = seen & (self.count >= FEWEST)
+        moments = np.stack([np.ones_like(z), z, z * z, z * self.last], axis=-1)
+        self.tested = self.tested + np.where(tested[..., None], moments, 0.0)
+        self.last = np.where(tested, z, self.last)
+        self.before = np.where(running[..., None], self.before, self.tested[..., None, :])
+        self._learn(x, seen)
+        return sums
+
+    def dependent(self) -> BoolArray:
+        """Whether what came before each sum's rise can be taken for independent: False; else True, shape (..., 2).
+
+        It cannot if there are fewer than 20 values, or if neighbours correlate.
+        """
+        n, total, squares, products = np.moveaxis(self.before, -1, 0)
+        n = np.maximum(n, 1.0)
+        mean = total / n
+        power = np.maximum(squares / n - mean**2, 1e-300)
+        correlation = (products / np.maximum(n - 1.0, 1.0) - mean**2) / power
+        return np.asarray((n < FEWEST_FOR_CORRELATION) | (correlation > CORRELATED / np.sqrt(n)))
+
+    def spread(self) -> FloatArray:
+        """Return the spread that a new value is compared with, its floor included."""
+        return np.asarray(np.maximum(np.sqrt(self.squares / np.maximum(self.count - 1.0, 1.0)), self.floor))
+
+    def _normal_score(self, x: FloatArray) -> FloatArray:
+        n = np.maximum(self.count, 2.0)
+        t = (x - self.mean) / (self.spread() * np.sqrt(1.0 + 1.0 / n))
+        tail = np.maximum(stats.t.sf(np.abs(t), n - 1.0), 1e-12)
+        return np.asarray(np.clip(np.sign(t) * stats.norm.isf(tail), -CLIP, CLIP))
+
+    def _learn(self, x: FloatArray, seen: FloatArray) -> None:
+        self.count = self.count + seen
+        gap = x - self.mean
+        self.mean = self.mean + np.where(seen, gap / np.maximum(self.count, 1.0), 0.0)
+        self.squares = self.squares + np.where(seen, gap * (x - self.mean), 0.0)

@@ -1,0 +1,223 @@
+"""A leak behind the gauge, from a cycle against the run's own healthy loop.
+
+Strategy: the board holds the gauge's pressure, so a leak between gauge and bladder is not seen in it. What is seen is
+the elongation: its pressure p_nom(x) falls behind the gauge, r = p - p_nom(x) fills at r' = loss p and forgets nothing
+until the valve opens. Within a cycle that is one part in two hundred, under a hysteresis fifty times larger with the
+same phase. So the first cycles of a run are kept as the healthy loop (`Loop`, residual against pressure on both
+branches) and taken off; what is left knows neither how long a hold was nor where the cycle was cut, and
+
+    e = c + g p + drift t + loss (integral of p dt) + hum
+
+has offset c and gain g to itself. Drift and leak look alike within a cycle, but not from cycle to cycle: the slope of e
+is taken from the mean of the cycle before, and both e and the integral are freed of it. What is left of the mains'
+flicker between a dark and a lit reading comes back through the sampling as a slow wave near the cycle's own period: it
+is found (hum.py) over the last minutes and taken off.
+
+Rules: arrays of one cycle, time in s, pressure in kPa, NaN where the residual is unknown. A step of pressure in which
+the elongation is not known throughout is left out as a whole: the end of a calibration's range cuts noise on one side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.shadow.monitoring.periodic_interference import Hum, find_hum
+
+STEPS = 48
+KNOWN_SHARE = 0.97
+"""The loop is kept in so many equal steps of pressure a branch; a step known by less than this share is left out."""
+LEARNING_S, MEMORY_S, BLOCK_S = 80.0, 400.0, 0.5
+"""The loop is learnt for so long, a wave looked for over the cycles of so long, in means over so long."""
+FEWEST_SAMPLES = 10
+WORST_CONDITION = 1e4
+
+
+def second_branch(pressure_kpa: FloatArray) -> BoolArray:
+    """Return which rows come after the extreme that the cycle does not begin at."""
+    p = pressure_kpa
+    turn = int(np.argmin(p) if p[0] > (p.min() + p.max()) / 2.0 else np.argmax(p))
+    return np.asarray(np.arange(len(p)) > turn)
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Residual of a healthy cycle against pressure.
+
+    Parameters
+    ----------
+    low_kpa, step_kpa : where the steps of pressure begin, and their width.
+    pressure_kpa, residual_kpa : of each branch, the steps' means; NaN where a step is not known throughout.
+    """
+
+    low_kpa: float
+    step_kpa: float
+    pressure_kpa: tuple[FloatArray, FloatArray]
+    residual_kpa: tuple[FloatArray, FloatArray]
+
+    @classmethod
+    def of(cls, cycles: Sequence[tuple[FloatArray, FloatArray]]) -> Loop | None:
+        """Return the loop of whole cycles, (pressure, residual) of each; None where nothing of it is known."""
+        p, r = (np.concatenate(columns) for columns in zip(*cycles, strict=True))
+        later = np.concatenate([second_branch(pressure) for pressure, _ in cycles])
+        span = float(np.ptp(p)) if len(p) else 0.0
+        if not span > 0.0 or not np.isfinite(r).any():
+            return None
+        low, step = float(p.min()), span / STEPS
+        place = np.minimum(((p - low) / step).astype(int), STEPS - 1)
+        r = np.where(_throughout(place + STEPS * later, np.isfinite(r)), r, np.nan)
+        means = []
+        for branch in (~later, later):
+            inside = [branch & (place == k) for k in range(STEPS)]
+            means.append([(p[i].mean(), _known_mean(r[i])) for i in inside if i.any()])
+        down, up = (np.array(rows).reshape(-1, 2) for rows in means)
+        return cls(low, step, (down[:, 0], up[:, 0]), (down[:, 1], up[:, 1]))
+
+    def beyond(self, pressure_kpa: FloatArray, residual_kpa: FloatArray) -> FloatArray:
+        """Return by how much another cycle's residual is above the loop, kPa; NaN where either is not known."""
+        later = second_branch(pressure_kpa)
+        out = np.full(len(pressure_kpa), np.nan)
+        for branch, p, r in zip((~later, later), self.pressure_kpa, self.residual_kpa, strict=True):
+            if len(p):
+                out[branch] = residual_kpa[branch] - np.interp(pressure_kpa[branch], p, r)
+        place = np.clip((pressure_kpa - self.low_kpa) / self.step_kpa, 0, STEPS - 1).astype(int) + STEPS * later
+        return np.where(_throughout(place, np.isfinite(residual_kpa)), out, np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Mean of what a cycle had beyond the loop, kPa, and the mean time of it, s."""
+
+    time_s: float
+    beyond_kpa: float
+
+    @classmethod
+    def of(cls, time_s: FloatArray, beyond_kpa: FloatArray) -> Level:
+        """Return the level of a cycle; NaN where nothing is known."""
+        known = np.isfinite(beyond_kpa)
+        return cls(_known_mean(np.where(known, time_s, np.nan)), _known_mean(beyond_kpa))
+
+    def slope_since(self, before: Level) -> float:
+        """Return the drift between two cycles, kPa/s; 0 where there is none to tell."""
+        gap = self.time_s - before.time_s
+        slope = (self.beyond_kpa - before.beyond_kpa) / gap if gap > 0.0 else np.nan
+        return float(slope) if np.isfinite(slope) else 0.0
+
+
+def loss_percent_per_min(
+    time_s: FloatArray, pressure_kpa: FloatArray, beyond_kpa: FloatArray, drift_kpa_per_s: float | None = None
+) -> float:
+    """Return the leak behind the gauge, % of the pressure a minute; NaN where the cycle does not determine it.
+
+    Parameters
+    ----------
+    time_s, pressure_kpa : shape (n,), one cycle.
+    beyond_kpa : shape (n,), its residual, less the healthy loop where there is one.
+    drift_kpa_per_s : slope of it from cycle to cycle, which both sides are freed of; None: the leak makes all of it.
+    """
+    known = np.isfinite(beyond_kpa)
+    if known.sum() < FEWEST_SAMPLES:
+        return np.nan
+    t, p, filled, e = time_s - time_s[0], pressure_kpa, integral(time_s, pressure_kpa), beyond_kpa
+    if drift_kpa_per_s is not None:
+        e = e - drift_kpa_per_s * t
+        filled = filled - filled[-1] / t[-1] * t
+    design = np.stack([np.ones_like(p), p, filled], axis=1)[known]
+    size = np.linalg.norm(design, axis=0)
+    if not (size > 0.0).all() or np.linalg.cond(design / size) > WORST_CONDITION:
+        return np.nan
+    return 6000.0 * float(np.linalg.lstsq(design / size, e[known], rcond=None)[0][2] / size[2])
+
+
+def integral(time_s: FloatArray, pressure_kpa: FloatArray) -> FloatArray:
+    """Return the pressure's integral over time from the first row on, kPa s."""
+    p = pressure_kpa
+    return np.concatenate([[0.0], np.cumsum(np.diff(time_s) * (p[1:] + p[:-1]) / 2.0)])
+
+
+@dataclass(frozen=True, slots=True)
+class _Cycle:
+    """What is kept of a cycle: time, pressure, residual beyond the loop."""
+
+    time_s: FloatArray
+    pressure_kpa: FloatArray
+    beyond_kpa: FloatArray
+
+    def coarse(self) -> FloatArray:
+        """Return means over `BLOCK_S`, NaN left out: time, beyond, pressure, its integral freed of its trend."""
+        known = np.isfinite(self.beyond_kpa)
+        t = self.time_s - self.time_s[0]
+        filled = integral(self.time_s, self.pressure_kpa)
+        filled = filled - filled[-1] / t[-1] * t
+        place = (t / BLOCK_S).astype(int)[known]
+        rows = np.bincount(place)
+        columns = (self.time_s, self.beyond_kpa, self.pressure_kpa, filled)
+        return np.stack([np.bincount(place, c[known])[rows > 0] / rows[rows > 0] for c in columns], axis=1)
+
+
+class LeakWatch:
+    """Figures of a run's leak, cycle after cycle.
+
+    Parameters
+    ----------
+    run_in_cycles : cycles before the last of these are left out; the loop is then learnt for `LEARNING_S`.
+    """
+
+    def __init__(self, run_in_cycles: int) -> None:
+        self._run_in, self._cycles = run_in_cycles, 0
+        self._loop: Loop | None = None
+        self._kept: list[_Cycle] = []  # residuals until there is a loop, from then on what is beyond it
+
+    def take(self, time_s: FloatArray, pressure_kpa: FloatArray, residual_kpa: FloatArray) -> float:
+        """Take the next whole cycle, shape (n,) each; return its leak in % of the pressure a minute.
+
+        NaN until the healthy loop is learnt, and where the cycle does not determine it.
+        """
+        self._cycles += 1
+        rows = np.isfinite(pressure_kpa)
+        t, p, r = time_s[rows], pressure_kpa[rows], residual_kpa[rows]
+        if self._cycles < self._run_in or np.isfinite(r).sum() < FEWEST_SAMPLES:
+            return np.nan
+        if self._loop is None:
+            self._learn(_Cycle(t, p, r))
+            return np.nan
+        before = self._kept[-1]
+        now = _Cycle(t, p, self._loop.beyond(p, r))
+        self._kept = [*(c for c in self._kept if t[-1] - c.time_s[0] <= MEMORY_S), now]
+        hum = self._hum()
+        e, earlier = (c.beyond_kpa - hum.at(c.time_s) for c in (now, before))
+        return loss_percent_per_min(t, p, e, Level.of(t, e).slope_since(Level.of(before.time_s, earlier)))
+
+    def _learn(self, cycle: _Cycle) -> None:
+        self._kept.append(cycle)
+        if cycle.time_s[-1] - self._kept[0].time_s[0] < LEARNING_S:
+            return
+        self._loop = Loop.of([(c.pressure_kpa, c.beyond_kpa) for c in self._kept])
+        if self._loop is not None:
+            beyond = self._loop.beyond
+            self._kept = [_Cycle(c.time_s, c.pressure_kpa, beyond(c.pressure_kpa, c.beyond_kpa)) for c in self._kept]
+
+    def _hum(self) -> Hum:
+        """Return the slow wave in the cycles kept, beside offset, gain and leak that change slowly."""
+        t, e, p, filled = np.concatenate([c.coarse() for c in self._kept]).T
+        period = float(np.median([c.time_s[-1] - c.time_s[0] for c in self._kept]))
+        if len(t) < FEWEST_SAMPLES:
+            return Hum()
+        age = (t - t.mean()) / max(float(np.ptp(t)), 1e-9)
+        columns = [np.ones_like(t), age, age**2, *(f * w for f in (p, filled) for w in (np.ones_like(t), age))]
+        return find_hum(t, e, np.stack(columns, axis=1), period)
+
+
+def _throughout(place: np.ndarray, known: BoolArray) -> BoolArray:
+    """Return which rows are known, in a place that is known by `KNOWN_SHARE` or more."""
+    rows = np.bincount(place, minlength=2 * STEPS)
+    share = np.bincount(place, known, 2 * STEPS) / np.maximum(rows, 1)
+    return np.asarray(known & (share[place] >= KNOWN_SHARE))
+
+
+def _known_mean(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else np.nan

@@ -1,0 +1,313 @@
+"""Is the actuator ill? Figures of each cycle against the nominal actuator, and alarms from a sequential test.
+
+Strategy: a cycle is boiled down to six figures, each the signature of an illness:
+
+    loss        % a minute by which the elongation's pressure p_nom(x) falls behind the gauge    leak (leak.py)
+    fade        % a minute by which the gauge itself falls in a hold (pumps off)                 leak
+    gain        slope of elongation against nominal elongation                                   softening, stiffening
+    offset      elongation where the nominal one is zero, mm                                     drift
+    difference  sensor 1 minus sensor 2 where elongation is zero, mm                             sensor disagreement
+    difference slope   and how it grows with elongation, mm/mm                                   sensor disagreement
+
+Each figure is compared with its own healthy history by the self-starting CUSUM of cusum.py. A healthy unit's constant
+deviation (its own calibration, its own hysteresis, its creep) is history, not illness. One illness moves several
+figures: a leak also shifts the offset, a sensor that drifts also bends the gain; such an alarm says what it may follow
+from, be it that the other one stands already or that its sum is halfway there.
+
+Rules: arrays only, time in s, pressure in kPa, elongations in mm, NaN where a value is unknown. A cycle without holds
+has no fade, one sensor has no difference, the run-in no loss: that figure is NaN and waits. False alarms: one in 1,000
+healthy cycles over all alarms together, for cycles whose figures scatter independently.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+from typing import Literal
+
+import numpy as np
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.errors import DataError, RequestError
+from analysis.shadow.model.reduced import ReducedModel
+from analysis.shadow.monitoring.cusum import SelfStartingCusum, cycles_between_alarms, sight, threshold_for
+from analysis.shadow.monitoring.leak import LeakWatch, second_branch
+
+Illness = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
+HEALTHY_CYCLES_BETWEEN_ALARMS = 1000.0
+RUN_IN_CYCLES = 2
+STEADY_KPA, SHORTEST_HOLD_S, SETTLING_S, LEAST_PRESSURE_KPA = 0.75, 2.0, 0.7, 15.0
+"""A hold: pressure within this of its own median for so long; its beginning is left out, and so are low pressures."""
+PRESSURE_STEPS, FEWEST_STEPS = 24, 6
+"""Gain, offset and differences are fitted through means over so many steps of pressure a branch; fewer give NaN."""
+
+_CHANNELS: tuple[tuple[str, float, str, Illness | None, Illness | None], ...] = (
+    ("loss", 0.3, "%/min", "leak", None),
+    ("fade", 0.1, "%/min", "leak", None),
+    ("gain", 0.002, "", "softening", "stiffening"),
+    ("offset", 0.02, "mm", "drift", "drift"),
+    ("difference", 0.02, "mm", "sensor disagreement", "sensor disagreement"),
+    ("difference slope", 0.005, "mm/mm", "sensor disagreement", "sensor disagreement"),
+)
+"""Figure, floor of its spread (the change nobody cares about), unit, and what a rise or a fall of it means."""
+_BRINGS: dict[Illness, tuple[Illness, ...]] = {
+    "leak": ("drift", "stiffening"),
+    "stiffening": ("leak",),
+    "sensor disagreement": ("softening", "stiffening", "drift", "leak"),
+}
+"""What an illness also moves."""
+LIKELY = 0.5
+"""An illness whose sum is above this share of the alarm's is named as what another alarm may follow from."""
+
+
+NOT_INDEPENDENT = "more often if its cycles follow one another, which those before do or are too few to tell"
+
+
+@dataclass(frozen=True, slots=True)
+class CycleFigures:
+    """One cycle in six figures; NaN where the cycle does not hold it. Units as in the module's table."""
+
+    loss_percent_per_min: float
+    fade_percent_per_min: float
+    gain: float
+    offset_mm: float
+    difference_mm: float
+    difference_slope: float
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """What, since when, how sure.
+
+    Parameters
+    ----------
+    illness : what it is taken for.
+    figure, unit : the figure that says so.
+    shift : how far the figure has moved from its healthy history, in `unit`.
+    since_cycle, cycle : first cycle of the change, and the cycle in which it was found (from 1).
+    healthy_cycles : a healthy actuator comes this far once in so many cycles.
+    may_follow_from : other illnesses, standing or halfway there, that would also move this figure.
+    independent : whether the cycles before could be taken for independent, as `healthy_cycles` asks.
+    """
+
+    illness: Illness
+    figure: str
+    unit: str
+    shift: float
+    since_cycle: int
+    cycle: int
+    healthy_cycles: float
+    may_follow_from: tuple[Illness, ...] = ()
+    independent: bool = True
+
+    @property
+    def sentence(self) -> str:
+        """The alarm in words."""
+        size = f"{100 * self.shift:+.1f} %" if self.unit == "" else f"{self.shift:+.3g} {self.unit}"
+        cause = f" (may follow from {' and '.join(self.may_follow_from)})" if self.may_follow_from else ""
+        doubt = "" if self.independent else f"; {NOT_INDEPENDENT}"
+        return (
+            f"{self.illness} since cycle {self.since_cycle}{cause}: {self.figure} {size} off its history; "
+            f"a healthy actuator does this once in {min(self.healthy_cycles, 1e9):,.0f} cycles{doubt}"
+        )
+
+
+def deviation_mm(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
+    """Return measured minus nominal elongation, mm; NaN where either is unknown."""
+    return np.asarray(elongation_mm) - table.nominal_elongation(pressure_kpa)[0]
+
+
+def pressure_residual_kpa(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
+    """Return measured pressure minus the pressure that the elongation stands for, kPa; NaN where unknown."""
+    return np.asarray(pressure_kpa) - table.nominal_pressure(elongation_mm)
+
+
+def running_level(time_s: FloatArray, values: FloatArray, time_constant_s: float = 10.0) -> FloatArray:
+    """Return the exponential mean of a series, NaN skipped; what the pane shows as the deviation's level."""
+    level, out, before = np.nan, np.empty(len(values)), 0.0
+    for i, (t, value) in enumerate(zip(time_s, values, strict=True)):
+        if np.isfinite(value):
+            share = 1.0 - np.exp(-max(t - before, 0.0) / time_constant_s)
+            level = value if np.isnan(level) else level + share * (value - level)
+            before = t
+        out[i] = level
+    return out
+
+
+def find_holds(time_s: FloatArray, pressure_kpa: FloatArray) -> list[slice]:
+    """Return the stretches of steady pressure, the settling at their beginning left out."""
+    slow = np.abs(np.gradient(moving_mean(pressure_kpa, time_s, 0.5), time_s)) < STEADY_KPA
+    slow &= np.isfinite(pressure_kpa) & (np.abs(pressure_kpa) >= LEAST_PRESSURE_KPA)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int)))
+    holds = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        begin = int(np.searchsorted(time_s, time_s[first] + SETTLING_S))
+        if last - begin >= 3 and time_s[last - 1] - time_s[begin] >= SHORTEST_HOLD_S:
+            holds.append(slice(begin, int(last)))
+    return holds
+
+
+def moving_mean(values: FloatArray, time_s: FloatArray, width_s: float) -> FloatArray:
+    """Return the centred mean over a width in time, on the samples' own grid; NaN stays where it was."""
+    known = np.isfinite(values)
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    half = max(1, round(width_s / max(step, 1e-9) / 2.0))
+    kernel = np.ones(min(2 * half + 1, len(values)))
+    total = np.convolve(np.where(known, values, 0.0), kernel, mode="same")
+    weight = np.convolve(known.astype(float), kernel, mode="same")
+    return np.where(known, total / np.maximum(weight, 1.0), np.nan)
+
+
+def fade_percent_per_min(time_s: FloatArray, pressure_kpa: FloatArray) -> float:
+    """Return by how many % of the held pressure the gauge falls a minute under holds; NaN without holds.
+
+    In hold j, p = c_j - rate p_j (t - mean t_j); the holds' rates are weighted by their inverse variances.
+    """
+    total, weights = 0.0, 0.0
+    for hold in find_holds(time_s, pressure_kpa):
+        t, p = time_s[hold], pressure_kpa[hold]
+        lever = (t - t.mean()) * float(np.median(p))
+        strength = float(lever @ lever)
+        rate = -float(lever @ p) / strength
+        rest = p - p.mean() + rate * lever
+        variance = max(float(rest @ rest) / (len(p) - 2), 1e-12) / strength
+        total, weights = total + rate / variance, weights + 1.0 / variance
+    return 6000.0 * total / weights if weights > 0.0 else np.nan
+
+
+def branch_means(pressure_kpa: FloatArray, *columns: FloatArray) -> list[FloatArray]:
+    """Average columns over equal steps of pressure on each branch of a cycle, so that waiting does not weigh.
+
+    The branches part at the extreme that the cycle does not begin at; rows with a NaN in any column are left out.
+    """
+    known = np.isfinite(pressure_kpa) & np.isfinite(np.stack(columns)).all(axis=0)
+    p = pressure_kpa[known]
+    if not len(p) or np.ptp(p) == 0.0:
+        return [np.empty(0) for _ in columns]
+    step = np.minimum(((p - p.min()) / np.ptp(p) * PRESSURE_STEPS).astype(int), PRESSURE_STEPS - 1)
+    place = step + PRESSURE_STEPS * second_branch(p)
+    count = np.bincount(place, minlength=2 * PRESSURE_STEPS)
+    return [np.bincount(place, c[known], 2 * PRESSURE_STEPS)[count > 0] / count[count > 0] for c in columns]
+
+
+def line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Return the value at x = 0 and the slope of a straight line; NaN where there are not enough different x."""
+    known = np.isfinite(x) & np.isfinite(y)
+    if known.sum() < FEWEST_STEPS or np.ptp(x[known]) < 0.5:
+        return np.nan, np.nan
+    slope, value = np.polyfit(x[known], y[known], 1)
+    return float(value), float(slope)
+
+
+def cycle_figures(
+    table: ReducedModel,
+    time_s: FloatArray,
+    pressure_kpa: FloatArray,
+    elongations_mm: FloatArray,
+    leak: LeakWatch | None = None,
+) -> CycleFigures:
+    """Boil one cycle down.
+
+    Parameters
+    ----------
+    table : the nominal actuator.
+    time_s, pressure_kpa : shape (n,), one whole cycle.
+    elongations_mm : shape (n,) or (n, sensors), elongation by each sensor's calibration; NaN where it has none.
+    leak : knows the cycles before; without it the loss is NaN, for one cycle cannot tell a leak from hysteresis.
+
+    Raises
+    ------
+    DataError
+        If lengths differ, time does not rise, or not one elongation is known.
+    """
+    x = np.asarray(elongations_mm, dtype=float)
+    x = x[:, None] if x.ndim == 1 else x
+    t, p = np.asarray(time_s, dtype=float), np.asarray(pressure_kpa, dtype=float)
+    if not len(t) == len(p) == len(x):
+        raise DataError(
+            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
+            "give one of each for every sample",
+        )
+    if len(t) < 10 or not (np.diff(t) > 0).all():
+        raise DataError("a cycle needs ten samples or more, in rising time", "give whole cycles, in order")
+    known: BoolArray = np.isfinite(x)
+    if not known.any():
+        raise DataError("no elongation is known in this cycle", "check the calibration's range: it gives NaN outside")
+    mean = np.where(known.any(axis=1), np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    offset, gain = line(*branch_means(p, table.nominal_elongation(p)[0], mean))
+    apart = line(*branch_means(p, mean, x[:, 0] - x[:, 1])) if x.shape[1] > 1 else (np.nan, np.nan)
+    loss = leak.take(t, p, p - table.nominal_pressure(mean)) if leak is not None else np.nan
+    return CycleFigures(loss, fade_percent_per_min(t, p), gain, offset, *apart)
+
+
+class Monitor:
+    """Follows cycle after cycle and raises alarms.
+
+    Parameters
+    ----------
+    table : the nominal actuator.
+    healthy_cycles : healthy cycles between false alarms, over all alarms together.
+    """
+
+    def __init__(self, table: ReducedModel, healthy_cycles: float = HEALTHY_CYCLES_BETWEEN_ALARMS) -> None:
+        if not healthy_cycles >= 10.0:
+            raise RequestError(f"one false alarm in {healthy_cycles:g} cycles is no alarm", "allow one in 10 or fewer")
+        self.table = table
+        self.watched = np.array([[rise is not None, fall is not None] for _, _, _, rise, fall in _CHANNELS])
+        self.threshold = threshold_for(healthy_cycles, int(self.watched.sum()))
+        self.cycles = 0
+        self._cusum = SelfStartingCusum(np.array([floor for _, floor, _, _, _ in _CHANNELS]))
+        self._open: set[tuple[int, int]] = set()
+        self._leak = LeakWatch(RUN_IN_CYCLES)
+
+    def figures(self, time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray) -> CycleFigures:
+        """Boil the run's next whole cycle down (see `cycle_figures`); once each, in order, before `take`."""
+        return cycle_figures(self.table, time_s, pressure_kpa, elongations_mm, self._leak)
+
+    def watch(self, time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray) -> list[Alarm]:
+        """Take one whole cycle as arrays (see `cycle_figures`); return the alarms that it raises for the first time."""
+        return self.take(self.figures(time_s, pressure_kpa, elongations_mm))
+
+    def take(self, figures: CycleFigures) -> list[Alarm]:
+        """Take one cycle's figures; return the alarms that it raises for the first time, causes before effects."""
+        self.cycles += 1
+        if self.cycles <= RUN_IN_CYCLES:
+            return []
+        sums = self._cusum.update(np.array(astuple(figures)))
+        raised = (sums > self.threshold) & self.watched
+        self._open = {key for key in self._open if sums[key] > 0.0}
+        fresh = [(int(i), int(j)) for i, j in np.argwhere(raised) if (int(i), int(j)) not in self._open]
+        self._open.update(fresh)
+        return sorted((self._alarm(i, j) for i, j in fresh), key=lambda alarm: len(alarm.may_follow_from))
+
+    def _illness(self, channel: int, side: int) -> Illness | None:
+        rise, fall = _CHANNELS[channel][3:]
+        return rise if side == 0 else fall
+
+    def sight(self) -> dict[str, float]:
+        """Return the smallest lasting shift of each figure that would raise an alarm now, in the figure's unit.
+
+        Infinite before there is a history to compare with.
+        """
+        history, spread = self._cusum.count, self._cusum.spread()
+        return {
+            channel[0]: sight(int(n), self.threshold) * float(s)
+            for channel, n, s in zip(_CHANNELS, history, spread, strict=True)
+        }
+
+    def standing(self) -> list[Alarm]:
+        """Return the alarms that are still up, with what is known of them now."""
+        return [self._alarm(i, j) for i, j in sorted(self._open)]
+
+    def _alarm(self, channel: int, side: int) -> Alarm:
+        illness = self._illness(channel, side)
+        if illness is None:  # pragma: no cover - `watched` keeps such a side from being raised
+            raise RequestError("this side of the figure has no meaning")
+        name, _, unit, _, _ = _CHANNELS[channel]
+        sums, length, shift = (a[channel, side] for a in (self._cusum.sums, self._cusum.length, self._cusum.shift))
+        once = float(cycles_between_alarms(sums)) / int(self.watched.sum())
+        likely = (self._cusum.sums > LIKELY * self.threshold) & self.watched
+        causes = {other for i, j in np.argwhere(likely) if (other := self._illness(int(i), int(j)))}
+        causes = {other for other in causes if illness in _BRINGS.get(other, ())}
+        independent = not bool(self._cusum.dependent()[channel, side])
+        since = self.cycles - int(length) + 1
+        return Alarm(illness, name, unit, float(shift), since, self.cycles, once, tuple(sorted(causes)), independent)

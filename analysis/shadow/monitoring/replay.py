@@ -1,0 +1,210 @@
+"""A recording against the shadow, offline: deviation, pressure residual, drift over cycles, alarms.
+
+Strategy: arrays in, arrays out; who has a recording cuts it into cycles and turns mV into mm, this room compares. Each
+cycle goes through the same monitor as live, so a replay raises the very alarms that the session raised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, field
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from scipy import stats
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError
+from analysis.shadow.model.reduced import ReducedModel
+from analysis.shadow.monitoring.monitor import Alarm, CycleFigures, Monitor, deviation_mm, pressure_residual_kpa
+
+FEWEST_FOR_DRIFT = 3
+_LINE, _BAND, _ALARM, _MUTED = "#0072b2", "#cc79a7", "#d55e00", "#555f6b"
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What a recording says against the shadow.
+
+    Parameters
+    ----------
+    time_s, pressure_kpa, elongation_mm : shape (n,), the recording (mean of the sensors).
+    deviation_mm, residual_kpa : shape (n,), NaN where unknown.
+    band_mm : shape (n,), standard uncertainty of nominal elongation from E.
+    sight : smallest lasting shift of each figure that an alarm would have found at the end, in the figure's unit.
+    cycle_start_s : shape (cycles,); figures : one a cycle; alarms : in the order in which they came.
+    drift_mm_per_cycle, drift_interval : Theil-Sen slope of the cycles' mean deviation with its 95 % interval.
+    left_out : cycles that no figure could be made of, each with its cause.
+    """
+
+    time_s: FloatArray
+    pressure_kpa: FloatArray
+    elongation_mm: FloatArray
+    deviation_mm: FloatArray
+    residual_kpa: FloatArray
+    band_mm: FloatArray
+    cycle_start_s: FloatArray
+    figures: tuple[CycleFigures, ...]
+    alarms: tuple[Alarm, ...]
+    drift_mm_per_cycle: float
+    drift_interval: tuple[float, float]
+    left_out: tuple[str, ...]
+    sight: dict[str, float] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, object]:
+        """Return the numbers of a report, JSON-ready apart from NaN."""
+        known = self.deviation_mm[np.isfinite(self.deviation_mm)]
+        inside = np.abs(self.deviation_mm) <= 2.0 * self.band_mm
+        size = len(known)
+        return {
+            "samples": len(self.time_s),
+            "compared": size,
+            "cycles": len(self.figures),
+            "deviation_mean_mm": float(known.mean()) if size else np.nan,
+            "deviation_rms_mm": float(np.sqrt((known**2).mean())) if size else np.nan,
+            "deviation_worst_mm": float(known[np.argmax(np.abs(known))]) if size else np.nan,
+            "inside_band_percent": 100.0 * float(inside.sum()) / size if size else np.nan,
+            "residual_rms_kpa": float(np.sqrt(np.nanmean(self.residual_kpa**2))) if size else np.nan,
+            "drift_mm_per_cycle": self.drift_mm_per_cycle,
+            "drift_interval_mm_per_cycle": self.drift_interval,
+            "alarms": [
+                {
+                    "illness": a.illness,
+                    "since_cycle": a.since_cycle,
+                    "cycle": a.cycle,
+                    "figure": a.figure,
+                    "shift": a.shift,
+                    "unit": a.unit,
+                    "healthy_cycles": a.healthy_cycles,
+                    "sentence": a.sentence,
+                }
+                for a in self.alarms
+            ],
+            "smallest_shift_found": self.sight,
+            "left_out": self.left_out,
+        }
+
+
+def replay(
+    table: ReducedModel,
+    time_s: FloatArray,
+    pressure_kpa: FloatArray,
+    elongations_mm: FloatArray,
+    cycles: Sequence[slice],
+) -> Replay:
+    """Compare a recording with the shadow.
+
+    Parameters
+    ----------
+    table : the nominal actuator.
+    time_s, pressure_kpa : shape (n,).
+    elongations_mm : shape (n,) or (n, sensors), NaN where a sensor knows none.
+    cycles : rows of each whole cycle, in order.
+
+    Raises
+    ------
+    DataError
+        If the arrays do not belong together or hold nothing to compare.
+    """
+    t, p, x = _together(time_s, pressure_kpa, elongations_mm)
+    mean = _mean_over_sensors(x)
+    deviation = deviation_mm(table, p, mean)
+    monitor = Monitor(table)
+    figures, alarms, used, left_out = [], [], [], []
+    for number, rows in enumerate(cycles, 1):
+        try:
+            one = monitor.figures(t[rows], p[rows], x[rows])
+        except DataError as error:
+            left_out.append(f"cycle {number}: {error.cause}")
+            continue
+        figures.append(one)
+        used.append(rows)
+        alarms += monitor.take(one)
+    slope, low, high = drift(np.array([_mean_known(deviation[rows]) for rows in used]))
+    return Replay(
+        time_s=t,
+        pressure_kpa=p,
+        elongation_mm=mean,
+        deviation_mm=deviation,
+        residual_kpa=pressure_residual_kpa(table, p, mean),
+        band_mm=table.nominal_elongation(p)[1],
+        cycle_start_s=np.array([t[rows][0] for rows in used]),
+        figures=tuple(figures),
+        alarms=tuple(alarms),
+        drift_mm_per_cycle=slope,
+        drift_interval=(low, high),
+        left_out=tuple(left_out),
+        sight=monitor.sight(),
+    )
+
+
+def _together(
+    time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times and pressures of shape (n,) and elongations of shape (n, sensors), or say why they do not fit."""
+    t, p, x = (np.asarray(values, dtype=float) for values in (time_s, pressure_kpa, elongations_mm))
+    x = x[:, None] if x.ndim == 1 else x
+    if not len(t) == len(p) == len(x):
+        raise DataError(
+            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
+            "give one of each for every sample",
+        )
+    if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():
+        raise DataError(
+            "the recording has no sample with both pressure and elongation",
+            "give a calibration that covers its signals",
+        )
+    return t, p, x
+
+
+def _mean_over_sensors(elongations_mm: FloatArray) -> FloatArray:
+    """Return the mean of the sensors that know one, sample by sample; NaN where none does."""
+    known = np.isfinite(elongations_mm)
+    total = np.where(known, elongations_mm, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)
+
+
+def _mean_known(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else float("nan")
+
+
+def drift(levels_mm: FloatArray) -> tuple[float, float, float]:
+    """Return the Theil-Sen slope over cycles with its 95 % interval, mm a cycle; NaN for fewer than three."""
+    number = np.flatnonzero(np.isfinite(levels_mm))
+    if len(number) < FEWEST_FOR_DRIFT:
+        return np.nan, np.nan, np.nan
+    slope, _, low, high = stats.theilslopes(levels_mm[number], number)
+    return float(slope), float(low), float(high)
+
+
+def replay_figure(result: Replay) -> Figure:
+    """Draw the deviation with its band over time, and the cycles' gain with its alarms."""
+    figure = Figure(figsize=(9.0, 5.4), layout="constrained")
+    above, below = figure.subplots(2, height_ratios=(3, 2))
+    step = max(1, len(result.time_s) // 20_000)
+    time, band = result.time_s[::step], 2.0 * result.band_mm[::step]
+    above.fill_between(time, -band, band, color=_BAND, alpha=0.25, lw=0, label="band from E, k = 2")
+    above.plot(time, result.deviation_mm[::step], color=_LINE, lw=0.6, label="measured minus nominal")
+    above.set(xlabel="time, s", ylabel="deviation, mm")
+    above.legend(frameon=False, fontsize=8.5, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    below.xaxis.set_major_locator(MaxNLocator(integer=True))
+    gain = np.array([astuple(f)[2] for f in result.figures])
+    below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=_LINE, ms=3, lw=0.8)
+    for i, alarm in enumerate(result.alarms):
+        below.axvline(alarm.cycle, color=_ALARM, lw=0.8)
+        below.annotate(
+            alarm.illness,
+            (alarm.cycle, 1.0 - 0.14 * (i % 6)),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, -9),
+            textcoords="offset points",
+            fontsize=8,
+            color=_ALARM,
+        )
+    below.set(xlabel="cycle", ylabel="elongation against\nnominal, % off")
+    for axes in (above, below):
+        axes.grid(True, color="#e4e7eb", lw=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure

@@ -1,0 +1,1 @@
+"""The controller: sequencer, interlock, board commands, watchdog; no thread, no port."""

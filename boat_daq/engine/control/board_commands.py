@@ -1,0 +1,284 @@
+"""The dialogue with one board: what it is told, what it answers, and what a missing or a bad answer means.
+
+A refused command is not done, and a command without an answer is not known to be done: under pressure both are trips.
+A vent is repeated until it is acknowledged. Nothing here decides about pressure; `control.Controller` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from boat_daq.engine.control.actions import Ended, Marked, Noted, SegmentBreak
+from boat_daq.engine.control.interlock import Trip
+from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, Feeder, SpeedMeter
+from protocol.link.messages import (
+    AckStatus,
+    ClearFault,
+    Command,
+    EventCode,
+    Heartbeat,
+    Hello,
+    Identify,
+    SetLimits,
+    SetPressure,
+    Start,
+    Stop,
+    Vent,
+)
+
+VENT_AGAIN_S = 0.75  # the link itself has repeated it three times by then
+
+_WORDS = {
+    AckStatus.UNKNOWN_COMMAND: "it does not know the command",
+    AckStatus.WRONG_LENGTH: "the command came with a wrong length",
+    AckStatus.OUT_OF_LIMITS: "out of its limits",
+    AckStatus.NOT_IN_THIS_STATE: "not in its present state",
+    AckStatus.FAULT_LATCHED: "it has latched a fault",
+    AckStatus.NOT_SUPPORTED: "it does not support the command",
+}
+_NO_START = {
+    AckStatus.OUT_OF_LIMITS: "ask for a lower rate, with --rate or in the settings",
+    AckStatus.FAULT_LATCHED: "clear the board's fault, by its own switch or by its supply, then try again",
+    AckStatus.NOT_IN_THIS_STATE: "switch the board off and on, then try again",
+}
+_GUARD = {
+    SetLimits: "there is no pressure without limits: look at the unit's and the plan's, and at the board's firmware",
+    Heartbeat: "there is no pressure without a watchdog: look at the board's firmware",
+}
+_TRIPPING = {
+    EventCode.OVER_PRESSURE: ("the board vented: over-pressure, {} Pa", "check supply and valve"),
+    EventCode.UNDER_PRESSURE: ("the board vented: under-pressure, {} Pa", "check vacuum line and valve"),
+    EventCode.HEARTBEAT_LOST: (
+        "the board vented: it had heard nothing for {} ms",
+        "free the computer from other work, or slow a virtual board down",
+    ),
+    EventCode.ESTOP_PRESSED: ("the e-stop was pressed", "release it when it is safe, then clear the fault"),
+    EventCode.TARGET_NOT_REACHED: ("the board vented: target not reached, {} Pa", "look for a leak or a dead pump"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Wish for a frame to the board; `feeds`: it, or a repeat in its place, has to leave at once."""
+
+    command: Command
+    feeds: bool = False
+
+
+Effect: TypeAlias = Send | Marked | SegmentBreak | Noted | Ended
+
+
+class Dialogue:
+    """One board, spoken to.
+
+    Parameters
+    ----------
+    emit : takes every effect, in order.
+
+    Attributes
+    ----------
+    can_command : False where no pressure can be commanded; then nothing is sent but IDENTIFY, START and STOP.
+    can_write : False for a replay; then nothing is sent at all.
+    whole_contract : False for firmware behind a text profile, which may have no watchdog and no limits of its own.
+    """
+
+    def __init__(self, emit: Callable[[Effect], None]) -> None:
+        self._emit = emit
+        self.can_command = self.can_write = self.whole_contract = True
+        self.feeder = Feeder()
+        self.meter = SpeedMeter()
+        self.identifying = False
+        self.stopping = False  # a STOP waits for its answer
+        self.leaving = False  # the watchdog is being disarmed: nothing arms it again
+        self.start_refused: tuple[str, str] | None = None  # cause and remedy
+        self.now_ns = self.introduced_ns = 0
+        self.board_us = 0  # of the newest sample
+        self._vent_sent_ns: int | None = None  # of a vent that is not acknowledged
+        self._awaited: list[Command] = []
+        self._then: Callable[[], None] | None = None
+
+    def begin(self) -> None:
+        """Ask who is there; what was waited for on an earlier port will not come."""
+        self.restart()
+        self._vent_sent_ns = None
+        self.send(Identify())
+
+    def restart(self) -> None:
+        """Forget what the board has forgotten."""
+        self.start_refused, self.leaving = None, False
+        self.feeder, self.meter = Feeder(), SpeedMeter()
+        self.identifying, self._adopted = True, False
+        self.forget_pending()
+
+    def introduce(self, hello: Hello, limits: SetLimits | None) -> None:
+        """Answer a HELLO: watchdog and limits.
+
+        The watchdog of a virtual board, which may run faster than we do, waits until its speed is known.
+        """
+        self.identifying, self.introduced_ns = False, self.now_ns
+        if "SIMULATED" not in hello.board_id:
+            self.send(Heartbeat(LONGEST_MS))
+        if limits is not None:
+            self.send(limits)
+
+    def send(self, command: Command, *, feeds: bool = False) -> None:
+        """Send a command, if there is anyone to send it to; `feeds` as `Send` has it."""
+        if not self.can_write or not (self.can_command or isinstance(command, Identify | Start | Stop)):
+            return
+        if isinstance(command, Vent):
+            self.vent_sent()
+        self.stopping = isinstance(command, Stop) or self.stopping
+        self.feeder.sent(command, self.now_ns, self.board_us)
+        self._emit(Send(command, feeds))
+
+    def vent_sent(self) -> None:
+        """A vent has left by another way."""
+        self._vent_sent_ns = self.now_ns
+        self.feeder.sent(Vent(), self.now_ns, self.board_us)
+
+    def vent(self) -> None:
+        """Vent, unless a vent is on its way."""
+        if not self.venting:
+            self.send(Vent())
+
+    @property
+    def venting(self) -> bool:
+        """Whether a vent waits for its acknowledgement."""
+        return self._vent_sent_ns is not None
+
+    @property
+    def pending(self) -> bool:
+        """Whether something waits for its guards."""
+        return self._then is not None
+
+    def once_guarded(self, limits: SetLimits, then: Callable[[], None]) -> None:
+        """Do `then` once the board has acknowledged watchdog and limits."""
+        guards: list[Command] = [Heartbeat(self.feeder.timeout_ms(self.meter.speed)), limits]
+        self._awaited, self._then = list(guards), then
+        for command in guards:
+            self.send(command)
+
+    def adopt_watchdog(self) -> None:
+        """Feed a watchdog that an earlier host has armed, once its board's speed is known; else it trips again."""
+        if self._adopted or self.feeder.armed_ms or not self.meter.known:
+            return
+        self._adopted = True
+        self.send(Heartbeat(self.feeder.timeout_ms(self.meter.speed)))
+
+    def forget_pending(self) -> None:
+        """Wait for nothing any more."""
+        self._awaited, self._then = [], None
+
+    def tick(self, *, idle: bool) -> None:
+        """Repeat a vent, feed the watchdog; `idle`: nothing is under pressure and the board is at rest."""
+        if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
+            self.send(Vent())
+        if not self.leaving and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
+            # A fast board's watchdog is not worth feeding while there is nothing to guard.
+            fast = self.meter.speed > FAST
+            off = fast and idle and not self.pending
+            feeds = self.feeder.repeats_are_late(self.meter.speed)
+            self.send(Heartbeat(0 if off else self.feeder.armed_ms), feeds=feeds)
+
+    def done(self, command: Command) -> None:
+        """The board has done it."""
+        if isinstance(command, Vent):
+            self._vent_sent_ns = None
+        elif isinstance(command, Heartbeat):
+            self.feeder.armed_ms = command.timeout_ms
+        elif isinstance(command, Stop):
+            self.stopping = False
+        elif isinstance(command, Start):
+            self.start_refused = None
+        self._settle(command)
+
+    def _settle(self, command: Command) -> None:
+        """Go on once the last guard is in place."""
+        if self._then is not None and command in self._awaited:
+            self._awaited.remove(command)
+            if not self._awaited:
+                then, self._then = self._then, None
+                then()
+
+    def refused(self, command: Command, status: AckStatus | int, *, pressurised: bool) -> Trip | None:
+        """The board will not do it: return the trip that follows, or say it."""
+        text = f"the board refused {_name(command)}: {_WORDS.get(AckStatus(status)) if status in _WORDS else status}"
+        if isinstance(command, Heartbeat):
+            self.feeder.refused(command)
+        if status == AckStatus.NOT_SUPPORTED and not self.whole_contract and isinstance(command, Heartbeat | SetLimits):
+            self._do_without(command)
+            return None
+        match command:
+            case SetPressure():
+                return Trip("refused", text, "check the limits, then clear the fault")
+            case Heartbeat(0):
+                pass  # the board keeps its watchdog
+            case Heartbeat() | SetLimits() if self.pending or pressurised:
+                return Trip("refused", text, _GUARD[type(command)])
+            case Heartbeat() | SetLimits():  # it forbids nothing yet: an error once a pressure is asked for
+                self.note("refused", text, "info", _GUARD[type(command)])
+            case Vent():
+                self.note("refused", text, "error", "open the valve by hand")
+            case ClearFault():
+                self.note("refused", text, "error", "remove the cause of the fault first")
+            case Stop():
+                self.stopping = False  # the board sends nothing anyway
+            case Start() if self.meter.known:
+                pass  # it samples already
+            case Start(rate_hz):
+                remedy = _NO_START.get(AckStatus(status)) if status in _WORDS else None
+                remedy = remedy or "the board's firmware must know START: update it, or give its profile"
+                self.start_refused = (f"{text}, at {rate_hz} Hz", remedy)
+                self.note("refused", text, "")  # told where samples are missed
+            case _:
+                self.note("refused", text, "error")
+        return None
+
+    def _do_without(self, command: Command) -> None:
+        """Firmware behind a text profile may lack what guards a pressure: say so once it matters."""
+        if self.pending and isinstance(command, Heartbeat):
+            text = "this firmware has no watchdog: it holds its pressure even when this program is gone"
+            self.note("no_watchdog", text, "warning", "stay with the unit while it is under pressure")
+        self._settle(command)
+
+    def lost(self, command: Command, *, watched: bool) -> Trip | None:
+        """Nobody answered, three times: return the trip that follows, or ask again."""
+        text = f"the board did not answer {_name(command)}, asked three times"
+        match command:
+            case Vent():
+                pass  # `tick` repeats it; each that is lost bringing another, a slow link would fill with them
+            case Identify():
+                if self.identifying:
+                    self.send(Identify())
+            case Stop():
+                self.stopping = False
+            case _ if watched:
+                return Trip("no_answer", text, "check the link")
+            case Start():
+                self.note("no_answer", text, "error", "check the link")
+            case _:
+                pass  # asked of a board that has restarted, or gone, since
+        return None
+
+    def board_event(self, code: EventCode | int, value: int) -> Trip | None:
+        """Return the trip that an event of the board means, or say what it says."""
+        if code in _TRIPPING:
+            cause, remedy = _TRIPPING[EventCode(code)]
+            return Trip("board_" + EventCode(code).name.lower(), cause.format(value), remedy, float(value))
+        if code == EventCode.SENSOR_SATURATED:
+            text = f"sensor {value + 1} is saturated"
+            self.note("saturated", text, "warning", "reduce the light or its gain", value=value + 1)
+        elif code == EventCode.SAMPLES_DROPPED:
+            self.note("dropped", f"the board dropped {value} samples", "warning", "ask for a lower rate", value=value)
+        return None
+
+    def note(self, kind: str, text: str, level: str, remedy: str = "", *, value: float | None = None) -> None:
+        """Tell the operator and the recording."""
+        self._emit(Noted(kind, text, level, remedy, value))
+
+
+def _name(command: Command) -> str:
+    words = {SetPressure: "SET_PRESSURE", SetLimits: "SET_LIMITS", ClearFault: "CLEAR_FAULT"}
+    return words.get(type(command), type(command).__name__.upper())

@@ -1,0 +1,435 @@
+"""The control: what the board says goes in, what it is told comes out. No thread, no port, no clock of its own.
+
+    link events, the operator's buttons, the time  ->  Controller  ->  effects, in order
+
+It joins the sequencer (what next), the interlock (whether at all) and the dialogue with the board, and keeps the rules
+between them: a pressure leaves only as the interlock's own answer, and only once the board has acknowledged limits and
+watchdog; whatever trips, vents, and latches. The same object runs behind a serial port and in the tests, where a
+virtual board answers it without a thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from boat_daq.engine.control.actions import Ended, GoTo, VentNow
+from boat_daq.engine.control.board_commands import Dialogue, Effect
+from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
+from boat_daq.engine.control.preflight import Check, require
+from boat_daq.engine.control.readiness import Readiness
+from boat_daq.engine.control.sequencer import VENTED_KPA, Sequencer
+from boat_daq.engine.control.silence import Stream
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.sample_columns import Columns, columns, last_sample
+from boat_daq.engine.snapshot import LastSample, SessionState
+from boat_daq.errors import OperatorError
+from protocol.link.events import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples
+from protocol.link.messages import (
+    AckStatus,
+    BootReason,
+    ClearFault,
+    Command,
+    Heartbeat,
+    Hello,
+    Identify,
+    SetPressure,
+    Start,
+    Stop,
+    Vent,
+)
+from protocol.recording import BoardState, SampleFlag
+
+BOOT_S = 0.2  # a HELLO so long after the first, and still no sample
+MANUAL_RAMP_KPA_PER_S = 10.0
+
+_FAULT_BEFORE = (
+    "the board had vented and latched a fault before this program came: its host may have died under pressure"
+)
+_AT_REST = (BoardState.IDLE, BoardState.VENTED)
+_WATCHDOG_ARMED = int(SampleFlag.WATCHDOG_ARMED)  # as numbers: each sample asks
+_RUN = (SessionState.RUNNING, SessionState.PAUSED)
+
+
+class Controller:
+    """One board under control.
+
+    Parameters
+    ----------
+    rate_hz : samples per second to ask for; the board's highest where that is less.
+    zero_tolerance_kpa : of the pressure sensor on a vented unit.
+    """
+
+    def __init__(self, *, rate_hz: int = 100, zero_tolerance_kpa: float = 1.0) -> None:
+        self.stream = Stream(rate_hz)
+        self.sequencer = Sequencer()
+        self.interlock = Interlock()
+        self.flat_line = FlatLine()
+        self.hello: Hello | None = None
+        self.last: LastSample | None = None
+        self.target_kpa: float | None = None
+        self.hold_samples = False  # greet a board without asking for samples: a recording opens first
+        self.first_us = 0  # board time of the first sample on this link
+        self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
+        self._mv_per_count = 1.0
+        self._cleared_by = ""
+        self._effects: list[Effect] = []
+        self.dialogue = Dialogue(self._effects.append)
+        self.readiness = Readiness(self.interlock, self.dialogue, zero_tolerance_kpa=zero_tolerance_kpa)
+
+    @property
+    def rate_hz(self) -> int:
+        """Samples per second asked for."""
+        return self.stream.rate_hz
+
+    def take(self) -> list[Effect]:
+        """Return the effects since the last call, in order."""
+        effects = list(self._effects)
+        self._effects.clear()
+        return effects
+
+    # ---- the link --------------------------------------------------------------------------------------------------
+
+    def link_opened(self, now_ns: int) -> None:
+        """A port is open: ask who is there."""
+        self.dialogue.now_ns = now_ns
+        self.stream.opened(now_ns)
+        self.dialogue.begin()
+
+    def listen(self, mv_per_count: float) -> None:
+        """Take samples without a HELLO: a replay."""
+        self._mv_per_count, self.dialogue.identifying = mv_per_count, False
+
+    def link_lost(self, cause: str) -> None:
+        """The port is gone. Nothing can be sent: the board's watchdog vents."""
+        self.stream.begun = False
+        self.dialogue.restart()
+        if self.pressurised or self.sequencer.state in _RUN:
+            self._trip(Trip("link_lost", cause, "plug it in again; the board vents by itself"))
+        else:
+            self.dialogue.note("link_lost", cause, "warning")
+
+    @property
+    def up(self) -> bool:
+        """Whether samples come and their pace is known."""
+        return self.stream.begun and self.dialogue.meter.known and not self.stream.silent
+
+    @property
+    def greeted(self) -> bool:
+        """Whether the board on this port has said who it is, and was told limits and watchdog."""
+        return self.hello is not None and not self.dialogue.identifying
+
+    @property
+    def no_samples(self) -> tuple[str, str] | None:
+        """Cause and remedy where the board refused to send samples, and none come."""
+        return None if self.stream.begun else self.dialogue.start_refused
+
+    def events(self, events: Sequence[object], now_ns: int) -> None:
+        """Take what the link tells (`protocol.link.events.LinkEvent`), in its order; what is not the control's passes
+        by."""
+        self.dialogue.now_ns = now_ns
+        for event in events:
+            match event:
+                case Samples(array):
+                    self._take_samples(columns(array, self._mv_per_count))
+                case CommandDone(command, _, status) if status is not None:
+                    self._answered(command, status)
+                case CommandLost(Heartbeat(), _) if self.stream.paused_lately(now_ns):
+                    pass  # nothing came at all: that is silence, and watched as such
+                case CommandLost(command, _):
+                    self._trip(self.dialogue.lost(command, watched=self.stream.begun))
+                case BoardEventReceived(found, _):
+                    self._trip(self.dialogue.board_event(found.code, found.value))
+                case HelloReceived(hello) if self.dialogue.identifying or self._boots_again(now_ns):
+                    self._greet(hello)
+                case BoardRestarted(hello):
+                    self._restarted(hello)
+                case _:
+                    pass
+
+    def tick(self, now_ns: int) -> None:
+        """Do what time alone brings: feed, repeat a vent, notice silence. Called every few ten milliseconds."""
+        self.dialogue.now_ns = now_ns
+        if self.stream.falls_silent(now_ns):
+            self._silence(f"no data for {self.stream.silence_s:g} s")
+        self.dialogue.tick(idle=self._idle)
+
+    # ---- the operator ----------------------------------------------------------------------------------------------
+
+    def arm(
+        self, plan: Plan, *, wait_for_reading: bool = False, first_cycle: int = 1, complete_cycles: int = 0
+    ) -> None:
+        """Check a plan against the limits and make it ready.
+
+        Raises
+        ------
+        OperatorError : see `Session.arm`.
+        """
+        self.readiness.require_plan(plan)
+        self.readiness.require_unlatched("arm")
+        self.sequencer.arm(
+            plan, wait_for_reading=wait_for_reading, first_cycle=first_cycle, complete_cycles=complete_cycles
+        )
+        self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
+
+    def preflight(self) -> list[Check]:
+        """Return the lines of the check before the first pressure."""
+        at_rest = self.last is not None and self.last.state in _AT_REST
+        return self.readiness.checks(up=self.up, vented=at_rest)
+
+    def start(self, extra: Sequence[Check] = ()) -> None:
+        """Begin the armed plan: pre-flight, limits and watchdog acknowledged, then the first step.
+
+        Raises
+        ------
+        OperatorError : what the pre-flight found, or nothing is armed.
+        """
+        if self.sequencer.state is not SessionState.ARMED:
+            raise OperatorError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
+        self._once_guarded(self.sequencer.start, extra)
+
+    def resume(self) -> None:
+        """Go on after a pause, with the same care as at the start.
+
+        Raises
+        ------
+        OperatorError : not paused, or what the pre-flight found.
+        """
+        if self.sequencer.state is not SessionState.PAUSED:
+            raise OperatorError(f"cannot resume while the run is {self.sequencer.state}")
+        self._once_guarded(self.sequencer.resume)
+
+    def pause(self) -> None:
+        """Vent and wait."""
+        self.sequencer.pause()
+        self._act()
+
+    def stop(self, reason: str = "stopped") -> None:
+        """End the run, or a pressure set by hand."""
+        self.dialogue.forget_pending()
+        self.sequencer.stop(reason)
+        if self.target_kpa is not None:
+            self._vent()
+        self._act()
+
+    def vent(self, *, sent: bool = False) -> None:
+        """Vent now, whatever goes on, even while another vent is on its way; `sent`: the command has left already."""
+        self.dialogue.forget_pending()
+        self.target_kpa = None
+        if sent:
+            self.dialogue.vent_sent()
+        else:
+            self.dialogue.send(Vent())
+        self.dialogue.note("vent", "vented by the operator", "info")
+        self.sequencer.abort("vented by the operator", SessionState.ABORTED)
+        self._act()
+
+    def abort(self, cause: str) -> None:
+        """Leave a run for a reason that is not the board's: the disk, for one."""
+        self.dialogue.forget_pending()
+        self.sequencer.abort(cause, SessionState.ABORTED)
+        self._act()
+
+    def disarm(self) -> None:
+        """Put an armed plan away."""
+        if self.sequencer.state is SessionState.ARMED:
+            self.dialogue.forget_pending()
+            self.sequencer.disarm()
+            self._act()
+
+    def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float = MANUAL_RAMP_KPA_PER_S) -> None:
+        """Go to a pressure by hand.
+
+        Raises
+        ------
+        OperatorError : see `Session.set_pressure`.
+        """
+        self.readiness.require_command()
+        if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
+            raise OperatorError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
+        self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # says no now, not after the board's answers
+        if self.target_kpa is not None:
+            self._go(target_kpa, ramp_kpa_per_s)
+        else:
+            self._once_guarded(lambda: self._go(target_kpa, ramp_kpa_per_s))
+
+    def clear_fault(self, by: str = "the operator") -> None:
+        """Forget what is latched, here and on the board; `by` whom goes into the recording.
+
+        Raises
+        ------
+        OperatorError : its cause stands.
+        """
+        self.interlock.require_gone()
+        self._cleared_by = by
+        if self.stream.begun and self.last is not None and self.last.state is BoardState.FAULT:
+            self.dialogue.send(ClearFault())
+        else:
+            self._cleared()
+
+    def leave(self) -> None:
+        """Say goodbye: vent, disarm the watchdog, stop the samples."""
+        self.stop("disconnected")
+        self.dialogue.vent()
+        self.dialogue.leaving = True
+        self.dialogue.send(Heartbeat(0))
+        self.dialogue.send(Stop())
+        self.stream.begun = False
+
+    # ---- samples ---------------------------------------------------------------------------------------------------
+
+    def _take_samples(self, block: Columns) -> None:
+        if not len(block):
+            return
+        dialogue, stream = self.dialogue, self.stream
+        dialogue.board_us = int(block.time_us[-1])
+        dialogue.meter.add(dialogue.now_ns, dialogue.board_us)
+        first, was_silent = not stream.begun, stream.silent
+        stream.came(dialogue.now_ns)
+        if was_silent:
+            dialogue.note("samples_again", "samples come again", "info")
+        if first:
+            self.first_us = int(block.time_us[0])
+        self.last = last_sample(block, self.target_kpa)
+        self.readiness.take(block.pressure_kpa[block.pressure_known].tolist())
+        found = self.interlock.inspect(block)
+        if found is not None:
+            if first and found.kind == "board_fault":
+                found = self.interlock.latched = replace(found, cause=_FAULT_BEFORE)
+            self._tripped(found)
+        for sensor in self.flat_line.inspect(block):
+            text = f"sensor {sensor} reads the same value while the pressure moves"
+            dialogue.note("flat_line", text, "warning", "check its emitter, receiver and cable", value=sensor)
+        self.sequencer.feed(block)
+        self._act()
+        if self.target_kpa is None and not dialogue.venting and abs(self.last.pressure_kpa) <= VENTED_KPA:
+            self.pressurised = False
+        if int(self.last.flags) & _WATCHDOG_ARMED:
+            dialogue.adopt_watchdog()
+        dialogue.tick(idle=self._idle)
+
+    @property
+    def _idle(self) -> bool:
+        """Whether there is nothing to guard."""
+        return not self.pressurised and self.last is not None and self.last.state in _AT_REST
+
+    def _silence(self, text: str) -> None:
+        if self.pressurised or self.sequencer.state in _RUN:
+            self._trip(Trip("silent", text, "check the cable; the board vents by itself"))
+            return
+        self.dialogue.note("silent", text, "warning", "check the board and its cable")
+        self.dialogue.vent()
+
+    # ---- answers ---------------------------------------------------------------------------------------------------
+
+    def _greet(self, hello: Hello) -> None:
+        """The board says who it is: tell it limits and rate."""
+        self.hello = hello
+        self._mv_per_count = hello.vref_mv / 2**hello.adc_bits
+        self.readiness.take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
+        if hello.rate_max_hz < self.rate_hz:
+            self.dialogue.note("rate", f"the board samples at most {hello.rate_max_hz} times a second", "warning")
+            self.stream.rate_hz = hello.rate_max_hz
+        self.dialogue.introduce(hello, self.readiness.limits_command)
+        if not self.hold_samples:
+            self.dialogue.send(Start(self.rate_hz))
+
+    def release_samples(self) -> None:
+        """Ask for the samples that were held back."""
+        self.hold_samples = False
+        self.dialogue.send(Start(self.rate_hz))
+
+    def _boots_again(self, now_ns: int) -> bool:
+        """Whether a second HELLO means that the board has forgotten our introduction: opening its port reset it."""
+        return not self.stream.begun and now_ns - self.dialogue.introduced_ns > BOOT_S * 1e9
+
+    def _restarted(self, hello: Hello | None) -> None:
+        """The board has forgotten everything: it is vented, and so is the run."""
+        reason = "" if hello is None else f" ({_boot_reason(hello.boot_reason)})"
+        booting, self.stream.begun = not self.stream.begun, False  # before the first sample: opening its port reset it
+        self.dialogue.restart()
+        if not booting or self.pressurised:
+            cause = f"the board restarted{reason}"
+            self._trip(Trip("board_restarted", cause, "check its supply, then clear the fault"))
+        if hello is None:
+            self.dialogue.send(Identify())
+        else:
+            self._greet(hello)
+
+    def _answered(self, command: Command, status: AckStatus | int) -> None:
+        if status != AckStatus.DONE:
+            self._trip(self.dialogue.refused(command, status, pressurised=self.pressurised))
+            return
+        if isinstance(command, SetPressure) and command.target_pa == _pascal(self.target_kpa):
+            self.sequencer.commanded()
+        elif isinstance(command, ClearFault):
+            self._cleared()
+        self.dialogue.done(command)
+        self._act()
+
+    def _cleared(self) -> None:
+        self.interlock.latched = None
+        self.sequencer.cleared()
+        self.dialogue.note("fault_cleared", f"fault cleared by {self._cleared_by}", "info")
+
+    # ---- pressure --------------------------------------------------------------------------------------------------
+
+    def _once_guarded(self, then: Callable[[], None], extra: Sequence[Check] = ()) -> None:
+        """Do `then` after the pre-flight, once limits and watchdog are acknowledged; a second press changes nothing."""
+        limits = self.readiness.limits_command
+        if self.dialogue.pending:
+            return
+        require([*self.preflight(), *extra])
+        assert limits is not None  # the pre-flight asks for them
+        self.dialogue.once_guarded(limits, then)
+
+    def _act(self) -> None:
+        """Turn the sequencer's actions into effects; a pressure goes through the interlock."""
+        for action in self.sequencer.take():
+            match action:
+                case GoTo(target_kpa, ramp_kpa_per_s):
+                    self._go(target_kpa, ramp_kpa_per_s)
+                case VentNow():
+                    self._vent()
+                case _:
+                    self._effects.append(action)
+            if isinstance(action, Ended):
+                told = action.reason.startswith("aborted")  # what aborted it has been told already
+                self.dialogue.note("run_ended", action.reason, "" if told else "info")
+        if self.sequencer.state in (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT):
+            self.interlock.set_limits("plan", None)
+
+    def _go(self, target_kpa: float, ramp_kpa_per_s: float) -> None:
+        try:
+            command = self.interlock.authorise(target_kpa, ramp_kpa_per_s)
+        except OperatorError as error:  # latched since it was asked for
+            self._trip(Trip("refused", error.cause, error.remedy))
+            return
+        self.pressurised, self.target_kpa = True, target_kpa
+        if self.dialogue.feeder.armed_ms:  # a board that restarted an instant ago, unseen yet, has forgotten it
+            self.dialogue.send(Heartbeat(self.dialogue.feeder.armed_ms))
+        self.dialogue.send(command)
+
+    def _vent(self) -> None:
+        self.target_kpa = None
+        self.dialogue.vent()
+
+    def _trip(self, found: Trip | None) -> None:
+        if found is not None and self.interlock.trip(found):
+            self._tripped(found)
+
+    def _tripped(self, found: Trip) -> None:
+        """Vent, tell, leave the run."""
+        self.dialogue.forget_pending()
+        self._vent()
+        self.dialogue.note(found.kind, found.cause, "error", found.remedy, value=found.value)
+        self.sequencer.abort(found.cause, SessionState.FAULT)
+        self._act()
+
+
+def _pascal(pressure_kpa: float | None) -> int | None:
+    return None if pressure_kpa is None else round(pressure_kpa * 1000)
+
+
+def _boot_reason(value: int) -> str:
+    return BootReason(value).name.lower().replace("_", " ") if value <= max(BootReason) else f"reason {value}"

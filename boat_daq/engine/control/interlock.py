@@ -1,0 +1,254 @@
+"""The interlock: the only way to a pressure, and the watch over every sample.
+
+Rules. A pressure command exists only as the answer of `Interlock.authorise`, which knows the tightest limits of board,
+unit and plan. Every sample is looked at as a level, not as an edge: a stop button that was pressed before we came
+is as pressed as one that is pressed now. What is found latches, and no pressure is authorised until the operator
+clears it and its cause is gone. A trip vents; that is the caller's part (`control.Controller`), and it does so for
+every trip.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.engine.sample_columns import Columns
+from boat_daq.engine.snapshot import Limits
+from boat_daq.errors import OperatorError
+from protocol.link.messages import SetPressure
+from protocol.recording import BoardState, SampleFlag
+
+MARGIN_KPA = 2.0  # beyond a limit by more than this the board vents by itself, and so do we
+IMPLAUSIBLE_KPA = 1000.0  # a good checksum is no validation: no unit of this kind reads ten atmospheres
+FLAT_PRESSURE_KPA = 20.0  # a sensor whose reading stays the same while the pressure moves so far is frozen
+FLAT_SAMPLES = 20
+_TRIPPING = int(SampleFlag.ESTOP | SampleFlag.PRESSURE_INVALID)
+
+
+@dataclass(frozen=True, slots=True)
+class Trip:
+    """Why the interlock opened."""
+
+    kind: str  # over_pressure, under_pressure, estop, pressure_invalid, implausible, board_fault, silent, ...
+    cause: str
+    remedy: str = ""
+    value: float | None = None  # in the unit of the kind: kPa for pressures
+    time_us: int | None = None
+
+
+class Interlock:
+    """Limits, levels, latch."""
+
+    def __init__(self) -> None:
+        self._limits: dict[str, tuple[float, float]] = {}
+        self._standing: Trip | None = None
+        self.limits: Limits | None = None  # the tightest; None before any is known
+        self.latched: Trip | None = None
+
+    # ---- limits ----------------------------------------------------------------------------------------------------
+
+    def set_limits(self, source: str, limits_kpa: tuple[float, float] | None) -> None:
+        """Put or take away (None) the limits of "board", "unit" or "plan".
+
+        Raises
+        ------
+        OperatorError : the limits are swapped, not finite, or leave out 0 kPa, where a vented unit is.
+        """
+        if limits_kpa is None:
+            self._limits.pop(source, None)
+            self.limits = _tightest(self._limits)
+            return
+        low, high = limits_kpa
+        if not (math.isfinite(low) and math.isfinite(high) and low <= 0 <= high and low < high):
+            raise OperatorError(
+                f"the {source}'s limits {low:g} .. {high:g} kPa cannot be kept", "give a range around 0 kPa, low < high"
+            )
+        self._limits[source] = (low, high)
+        self.limits = _tightest(self._limits)
+
+    def check(self, target_kpa: float, *, new_plan: bool = False) -> None:
+        """Refuse a target outside the limits; for a new plan those of the one before do not count.
+
+        Raises
+        ------
+        OperatorError : names the limit and whose it is.
+        """
+        limits = _tightest({k: v for k, v in self._limits.items() if k != "plan"}) if new_plan else self.limits
+        if limits is None:
+            raise OperatorError("no pressure limits are known yet", "connect a board first")
+        if not math.isfinite(target_kpa):
+            raise OperatorError(f"{target_kpa} is not a pressure")
+        if target_kpa > limits.max_kpa + 1e-9:
+            raise OperatorError(
+                f"{target_kpa:g} kPa is above the {limits.max_source}'s limit of {limits.max_kpa:g} kPa",
+                "choose a lower pressure",
+            )
+        if target_kpa < limits.min_kpa - 1e-9:
+            raise OperatorError(
+                f"{target_kpa:g} kPa is below the {limits.min_source}'s limit of {limits.min_kpa:g} kPa",
+                "choose a higher pressure",
+            )
+
+    def authorise(self, target_kpa: float, ramp_kpa_per_s: float) -> SetPressure:
+        """Return the command for a pressure, the only way there is to one.
+
+        Raises
+        ------
+        OperatorError : outside the limits, a ramp that is none, or latched.
+        """
+        if self.latched is not None:
+            raise OperatorError(f"no pressure: {self.latched.cause}", self.latched.remedy or "clear the fault first")
+        self.check(target_kpa)
+        if not 0 < ramp_kpa_per_s < 1e5:
+            raise OperatorError(f"a ramp of {ramp_kpa_per_s:g} kPa/s cannot be kept", "give a rate above 0")
+        return SetPressure(round(target_kpa * 1000), max(1, round(ramp_kpa_per_s * 1000)))
+
+    # ---- levels ----------------------------------------------------------------------------------------------------
+
+    def inspect(self, block: Columns) -> Trip | None:
+        """Look at every sample; latch and return the first trip, None where nothing new is found."""
+        if not len(block):
+            return None
+        if self._well(block):
+            self._standing = None
+            return None
+        levels = self._levels(block)
+        self._standing = self._describe(block, len(block) - 1, levels)
+        found = [int(np.argmax(level)) for level in levels.values() if level[-1] or level.any()]
+        first = self._describe(block, min(found), levels) if found else None
+        return self.trip(first) if first else None
+
+    def trip(self, found: Trip) -> Trip | None:
+        """Latch `found`; returns it, or None when something was latched already."""
+        if self.latched is not None:
+            return None
+        self.latched = found
+        return found
+
+    def require_gone(self) -> None:
+        """Refuse to forget a trip whose level stands in the newest sample; the board clears its own latch.
+
+        Raises
+        ------
+        OperatorError : names the level.
+        """
+        if self._standing is not None and self._standing.kind != "board_fault":
+            raise OperatorError(f"the fault stands: {self._standing.cause}", self._standing.remedy)
+
+    def _well(self, block: Columns) -> bool:
+        """Whether no sample shows anything: what nearly every block comes to, for a fifth of the work."""
+        low, high = self._bounds
+        pressure = block.pressure_kpa
+        return (
+            int(np.bitwise_or.reduce(block.flags)) & _TRIPPING == 0
+            and int(block.state.max()) < BoardState.FAULT
+            and float(pressure.min()) >= max(low - MARGIN_KPA, -IMPLAUSIBLE_KPA)  # never true of what is no number
+            and float(pressure.max()) <= min(high + MARGIN_KPA, IMPLAUSIBLE_KPA)
+        )
+
+    def _levels(self, block: Columns) -> dict[str, NDArray[np.bool_]]:
+        """Return for each kind of trip which samples show it [n]; of one sample's kinds the first here is named."""
+        pressure, known = block.pressure_kpa, block.pressure_known
+        low, high = self._bounds
+        with np.errstate(invalid="ignore"):  # a pressure that is not a number is caught by `known`
+            return {
+                "estop": (block.flags & int(SampleFlag.ESTOP)) != 0,
+                "pressure_invalid": ~known,
+                "implausible": known & (np.abs(pressure) > IMPLAUSIBLE_KPA),
+                "over_pressure": known & (pressure > high + MARGIN_KPA),
+                "under_pressure": known & (pressure < low - MARGIN_KPA),
+                "board_fault": block.state == BoardState.FAULT,
+            }
+
+    def _describe(self, block: Columns, at: int, levels: dict[str, NDArray[np.bool_]]) -> Trip | None:
+        """Return what sample `at` shows."""
+        kind = next((kind for kind, level in levels.items() if level[at]), None)
+        if kind is None:
+            return None
+        return _trip(kind, float(block.pressure_kpa[at]), int(block.time_us[at]), self._bounds)
+
+    @property
+    def _bounds(self) -> tuple[float, float]:
+        limits = self.limits
+        return (limits.min_kpa, limits.max_kpa) if limits else (-math.inf, math.inf)
+
+
+def _tightest(limits_kpa: dict[str, tuple[float, float]]) -> Limits | None:
+    if not limits_kpa:
+        return None
+    low_source = max(limits_kpa, key=lambda source: limits_kpa[source][0])
+    high_source = min(limits_kpa, key=lambda source: limits_kpa[source][1])
+    return Limits(limits_kpa[low_source][0], limits_kpa[high_source][1], low_source, high_source)
+
+
+def _trip(kind: str, pressure_kpa: float, time_us: int, limits_kpa: tuple[float, float]) -> Trip:
+    """Say what a level means."""
+    low, high = limits_kpa
+    cause, remedy = {
+        "estop": ("the e-stop is pressed", "release it when it is safe, then clear the fault"),
+        "pressure_invalid": ("the board calls its pressure sensor invalid", "check the sensor and its cable"),
+        "implausible": (f"the pressure reads {pressure_kpa:.0f} kPa, which no unit can hold", "check the sensor"),
+        "over_pressure": (
+            f"{pressure_kpa:.1f} kPa, over the limit of {high:g} kPa by more than {MARGIN_KPA:g}",
+            "let it vent; check the supply and its valve",
+        ),
+        "under_pressure": (
+            f"{pressure_kpa:.1f} kPa, under the limit of {low:g} kPa by more than {MARGIN_KPA:g}",
+            "let it vent; check the vacuum line and its valve",
+        ),
+        "board_fault": ("the board has latched a fault and vented", "find its cause, then clear the fault"),
+    }[kind]
+    return Trip(kind, cause, remedy, pressure_kpa, time_us)
+
+
+class FlatLine:
+    """Watches for a sensor that reads the same value while the pressure moves."""
+
+    def __init__(self) -> None:
+        self._value: list[float] = []  # of each sensor's newest sample
+        self._extremes: list[tuple[float, float]] = []  # of the pressure since it reads that value
+        self._samples: list[int] = []
+        self._told: set[int] = set()
+
+    @property
+    def frozen(self) -> tuple[int, ...]:
+        """Sensors (from 1) that are frozen now."""
+        return tuple(sorted(self._told))
+
+    def inspect(self, block: Columns) -> list[int]:
+        """Return the sensors (from 1) newly found frozen."""
+        n = len(block)
+        if not n:
+            return []
+        newest = block.raw[-1]
+        other = (block.raw != newest)[::-1].argmax(axis=0).tolist()  # samples since another reading; 0: there was none
+        value = newest.tolist()
+        if len(self._value) != len(value):
+            self._value = [math.nan] * len(value)
+            self._extremes, self._samples = [(math.inf, -math.inf)] * len(value), [0] * len(value)
+        found = []
+        for sensor, length in enumerate(other):
+            if length or value[sensor] != self._value[sensor]:
+                self._extremes[sensor], self._samples[sensor] = (math.inf, -math.inf), 0
+                self._told.discard(sensor + 1)
+            self._continue(sensor, block.pressure_kpa[n - (length or n) :])
+            if self._flat(sensor):
+                found.append(sensor + 1)
+        self._value = value
+        self._told.update(found)
+        return found
+
+    def _continue(self, sensor: int, pressure_kpa: NDArray[np.float64]) -> None:
+        """Go on with the run of equal readings of one sensor."""
+        low, high = self._extremes[sensor]
+        self._extremes[sensor] = min(low, float(pressure_kpa.min())), max(high, float(pressure_kpa.max()))
+        self._samples[sensor] += len(pressure_kpa)
+
+    def _flat(self, sensor: int) -> bool:
+        """Whether one sensor's run has become a flat line, and nobody was told."""
+        low, high = self._extremes[sensor]
+        flat = high - low >= FLAT_PRESSURE_KPA and self._samples[sensor] >= FLAT_SAMPLES
+        return flat and sensor + 1 not in self._told

@@ -1,0 +1,403 @@
+"""The run: a state machine that reads samples and answers with actions. No clock, no thread, no port of its own.
+
+    idle --arm--> armed --start--> running --(last step)--> finishing --(vented)--> idle
+                            ^          |  stop ------------>    ^
+                     resume |          v pause                  | stop
+                            +------- paused --------------------+
+    abort, from any state: aborted (the operator's vent, a step that timed out) or fault (a latch that must be cleared)
+
+Rules. It runs on board time. It asks for pressures with `GoTo` and never commands one: the interlock does. Every way
+out of running asks for a vent, and a run has exactly one `Ended`. A pause vents, because nobody's hand should meet a
+unit under pressure: the cycle under way is left out, and the run goes on with the next number from the opening
+plateau, until it has as many complete cycles as were asked for. Numbers of steps and cycles are never used twice.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import statistics
+from collections import deque
+
+import numpy as np
+
+from boat_daq.engine.control.actions import Action, Ended, GoTo, Marked, Noted, SegmentBreak, VentNow
+from boat_daq.engine.control.step_watch import StepWatch
+from boat_daq.engine.plan import Plan, PlannedStep
+from boat_daq.engine.sample_columns import Columns
+from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, SessionState, StepMark
+from boat_daq.errors import OperatorError
+
+__all__ = ["VENTED_KPA", "Ended", "GoTo", "Marked", "Noted", "SegmentBreak", "Sequencer", "VentNow", "resume_point"]
+
+VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
+VENTED_S = 0.5
+VENT_TIMEOUT_S = 60.0
+PACE_STEPS = 40  # as many of the last steps say how long the rest will take
+READING_S = 10.0  # a reading takes a hand so long, as long as little is known of it
+FIRST_READINGS = 3  # of so many one may be a long wait: fewer are filled up with it
+
+
+_RUN = (SessionState.RUNNING, SessionState.PAUSED)
+
+
+class Sequencer:
+    """Runs one plan at a time."""
+
+    def __init__(self) -> None:
+        self.state = SessionState.IDLE
+        self.plan: Plan | None = None
+        self.marks: list[StepMark] = []
+        self.incomplete_cycles: tuple[int, ...] = ()
+        self.complete_cycles = 0
+        self.cycle = 0
+        self.ended = ""  # how the last run ended; empty before, and while one goes
+        self._first_cycle = 1
+        self._wait_for_reading = False
+        self._queue: deque[PlannedStep] = deque()
+        self._step: PlannedStep | None = None
+        self._watch: StepWatch | None = None
+        self._time_us = self._started_us = 0
+        self._pressure_kpa = self._from_kpa = 0.0
+        self._paces: deque[float] = deque(maxlen=PACE_STEPS)  # of the last steps, taken over planned time, waits apart
+        self._waits_s: deque[float] = deque(maxlen=PACE_STEPS)  # of the last plateaus, for their readings
+        self._low_since_us: int | None = None
+        self._actions: list[Action] = []
+
+    def take(self) -> list[Action]:
+        """Return the actions since the last call, in order."""
+        actions, self._actions = self._actions, []
+        return actions
+
+    # ---- the operator ----------------------------------------------------------------------------------------------
+
+    def arm(
+        self, plan: Plan, *, wait_for_reading: bool = False, first_cycle: int = 1, complete_cycles: int = 0
+    ) -> None:
+        """Make `plan` ready.
+
+        Parameters
+        ----------
+        first_cycle, complete_cycles : where a broken run goes on (`resume_point`).
+
+        Raises
+        ------
+        OperatorError : a run goes on, or a fault is latched.
+        """
+        self._require("arm", SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED)
+        self.state, self.plan = SessionState.ARMED, plan
+        self._wait_for_reading, self._first_cycle = wait_for_reading, first_cycle
+        self.cycle, self.complete_cycles, self.incomplete_cycles = 0, complete_cycles, ()
+
+    def disarm(self) -> None:
+        """Put an armed plan away; nothing happens in any other state."""
+        if self.state is SessionState.ARMED:
+            self.state = SessionState.IDLE
+
+    def start(self) -> None:
+        """Begin with the opening plateau."""
+        self._require("start", SessionState.ARMED)
+        assert self.plan is not None
+        self.state, self.cycle = SessionState.RUNNING, self._first_cycle - 1
+        self._started_us = self._time_us
+        self._paces.clear()
+        self._waits_s.clear()
+        self.ended = ""
+        self._say("run_started", f"{self.plan.name}: {self.plan.cycles} cycles")
+        self._open()
+
+    def pause(self) -> None:
+        """Vent and wait."""
+        self._require("pause", SessionState.RUNNING)
+        self._break_step()
+        self.state = SessionState.PAUSED
+        self._actions += [
+            VentNow(),
+            SegmentBreak("paused", paused=True),
+            Noted("paused", "paused by the operator", "info"),
+        ]
+
+    def resume(self) -> None:
+        """Go on with the next whole cycle, from the opening plateau."""
+        self._require("resume", SessionState.PAUSED)
+        self.state = SessionState.RUNNING
+        self._actions += [SegmentBreak("resumed", paused=False), Noted("resumed", "resumed by the operator", "info")]
+        self._open()
+
+    def stop(self, reason: str = "stopped") -> None:
+        """End the run; a second call, or one outside a run, changes nothing but puts an armed plan away."""
+        self.disarm()
+        if self.state in _RUN:
+            self._break_step()
+            self._finish(reason)
+
+    def abort(self, reason: str, state: SessionState) -> None:
+        """Leave for ABORTED or FAULT, from wherever we are; only a run has an end to note."""
+        if self.state in _RUN:
+            self._break_step()
+            self._end(f"aborted: {reason}")
+        elif self.state is SessionState.FINISHING:
+            if self.marks[-1].ended_us is None:
+                self._mark_end("aborted")
+            self._actions.append(VentNow())
+        elif state is SessionState.ABORTED:
+            self.disarm()
+            return
+        self.state = state
+
+    def cleared(self) -> None:
+        """The latch is gone."""
+        if self.state is SessionState.FAULT:
+            self.state = SessionState.IDLE
+
+    def reading_given(self, number: int) -> None:
+        """The step's reading is there, or not wanted any more: it need not wait."""
+        if self._watch is not None and self.marks and self.marks[-1].number == number:
+            self._watch.reading_awaited = False
+
+    # ---- the board -------------------------------------------------------------------------------------------------
+
+    def commanded(self) -> None:
+        """The board has taken the last pressure."""
+        if self._watch is not None:
+            self._watch.commanded(self._time_us, self._from_kpa)
+
+    def feed(self, block: Columns) -> None:
+        """Take the next samples."""
+        if not len(block):
+            return
+        self._time_us = int(block.time_us[-1])
+        known = block.pressure_kpa[block.pressure_known]
+        self._pressure_kpa = float(known[-1]) if len(known) else self._pressure_kpa
+        if self.state is SessionState.RUNNING and self._watch is not None:
+            self._follow(self._watch, block)
+        elif self.state is SessionState.FINISHING:
+            self._follow_vent(block)
+
+    def _follow(self, watch: StepWatch, block: Columns) -> None:
+        watch.feed(block)
+        mark = self.marks[-1]
+        now = dataclasses.replace(
+            mark,
+            arrived_us=watch.arrived_us,
+            settled_us=watch.settled_us,
+            ended_us=watch.ended_us,
+            status=watch.outcome or "running",
+            detail=watch.detail() if watch.outcome else mark.detail,
+        )
+        if now != mark:
+            self._change(now)
+        if watch.outcome == "reached":
+            self._reached(now)
+        elif watch.outcome == "timeout":
+            self._timed_out(now)
+
+    def _reached(self, mark: StepMark) -> None:
+        """Go to the next step, the next cycle, or the end."""
+        assert self.plan is not None
+        assert mark.ended_us is not None
+        if not mark.detail.get("steady", True):
+            text = f"{mark.target_kpa:g} kPa in cycle {mark.cycle} was not steady after {self.plan.max_dwell_s:g} s"
+            self._say("not_steady", text, "warning", "the step keeps its drift")
+        if mark.detail.get("reading_timed_out"):
+            self._say("reading_missing", f"no reading at {mark.target_kpa:g} kPa in cycle {mark.cycle}", "warning")
+        if not self._queue and mark.cycle:
+            self.complete_cycles += 1
+        if not self._queue and self.complete_cycles >= self.plan.cycles:
+            self._finish("finished")
+            return
+        if not self._queue:
+            self._next_cycle()
+        self._begin()
+
+    def _timed_out(self, mark: StepMark) -> None:
+        text = f"{mark.target_kpa:g} kPa was not reached in time: {self._pressure_kpa:.1f} kPa"
+        self._leave_cycle_out()
+        self._watch = None
+        remedy = "look for a leak, or a pump that does not run; for a slow pump give a slower ramp (record --ramp)"
+        self._say("step_timeout", text, "error", remedy)
+        self.abort(text, SessionState.ABORTED)
+
+    def _follow_vent(self, block: Columns) -> None:
+        """Wait until the pressure has been near 0 for a while."""
+        high = np.flatnonzero(~(np.abs(block.pressure_kpa) <= VENTED_KPA))
+        if len(high):
+            self._low_since_us = None
+        rest = block.time_us[int(high[-1]) + 1 :] if len(high) else block.time_us
+        if self._low_since_us is None and len(rest):
+            self._low_since_us = int(rest[0])
+        if self._low_since_us is not None and self._time_us - self._low_since_us >= VENTED_S * 1e6:
+            self._mark_end("reached")
+            self.state = SessionState.IDLE
+        elif self._time_us - self.marks[-1].started_us > VENT_TIMEOUT_S * 1e6:
+            self._mark_end("timeout")
+            text = f"the pressure does not fall: {self._pressure_kpa:.1f} kPa after the vent"
+            self._say("vent_timeout", text, "error", "keep clear of the unit and open its valve by hand")
+            self.abort(text, SessionState.ABORTED)
+
+    # ---- steps -----------------------------------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        assert self.plan is not None
+        self._queue = deque([self.plan.opening])
+        self._begin()
+
+    def _next_cycle(self) -> None:
+        assert self.plan is not None
+        self.cycle += 1
+        self._queue.extend(self.plan.cycle_steps(self.cycle))
+
+    def _begin(self) -> None:
+        """Begin the next step of the queue."""
+        assert self.plan is not None
+        step = self._step = self._queue.popleft()
+        self._from_kpa = self._pressure_kpa
+        self._watch = StepWatch(self.plan, step, started_us=self._time_us, wait_for_reading=self._wait_for_reading)
+        self._new_mark(step.cycle, step.branch, step.target_kpa)
+        self._actions.append(GoTo(step.target_kpa, self.plan.ramp_kpa_per_s))
+
+    def _new_mark(self, cycle: int, branch: str, target_kpa: float) -> None:
+        ramp = self.plan.ramp_kpa_per_s if self.plan and branch != "end" else 0.0
+        number = self.marks[-1].number + 1 if self.marks else 1
+        self.marks.append(StepMark(number, cycle, branch, target_kpa, ramp, self._time_us))
+        self._actions.append(Marked(self.marks[-1], new=True))
+
+    def _change(self, mark: StepMark) -> None:
+        assert self.plan is not None
+        if mark.status == "reached" and self._step is not None and self._watch is not None:
+            self._learn(mark, self._step, self._watch)
+        self.marks[-1] = mark
+        self._actions.append(Marked(mark, new=False))
+
+    def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch) -> None:
+        """Keep how long a step took over its planned time, and how long it waited for its reading."""
+        assert self.plan is not None
+        assert mark.ended_us is not None
+        planned_s, waited_s = self.plan.step_duration_s(self._from_kpa, step.target_kpa), watch.waited_s(mark.ended_us)
+        if planned_s > 0:
+            self._paces.append(((mark.ended_us - mark.started_us) / 1e6 - waited_s) / planned_s)
+        if self._wait_for_reading and step.plateau:
+            self._waits_s.append(waited_s)
+
+    def _break_step(self) -> None:
+        """End the step under way before its time; its cycle does not count."""
+        if self._watch is not None:
+            detail = self._watch.detail()
+            self._change(dataclasses.replace(self.marks[-1], ended_us=self._time_us, status="aborted", detail=detail))
+            self._leave_cycle_out()
+        self._watch = self._step = None
+        self._queue.clear()
+
+    def _leave_cycle_out(self) -> None:
+        if self.marks[-1].cycle:
+            self.incomplete_cycles += (self.marks[-1].cycle,)
+
+    def _finish(self, reason: str) -> None:
+        """Vent, and mark the way out as the "end" step."""
+        self._watch = self._step = self._low_since_us = None
+        self.state = SessionState.FINISHING
+        self._end(reason)
+        self._new_mark(0, "end", 0.0)
+
+    def _end(self, reason: str) -> None:
+        """Vent, and say once how the run ended."""
+        self.ended = reason
+        self._actions += [VentNow(), Ended(reason)]
+
+    def _mark_end(self, status: str) -> None:
+        self._change(dataclasses.replace(self.marks[-1], ended_us=self._time_us, status=status))
+
+    def _require(self, what: str, *states: SessionState) -> None:
+        if self.state not in states:
+            remedy = "clear the fault first" if self.state is SessionState.FAULT else ""
+            raise OperatorError(f"cannot {what} while the run is {self.state}", remedy)
+
+    def _say(self, kind: str, text: str, level: str = "", remedy: str = "") -> None:
+        self._actions.append(Noted(kind, text, level, remedy))
+
+    # ---- what is shown ---------------------------------------------------------------------------------------------
+
+    def waiting(self) -> ReadingRequest | None:
+        """Return the plateau that waits for its reading."""
+        if self._watch is None or self._watch.phase is not Phase.WAITING_FOR_READING:
+            return None
+        mark, until_us = self.marks[-1], self._watch.waits_until_us
+        assert until_us is not None
+        return ReadingRequest(mark.number, mark.cycle, mark.branch, mark.target_kpa, self._pressure_kpa, until_us / 1e6)
+
+    def progress(self) -> Progress | None:
+        """Return how far the run is; None outside a run."""
+        if self.plan is None or not self.marks or self.state not in (*_RUN, SessionState.FINISHING):
+            return None
+        mark = self.marks[-1]
+        left_s, steps_left = self._left()
+        return Progress(
+            plan_name=self.plan.name,
+            step=mark.number,
+            steps=mark.number + steps_left,
+            cycle=self.cycle,
+            cycles=self.cycle + self._cycles_left(),
+            complete_cycles=self.complete_cycles,
+            incomplete_cycles=self.incomplete_cycles,
+            branch=mark.branch,
+            phase=self._watch.phase if self._watch else Phase.VENTING,
+            target_kpa=mark.target_kpa,
+            step_time_s=(self._time_us - mark.started_us) / 1e6,
+            elapsed_s=(self._time_us - self._started_us) / 1e6,
+            time_left_s=left_s,
+        )
+
+    def _cycles_left(self) -> int:
+        """Cycles to begin yet."""
+        assert self.plan is not None
+        under_way = bool(self._step and self._step.cycle)
+        return max(0, self.plan.cycles - self.complete_cycles - under_way)
+
+    def _left(self) -> tuple[float, int]:
+        """Estimated seconds and number of steps left: the plan's own time in the median pace of the last steps, and the
+        median wait for a reading at each plateau that will ask for one.
+
+        A plateau that waits takes nothing off the steps behind it, and one long wait is no habit.
+        """
+        assert self.plan is not None
+        if self.state is SessionState.FINISHING:
+            return 0.0, 0
+        pace = statistics.median(self._paces) if self._paces else 1.0
+        path = [self._from_kpa, *([self._step.target_kpa] if self._step else []), *(s.target_kpa for s in self._queue)]
+        each_s = [pace * self.plan.step_duration_s(a, b) for a, b in itertools.pairwise(path)]
+        cycles = self._cycles_left()
+        steps = len(self._queue) + cycles * len(self.plan.targets_kpa)
+        plan_s = self._step_left_s(each_s[0] if each_s else 0.0) + sum(each_s[1:])
+        return plan_s + pace * cycles * self.plan.cycle_duration_s + self._readings_left_s(cycles), steps
+
+    def _step_left_s(self, planned_s: float) -> float:
+        """Estimated seconds of the step under way, its wait for a reading apart."""
+        if self._watch is None:
+            return planned_s
+        gone_s = (self._time_us - self.marks[-1].started_us) / 1e6 - self._watch.waited_s(self._time_us)
+        return max(0.0, planned_s - gone_s)
+
+    def _readings_left_s(self, cycles: int) -> float:
+        """Estimated seconds that readings will still take, with so many cycles to begin yet."""
+        if self.plan is None or not self._wait_for_reading:
+            return 0.0
+        each_s = statistics.median([*self._waits_s, *[READING_S] * (FIRST_READINGS - len(self._waits_s))])
+        behind = sum(s.plateau for s in self._queue) + cycles * sum(s.plateau for s in self.plan.cycle_steps(1))
+        watch = self._watch
+        now_s = max(0.0, each_s - watch.waited_s(self._time_us)) if watch and watch.reading_awaited else 0.0
+        return now_s + behind * each_s
+
+
+def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:
+    """Return (first cycle, complete cycles) with which a broken run goes on: the next number that was never begun.
+
+    Parameters
+    ----------
+    marks : steps of the broken run, in order.
+    """
+    per_cycle = len(plan.targets_kpa)
+    reached: dict[int, int] = {}
+    for mark in marks:
+        if mark.cycle:
+            reached[mark.cycle] = reached.get(mark.cycle, 0) + (mark.status == "reached")
+    return max(reached, default=0) + 1, sum(n == per_cycle for n in reached.values())

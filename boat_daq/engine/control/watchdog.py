@@ -1,0 +1,90 @@
+"""Feeding the board's watchdog, and how fast the board's clock runs.
+
+The watchdog counts board time. A virtual board at 100 times real time gives a host 100 times less of its own: so the
+watchdog is fed by the board's clock, as the samples show it, and the longest timeout the protocol has is taken for
+a board that runs faster than the host. At SPEED x, 5000 ms of board time are 5000/SPEED ms here, fed at every tenth:
+at 100x there are 50 ms, and the reading thread may be kept waiting for 45 of them. Where the computer is too busy for
+that, the board vents, as it should, and the message says to slow it down.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from protocol.link.messages import Command, Heartbeat
+
+LONGEST_MS = 5000
+REAL_TIME_MS = 1000
+FAST = 1.5  # a board whose clock runs so much faster than ours is no real one
+SPEED_SPAN_S = 2.0
+SPEED_KNOWN_S = 0.1
+FEEDS_PER_TIMEOUT = 4
+REPEAT_MS = 250  # a command without an answer goes out again
+REPEATS_WITHIN = 0.6  # of a timeout they feed well enough: up to 12x
+FEEDS_OF_A_FAST_BOARD = 10
+
+
+class SpeedMeter:
+    """Board time per host time, over the last two seconds."""
+
+    def __init__(self) -> None:
+        self._points: deque[tuple[int, int]] = deque()
+
+    def add(self, host_ns: int, board_us: int) -> None:
+        """Take the arrival of a sample; a clock that went back begins anew."""
+        if self._points and (board_us < self._points[-1][1] or host_ns < self._points[-1][0]):
+            self._points.clear()
+        if self._points and host_ns - self._points[-1][0] < 5_000_000:
+            return
+        self._points.append((host_ns, board_us))
+        while host_ns - self._points[0][0] > SPEED_SPAN_S * 1e9:
+            self._points.popleft()
+
+    @property
+    def known(self) -> bool:
+        """Whether enough was seen."""
+        return bool(self._points) and self._points[-1][0] - self._points[0][0] >= SPEED_KNOWN_S * 1e9
+
+    @property
+    def speed(self) -> float:
+        """Board time per host time; 1 until it is known."""
+        if not self.known:
+            return 1.0
+        (host_0, board_0), (host_1, board_1) = self._points[0], self._points[-1]
+        return (board_1 - board_0) * 1e3 / (host_1 - host_0)
+
+
+class Feeder:
+    """Says when the next frame is due; any frame feeds."""
+
+    def __init__(self) -> None:
+        self.armed_ms = 0  # as the board has acknowledged it
+        self._fed_host_ns = self._fed_board_us = 0
+
+    def timeout_ms(self, speed: float) -> int:
+        """Return the timeout to arm for a board of this speed."""
+        return LONGEST_MS if speed > FAST else REAL_TIME_MS
+
+    def sent(self, command: Command, host_ns: int, board_us: int) -> None:
+        """A frame has left; an arming one counts as soon as it does, a disarming one when it is answered."""
+        self._fed_host_ns, self._fed_board_us = host_ns, board_us
+        if isinstance(command, Heartbeat) and command.timeout_ms:
+            self.armed_ms = command.timeout_ms
+
+    def refused(self, command: Heartbeat) -> None:
+        """The board will not arm (it is not armed then), or will not disarm (it stays so)."""
+        if command.timeout_ms:
+            self.armed_ms = 0
+
+    def repeats_are_late(self, speed: float) -> bool:
+        """Whether the repeats of a command that waits for its answer come too seldom to feed this board's watchdog."""
+        return REPEAT_MS * speed > REPEATS_WITHIN * self.armed_ms
+
+    def due(self, host_ns: int, board_us: int, speed: float) -> bool:
+        """Whether a frame must leave now."""
+        if not self.armed_ms:
+            return False
+        share_ms = self.armed_ms / (FEEDS_OF_A_FAST_BOARD if speed > FAST else FEEDS_PER_TIMEOUT)
+        board_ms = (board_us - self._fed_board_us) / 1e3
+        host_ms = (host_ns - self._fed_host_ns) / 1e6 * max(speed, 1.0)
+        return not -share_ms < board_ms < share_ms or host_ms >= share_ms

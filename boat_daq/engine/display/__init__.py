@@ -1,0 +1,1 @@
+"""The last hour in memory for the screen."""

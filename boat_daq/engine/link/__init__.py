@@ -1,0 +1,1 @@
+"""Ports: opened, read by one thread, watched."""

@@ -1,0 +1,210 @@
+"""The one reading thread: transport.read -> link.receive -> sinks, in that order, and nothing else.
+
+Rules: no disk, no screen, no sleep on this thread. Every sink sees every block in the same order. A sink that raises
+is reported in a block of its own, once, and called again with the next; reading never stops for it. The link is used
+under one lock, so `send` may be called from any thread and writes at once: a vent does not wait for the reader. What
+was sent comes to the sinks as blocks too, on the reading thread. No lock is held while a sink runs, so a sink may call
+anything here, and so may a thread that a sink waits for.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from boat_daq.engine.blocks import Block, EngineEvent, PortLost, PortSilent, Sink, SinkFailed
+from boat_daq.engine.link.transports import Transport
+from boat_daq.errors import DeviceError
+from protocol.link.events import Link, LinkEvent, LinkStatistics
+from protocol.link.messages import Command, Heartbeat
+
+
+class RecordingSink(Protocol):
+    """A sink that keeps what it needs to decode the bytes again."""
+
+    def __call__(self, block: Block, /) -> None:
+        """Take a block."""
+
+    def attached(self, decoder_state: Mapping[str, Any]) -> None:
+        """Take the state of the decoder before the first block."""
+
+
+class Acquisition:
+    """Reads `transport` through `link` on its own thread and hands blocks to sinks.
+
+    Parameters
+    ----------
+    transport : an open port; closed by the reading thread at its end.
+    link : decoder and encoder, binary or text; kept for as long as the port is open.
+    silence_s : after so long without a byte a `PortSilent` event is told, once.
+    clock_ns : host monotonic clock.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        link: Link,
+        *,
+        silence_s: float = 1.0,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.transport = transport
+        self._link = link
+        self._silence_ns = int(silence_s * 1e9)
+        self._clock_ns = clock_ns
+        self._lock = threading.Lock()  # of the link, the list of sinks, and what was sent
+        self._sinks: tuple[Sink, ...] = ()
+        self._sent: list[tuple[tuple[Sink, ...], Block]] = []  # not yet told to the sinks of that instant
+        self._failing: list[Sink] = []  # told of once, until they take a block again
+        self._failed: list[SinkFailed] = []  # to be told
+        self._stop = threading.Event()
+        self._last_byte_ns = self._heard_ns = clock_ns()  # of the last byte; and all that had come by then was read
+        self._silent = False
+        self._thread = threading.Thread(target=self._run, name=f"reader {transport.description}", daemon=True)
+
+    @property
+    def link(self) -> Link:
+        """The link in use."""
+        return self._link
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """The link's counters now."""
+        with self._lock:
+            return self._link.statistics
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread reads."""
+        return self._thread.is_alive()
+
+    def add_sink(self, sink: Sink) -> None:
+        """Hand every later block to `sink` too, after the sinks that are there."""
+        with self._lock:
+            self._sinks = (*self._sinks, sink)
+
+    def remove_sink(self, sink: Sink) -> None:
+        """Hand no later block to `sink`; one that is on its way may still come."""
+        with self._lock:
+            self._sinks = tuple(other for other in self._sinks if other != sink)
+
+    def add_recorder(self, recorder: RecordingSink) -> None:
+        """Put a recorder before the other sinks, and tell it what the link remembers at that instant.
+
+        With it the file's bytes give the same samples again, wherever in a stream the recording began.
+        """
+        with self._lock:
+            recorder.attached(self._link.decoder_state())
+            self._sinks = (recorder, *self._sinks)
+
+    def send(self, command: Command) -> None:
+        """Encode a command and write it now, or as soon as the one before it is answered; VENT always now.
+
+        Raises
+        ------
+        DeviceError : the port is gone or does not take bytes.
+        ProtocolError : the link cannot say this command.
+        """
+        with self._lock:
+            now_ns = self._clock_ns()
+            self._write(self._link.send(command, now_ns), now_ns)
+
+    def feed(self, command: Heartbeat) -> None:
+        """Write at once what feeds a fast virtual board's watchdog (`Link.feed`).
+
+        Raises
+        ------
+        DeviceError, ProtocolError : as `send`.
+        """
+        with self._lock:
+            now_ns = self._clock_ns()
+            self._write(self._link.feed(command, now_ns), now_ns)
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._last_byte_ns = self._clock_ns()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop reading and close the port; returns when both are done. May be called twice."""
+        self._stop.set()
+        if self._thread.ident is None:
+            self.transport.close()
+        elif self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self._turn()
+        except DeviceError as error:
+            self._tell_sent()
+            self._tell(PortLost(error))
+        finally:
+            self._tell_sent()
+            self.transport.close()
+
+    def _turn(self) -> None:
+        """One read, and what is due besides."""
+        data = self.transport.read()
+        now_ns = self._clock_ns()
+        self._tell_sent()
+        if data:
+            self._last_byte_ns, self._silent = now_ns, False
+            with self._lock:
+                sinks, events = self._sinks, self._link.receive(data, now_ns)
+            self._hand(sinks, Block(now_ns, data, events=tuple(events)))
+        elif not self._silent and now_ns - self._last_byte_ns > self._silence_ns:
+            self._silent = True
+            self._tell(PortSilent((now_ns - self._last_byte_ns) * 1e-9))
+        self._poll()
+        if self._failed:
+            failed, self._failed = self._failed, []
+            self._tell(*failed)
+
+    def _poll(self) -> None:
+        """Repeat commands that had no answer, and tell those that had none in all that had come."""
+        with self._lock:
+            now_ns, deadline = self._clock_ns(), self._link.next_deadline_ns
+            if deadline is None or now_ns < deadline:
+                return
+            if not self.transport.unread:
+                self._heard_ns = now_ns
+            events, again = self._link.poll(now_ns, self._heard_ns)
+            self._write(again, now_ns)
+        if events:
+            self._tell(*events)
+
+    def _write(self, data: bytes, now_ns: int) -> None:
+        """Write under the lock, so that what is told as sent is in the order it was sent."""
+        if data:
+            self.transport.write(data)
+            self._sent.append((self._sinks, Block(now_ns, data, sent=True)))
+
+    def _tell_sent(self) -> None:
+        with self._lock:
+            sent, self._sent = self._sent, []
+        for sinks, block in sent:
+            self._hand(sinks, block)
+
+    def _tell(self, *events: LinkEvent | EngineEvent) -> None:
+        self._hand(self._sinks, Block(self._clock_ns(), b"", events=events))
+
+    def _hand(self, sinks: tuple[Sink, ...], block: Block) -> None:
+        """Give one block to every sink, whatever any of them does with it."""
+        for sink in sinks:
+            try:
+                sink(block)
+            except Exception as error:  # noqa: BLE001 - a page's fault must not stop the recording
+                if sink not in self._failing:
+                    self._failing.append(sink)
+                    self._failed.append(SinkFailed(_name(sink), error))
+            else:
+                if self._failing and sink in self._failing:
+                    self._failing.remove(sink)
+
+
+def _name(sink: Sink) -> str:
+    return getattr(sink, "__qualname__", type(sink).__name__)

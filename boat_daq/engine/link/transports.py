@@ -1,0 +1,313 @@
+"""Ports: bytes in, bytes out, and every way in which a port fails turned into one kind of error.
+
+Rules: a read waits up to 50 ms for the first byte and then takes what is there, so a stop flag is seen in time and
+nothing spins. A port is closed by the thread that reads it: closing under a blocking read raises `TypeError` in
+pyserial. An unplugged port raises any of four types there, one of which (`termios.error`) is not even an `OSError`;
+they all become `DeviceError` here. TCP is read from the socket itself: pyserial's own `socket://` tells at most one
+byte to be waiting, and one call a byte is too slow for any board.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import select
+import socket
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+from urllib.parse import urlsplit
+
+import serial
+from serial.tools import list_ports as system_ports
+
+from boat_daq.errors import DeviceError
+
+DEFAULT_BAUD = 115_200
+READ_WAIT_S = 0.05
+WRITE_WAIT_S = 0.25
+_RECEIVE_BYTES = 65_536
+_T = TypeVar("_T")
+_WINDOWS_BUFFER_BYTES = 65_536  # the driver's own 4 KB is 0.1 s at 1,000 samples/s
+
+if sys.platform == "win32":
+    _PORT_ERRORS: tuple[type[Exception], ...] = (OSError, TypeError, AttributeError, serial.SerialException)
+else:
+    import termios
+
+    _PORT_ERRORS = (OSError, TypeError, AttributeError, serial.SerialException, termios.error)
+
+
+class Transport(Protocol):
+    """An open port, owned by one reading thread; `write` may be called from another."""
+
+    @property
+    def description(self) -> str:
+        """The port as a reader knows it."""
+
+    @property
+    def can_write(self) -> bool:
+        """False for a replay: nobody is there to be commanded."""
+
+    def read(self) -> bytes:
+        """Return what is there, waiting up to 50 ms for the first byte; b"" when nothing came.
+
+        Raises
+        ------
+        DeviceError : the port is gone.
+        """
+
+    @property
+    def unread(self) -> bool:
+        """Whether there is more than `read` has returned.
+
+        Raises
+        ------
+        DeviceError : the port is gone.
+        """
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`.
+
+        Raises
+        ------
+        DeviceError : the port is gone, or takes nothing for 250 ms.
+        """
+
+    def close(self) -> None:
+        """Close; may be called twice."""
+
+
+@dataclass(frozen=True, slots=True)
+class PortInfo:
+    """A port of this machine, as the system describes it."""
+
+    port: str
+    description: str
+    hardware_id: str
+    serial_number: str | None
+
+
+def list_ports() -> list[PortInfo]:
+    """Return the serial ports the system knows; pseudo-terminals and TCP are not among them."""
+    found = [PortInfo(p.device, p.description, p.hwid, p.serial_number) for p in system_ports.comports()]
+    return sorted(found, key=lambda port: port.port)
+
+
+def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = False) -> Transport:
+    """Open a port.
+
+    Parameters
+    ----------
+    url : a serial device or pseudo-terminal ("COM3", "/dev/ttyACM0"), "socket://host:port", or
+        "replay:FILE.boat[@SPEED]" (SPEED a factor, default 1; "max" for as fast as it goes).
+    baud : of a serial device; 8N1.
+    allow_remote : let "socket://" leave this machine; nothing on that way is encrypted or asks who is there.
+
+    Raises
+    ------
+    DeviceError : no such port (names those present), busy, no permission, refused, gone.
+    """
+    if url.startswith("socket://"):
+        return SocketTransport(url, allow_remote=allow_remote)
+    if url.startswith("replay:"):
+        from boat_daq.engine.link.replay import ReplayTransport
+
+        return ReplayTransport.from_url(url)
+    return SerialTransport(url, baud)
+
+
+class SerialTransport:
+    """A serial device or a pseudo-terminal, through pyserial; exclusive, so that a second program is told."""
+
+    can_write = True
+
+    def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
+        self.description = port
+        try:
+            # a port of another kind (rfc2217://, spy://) is reached by name only through `serial_for_url`: not ours
+            self._port = serial.Serial(
+                port, baud, timeout=READ_WAIT_S, write_timeout=WRITE_WAIT_S, exclusive=True, xonxoff=False
+            )
+            if sys.platform == "win32":
+                self._port.set_buffer_size(rx_size=_WINDOWS_BUFFER_BYTES)
+        except (ValueError, *_PORT_ERRORS) as error:
+            raise open_error(port, error) from error
+
+    def read(self) -> bytes:
+        """Return what is there, waiting up to 50 ms for the first byte."""
+        return _or_gone(self.description, self._receive)
+
+    @property
+    def unread(self) -> bool:
+        """Whether there is more than `read` has returned."""
+        return _or_gone(self.description, lambda: bool(self._port.in_waiting))
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`."""
+        _or_gone(self.description, lambda: _write_all(self._port, data))
+
+    def _receive(self) -> bytes:
+        """Wait for a byte, and take what came with it: alone it would be a block, and cost as much as all the rest."""
+        if sys.platform == "win32":
+            first = bytes(self._port.read(1))
+            return first + bytes(self._port.read(self._port.in_waiting)) if first else first
+        return _read_some(self._port)
+
+    def close(self) -> None:
+        """Close; what the system says of a port that is gone already is of no use to anyone."""
+        try:
+            self._port.close()
+        except _PORT_ERRORS:
+            return
+
+
+def _read_some(port: serial.Serial) -> bytes:
+    """Return what is there on POSIX, waiting for the first byte: two calls of the system where pyserial makes five."""
+    if not select.select([port.fileno()], [], [], READ_WAIT_S)[0]:
+        return b""
+    try:
+        data = os.read(port.fileno(), _RECEIVE_BYTES)
+    except BlockingIOError:  # called ready, and there is nothing yet
+        return b""
+    if not data:  # ready, and nothing to read: the device has left
+        raise serial.SerialException("the device has left the port")
+    return data
+
+
+def _write_all(port: serial.Serial, data: bytes) -> None:
+    """Write until nothing is left, or the port takes nothing for `WRITE_WAIT_S`.
+
+    pyserial's own `write` on POSIX looks at its clock once more behind the last byte, and takes a stall of this program
+    there for a port that takes nothing.
+    """
+    if sys.platform == "win32":
+        port.write(data)
+        return
+    while data:
+        try:
+            data = data[os.write(port.fileno(), data) :]
+        except BlockingIOError:
+            if not select.select([], [port.fileno()], [], WRITE_WAIT_S)[1]:
+                raise serial.SerialTimeoutException("Write timeout") from None
+
+
+class SocketTransport:
+    """A TCP port: a board behind a network adapter, or a virtual board."""
+
+    can_write = True
+
+    def __init__(self, url: str, *, allow_remote: bool = False) -> None:
+        self.description = url
+        host, port = _socket_address(url)
+        if not allow_remote and not _is_loopback(host):
+            raise DeviceError(
+                f"{host} is not this machine, and the link is neither encrypted nor protected",
+                "Add --allow-remote, or allow remote ports in the settings, if the network is yours.",
+            )
+        try:
+            self._socket = socket.create_connection((host, port), timeout=2.0)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._socket.settimeout(WRITE_WAIT_S)
+        except OSError as error:
+            raise DeviceError(
+                f"nobody answers at {url}: {error}", "Check host and port; is the board's program up?"
+            ) from error
+
+    def read(self) -> bytes:
+        """Return what is there, waiting up to 50 ms for the first byte."""
+        return _or_gone(self.description, self._receive)
+
+    @property
+    def unread(self) -> bool:
+        """Whether there is more than `read` has returned."""
+        return _or_gone(self.description, lambda: bool(select.select([self._socket], [], [], 0)[0]))
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`."""
+        _or_gone(self.description, lambda: self._socket.sendall(data))
+
+    def close(self) -> None:
+        """Close."""
+        self._socket.close()
+
+    def _receive(self) -> bytes:
+        if not select.select([self._socket], [], [], READ_WAIT_S)[0]:
+            return b""
+        data = self._socket.recv(_RECEIVE_BYTES)
+        if not data:
+            raise ConnectionResetError("the other end closed the connection")
+        return data
+
+
+def _or_gone(port: str, action: Callable[[], _T]) -> _T:
+    """Do something with an open port; whatever it raises means that the port is gone."""
+    try:
+        return action()
+    except serial.SerialTimeoutException as error:
+        raise DeviceError(f"{port} takes no bytes", "Is the board running? Unplug and plug it in again.") from error
+    except TimeoutError as error:
+        raise DeviceError(f"{port} takes no bytes", "Is the board's program running?") from error
+    except _PORT_ERRORS as error:
+        raise DeviceError(f"{port} is gone{_gone_because(error)}", "Check the cable and plug it in again.") from error
+
+
+def open_error(port: str, error: Exception) -> DeviceError:
+    """Return why a port does not open, in words, and what to do about it."""
+    number = getattr(error, "errno", None) or _number_in(str(error))
+    text = str(error).lower()
+    if number in {errno.EBUSY, errno.EAGAIN} or "exclusively lock" in text or "resource busy" in text:
+        return DeviceError(f"{port} is in use by another program", "Close that program (a terminal, another boat-daq).")
+    if number in {errno.EACCES, errno.EPERM} or "permission" in text or "access is denied" in text:
+        remedy = "Close the other program that has it open, or check its driver."
+        if sys.platform.startswith("linux"):
+            remedy = (
+                "Add yourself to its group and log in again: sudo usermod -aG dialout $USER (or install a udev rule)."
+            )
+        return DeviceError(f"no permission to open {port}", remedy)
+    if number in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or "filenotfound" in text:
+        present = ", ".join(p.port for p in list_ports()) or "none"
+        return DeviceError(f"there is no port {port}", f"Ports present: {present}")
+    if number in {errno.ENOTTY, errno.EINVAL, errno.EISDIR}:
+        return DeviceError(f"{port} is not a serial port", "boat-daq ports lists them.")
+    return DeviceError(f"{port} cannot be opened: {_reason(error)}", "boat-daq ports lists the ports there are.")
+
+
+def _number_in(text: str) -> int | None:
+    """Return the error number that pyserial wrote into its message."""
+    found = re.search(r"(?:Errno |\()(\d+)", text)
+    return int(found.group(1)) if found else None
+
+
+def _gone_because(error: Exception) -> str:
+    """Return what the system says of a port that is gone, where that is an error of its own.
+
+    pyserial's words for one ("device reports readiness to read but returned no data (device disconnected or multiple
+    access on port?)") say no more than that; Python's own errors inside it say less.
+    """
+    return f" ({error.strerror})" if isinstance(error, OSError) and error.strerror else ""
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+
+
+def _socket_address(url: str) -> tuple[str, int]:
+    parts = urlsplit(url)
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port:
+        raise DeviceError(f"{url} is not an address", "Write socket://HOST:PORT, such as socket://127.0.0.1:7777.")
+    return host, port
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
+    except OSError:
+        return False
+    return all(str(address).startswith("127.") or address == "::1" for address in addresses)

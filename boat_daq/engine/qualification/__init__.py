@@ -1,0 +1,1 @@
+"""Fault drills on this installation and their report."""

@@ -1,0 +1,91 @@
+"""What this installation is: program, computer and disk, in the words that an operator signs for."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+from importlib import metadata
+from pathlib import Path
+
+from boat_daq import __version__
+
+_ROOT = Path(__file__).resolve().parents[3]
+_PACKAGES = ("boat_daq", "protocol", "analysis")
+_CODE = (".py", ".toml", ".j2")
+_LIBRARIES = ("numpy", "pyserial", "cobs", "scipy", "pandas", "PySide6-Essentials", "pyqtgraph")
+
+
+def program() -> dict[str, str | int]:
+    """Return version, folder, and one SHA-256 over the names and contents of all files of the program, sorted."""
+    found = [path for package in _PACKAGES for path in (_ROOT / package).rglob("*") if path.suffix in _CODE]
+    digest = hashlib.sha256()
+    for path in sorted(found):
+        digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return {"version": __version__, "sha256": digest.hexdigest(), "files": len(found), "folder": str(_ROOT)}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of program, Python and libraries; what is not installed is left out."""
+    found = {"boat-daq": __version__, "Python": platform.python_version()}
+    installed = {dist.name.replace("_", "-"): dist.version for dist in metadata.distributions()}
+    return found | {name: installed[name] for name in _LIBRARIES if name in installed}
+
+
+def machine() -> dict[str, str]:
+    """Return name, operating system, processor and memory of this computer."""
+    return {
+        "name": platform.node(),
+        "system": f"{_system_name()}, {platform.system()} {platform.release()}",
+        "processor": f"{_processor()}, {os.cpu_count()} cores",
+        "memory": _memory(),
+    }
+
+
+def disk(folder: Path) -> dict[str, str | float]:
+    """Return folder, file system, device, size and free space of the disk a folder is on, GB."""
+    path = folder.resolve()
+    device, kind = _mount(path)
+    usage = shutil.disk_usage(path)
+    sizes = {"size_gb": round(usage.total / 1e9, 1), "free_gb": round(usage.free / 1e9, 1)}
+    return {"folder": str(path), "file_system": kind, "device": device, **sizes}
+
+
+def _system_name() -> str:
+    try:
+        return platform.freedesktop_os_release().get("PRETTY_NAME", platform.platform())
+    except OSError:  # not Linux
+        return platform.platform()
+
+
+def _processor() -> str:
+    """Return the processor's name; Linux keeps it in a file of its own."""
+    for line in _lines(Path("/proc/cpuinfo")):
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _memory() -> str:
+    for line in _lines(Path("/proc/meminfo")):
+        if line.startswith("MemTotal"):
+            return f"{int(line.split()[1]) * 1024 / 1e9:.1f} GB"
+    return "not known"
+
+
+def _mount(path: Path) -> tuple[str, str]:
+    """Return (device, type) of the file system a path is on: the mount point nearest to it."""
+    best, found = 0, ("not known", "not known")
+    for line in _lines(Path("/proc/self/mounts")):
+        device, point, kind = line.split()[:3]
+        point = point.replace("\\040", " ")
+        inside = path == Path(point) or Path(point) in path.parents
+        if inside and len(point) >= best:
+            best, found = len(point), (device, kind)
+    return found
+
+
+def _lines(path: Path) -> list[str]:
+    """Return the lines of a file of the system's; none where it has no such file."""
+    return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []

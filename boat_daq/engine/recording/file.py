@@ -1,0 +1,257 @@
+"""One recording on disk, written through one connection by one thread at a time.
+
+Rules: tables and metadata are written before the file goes into WAL mode, so that even the bare file names itself.
+A commit is a transaction with synchronous=FULL; inserts carry their keys and are OR IGNORE, so that a commit whose
+outcome is unknown can be tried again. Nobody else writes (`file_lock`) and nobody else checkpoints: SQLite up to
+3.51.2 can damage a file where two do. A clean close leaves one plain file without -wal beside it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import sqlite3
+import time
+import uuid
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+from itertools import groupby
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from boat_daq import __version__
+from boat_daq.engine.recording.file_lock import WriterLock
+from boat_daq.errors import OperatorError, StorageError
+from protocol.recording import open_recording, refuse_newer, schema
+from protocol.recording.checks import harden
+
+Statement: TypeAlias = tuple[str, tuple[Any, ...]]
+
+NAME_BYTES_MAX = 240  # file systems take 255, and -journal, -wal and -lock must fit behind
+SPACE_FLOOR_BYTES = 32 * 2**20  # below this a recording is ended while there is room to close it
+_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{n}{i}" for n in ("COM", "LPT") for i in range(1, 10))}
+
+
+def now_utc() -> str:
+    """Return the time of day with its offset from UTC, ISO 8601."""
+    return datetime.now().astimezone().isoformat(timespec="milliseconds")
+
+
+def check_name(path: Path) -> None:
+    """Refuse a file name that some system of the lab cannot hold.
+
+    Raises
+    ------
+    OperatorError : wrong ending, reserved, too long, or with characters that Windows refuses.
+    """
+    name = path.name
+    if path.suffix != schema.SUFFIX:
+        raise OperatorError(f"{name!r} does not end in {schema.SUFFIX}", f"Call it {path.stem or 'run'}{schema.SUFFIX}")
+    if path.stem.split(".")[0].rstrip().upper() in _RESERVED:
+        raise OperatorError(f"{name!r} is a name that Windows keeps for a device", "Choose another name.")
+    if bad := sorted(set(name) & set('<>:"/\\|?*')) + [c for c in name if ord(c) < 32]:
+        raise OperatorError(f"{name!r} has {bad[0]!r} in it, which not every system can hold", "Choose another name.")
+    if len(os.fsencode(name)) > NAME_BYTES_MAX:
+        raise OperatorError(f"the name {name[:40]!r}... is longer than {NAME_BYTES_MAX} bytes", "Choose a shorter one.")
+
+
+def storage_error(path: Path, error: Exception) -> StorageError:
+    """Return what a failing disk means in words."""
+    text = str(error)
+    if "full" in text or getattr(error, "errno", None) == 28:
+        return StorageError(f"the disk of {path.parent} is full", "Make room; what is recorded so far is kept.")
+    if "readonly" in text or "read-only" in text.lower():
+        return StorageError(f"{path} cannot be written any more: read-only", "Choose a folder that you may write to.")
+    if "locked" in text:
+        return StorageError(f"{path} is held by another program", "Close the program that has it open.")
+    return StorageError(f"{path} cannot be written: {text}", "Check the disk; what is recorded so far is kept.")
+
+
+class RecordingFile:
+    """A recording open for writing. Made by `create` or `reopen`."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock) -> None:
+        self.path = path
+        self._connection = connection
+        self._lock = lock
+        self._identity = _identity(path)
+
+    @classmethod
+    def create(cls, path: Path, meta: Mapping[str, Any]) -> RecordingFile:
+        """Create the file and its metadata.
+
+        Raises
+        ------
+        OperatorError : the name cannot be used, or a file of that name exists.
+        StorageError : the folder cannot be written.
+        """
+        check_name(path)
+        if not path.parent.is_dir():
+            raise StorageError(f"there is no folder {path.parent}", "Create it, or choose another.")
+        lock = WriterLock(path)
+        try:
+            with path.open("xb"):
+                pass
+            connection = _connect(path)
+            _lay_out(connection, meta)
+            return cls(path, connection, lock)
+        except FileExistsError:
+            lock.release()
+            raise OperatorError(
+                f"{path} exists already", "A recording is never overwritten: choose another name."
+            ) from None
+        except (OSError, sqlite3.Error) as error:
+            lock.release()
+            raise storage_error(path, error) from error
+
+    @classmethod
+    def reopen(cls, path: Path) -> RecordingFile:
+        """Open an existing recording to add to it.
+
+        Raises
+        ------
+        RecordingError : not a recording. StorageError : another program writes it, or it cannot be written.
+        """
+        open_recording(path).close()
+        refuse_newer(path)
+        lock = WriterLock(path)
+        try:
+            connection = _connect(path)
+            connection.execute("PRAGMA synchronous=FULL")
+            return cls(path, connection, lock)
+        except (OSError, sqlite3.Error) as error:
+            lock.release()
+            raise storage_error(path, error) from error
+
+    @classmethod
+    def resume(cls, path: Path) -> RecordingFile:
+        """Open an existing, closed recording to go on in it, with its log on.
+
+        Raises
+        ------
+        RecordingError, StorageError : as `reopen`.
+        """
+        file = cls.reopen(path)
+        try:
+            _into_wal(file._connection)
+        except sqlite3.Error as error:
+            file.abandon()
+            raise storage_error(path, error) from error
+        return file
+
+    def commit(self, statements: Iterable[Statement]) -> None:
+        """Write statements in one transaction; all of them or, when it raises, none.
+
+        Raises
+        ------
+        StorageError : the disk is full, gone or read-only, or the file was taken away.
+        """
+        try:
+            self._connection.execute("BEGIN IMMEDIATE")
+            for sql, group in groupby(statements, key=lambda statement: statement[0]):
+                self._connection.executemany(sql, [values for _, values in group])
+            self._connection.execute("COMMIT")
+        except (sqlite3.Error, OSError) as error:
+            with contextlib.suppress(sqlite3.Error):
+                self._connection.rollback()
+            raise storage_error(self.path, error) from error
+
+    def columns(self, table: str) -> list[str]:
+        """Return the names of a table's columns."""
+        return [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})")]
+
+    def check_place(self) -> None:
+        """Notice what no write would tell: that the file was removed, or that the disk is nearly full.
+
+        Raises
+        ------
+        StorageError : either of them.
+        """
+        if _identity(self.path) != self._identity:
+            raise StorageError(
+                f"{self.path} was moved or removed while it was recorded", "Put it back, or start again."
+            )
+        free = shutil.disk_usage(self.path.parent).free
+        if free < SPACE_FLOOR_BYTES:
+            raise StorageError(f"the disk of {self.path.parent} is full but for {free / 1e6:.0f} MB", "Make room.")
+
+    def close(self, *, check: bool = True) -> bool:
+        """Close into one checked file; False where another program has it open, so that -wal stays beside it.
+
+        Raises
+        ------
+        StorageError : the disk does not take the rest, or the check found damage; what is written stays.
+        """
+        try:
+            checks = self._connection.execute("PRAGMA quick_check(1)").fetchall() if check else [("ok",)]
+            if checks != [("ok",)]:
+                raise StorageError(f"{self.path} is damaged: {checks[0][0]}", f"boat-daq recover {self.path}")
+            self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            mode = self._connection.execute("PRAGMA journal_mode=DELETE").fetchone()
+            return bool(mode == ("delete",))
+        except sqlite3.OperationalError as error:
+            if "locked" in str(error):
+                return False
+            raise storage_error(self.path, error) from error
+        finally:
+            self.abandon()
+
+    def abandon(self) -> None:
+        """Let go of the file as it is; may be called twice."""
+        with contextlib.suppress(sqlite3.Error):
+            self._connection.close()
+        self._lock.release()
+
+
+def set_meta(values: Mapping[str, Any]) -> list[Statement]:
+    """Return the statements that set keys of `session`."""
+    sql = "INSERT INTO session VALUES (?, ?) ON CONFLICT (key) DO UPDATE SET value = excluded.value"
+    texts = {key: json.dumps(value, ensure_ascii=False) for key, value in values.items()}
+    return [(sql, (key, text.encode("utf-8", "backslashreplace").decode())) for key, text in texts.items()]
+
+
+def _lay_out(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> None:
+    """Write tables and metadata, then go into WAL mode."""
+    n_sensors, kind = int(meta["n_sensors"]), meta["sample_kind"]
+    values = dict.fromkeys(schema.SESSION_KEYS) | dict(meta)
+    values |= {
+        "uuid": str(uuid.uuid4()),
+        "status": "recording",
+        "program_version": __version__,
+        "started_utc": now_utc(),
+        "started_host_ns": time.monotonic_ns(),
+        "sample_dtype": schema.describe_dtype(schema.sample_dtype(n_sensors, kind)),
+    }
+    connection.executescript(f"BEGIN; {schema.TABLES} COMMIT;")
+    connection.execute(f"PRAGMA application_id={schema.APPLICATION_ID}")
+    connection.execute("BEGIN")
+    for sql, row in set_meta(values):
+        connection.execute(sql, row)
+    connection.execute("COMMIT")
+    connection.execute(f"PRAGMA user_version={schema.SCHEMA_VERSION}")
+    _into_wal(connection)
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=2.0)
+    harden(connection)
+    return connection
+
+
+def _into_wal(connection: sqlite3.Connection) -> None:
+    """Switch the log on, and see that it is on: some file systems refuse without a word."""
+    mode = connection.execute("PRAGMA journal_mode=WAL").fetchone()[0]
+    if mode != "wal":
+        raise sqlite3.OperationalError(f"this file system cannot keep a log (journal mode {mode})")
+    connection.execute("PRAGMA synchronous=FULL")
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what names the file itself, not its name; None when it is gone."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino

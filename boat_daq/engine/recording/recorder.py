@@ -1,0 +1,352 @@
+"""The recorder: a sink that keeps everything, on its own thread, and loses nothing it has acknowledged.
+
+Rules: the reading thread only puts a block into a queue. The writing thread commits what is there every 100 ms, bytes
+and the samples decoded from them in one transaction. When the disk fails, the session is told once, and what is not
+yet written is kept in bounded memory and tried again: room that is made in time loses nothing. When that memory is
+full, no later byte is taken, so that a file is always an unbroken beginning of the session.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from boat_daq.engine.blocks import Block
+from boat_daq.engine.link.link_health import HealthSnapshot
+from boat_daq.engine.log import note_failure
+from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, set_meta
+from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
+from boat_daq.engine.recording.rows import (
+    INSERT_STEP,
+    UPDATE_STEP,
+    Counters,
+    RowMaker,
+    health_row,
+    reading_row,
+    result_row,
+)
+from boat_daq.errors import OperatorError, StorageError
+from protocol.recording import BRANCHES, describe_dtype, sample_dtype
+
+COMMIT_S = 0.1
+RETRY_S = 1.0
+MEMORY_BYTES_MAX = 128 * 2**20  # of what is not yet written
+_ITEM_BYTES = 400  # a block costs its bytes about twice, and this
+
+_Item: TypeAlias = Block | Callable[[RowMaker], Iterator[Statement]]
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledged:
+    """What is safely in the file: survives a kill of this process at any later instant."""
+
+    chunks: int = 0
+    bytes: int = 0
+    samples: int = 0
+
+
+class Recorder:
+    """Writes one recording; is itself a sink (`acquisition.add_recorder(recorder)`). Every method is thread-safe.
+
+    Parameters
+    ----------
+    path : file to create; its name ends in .boat. An existing file is refused.
+    meta : values for `session` (keys of `protocol.recording.SESSION_KEYS`; uuid, status, times, version and the
+        sample type are filled in here). `n_sensors` and `sample_kind` must be there.
+    health : called once a second on the writing thread for a row of `health`; such as `LinkHealth.snapshot`.
+    on_error : called once for each cause, on the writing thread, when the disk fails; the recorder goes on trying. It
+        must not call `close`, which waits for that thread.
+    goes_on : the broken run whose recording this goes on in, instead of creating one (`resumption`).
+
+    Raises
+    ------
+    OperatorError : the name cannot be used, or a file of that name exists.
+    StorageError : its folder cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        meta: Mapping[str, Any],
+        *,
+        health: Callable[[], HealthSnapshot] | None = None,
+        on_error: Callable[[StorageError], None] | None = None,
+        goes_on: BrokenRun | None = None,
+    ) -> None:
+        self.path = path
+        self.remark = ""  # after `close`: what the reader should know of the file
+        self._breaks: list[dict[str, Any]]
+        if goes_on is None:
+            self._file, before, self._breaks = RecordingFile.create(path, meta), Counters(), []
+        else:
+            self._file, before, self._breaks = reopen(goes_on, meta)
+        dtype = describe_dtype(sample_dtype(int(meta["n_sensors"]), meta["sample_kind"]))
+        self._rows = RowMaker({**meta, "sample_dtype": dtype}, before)
+        self._health = health
+        self._on_error = on_error
+        self._queue: list[tuple[int, _Item]] = []  # (host_ns, item)
+        self._waiting: list[Statement] = []  # not yet committed
+        self._oldest_ns: int | None = None  # of what waits
+        self._held_bytes = 0
+        self._changed = threading.Condition()
+        self._taken = self._committed = 0  # items
+        self._steps = before.step
+        self._break_kept = goes_on is not None
+        self._acknowledged = Acknowledged()
+        self._error: StorageError | None = None  # of the last commit
+        self._told: set[str] = set()
+        self._refusing: StorageError | None = None  # why no later byte is taken
+        self._stopping = self._closed = False
+        self._next_look_s = self._next_try_s = 0.0
+        self._thread = threading.Thread(target=self._run, name=f"recorder {path.name}", daemon=True)
+        self._thread.start()
+
+    def __call__(self, block: Block) -> None:
+        """Take a block; returns at once."""
+        size = 2 * len(block.raw) + _ITEM_BYTES
+        with self._changed:
+            if self._refusing or self._closed:
+                return
+            if self._held_bytes + size > MEMORY_BYTES_MAX:
+                self._refusing = StorageError(f"{self.path} is written too slowly", "What came before this is kept.")
+                text = "no later byte is kept"
+                self._put(block.host_ns, lambda rows: rows.event(block.host_ns, "host", "recording_full", None, text))
+                return
+            self._held_bytes += size
+            self._put(block.host_ns, block)
+
+    @property
+    def acknowledged(self) -> Acknowledged:
+        """Counters of what is committed."""
+        return self._acknowledged
+
+    @property
+    def error(self) -> StorageError | None:
+        """What the disk refuses at the moment; None when all is well."""
+        return self._error
+
+    @property
+    def queued(self) -> int:
+        """Items and statements that wait for a commit."""
+        return len(self._queue) + len(self._waiting)
+
+    @property
+    def lag_ms(self) -> float:
+        """Age of the oldest thing not yet committed."""
+        with self._changed:
+            oldest = self._oldest_ns if self._oldest_ns or not self._queue else self._queue[0][0]
+        return 0.0 if oldest is None else max(0.0, (time.monotonic_ns() - oldest) / 1e6)
+
+    def attached(self, decoder_state: Mapping[str, Any]) -> None:
+        """Take what a link remembers of the bytes before the first that will come from it (`add_recorder`)."""
+        self._later(lambda rows, host_ns: rows.attached(decoder_state, host_ns))
+
+    def new_segment(self, reason: str, *, paused: bool = False) -> None:
+        """Begin a segment by hand ("paused", "resumed").
+
+        A link, START and a restarted board begin one by themselves.
+        """
+        self._later(lambda rows, host_ns: rows.begin_segment(reason, host_ns, paused=paused))
+
+    def run_goes_on(self, cause: str, *, first_cycle: int, complete_cycles: int) -> None:
+        """Keep the break of a run that goes on while its recording stayed open (the board was unplugged), as a segment.
+
+        A recording that was opened to go on in it has its break already: then nothing is kept.
+        """
+        if self._break_kept:
+            self._break_kept = False
+            return
+        with self._changed:
+            known = {"first_step": self._steps + 1, "first_cycle": first_cycle, "complete_cycles": complete_cycles}
+        self._later(lambda rows, host_ns: self._break_here(rows, host_ns, cause, known))
+
+    def _break_here(self, rows: RowMaker, host_ns: int, cause: str, known: dict[str, int]) -> Iterator[Statement]:
+        """Give the rows of a break at the newest sample."""
+        yield from rows.begin_segment(RESUMED, host_ns)
+        here = {"host_ns": host_ns, "first_segment": rows.segment, "first_chunk": rows.chunks + 1, "last_result": 0}
+        entry = break_entry(cause=cause, break_s=None, **here, **known)
+        self._breaks = [*self._breaks, entry]
+        yield from set_meta({"resumptions": self._breaks})
+        yield from rows.event(host_ns, "host", "break_s", None, break_text(entry))
+
+    def event(
+        self, source: str, kind: str, *, value: float | None = None, text: str = "", time_us: int | None = None
+    ) -> None:
+        """Keep an event; source is board, host, user or sequencer."""
+        self._later(lambda rows, host_ns: rows.event(host_ns, source, kind, value, text, time_us))
+
+    def step_started(
+        self, number: int, cycle: int, branch: str, *, target_kpa: float, ramp_kpa_per_s: float, started_us: int
+    ) -> int:
+        """Keep the start of a sequencer's step and return its id."""
+        if branch not in BRANCHES:
+            raise OperatorError(f"a step's branch is one of {', '.join(BRANCHES)}, not {branch!r}")
+        with self._changed:
+            self._steps += 1
+            step_id = self._steps
+        values = (number, cycle, branch, target_kpa, ramp_kpa_per_s, started_us)
+        self._later(lambda rows, _: iter([(INSERT_STEP, (step_id, rows.segment, *values))]))
+        return step_id
+
+    def step_updated(
+        self,
+        step_id: int,
+        *,
+        arrived_us: int | None = None,
+        settled_us: int | None = None,
+        ended_us: int | None = None,
+        status: str | None = None,
+        detail: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Fill in what has become known of a step; what is None stays as it is."""
+        text = None if detail is None else json.dumps(detail)
+        row = (arrived_us, settled_us, ended_us, status, text, step_id)
+        self._later(lambda *_: iter([(UPDATE_STEP, row)]))
+
+    def reading(
+        self,
+        step_id: int,
+        elongation_mm: float | None,
+        *,
+        resolution_mm: float | None = None,
+        source: str,
+        reader: str = "",
+        note: str = "",
+    ) -> None:
+        """Keep a reading of elongation; a later one for the same step corrects it and both stay."""
+        statement = reading_row(step_id, elongation_mm, resolution_mm, source=source, reader=reader, note=note)
+        self._later(lambda *_: iter([statement]))
+
+    def result(
+        self, kind: str, *, parameters: Mapping[str, Any], content: Mapping[str, Any], seed: int | None = None
+    ) -> None:
+        """Keep the result of an analysis."""
+        statement = result_row(kind, parameters=parameters, content=content, seed=seed)
+        self._later(lambda *_: iter([statement]))
+
+    def update_meta(self, **values: Any) -> None:
+        """Set keys of `session`."""
+        statements = set_meta(values)
+        self._later(lambda *_: iter(statements))
+
+    def flush(self, timeout_s: float = 5.0) -> bool:
+        """Wait until all that was handed over so far is committed; False when it is not in time."""
+        with self._changed:
+            target = self._taken
+            return self._changed.wait_for(lambda: self._committed >= target, timeout_s)
+
+    def close(self, reason: str) -> Path:
+        """Commit the rest, close into one file, check it, and return its path. May be called twice.
+
+        Raises
+        ------
+        StorageError : the disk does not take the rest; what is written stays and `recover` closes it later.
+        """
+        with self._changed:
+            if self._closed:
+                return self.path
+            self._closed = True
+        ended = {
+            "status": "closed",
+            "ended_utc": now_utc(),
+            "ended_host_ns": time.monotonic_ns(),
+            "stop_reason": reason,
+        }
+        self._later(lambda rows, _: rows.flush(last=True))
+        self._later(lambda *_: iter(set_meta(ended)))
+        with self._changed:
+            self._stopping = True
+            self._changed.notify_all()
+        self._thread.join()
+        if self._error is not None:
+            self._file.abandon()
+            raise self._error
+        if not self._file.close():
+            self.remark = "another program has the recording open: the -wal file beside it belongs to it"
+        return self.path
+
+    def _later(self, make: Callable[[RowMaker, int], Iterator[Statement]]) -> None:
+        host_ns = time.monotonic_ns()
+        with self._changed:
+            self._put(host_ns, lambda rows: make(rows, host_ns))
+
+    def _put(self, host_ns: int, item: _Item) -> None:
+        self._queue.append((host_ns, item))
+        self._taken += 1
+
+    def _run(self) -> None:
+        """The writing thread: a commit every 100 ms, a look around every second."""
+        stopping, due_s = False, time.monotonic()
+        while not stopping:
+            due_s = max(due_s + COMMIT_S, time.monotonic())  # the time that a commit takes does not put off the next
+            with self._changed:
+                stopping = self._changed.wait_for(lambda: self._stopping, due_s - time.monotonic())
+            now_s = time.monotonic()
+            if now_s >= self._next_look_s:
+                self._next_look_s = now_s + 1.0
+                self._guarded(self._look_around)
+            if stopping or now_s >= self._next_try_s:
+                self._guarded(self._commit)
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """Do a part of the writing; whatever goes wrong is told, and the thread goes on."""
+        try:
+            work()
+        except StorageError as error:
+            self._report(error)
+        except Exception as error:  # noqa: BLE001 - a writing thread must never end without a word
+            note_failure(f"{self.path} is not written properly", error)
+            self._refusing = StorageError(f"{self.path} is not written properly: {error!r}", "Report this fault.")
+            self._report(self._refusing)
+
+    def _look_around(self) -> None:
+        """Keep the link's counters; notice a file that was taken away, a disk nearly full, memory that is full."""
+        if self._health is not None:
+            health = self._health()
+            self._later(lambda rows, host_ns: health_row(host_ns, health, *rows.here))
+        if self._refusing is not None:
+            self._report(self._refusing)
+        self._file.check_place()
+
+    def _commit(self) -> None:
+        """Put all that waits into one transaction; what fails waits for the next try."""
+        with self._changed:
+            taken, queue, self._queue = self._taken, self._queue, []
+            if self._oldest_ns is None and queue:
+                self._oldest_ns = queue[0][0]
+        for _, item in queue:
+            self._waiting.extend(self._rows.block(item) if isinstance(item, Block) else item(self._rows))
+        self._waiting.extend(self._rows.flush())
+        if self._waiting:
+            self._write()
+        self._acknowledged = Acknowledged(self._rows.chunks, self._rows.bytes, self._rows.samples)
+        with self._changed:
+            self._oldest_ns = None
+            self._committed = taken
+            self._held_bytes = sum(2 * len(i.raw) + _ITEM_BYTES for _, i in self._queue if isinstance(i, Block))
+            self._changed.notify_all()
+
+    def _write(self) -> None:
+        try:
+            self._file.commit(self._waiting)
+        except StorageError as error:
+            self._error = error
+            self._next_try_s = time.monotonic() + RETRY_S
+            raise
+        if self._error is not None:
+            self._told.discard(self._error.cause)
+            self._error = None
+        self._waiting = []
+
+    def _report(self, error: StorageError) -> None:
+        """Tell the session, once for each cause."""
+        if error.cause in self._told:
+            return
+        self._told.add(error.cause)
+        if self._on_error is not None:
+            self._on_error(error)

@@ -1,0 +1,391 @@
+"""What a killed session or a bad disk left: found, checked, closed properly; or what is readable, saved elsewhere.
+
+Rules: a recording that a living program writes is left alone. The file is checked read-only first: SQLite replays its
+log up to the last whole commit, so a torn or zeroed tail costs nothing that was acknowledged. A sound file is closed
+in place. A damaged one is never touched: all rows that can be read go into a new file beside it, and what could not
+be read is named.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
+from boat_daq.engine.recording.file_lock import WriterLock, is_being_written
+from boat_daq.engine.recording.rows import INSERT_EVENT, Overview, mv_per_count
+from boat_daq.errors import OperatorError, StorageError
+from protocol.errors import RecordingError
+from protocol.recording import (
+    SUFFIX,
+    TABLE_NAMES,
+    breaks_of,
+    check_long_tables,
+    layout,
+    open_recording,
+    read_session,
+    refuse_newer,
+    session_dtype,
+)
+from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
+
+Progress = Callable[[float, float], None]
+_ROWS = 1_000  # of one transaction
+_BYTES = 16 * 2**20
+_KEYS_MAX = 1 << 40
+_NAMES_ANOTHER = bytes.fromhex("d9d505f920a163d7")  # how a journal ends that belongs to a change of several files
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """What was done.
+
+    Attributes
+    ----------
+    status : "recovered", "salvaged" (into another file), or "closed" (there was nothing to do).
+    path : the file to use from now on.
+    damaged : what could not be read, or does not match its checksum; empty for a sound file.
+    """
+
+    status: str
+    path: Path
+    samples: int
+    chunks: int
+    damaged: tuple[str, ...] = ()
+
+
+def find_interrupted(folder: Path) -> list[Path]:
+    """Return the recordings of a folder that were begun, not closed, and that nobody writes."""
+    return [path for path in sorted(folder.glob(f"*{SUFFIX}")) if _is_interrupted(path)]
+
+
+def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
+    """Close properly what a killed session left, or save what is readable of a damaged file.
+
+    Parameters
+    ----------
+    path : a recording.
+    progress : told (rows, rows in all) while rows are copied or checked; raising from it cancels.
+
+    Raises
+    ------
+    StorageError : a living program writes it, or the folder cannot be written.
+    RecordingError : not a recording, one of a newer program, or so damaged that nothing says what its bytes are.
+    """
+    if is_being_written(path):
+        raise StorageError(f"{path} is being written by another program", "Let that program close it.")
+    refuse_newer(path)
+    _roll_back(path)
+    faults = _check(path, progress)
+    if any(fault.structural for fault in faults):
+        return _salvage(path, faults, progress)
+    with closing(open_recording(path)) as db:
+        status = read_session(db)["status"]
+        counts = _counts(db)
+    log_left = path.with_name(path.name + "-wal").exists()
+    if status == "recording":
+        _close_in_place(path)
+        status = "recovered"
+    elif log_left:
+        RecordingFile.reopen(path).close()
+    return Recovery(status, path, *counts, tuple(fault.text for fault in faults))
+
+
+def _roll_back(path: Path) -> None:
+    """Undo what a killed program had half added to a closed recording: its -journal lies beside the file.
+
+    A journal that names another file is not ours: SQLite would look into that one, and may delete it.
+    """
+    journal = path.with_name(path.name + "-journal")
+    if not os.path.lexists(journal):
+        return
+    if journal.is_symlink() or not journal.is_file() or _end_of(journal) == _NAMES_ANOTHER:
+        raise RecordingError(f"{journal} leads to another file: boat-daq leaves none like it", "Move it away.")
+    lock = WriterLock(path)
+    try:
+        with closing(sqlite3.connect(path, isolation_level=None)) as db:
+            harden(db)
+            db.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+    except DAMAGE as error:
+        raise storage_error(path, error) from error
+    finally:
+        lock.release()
+
+
+def _end_of(journal: Path) -> bytes:
+    with journal.open("rb") as file:
+        file.seek(-min(len(_NAMES_ANOTHER), journal.stat().st_size), os.SEEK_END)
+        return file.read()
+
+
+@dataclass(frozen=True, slots=True)
+class _Fault:
+    text: str
+    structural: bool = False  # the tree of pages is damaged, not a value in it
+
+
+def _is_interrupted(path: Path) -> bool:
+    try:
+        with closing(open_recording(path)) as db:
+            return bool(read_session(db)["status"] == "recording") and not is_being_written(path)
+    except RecordingError:
+        return False
+
+
+def _check(path: Path, progress: Progress | None) -> list[_Fault]:
+    """Look for damage without writing anything."""
+    try:
+        with closing(open_recording(path)) as db:
+            found = [text for (text,) in db.execute("PRAGMA quick_check(10)")]
+            if found != ["ok"]:
+                return [_Fault(str(text), structural=True) for text in found]
+            check_long_tables(path, db)
+            return [_Fault(text) for text in _wrong_checksums(db, progress)]
+    except (*DAMAGE, RecordingError) as error:
+        if not _looks_like_ours(path):
+            remedy = getattr(error, "remedy", "")
+            if remedy.startswith("boat-daq recover"):  # that is what was just tried
+                remedy = "Nothing in it can be read; look for another copy."
+            raise RecordingError(str(error), remedy) from error
+        return [_Fault(str(error), structural=True)]
+
+
+def _looks_like_ours(path: Path) -> bool:
+    """Whether a file that cannot be opened as a recording may still hold one."""
+    try:
+        with closing(_open_damaged(path)) as db:
+            return bool(db.execute("SELECT count(*) FROM session").fetchone()[0])
+    except (OSError, *DAMAGE):
+        return False
+
+
+def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Iterator[str]:
+    for table, column, what in (("chunk", "raw", "raw bytes of chunk"), ("block", "samples", "samples of block")):
+        sql = f"SELECT id, {column}, crc32 FROM {table} ORDER BY id"  # noqa: S608 - names are ours
+        total = db.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]  # noqa: S608
+        for number, content, checksum in db.execute(sql):
+            if checksum is not None and crc32(content) != checksum:
+                yield f"the {what} {number} do not match their checksum"
+            if progress is not None and number % _ROWS == 0:
+                progress(number, total)
+    size = session_dtype(read_session(db)).itemsize
+    for number, n, length in db.execute("SELECT id, n, length(samples) FROM block ORDER BY id"):
+        if length != n * size:
+            yield f"block {number} says {n} samples and holds {length} bytes"
+
+
+def _counts(db: sqlite3.Connection) -> tuple[int, int]:
+    """Return the samples and the chunks that are there, whatever a block says that it holds."""
+    size = session_dtype(read_session(db)).itemsize
+    samples, chunks = db.execute(
+        "SELECT (SELECT coalesce(sum(length(samples) / ?), 0) FROM block), (SELECT count(*) FROM chunk)", (size,)
+    ).fetchone()
+    return int(samples), int(chunks)
+
+
+def _close_in_place(path: Path) -> None:
+    """Complete the overview, mark the recording, and close it into one file."""
+    with closing(open_recording(path)) as db:
+        meta = read_session(db)
+        statements = [*_missing_overview(db, meta), *_end(db, meta)]
+    file = RecordingFile.reopen(path)
+    try:
+        file.commit(statements)
+    except StorageError:
+        file.abandon()
+        raise
+    file.close()
+
+
+def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
+    last_row, last_block = db.execute(
+        "SELECT coalesce(max(id), 0), coalesce(max(last_block), 0) FROM overview"
+    ).fetchone()
+    dtype = session_dtype(meta)
+    overview = Overview(mv_per_count(meta), next_id=last_row + 1)
+    for number, segment, blob in db.execute(
+        "SELECT id, segment, samples FROM block WHERE id > ? AND n > 0 AND length(samples) = n * ? ORDER BY id",
+        (last_block, dtype.itemsize),
+    ):
+        yield from overview.add(number, segment, np.frombuffer(blob, dtype))
+    yield from overview.finish()
+
+
+def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
+    """Give what the killed program could not write: when it ended, and that it was killed."""
+    first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
+    begun = [first, *breaks_of(meta)][-1]  # the monotonic clock may have begun anew since the first start
+    last_ns = db.execute(
+        "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1", (begun["first_chunk"],)
+    ).fetchone()
+    ended_ns, ended_utc = last_ns[0] if last_ns else begun["host_ns"], None
+    if None not in (ended_ns, begun["host_ns"], begun["utc"]):
+        passed = timedelta(microseconds=(ended_ns - begun["host_ns"]) / 1000)
+        ended_utc = (datetime.fromisoformat(begun["utc"]) + passed).isoformat(timespec="milliseconds")
+    ended = {"ended_host_ns": ended_ns, "ended_utc": ended_utc, "stop_reason": "interrupted", "status": "recovered"}
+    yield from set_meta(ended)
+    number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
+    yield (
+        INSERT_EVENT,
+        (number, ended_ns or 0, None, None, "host", "recovered", None, "the session ended here without closing"),
+    )
+
+
+def _open_damaged(path: Path) -> sqlite3.Connection:
+    """Open read-only what SQLite would refuse: with this pragma it reads a file that is shorter than it should be."""
+    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+    harden(connection, damaged=True)
+    for pragma in ("query_only=ON", "writable_schema=ON"):
+        connection.execute(f"PRAGMA {pragma}")
+    try:
+        refuse_active(path, connection)
+    except (RecordingError, *DAMAGE):
+        connection.close()
+        raise
+    return connection
+
+
+def _salvage(path: Path, faults: list[_Fault], progress: Progress | None) -> Recovery:
+    """Copy all rows that can be read into a new file."""
+    target = _free_name(path)
+    with closing(_open_damaged(path)) as db:
+        meta = read_session(db)
+        session_dtype(meta)  # nothing else says what the bytes are
+        file = RecordingFile.create(target, meta)
+        reader = _RowReader(db, bytes_of(path))
+        try:
+            file.commit(set_meta(meta))
+            for done, table in enumerate(name for name in TABLE_NAMES if name not in {"session", "overview"}):
+                _copy(reader, file, table)
+                if progress is not None:
+                    progress(done + 1, len(TABLE_NAMES) - 2)
+        except BaseException:
+            file.abandon()
+            target.unlink(missing_ok=True)
+            raise
+        file.abandon()
+    _close_in_place(target)
+    with closing(open_recording(target)) as copy:
+        counts = _counts(copy)
+    damaged = (*(fault.text for fault in faults), *reader.lost)
+    return Recovery("salvaged", target, *counts, damaged)
+
+
+def _free_name(path: Path) -> Path:
+    for number in range(1, 1000):
+        target = path.with_name(f"{path.stem}.salvaged{'' if number == 1 else number}{SUFFIX}")
+        if not target.exists():
+            return target
+    raise OperatorError(f"there are a thousand salvaged files of {path.name} already")
+
+
+def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:
+    batch: list[Statement] = []
+    size = 0
+    theirs = reader.columns(table)
+    names = [name for name in file.columns(table) if name in theirs]
+    if names[:1] != ["id"]:
+        reader.lost.append(f"{table}: cannot be read at all")
+        return
+    marks = ", ".join("?" * len(names))
+    sql = f"INSERT OR IGNORE INTO {table} ({', '.join(names)}) VALUES ({marks})"  # noqa: S608 - names are the schema's
+    for row in reader.rows(table, names):
+        batch.append((sql, row))
+        size += _length(row)
+        if len(batch) >= _ROWS or size > _BYTES:
+            file.commit(batch)
+            batch, size = [], 0
+    file.commit(batch)
+
+
+def _length(row: tuple[Any, ...]) -> int:
+    """Return the bytes, or letters, of a row's long values."""
+    return sum(len(value) for value in row if isinstance(value, bytes | str))
+
+
+@dataclass(slots=True)
+class _RowReader:
+    """Reads tables by their keys and goes on behind what cannot be read.
+
+    `left` is how many bytes the file can still hold: in a forged one many rows may share the pages of one long value.
+    """
+
+    db: sqlite3.Connection
+    left: int
+    lost: list[str] = field(default_factory=list)
+
+    def columns(self, table: str) -> set[str]:
+        """Return the names of the columns that the damaged file says it has."""
+        return {row[1] for row in self.db.execute(f"PRAGMA table_info({table})")}
+
+    def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
+        """Give the readable rows in order, those left out that no column of ours could hold."""
+        kinds = [layout()[table][name] for name in names]
+        for row in self._readable(table, names):
+            self.left -= _length(row)
+            if self.left < 0:
+                self.lost.append(f"{table}: from row {row[0]} on more than a file of this size can hold")
+                return
+            if all(map(value_fits, kinds, row)):
+                yield row
+            else:
+                self.lost.append(f"{table}: row {row[0]} is no row of ours")
+
+    def _readable(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
+        last = 0
+        where = "typeof(id) = 'integer' AND id > ? ORDER BY id"
+        sql = f"SELECT {', '.join(names)} FROM {table} WHERE {where}"  # noqa: S608 - names are the schema's
+        while True:
+            try:
+                for row in self.db.execute(sql, (last,)):
+                    if row[0] <= last:  # pages that lead back to pages before them would be read for ever
+                        raise sqlite3.DatabaseError("its keys are out of order")
+                    last = row[0]
+                    yield row
+            except DAMAGE as error:
+                behind = self._readable_behind(sql, last)
+                if behind is None or behind[0] > last + 1:
+                    upto = "to the end" if behind is None else f"to {behind[0] - 1}"
+                    self.lost.append(f"{table}: rows {last + 1} {upto} cannot be read ({error})")
+                if behind is None:
+                    return
+                last = behind[0]
+                yield behind  # by itself: sqlite3 looks one row ahead, so the loop may never give it
+            else:
+                return
+
+    def _readable_behind(self, sql: str, last: int) -> tuple[Any, ...] | None:
+        """Return the next row behind key `last` that can be read, found by doubling and halving; None at the end."""
+        low, high = last, last + 1
+        while self._row_from(sql, high) is _UNREADABLE:
+            low, high = high, high + (high - last)
+            if high - last > _KEYS_MAX:
+                return None
+        while high - low > 1:
+            middle = (low + high) // 2
+            if self._row_from(sql, middle) is _UNREADABLE:
+                low = middle
+            else:
+                high = middle
+        row = self._row_from(sql, high)
+        return row if isinstance(row, tuple) else None
+
+    def _row_from(self, sql: str, start: int) -> object:
+        """Return the first row with a key of `start` or more, None when there is none, or that it cannot be read."""
+        try:
+            row = self.db.execute(f"{sql} LIMIT 1", (start - 1,)).fetchone()
+            return _UNREADABLE if row is not None and row[0] < start else row
+        except DAMAGE:
+            return _UNREADABLE
+
+
+_UNREADABLE = object()

@@ -1,0 +1,277 @@
+"""A run that was broken, by a crash or an unplugged board, goes on in its own recording, at its next whole cycle.
+
+Rules: nothing that was recorded is altered. What comes is appended: chunks, segments, steps and events with the next
+free keys, behind an event `break_s` that says why, for how long and where the run goes on. `session.resumptions` keeps
+for each break what a reader of the file needs: the first segment behind it, the newest result before it (which was of
+less than the whole run), and both clocks. The board, its unit and the plan must be those of the beginning.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from boat_daq import __version__
+from boat_daq.engine.control.sequencer import resume_point
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.recording.file import RecordingFile, now_utc, set_meta
+from boat_daq.engine.recording.file_lock import is_being_written
+from boat_daq.engine.recording.recovery import recover
+from boat_daq.engine.recording.rows import INSERT_EVENT, Counters
+from boat_daq.engine.recording.upgrade import upgrade
+from boat_daq.engine.snapshot import Reading, StepMark
+from boat_daq.engine.toml_values import build
+from boat_daq.errors import OperatorError, StorageError
+from protocol.recording import (
+    SCHEMA_VERSION,
+    breaks_of,
+    layout_version,
+    open_recording,
+    read_session,
+    refuse_newer,
+)
+
+RESUMED = "resumed after a break"  # reason of the segment behind it
+_STEP_COLUMNS = (
+    "id",
+    "cycle",
+    "branch",
+    "target_kpa",
+    "ramp_kpa_per_s",
+    "started_us",
+    "arrived_us",
+    "settled_us",
+    "ended_us",
+    "status",
+    "detail",
+)
+# what must be as it was, in the words in which a difference is told; only what a wrong unit, board or firmware changes
+_SAME = {
+    "unit": "unit",
+    "board_id": "board",
+    "profile": "profile",
+    "n_sensors": "number of sensors",
+    "sample_kind": "kind of samples",
+    "vref_mv": "reference voltage in mV",
+    "adc_bits": "resolution in bits",
+    "polarity": "polarity",
+    "rate_hz": "rate in Hz",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BrokenRun:
+    """A recording whose run can go on.
+
+    Attributes
+    ----------
+    meta : its `session`.
+    marks, readings : of all that was run so far, in order.
+    first_cycle, complete_cycles : where it goes on, and how many cycles are whole.
+    cause : how it ended: "interrupted", "stopped", "aborted: ...".
+    """
+
+    path: Path
+    meta: dict[str, Any]
+    plan: Plan
+    marks: tuple[StepMark, ...]
+    readings: tuple[Reading, ...]
+    first_cycle: int
+    complete_cycles: int
+    cause: str
+
+    @property
+    def unit(self) -> str:
+        """Name of the unit, empty where none was named."""
+        return str(self.meta["unit"] or "")
+
+    def check_same(self, now: Mapping[str, Any], *, can_command: bool = True) -> None:
+        """Refuse another unit, board, firmware or rate than the recording's.
+
+        Parameters
+        ----------
+        now : what a recording begun now would say of them (keys of `protocol.recording.SESSION_KEYS`).
+        can_command : whether this link commands pressure.
+
+        Raises
+        ------
+        OperatorError : names what differs, or the link only listens.
+        """
+        if not can_command:
+            raise OperatorError("a run cannot go on over a link that only listens", "connect the board itself")
+        for key, words in _SAME.items():
+            was, found = self.meta[key], now[key]
+            if (was or None) != (found or None):
+                then, today = (str(value or "not named") for value in (was, found))
+                raise OperatorError(
+                    f"{self.path.name} was recorded with {words} {then:.60}; now it is {today:.60}",
+                    "a broken run goes on with the same board, unit and rate; or begin a new recording",
+                )
+
+    def check_plan(self, plan: Plan) -> None:
+        """Refuse another plan than the recording's.
+
+        Raises
+        ------
+        OperatorError : names the first key that differs.
+        """
+        for key in Plan.__dataclass_fields__:
+            was, asked = getattr(self.plan, key), getattr(plan, key)
+            if was != asked:
+                raise OperatorError(
+                    f"{self.path.name} runs a plan with {key} {was}, not {asked}",
+                    "a broken run goes on with its own plan: leave --plan and its options out",
+                )
+
+
+def read_broken_run(path: Path) -> BrokenRun:
+    """Return what is known of a run that did not come to its end; nothing is written.
+
+    Raises
+    ------
+    RecordingError : not a recording, or one of a newer program.
+    OperatorError : it has no plan, all its cycles, or an older program's layout.
+    StorageError : a living program writes it.
+    """
+    if is_being_written(path):
+        raise StorageError(f"{path} is being written by another program", "let that program close it first")
+    refuse_newer(path)
+    with closing(open_recording(path)) as db:
+        meta = read_session(db)
+        if not isinstance(meta["plan"], dict):
+            raise OperatorError(f"{path.name} has no run to go on with", "it was recorded without a plan: begin anew")
+        plan = build(Plan, meta["plan"], f"the plan of {path.name}")
+        steps = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
+        marks = tuple(_mark(row) for row in steps)
+        rows = db.execute(
+            "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
+        )
+        readings = tuple(Reading(*row) for row in rows)
+    first_cycle, complete = resume_point(plan, list(marks))
+    if complete >= plan.cycles:
+        raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "there is nothing to go on with")
+    if layout_version(path) < SCHEMA_VERSION:
+        raise OperatorError(f"{path.name} has the layout of an older program", f"boat-daq upgrade {path}")
+    cause = "interrupted" if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
+    return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, cause)
+
+
+def _mark(row: tuple[Any, ...]) -> StepMark:
+    """Return a step from its row of `_STEP_COLUMNS`."""
+    values = dict(zip(_STEP_COLUMNS, row, strict=True))
+    return StepMark(values.pop("id"), detail=json.loads(values.pop("detail")), **values)
+
+
+def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] | None = None) -> BrokenRun:
+    """Close properly what a killed session left, and return what is known of its run.
+
+    Takes as long as reading the file does: a window calls it on a worker.
+
+    Raises
+    ------
+    As `read_broken_run` and `recovery.recover`.
+    StorageError : the file is damaged, and is not written to.
+    """
+    broken = read_broken_run(path)
+    recovery = recover(path, progress=progress)
+    if recovery.damaged or recovery.path != path:
+        raise StorageError(
+            f"{path.name} is damaged: {recovery.damaged[0] if recovery.damaged else 'see boat-daq recover'}",
+            "keep it as it is and begin a new recording; boat-daq recover saves what is readable",
+        )
+    upgrade(path)  # rows of today would not fit an older layout; the file as it was stays beside it
+    again = read_broken_run(path)
+    return BrokenRun(
+        path,
+        again.meta,
+        broken.plan,
+        again.marks,
+        again.readings,
+        again.first_cycle,
+        again.complete_cycles,
+        broken.cause,
+    )
+
+
+def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFile, Counters, list[dict[str, Any]]]:
+    """Open the recording to go on in it, and write down the break; returns the file, its counters and its breaks.
+
+    Parameters
+    ----------
+    metadata : operator, note, port of the part that begins.
+
+    Raises
+    ------
+    StorageError : another program writes it, or the folder cannot be written.
+    """
+    file = RecordingFile.resume(broken.path)
+    try:
+        counters = _count(broken.path)
+        entry = _break(broken, counters, metadata)
+        breaks = [*breaks_of(broken.meta), entry]
+        going_on = {"status": "recording", "ended_utc": None, "ended_host_ns": None, "stop_reason": None}
+        event = (
+            counters.event + 1, entry["host_ns"], None, None, "host", "break_s", entry["break_s"], break_text(entry)
+        )  # fmt: skip
+        file.commit([*set_meta({**going_on, "resumptions": breaks}), (INSERT_EVENT, event)])
+    except BaseException:
+        file.abandon()
+        raise
+    return file, counters.after_an_event(), breaks
+
+
+def _count(path: Path) -> Counters:
+    """Return the newest key of every table that is appended to."""
+    with closing(open_recording(path)) as db:
+
+        def newest(table: str, what: str = "coalesce(max(id), 0)") -> int:
+            return int(db.execute(f"SELECT {what} FROM {table}").fetchone()[0])  # noqa: S608 - names are ours
+
+        return Counters(
+            segment=newest("segment"),
+            chunks=newest("chunk"),
+            bytes=newest("chunk", "coalesce(sum(length(raw)), 0)"),
+            samples=newest("block", "coalesce(sum(n), 0)"),
+            block=newest("block"),
+            event=newest("event"),
+            overview=newest("overview"),
+            step=newest("step"),
+            result=newest("result"),
+        )
+
+
+def _break(broken: BrokenRun, counters: Counters, metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entry that says: broken here, goes on there."""
+    ended = broken.meta["ended_utc"]
+    away = (datetime.now().astimezone() - datetime.fromisoformat(ended)).total_seconds() if ended else None
+    return break_entry(
+        cause=broken.cause,
+        break_s=away,
+        host_ns=time.monotonic_ns(),
+        first_segment=counters.segment + 1,
+        first_chunk=counters.chunks + 1,
+        first_step=counters.step + 1,
+        first_cycle=broken.first_cycle,
+        complete_cycles=broken.complete_cycles,
+        last_result=counters.result,
+        **{key: metadata.get(key) for key in ("operator", "note", "port")},
+    )
+
+
+def break_entry(*, cause: str, break_s: float | None, **keys: Any) -> dict[str, Any]:
+    """Return an entry of `session.resumptions`, made now (`protocol.recording` names its keys)."""
+    return {"utc": now_utc(), "cause": cause, "break_s": break_s, "program_version": __version__, **keys}
+
+
+def break_text(entry: Mapping[str, Any]) -> str:
+    """Return the words of the event `break_s`."""
+    return (
+        f"broken ({entry['cause']}) after {entry['complete_cycles']} complete cycles; "
+        f"goes on at cycle {entry['first_cycle']}"
+    )

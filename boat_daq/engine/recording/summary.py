@@ -1,0 +1,203 @@
+"""A recording in short: who, when, how long, what was lost. Read from the overview, not from the samples.
+
+So a day of 8.6 million samples is summed up in a fraction of a second; only what a killed session left without an
+overview is counted from its blocks' heads.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from boat_daq.engine.recording.file_lock import is_being_written
+from protocol.errors import RecordingError
+from protocol.recording import breaks_of, layout_version, open_recording, read_session, session_dtype
+from protocol.recording.checks import DAMAGE, bytes_of
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentSummary:
+    """One stretch of unbroken board time that has samples."""
+
+    number: int
+    reason: str
+    paused: bool
+    samples: int
+    duration_s: float
+    rate_hz: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Cycles:
+    """Cycles by the sequencer's own marks."""
+
+    complete: int
+    partial: int
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """Where a broken run went on (`resumption`): why it had ended, for how long, and with which cycle it went on."""
+
+    utc: str
+    cause: str
+    break_s: float | None
+    complete_cycles: int
+    first_cycle: int
+    first_segment: int
+    operator: str | None = None
+    note: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What `boat-daq info` tells; units are in the names."""
+
+    path: Path
+    status: str  # "recording" (under way), "interrupted", "closed", "recovered"
+    simulated: bool
+    operator: str | None
+    unit: str | None
+    note: str | None
+    port: str | None
+    board_id: str | None
+    program_version: str
+    started_utc: str
+    ended_utc: str | None
+    stop_reason: str | None
+    duration_s: float  # board time of all segments
+    rate_hz: float | None  # samples that came for each second of it
+    rate_sampled_hz: float | None  # those lost on the way counted too: the board's own rate
+    rate_asked_hz: float | None
+    samples: int
+    gaps: int
+    lost_samples: int
+    crc_errors: int
+    damaged_frames: int  # these, the malformed and the oversize ones
+    pressure_min_kpa: float | None
+    pressure_max_kpa: float | None
+    segments: tuple[SegmentSummary, ...]
+    steps: int
+    cycles: Cycles
+    readings: int
+    results: int
+    size_bytes: int
+    layout: int  # version of the file's tables
+    breaks: tuple[Break, ...] = ()
+
+
+def summarise(path: Path) -> Summary:
+    """Return a recording in short.
+
+    Raises
+    ------
+    RecordingError : not a recording, or damaged.
+    """
+    with closing(open_recording(path)) as db:
+        try:
+            return _summarise(path, db)
+        except DAMAGE as error:
+            raise RecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}") from error
+
+
+def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
+    meta = read_session(db)
+    segments = tuple(_segments(db))
+    samples = sum(segment.samples for segment in segments)
+    if samples * session_dtype(meta).itemsize > bytes_of(path):
+        raise RecordingError(
+            f"{path} says that it holds {samples} samples: more samples than its size can hold",
+            f"boat-daq recover {path}",
+        )
+    duration_s = sum(segment.duration_s for segment in segments)
+    gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
+    low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")
+    counts = [_one(db, f"SELECT count(*) FROM {table}")[0] for table in ("step", "reading", "result")]  # noqa: S608
+    status = meta["status"]
+    if status == "recording" and not is_being_written(path):
+        status = "interrupted"
+    told = (
+        "operator",
+        "unit",
+        "note",
+        "port",
+        "board_id",
+        "program_version",
+        "started_utc",
+        "ended_utc",
+        "stop_reason",
+    )
+    return Summary(
+        path=path,
+        status=status,
+        simulated=bool(meta["simulated"]),
+        **{key: meta[key] for key in told},
+        duration_s=duration_s,
+        rate_hz=_rate(samples, len(segments), duration_s),
+        rate_sampled_hz=_rate(samples + int(lost), len(segments), duration_s),
+        rate_asked_hz=meta["rate_hz"],
+        samples=samples,
+        gaps=gaps,
+        lost_samples=int(lost),
+        crc_errors=_counted(db, "crc_errors"),
+        damaged_frames=_counted(db, "crc_errors + malformed + oversize"),
+        pressure_min_kpa=low,
+        pressure_max_kpa=high,
+        segments=segments,
+        steps=counts[0],
+        cycles=_cycles(db),
+        readings=counts[1],
+        results=counts[2],
+        size_bytes=path.stat().st_size,
+        layout=layout_version(path),
+        breaks=tuple(_break(entry) for entry in breaks_of(meta)),
+    )
+
+
+def _break(entry: dict[str, Any]) -> Break:
+    return Break(**{key: entry.get(key) for key in Break.__dataclass_fields__})  # type: ignore[arg-type]
+
+
+def _one(db: sqlite3.Connection, sql: str, values: tuple[Any, ...] = ()) -> Any:
+    return db.execute(sql, values).fetchone()
+
+
+def _counted(db: sqlite3.Connection, counter: str) -> int:
+    """Return the sum of a link counter of table `health` over all links of a recording; each begins at zero."""
+    sql = f"""
+        SELECT {counter}, bytes <= lead(bytes) OVER (ORDER BY id) AS goes_on FROM health ORDER BY id"""  # noqa: S608
+    return sum(count for count, goes_on in db.execute(sql) if not goes_on)
+
+
+def _segments(db: sqlite3.Connection) -> list[SegmentSummary]:
+    """Return the segments that have samples, from the overview and the blocks behind it."""
+    last_block = _one(db, "SELECT coalesce(max(last_block), 0) FROM overview")[0]
+    sql = """
+        SELECT segment.id, reason, paused, sum(n), min(first_time_us), max(last_time_us)
+        FROM (SELECT segment, n, first_time_us, last_time_us FROM overview
+              UNION ALL SELECT segment, n, first_time_us, last_time_us FROM block WHERE id > ?) AS part
+        JOIN segment ON segment.id = part.segment GROUP BY segment.id ORDER BY segment.id"""
+    found = []
+    for number, reason, paused, n, first_us, last_us in db.execute(sql, (last_block,)):
+        duration_s = (last_us - first_us) * 1e-6
+        found.append(SegmentSummary(number, reason, bool(paused), n, duration_s, _rate(n, 1, duration_s)))
+    return found
+
+
+def _rate(samples: int, segments: int, duration_s: float) -> float | None:
+    """Return samples for each second; the first of each segment ends no interval."""
+    return (samples - segments) / duration_s if duration_s > 0 else None
+
+
+def _cycles(db: sqlite3.Connection) -> Cycles:
+    """Count cycles: complete are those with as many steps as any, all of them reached, in both branches."""
+    sql = """
+        SELECT count(*), sum(status = 'reached'), count(DISTINCT branch) FROM step
+        WHERE cycle > 0 AND branch IN ('unloading', 'loading') GROUP BY cycle"""
+    cycles = db.execute(sql).fetchall()
+    most = max((steps for steps, _, _ in cycles), default=0)
+    complete = sum(steps == most == reached and branches == 2 for steps, reached, branches in cycles)
+    return Cycles(complete, len(cycles) - complete)

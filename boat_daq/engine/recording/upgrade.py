@@ -1,0 +1,133 @@
+"""An older recording brought to today's layout. The file as it was stays beside it, untouched to the last byte.
+
+Strategy: a copy gets the columns that it lacks and is checked; then the original takes the name of a backup and the
+copy the original's name, each in one step of the file system. Whatever stops it in between, the original's name leads
+to a whole file, and no byte of the original was written.
+
+Rules: only columns are added (`ADDED`), so every value reads as before; what an older program did not keep stays
+unknown (NULL) and is not made up. A recording that is under way, interrupted or damaged is refused: recover it first.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from boat_daq.engine.recording.file import storage_error
+from boat_daq.engine.recording.file_lock import WriterLock
+from boat_daq.errors import OperatorError, StorageError
+from protocol.recording import (
+    ADDED,
+    SCHEMA_VERSION,
+    layout_version,
+    open_recording,
+    read_session,
+    refuse_newer,
+)
+from protocol.recording.checks import DAMAGE, columns_of, harden
+
+
+@dataclass(frozen=True, slots=True)
+class Upgrade:
+    """What was done.
+
+    Attributes
+    ----------
+    status : "upgraded", or "current" where there was nothing to do.
+    backup : the file as it was; None where nothing was done.
+    """
+
+    status: str
+    path: Path
+    version_before: int
+    version: int
+    backup: Path | None = None
+
+
+def upgrade(path: Path) -> Upgrade:
+    """Bring a closed recording to today's layout.
+
+    Raises
+    ------
+    RecordingError : not a recording, or one of a newer program.
+    OperatorError : it is interrupted.
+    StorageError : it is under way or damaged, or the folder cannot be written.
+    """
+    refuse_newer(path)
+    version = layout_version(path)
+    with closing(open_recording(path)) as db:
+        status = read_session(db)["status"]
+    if version == SCHEMA_VERSION:
+        return Upgrade("current", path, version, version)
+    lock = WriterLock(path)
+    try:
+        if status == "recording" or path.with_name(path.name + "-wal").exists():
+            raise OperatorError(f"{path} was not closed", f"boat-daq recover {path}")
+        return Upgrade("upgraded", path, version, SCHEMA_VERSION, _exchange(path, version))
+    except (OSError, *DAMAGE) as error:
+        raise storage_error(path, error) from error
+    finally:
+        lock.release()
+
+
+def _exchange(path: Path, version: int) -> Path:
+    """Put an upgraded copy in the file's place, and return where the file went."""
+    copy = path.with_name(f"{path.name}.upgrade")
+    try:
+        shutil.copyfile(path, copy)
+        _add_columns(copy, version)
+        open_recording(copy).close()
+        backup = _keep(path, version)
+        copy.replace(path)
+    finally:
+        copy.unlink(missing_ok=True)
+    _flush(path.parent)
+    return backup
+
+
+def _add_columns(path: Path, version: int) -> None:
+    with closing(sqlite3.connect(path, isolation_level=None)) as db:
+        harden(db)
+        db.execute("PRAGMA synchronous=FULL")
+        db.execute("BEGIN IMMEDIATE")
+        for since in sorted(since for since in ADDED if since > version):
+            for table, name, kind in ADDED[since]:
+                if name not in columns_of(db, (table,))[table]:
+                    db.execute(f"ALTER TABLE {table} ADD COLUMN {name} {kind}")
+        db.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+        db.execute("COMMIT")
+        checks = db.execute("PRAGMA integrity_check(1)").fetchall()
+        if checks != [("ok",)]:
+            raise StorageError(f"{path.stem} is damaged: {checks[0][0]}", "Recover it first: boat-daq recover.")
+
+
+def _keep(path: Path, version: int) -> Path:
+    """Give the file a second name, that of its backup; nothing that has such a name is overwritten."""
+    for number in range(1, 1000):
+        backup = path.with_name(f"{path.name}.v{version}{'' if number == 1 else f'.{number}'}.bak")
+        try:
+            os.link(path, backup)
+        except FileExistsError:
+            continue
+        except OSError:  # a file system without links
+            with path.open("rb") as original, backup.open("xb") as second:
+                shutil.copyfileobj(original, second)
+                os.fsync(second.fileno())
+        return backup
+    raise OperatorError(f"there are a thousand backups of {path.name} already", "Remove some of them.")
+
+
+def _flush(folder: Path) -> None:
+    """Have the new names on the disk; systems that cannot flush a folder do it by themselves."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,271 @@
+"""Derive everything again from the raw bytes, and say `identical` or name the first difference.
+
+The chunks are checked against their checksums and decoded again by a link that begins in the state the recording's
+began in; samples, gaps and the overview must come out bit for bit as they are stored. Memory stays bounded however
+long the recording is. Results of analyses are derived again through a function that the caller hands in, because the
+engine knows no analysis.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import chain, zip_longest
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.engine.recording.rows import Overview, mv_per_count
+from protocol.errors import ProfileError
+from protocol.link.bulk import decode_chunks
+from protocol.link.connection import Connection
+from protocol.link.events import Gap, Link, LinkEvent, Samples
+from protocol.recording import check_long_tables, open_recording, read_session, session_dtype
+from protocol.recording.checks import DAMAGE
+
+Progress = Callable[[float, float], None]
+_PIECE = 20_000  # samples compared at once
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """The verdict; `difference` is empty when `identical`."""
+
+    identical: bool
+    difference: str
+    samples: int
+    chunks: int
+    results: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class StoredResult:
+    """A result as it stands in the file."""
+
+    id: int
+    kind: str
+    program_version: str
+    seed: int | None
+    parameters: dict[str, Any]
+    content: dict[str, Any]
+
+
+Reanalyse = Callable[[Path, StoredResult], dict[str, Any] | None]
+
+
+class _Difference(Exception):
+    """The first difference found."""
+
+
+def verify_recording(
+    path: Path, *, reanalyse: Reanalyse | None = None, code: str = "", progress: Progress | None = None
+) -> Verification:
+    """Derive a recording again from its raw bytes.
+
+    Parameters
+    ----------
+    path : a recording; one that is interrupted is checked up to its last commit.
+    reanalyse : computes a stored result anew, or returns None for a kind it does not know.
+    code : state of the program that `reanalyse` computes with; results say by which state they were computed.
+    progress : told (samples compared, samples in all); raising from it cancels.
+
+    Raises
+    ------
+    RecordingError : not a recording.
+    """
+    started = time.monotonic()
+    tally = {"samples": 0, "chunks": 0, "results": 0}
+    difference = ""
+    with closing(open_recording(path)) as db:
+        try:
+            check_long_tables(path, db)
+            _verify_stream(db, tally, progress)
+            _verify_results(db, path, tally, reanalyse, code)
+        except _Difference as found:
+            difference = str(found)
+        except DAMAGE as error:
+            difference = f"the file is damaged: {error}"
+    return Verification(not difference, difference, **tally, seconds=time.monotonic() - started)
+
+
+def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Link:
+    """Return the link that decodes a recording's bytes, in the state in which its recording began."""
+    if meta["profile"]:
+        from protocol.text.connection import TextConnection, load_profile
+
+        return TextConnection(load_profile(meta["profile"]), decoder_state=decoder_state)
+    if decoder_state is not None:
+        return Connection(decoder_state=decoder_state)
+    return Connection(n_sensors=meta["n_sensors"], adc_bits=meta["adc_bits"] or 16)
+
+
+def _resumed_link(meta: dict[str, Any], state: str | None, first: int) -> Link:
+    """Return the link as it was before chunk `first`."""
+    try:
+        return open_link(meta, None if state is None else json.loads(state))
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError, ProfileError) as error:
+        raise _Difference(f"what the decoder remembered before chunk {first} cannot be used: {error}") from error
+
+
+def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Progress | None) -> None:
+    meta = read_session(db)
+    dtype = session_dtype(meta)
+    total = db.execute("SELECT coalesce(sum(n), 0) FROM block").fetchone()[0]
+    if total and db.execute("SELECT id FROM chunk LIMIT 1").fetchone() is None:
+        raise _Difference("there are no raw bytes to derive the samples from (the recording was imported)")
+    gaps: list[tuple[int, int, int]] = []
+    derived = _pieces(_derived(db, meta, tally, gaps))
+    stored = _pieces(_stored(db, dtype, Overview(mv_per_count(meta))))
+    for again, kept in _side_by_side(derived, stored):
+        if again.dtype != kept.dtype or again.tobytes() != kept.tobytes():
+            raise _Difference(_first_difference(kept, again, tally["samples"]))
+        tally["samples"] += len(kept)
+        if progress is not None:
+            progress(tally["samples"], total)
+    _verify_gaps(db, gaps)
+
+
+def _side_by_side(
+    derived: Iterator[NDArray[np.void]], stored: Iterator[NDArray[np.void]]
+) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
+    """Give pieces of the same samples; the end of one before the other is a difference."""
+    done = 0
+    for again, kept in zip_longest(derived, stored):
+        n_again, n_kept = (0 if piece is None else len(piece) for piece in (again, kept))
+        n = min(n_again, n_kept)
+        if n:
+            yield again[:n], kept[:n]
+            done += n
+        if n_again != n_kept:
+            more = "the bytes hold more samples than the file" if n_again > n_kept else "the file has more samples"
+            raise _Difference(f"after sample {done} {more}")
+
+
+def _derived(
+    db: sqlite3.Connection, meta: dict[str, Any], tally: dict[str, int], gaps: list[tuple[int, int, int]]
+) -> Iterator[NDArray[np.void]]:
+    """Give the samples that the bytes hold."""
+    begins = db.execute("SELECT first_chunk, decoder FROM segment WHERE decoder IS NOT NULL ORDER BY id").fetchall()
+    begins = begins or [(1, None)]
+    for (first, state), (after, _) in zip(begins, [*begins[1:], (1 << 62, None)], strict=True):
+        link = _resumed_link(meta, state, first)
+        for event in chain.from_iterable(decode_chunks(_chunks(db, first, after, tally), link)):
+            yield from _take(event, gaps)
+
+
+def _take(event: LinkEvent, gaps: list[tuple[int, int, int]]) -> Iterator[NDArray[np.void]]:
+    if isinstance(event, Samples):
+        yield event.array
+    elif isinstance(event, Gap):
+        gaps.append((event.lost, event.before_index, event.time_us))
+
+
+def _chunks(db: sqlite3.Connection, first: int, after: int, tally: dict[str, int]) -> Iterator[tuple[int, bytes]]:
+    """Give what came, each chunk checked; what was sent is checked and left out."""
+    rows = db.execute(
+        "SELECT id, host_ns, direction, raw, crc32 FROM chunk WHERE id >= ? AND id < ? ORDER BY id", (first, after)
+    )
+    for number, host_ns, direction, raw, checksum in rows:
+        if number != tally["chunks"] + 1:
+            raise _Difference(f"chunk {tally['chunks'] + 1} is missing")
+        if crc32(raw) != checksum:
+            raise _Difference(f"the raw bytes of chunk {number} do not match their checksum")
+        tally["chunks"] = number
+        if direction == 0:
+            yield host_ns, raw
+
+
+def _stored(db: sqlite3.Connection, dtype: np.dtype[np.void], overview: Overview) -> Iterator[NDArray[np.void]]:
+    """Give the samples that the file has; check what the rows say of them, and the overview, on the way."""
+    rows = db.execute("SELECT id, segment, n, first_time_us, last_time_us, samples FROM block ORDER BY id")
+    kept = iter(db.execute("SELECT * FROM overview ORDER BY id").fetchall())
+    for number, segment, n, first_us, last_us, blob in rows:
+        if len(blob) != n * dtype.itemsize or not n:
+            raise _Difference(f"block {number} says {n} samples and holds {len(blob)} bytes")
+        samples = np.frombuffer(blob, dtype)
+        if (first_us, last_us) != (samples["time_us"][0], samples["time_us"][-1]):
+            raise _Difference(f"block {number} names other times than its samples have")
+        for _, row in overview.add(number, segment, samples):
+            if next(kept, None) != row:
+                raise _Difference(f"row {row[0]} of the overview differs from its samples")
+        yield samples
+
+
+def _pieces(arrays: Iterator[NDArray[np.void]]) -> Iterator[NDArray[np.void]]:
+    """Give the same samples in pieces of `_PIECE`."""
+    held: list[NDArray[np.void]] = []
+    n = 0
+    for array in arrays:
+        held.append(array)
+        n += len(array)
+        while n >= _PIECE:
+            joined = np.concatenate(held)
+            yield joined[:_PIECE]
+            held, n = [joined[_PIECE:]], n - _PIECE
+    if n:
+        yield np.concatenate(held)
+
+
+def _first_difference(kept: NDArray[np.void], again: NDArray[np.void], done: int) -> str:
+    if kept.dtype != again.dtype:
+        return "the bytes give samples of another layout than the file has"
+    at = int(np.flatnonzero([a.tobytes() != b.tobytes() for a, b in zip(kept, again, strict=True)])[0])
+    names = kept.dtype.names or ()
+    name = next(name for name in names if kept[at][name].tobytes() != again[at][name].tobytes())
+    return f"sample {done + at + 1}: {name} is {kept[at][name]} in the file and {again[at][name]} from the bytes"
+
+
+def _verify_gaps(db: sqlite3.Connection, gaps: list[tuple[int, int, int]]) -> None:
+    rows = db.execute("SELECT value, text, time_us FROM event WHERE kind = 'gap' AND source = 'host' ORDER BY id")
+    for number, (row, gap) in enumerate(zip_longest(rows, gaps), start=1):
+        if row is None or gap is None or row != (gap[0], f"before index {gap[1]}", gap[2]):
+            raise _Difference(f"gap {number} is {row} in the file and {gap} from the bytes")
+
+
+def _verify_results(
+    db: sqlite3.Connection, path: Path, tally: dict[str, int], reanalyse: Reanalyse | None, code: str
+) -> None:
+    if reanalyse is None:
+        return
+    sql = "SELECT id, kind, program_version, seed, parameters, content FROM result ORDER BY id"
+    for number, kind, version, seed, parameters, content in db.execute(sql).fetchall():
+        stored = StoredResult(number, kind, version, seed, json.loads(parameters), json.loads(content))
+        again = reanalyse(path, stored)
+        if again is None:
+            continue
+        key = _first_other(stored.content, again)
+        if key is not None:
+            raise _Difference(f"result {number} ({kind}): {_by_whom(stored, code)}; the first is {key or 'the whole'}")
+        tally["results"] += 1
+
+
+def _by_whom(stored: StoredResult, code: str) -> str:
+    """Say whether other numbers come from another program or from none: a file that was changed."""
+    made = stored.parameters.get("code")
+    if made == code:
+        return "this very program gives other numbers than are stored"
+    known = f"code {made}" if made else "its code is not recorded"
+    return (
+        f"it was computed by another state of the program (version {stored.program_version}, {known}; this is code "
+        f"{code}), and this one gives other numbers"
+    )
+
+
+def _first_other(kept: Any, again: Any, at: str = "") -> str | None:
+    """Return the name of the first value that differs, as JSON; None where all are the same."""
+    if isinstance(kept, dict) and isinstance(again, dict) and kept.keys() == again.keys():
+        pairs = ((f"{at}.{key}".lstrip("."), kept[key], again[key]) for key in sorted(kept))
+    elif isinstance(kept, list) and isinstance(again, list) and len(kept) == len(again):
+        pairs = ((f"{at}[{i}]", *both) for i, both in enumerate(zip(kept, again, strict=True)))
+    else:
+        return None if json.dumps(kept, sort_keys=True) == json.dumps(again, sort_keys=True) else at
+    found = (_first_other(one, other, name) for name, one, other in pairs)
+    return next((name for name in found if name is not None), None)

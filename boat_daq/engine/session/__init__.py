@@ -1,0 +1,1 @@
+"""The session: everything between a window or a command and the board."""

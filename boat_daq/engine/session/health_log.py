@@ -1,0 +1,73 @@
+"""One health line a second into the log while a session runs, on a thread of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from boat_daq.engine.link.link_health import HealthSnapshot
+from boat_daq.engine.log import memory_mb, note, note_failure
+
+EVERY_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Vitals:
+    """What a session tells of itself for one line."""
+
+    link: str
+    state: str
+    health: HealthSnapshot | None = None
+    queue: int = 0  # items that wait for the recorder
+    recording: Path | None = None
+
+
+class HealthLog:
+    """Writes the lines from `start` to `stop`; starts anew after a stop."""
+
+    def __init__(self, look: Callable[[], Vitals]) -> None:
+        self._look = look
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begin; a second call changes nothing."""
+        if self._thread is None:
+            self._stop.clear()
+            self._thread = threading.Thread(target=self._run, name="health log", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """End; waits for the thread."""
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            self._stop.set()
+            thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(EVERY_S):
+            try:
+                note("info", health_line(self._look()))
+            except Exception as error:  # noqa: BLE001 - a line of the log is not worth a session
+                note_failure("no health line", error)
+
+
+def health_line(vitals: Vitals) -> str:
+    """Return the line: link and run, rate, losses, lag and queue of the recorder, disk and memory."""
+    words = [f"health link={vitals.link} run={vitals.state}"]
+    health = vitals.health
+    if health is not None:
+        s = health.statistics
+        rate = "-" if health.rate_hz is None else f"{health.rate_hz:.2f}"
+        words.append(f"rate_hz={rate} samples={s.samples} lost={s.lost} crc={s.crc_errors} lag_ms={health.lag_ms:.0f}")
+    words.append(f"queue={vitals.queue}")
+    if vitals.recording is not None:
+        with contextlib.suppress(OSError):
+            words.append(f"disk_free_mb={shutil.disk_usage(vitals.recording.parent).free / 1e6:.0f}")
+    memory = memory_mb()
+    words.append(f"memory_mb={'-' if memory is None else f'{memory:.0f}'} threads={threading.active_count()}")
+    return " ".join(words)

@@ -1,0 +1,124 @@
+"""What a session remembers of itself: messages, steps and readings; and writes into the recording, where one runs.
+
+Steps and readings are kept here as well as in the file, so that a page asks the session and not the disk. Steps are
+numbered from 1 in every recording; a step's number is its id in the recording's table `step`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from datetime import UTC, datetime
+
+from boat_daq.engine.control.actions import Ended, Marked, Noted, SegmentBreak
+from boat_daq.engine.log import note
+from boat_daq.engine.recording.recorder import Recorder
+from boat_daq.engine.recording.resumption import BrokenRun
+from boat_daq.engine.snapshot import Message, Reading, StepMark
+from boat_daq.errors import OperatorError
+
+MESSAGES = 50
+LONGEST_MM = 1000.0
+SOURCES_MAX = 40
+
+
+class Journal:
+    """Keeps and records; the session's lock guards it."""
+
+    def __init__(self) -> None:
+        self.recorder: Recorder | None = None
+        self.broken: BrokenRun | None = None  # the run in whose recording this one goes on
+        self.messages: deque[Message] = deque(maxlen=MESSAGES)
+        self.steps: dict[int, StepMark] = {}
+        self.readings: list[Reading] = []
+        self.ended = ""  # how the recording's last run ended
+        self._told = 0
+
+    def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
+        """Begin a recording, or go on in that of a broken run; steps and readings of another one are its own."""
+        self.recorder, self.ended, self.broken = recorder, "", broken
+        self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
+        self.readings = list(broken.readings) if broken else []
+
+    def tell(self, level: str, cause: str, remedy: str = "", *, host_ns: int = 0) -> None:
+        """Tell the operator."""
+        self._told += 1
+        note(level, f"{cause} (try: {remedy})" if remedy else cause)
+        self.messages.append(Message(self._told, level, cause, remedy, host_ns))
+
+    def take(self, effect: Marked | SegmentBreak | Noted | Ended, *, host_ns: int, time_us: int | None) -> None:
+        """Keep what the control says."""
+        match effect:
+            case Marked(mark, new):
+                self.steps[mark.number] = mark
+                self._record_step(mark, new=new)
+            case SegmentBreak(reason, paused):
+                if self.recorder is not None:
+                    self.recorder.new_segment(reason, paused=paused)
+            case Noted():
+                if effect.level:
+                    self.tell(effect.level, effect.text, effect.remedy, host_ns=host_ns)
+                else:
+                    note("info", f"{effect.kind}: {effect.text}")
+                self.event("sequencer", effect.kind, effect.text, value=effect.value, time_us=time_us)
+            case Ended(reason):
+                self.ended = reason
+
+    def event(
+        self, source: str, kind: str, text: str, *, value: float | None = None, time_us: int | None = None
+    ) -> None:
+        """Record an event."""
+        if self.recorder is not None:
+            self.recorder.event(source, kind, value=value, text=text, time_us=time_us)
+
+    def add_reading(self, reading: Reading) -> None:
+        """Keep a reading.
+
+        Raises
+        ------
+        OperatorError : no such plateau, or no length that a unit can have.
+        """
+        if reading.step_id not in self.steps:
+            raise OperatorError(f"there is no step {reading.step_id}", "give the number of a plateau of this recording")
+        x = reading.elongation_mm
+        if x is not None and not abs(x) <= LONGEST_MM:
+            raise OperatorError(f"{x} is not an elongation in mm", f"give a number between +-{LONGEST_MM:g}")
+        if not (math.isfinite(reading.resolution_mm) and 0 < reading.resolution_mm <= LONGEST_MM):
+            raise OperatorError(f"{reading.resolution_mm} mm is not a resolution", "give the grid's, such as 0.5")
+        self.readings.append(reading)
+        if self.recorder is not None:
+            self.recorder.reading(
+                reading.step_id,
+                x,
+                resolution_mm=reading.resolution_mm,
+                source=reading.source,
+                reader=reading.reader,
+                note=reading.note,
+            )
+
+    def _record_step(self, mark: StepMark, *, new: bool) -> None:
+        if self.recorder is None:
+            return
+        if new:
+            self.recorder.step_started(
+                mark.number,
+                mark.cycle,
+                mark.branch,
+                target_kpa=mark.target_kpa,
+                ramp_kpa_per_s=mark.ramp_kpa_per_s,
+                started_us=mark.started_us,
+            )
+            return
+        self.recorder.step_updated(
+            mark.number,
+            arrived_us=mark.arrived_us,
+            settled_us=mark.settled_us,
+            ended_us=mark.ended_us,
+            status=mark.status,
+            detail=mark.detail,
+        )
+
+
+def now_utc() -> str:
+    """Return the time of day, ISO 8601 with its offset."""
+    return datetime.now(UTC).astimezone().isoformat(timespec="milliseconds")

@@ -1,0 +1,193 @@
+"""Readings of elongation from a file or from a virtual board's truth, put to the plateaus they belong to.
+
+What a file may look like stands in `protocol.recording.elongation_file`. Rules:
+
+- Every row is checked against its plateau's pressure. What does not fit is refused with the first row that does not,
+  and nothing of the file is entered.
+- Neighbouring cycles share the plateau between them (see `plan`). A file that lists it for both, as it does when each
+  branch is written with both its ends, gives two equal neighbours: they are one hold, and their mean is its reading.
+- A file by order may begin with the opening plateau or leave it out.
+- A virtual unit is read as an eye would read it: the truth over the settled plateau, with a reader's error, rounded to
+  the grid; such readings are called "simulated" wherever they go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.snapshot import StepMark
+from boat_daq.errors import OperatorError
+from protocol.errors import LocalError
+from protocol.recording.elongation_file import ElongationRow as FileReading
+from protocol.recording.elongation_file import read_elongation_rows
+
+if TYPE_CHECKING:
+    from boat_daq.engine.session.session import Session
+
+SIMULATED = "simulated"
+SIMULATED_RESOLUTION_MM = 0.02  # a pixel, where a photograph shows 80 mm of the grid on 4,000
+READER_SD_MM = 0.005  # of the one who finds the tip in it, before rounding
+NEAR_KPA = 3.0  # a row names its plateau by its target; no closer than this, or a third of the smallest step
+
+
+def read_elongation_csv(path: Path) -> tuple[FileReading, ...]:
+    """Return the rows of an elongation file.
+
+    Raises
+    ------
+    OperatorError : the file cannot be read, lacks a column, or a row is not numbers; names the line.
+    """
+    try:
+        return read_elongation_rows(path)
+    except LocalError as error:
+        raise OperatorError(error.cause, error.remedy) from error
+
+
+def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:
+    """Refuse, before anything moves, a file that will not fit an unbroken run of `plan`.
+
+    Raises
+    ------
+    OperatorError : the first row that does not fit, or a plan without plateaus.
+    """
+    if plan.kind != "staircase":
+        raise OperatorError(f"plan {plan.name} has no plateaus to read elongation at", "leave the file out")
+    steps = [StepMark(n, s.cycle, s.branch, s.target_kpa, 0.0, 0) for n, s in enumerate(plan.steps, 1)]
+    match_readings(readings, steps)
+
+
+def match_readings(readings: Sequence[FileReading], steps: Sequence[StepMark]) -> dict[int, float]:
+    """Return step_id -> elongation (mm) for plateaus in the order of the run.
+
+    Raises
+    ------
+    OperatorError : the first row that does not fit.
+    """
+    plateaus = [step for step in steps if step.branch != "end"]
+    if not readings or not plateaus:
+        raise OperatorError("there are no readings" if plateaus else "the run has no plateaus", "nothing was entered")
+    levels = sorted({step.target_kpa for step in plateaus})
+    near = min([NEAR_KPA, *((b - a) / 3 for a, b in pairwise(levels))])
+    if readings[0].cycle is not None:
+        return _by_branch(readings, plateaus, near)
+    return _by_order(readings, plateaus, near)
+
+
+def _by_order(readings: Sequence[FileReading], plateaus: list[StepMark], near: float) -> dict[int, float]:
+    misfit = f"{len(readings)} rows for {len(plateaus)} plateaus"
+    for rows in (list(readings), _merged(readings)):
+        for chosen in (plateaus, [step for step in plateaus if step.branch != "start"]):
+            if len(rows) != len(chosen):
+                continue
+            pairs = list(zip(rows, chosen, strict=True))
+            wrong = next((p for p in pairs if abs(p[0].pressure_kpa - p[1].target_kpa) > near), None)
+            if wrong is None:
+                return {step.number: row.elongation_mm for row, step in pairs}
+            row, step = wrong
+            misfit = f"line {row.line} says {row.pressure_kpa:g} kPa where the run holds {step.target_kpa:g} kPa"
+    raise OperatorError(
+        f"the readings do not fit the plateaus: {misfit}", "one row a plateau, in the order of the run; none entered"
+    )
+
+
+def _merged(readings: Sequence[FileReading]) -> list[FileReading]:
+    """Neighbours at one pressure are one hold: return their mean."""
+    groups = (list(group) for _, group in groupby(readings, key=lambda row: row.pressure_kpa))
+    return [replace(g[0], elongation_mm=sum(row.elongation_mm for row in g) / len(g)) for g in groups]
+
+
+def _by_branch(readings: Sequence[FileReading], plateaus: list[StepMark], near: float) -> dict[int, float]:
+    found: dict[int, list[float]] = {}
+    for row in readings:
+        step = _plateau_of(row, plateaus, near)
+        if step is None:
+            raise OperatorError(
+                f"line {row.line}: no plateau at {row.pressure_kpa:g} kPa, cycle {row.cycle}, {row.branch}",
+                "check cycle, branch (unloading or loading) and pressure; none entered",
+            )
+        found.setdefault(step.number, []).append(row.elongation_mm)
+    return {number: sum(values) / len(values) for number, values in found.items()}
+
+
+def _plateau_of(row: FileReading, plateaus: list[StepMark], near: float) -> StepMark | None:
+    """Return the plateau of a row: its own branch's, or the one at which that branch begins."""
+    own = [i for i, step in enumerate(plateaus) if step.cycle == row.cycle and step.branch == row.branch]
+    first = own[0] if own else next((i + 1 for i, s in enumerate(plateaus) if s.branch == row.branch == "start"), 0)
+    candidates = [*own, first - 1] if first else own
+    return next((plateaus[i] for i in candidates if abs(plateaus[i].target_kpa - row.pressure_kpa) <= near), None)
+
+
+def enter_readings(session: Session, readings: Sequence[FileReading], *, source: str = "csv") -> int:
+    """Enter a file's readings for the plateaus that the run has reached; return how many.
+
+    Raises
+    ------
+    OperatorError : they do not fit; nothing is entered.
+    """
+    matched = match_readings(readings, [step for step in session.steps() if step.status == "reached"])
+    for step_id, elongation_mm in matched.items():
+        session.add_reading(step_id, elongation_mm, source)
+    return len(matched)
+
+
+def simulated_reading(truth_mm: float, rng: np.random.Generator, *, resolution_mm: float, reader_sd_mm: float) -> float:
+    """Return what a reader sees of a true elongation: with a normal error, to the nearest line of the grid, mm."""
+    return round((truth_mm + reader_sd_mm * rng.standard_normal()) / resolution_mm) * resolution_mm
+
+
+def truth_at_plateaus(truth_csv: Path, steps: Sequence[StepMark]) -> dict[int, float]:
+    """Return step_id -> mean true elongation (mm) over each settled plateau.
+
+    Parameters
+    ----------
+    truth_csv : as `boat-daq board --truth` writes it, `time_s` and `elongation_mm` among its columns.
+
+    Raises
+    ------
+    OperatorError : the file cannot be read or is no such file.
+    """
+    try:
+        table = np.genfromtxt(truth_csv, delimiter=",", names=True, comments="#", usecols=(2, 4), skip_header=1)
+        time_us, elongation_mm = table["time_s"] * 1e6, table["elongation_mm"]
+    except (OSError, ValueError, IndexError) as error:
+        raise OperatorError(f"{truth_csv} is no truth file of a virtual board: {error}") from error
+    found = {}
+    for step in steps:
+        if step.status == "reached" and step.branch != "end" and step.settled_us is not None:
+            inside = (time_us >= step.settled_us) & (time_us <= (step.ended_us or step.settled_us))
+            if inside.any():
+                found[step.number] = float(elongation_mm[inside].mean())
+    return found
+
+
+def enter_simulated_readings(
+    session: Session,
+    truth_csv: Path,
+    *,
+    seed: int = 0,
+    resolution_mm: float = SIMULATED_RESOLUTION_MM,
+    reader_sd_mm: float = READER_SD_MM,
+) -> int:
+    """Enter readings of a virtual unit, from its truth; return how many.
+
+    The defaults leave 0.008 mm (rms) of error; the paper's R2 of 0.99991 for its second sensor has room for 0.02 mm.
+
+    Raises
+    ------
+    OperatorError : the session is not on a virtual board, or the file is no truth file.
+    """
+    if not session.snapshot().simulated:
+        raise OperatorError("only a virtual board has a truth to read", "type the readings of a real unit")
+    rng = np.random.default_rng(seed)
+    truth = truth_at_plateaus(truth_csv, session.steps())
+    for step_id, truth_mm in truth.items():
+        seen_mm = simulated_reading(truth_mm, rng, resolution_mm=resolution_mm, reader_sd_mm=reader_sd_mm)
+        session.add_reading(step_id, seen_mm, SIMULATED, resolution_mm=resolution_mm, reader="virtual reader")
+    return len(truth)

@@ -1,0 +1,1 @@
+"""Serves the virtual board on a port of this computer."""

@@ -1,0 +1,321 @@
+"""Serves a virtual board on a port, at 1 to 1000 times real time. The only place where the board meets a clock.
+
+The board's time follows the monotonic clock times the speed, in steps of a few milliseconds of wall time. The host's
+bytes are handed over before each step, so that a stalled machine does not starve the board's watchdog while the feed
+lies in the buffer; for the same reason a fast board does not make up for a stall: its time then simply went slower. At
+1x it does, so that its clock keeps to the wall's. Nor does a fast board count milliseconds of a busy computer as
+seconds without a host: just before its watchdog would vent, it waits up to a second of wall time for one that is
+connected; the time in which this program itself did not run is not counted: the host may have stood still with it.
+Nor does it run ahead of what that host has read: an answer would stand behind seconds of samples, and count
+as none; while bytes wait for the port its time stands still, again for up to a second without a byte taken. Longer, a
+host that does not read holds no board up: beyond the transmit buffer samples are dropped, counted and told, as the
+contract says. With no host at all bytes go nowhere, as on a wire without a listener.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from boat_daq.engine.simulator.carriers import Carrier, PtyCarrier, TcpCarrier
+from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
+from protocol.errors import ProtocolError
+from protocol.simulator.board import VirtualBoard
+from protocol.simulator.faults import parse_fault
+
+SPEEDS = (1.0, 1000.0)
+_STEP_S = 0.005
+_FAST_STEP_S = 0.002  # from 20x on, where the host waits for more board time in each step
+_LONGEST_STEP_S = 0.02
+_GRACE_S = 1.0  # of looking: how long a fast board waits for a connected host that sends nothing, or takes nothing
+
+
+@dataclass(frozen=True, slots=True)
+class BoardSettings:
+    """What to serve, and how.
+
+    Parameters
+    ----------
+    port : "pty", or "HOST:PORT" for TCP (port 0 = any free one).
+    speed : board time over wall time, 1 to 1000.
+    unit, seed : of the board.
+    faults : as NAME@SECONDS[:VALUE].
+    truth : CSV file for the noise-free values beside each sample, or None.
+    link : symbolic link to the pseudo-terminal, which finds it again after a replug.
+    buffer_bytes : transmit buffer; what finds no room in it is dropped.
+    allow_remote : let TCP listen on other addresses than loopback.
+    """
+
+    port: str = "pty"
+    speed: float = 1.0
+    unit: str = "SA1"
+    seed: int = 0
+    faults: tuple[str, ...] = ()
+    truth: str | None = None
+    link: str | None = None
+    buffer_bytes: int = 1 << 20
+    allow_remote: bool = False
+
+
+class BoardServer:
+    """A board on a port. `run` serves until told to stop; `close` takes the port away."""
+
+    def __init__(self, settings: BoardSettings) -> None:
+        """Open the port; `url` is what a host connects to.
+
+        Raises
+        ------
+        LocalError : no such unit or fault.
+        OperatorError, DeviceError : a speed, port or file that cannot be.
+        """
+        if not SPEEDS[0] <= settings.speed <= SPEEDS[1]:
+            raise OperatorError(f"a speed of {settings.speed:g} is not possible", "use 1 to 1000")
+        self._speed = settings.speed
+        self._buffer_bytes = settings.buffer_bytes
+        faults = [parse_fault(text) for text in settings.faults]
+        self.board = VirtualBoard(
+            settings.unit, seed=settings.seed, faults=faults, log_truth=settings.truth is not None
+        )
+        self._carrier = _make_carrier(settings)
+        self._truth = _open_truth(settings, self.board.n_sensors) if settings.truth is not None else None
+        self._pending = bytearray()
+        self._congested = False
+        self._connected = False
+        self._plugged = True
+        self._looked_s = self._seen_s = 0.0  # time spent looking for the host, and when it was last looked for
+        self._heard_s = self._taken_s = 0.0  # of the time spent looking: when the host last sent, and took, a byte
+        self._carrier.plug()
+
+    @property
+    def url(self) -> str:
+        """Where a host finds the board: a device's path, or socket://host:port."""
+        return self._carrier.url
+
+    def run(self, stopped: Callable[[], bool], replugged: Callable[[str], None] | None = None) -> None:
+        """Serve until `stopped()`; `replugged(url)` tells of a port that came back under another name."""
+        step_s = _FAST_STEP_S if self._speed >= 20 else _STEP_S
+        clock_us = 1e6 * self._speed
+        origin, done_us = time.monotonic(), 0
+        while not stopped():
+            due_us = int((time.monotonic() - origin) * clock_us) - done_us
+            if due_us < step_s * clock_us:
+                self._carrier.wait(step_s - due_us / clock_us, to_write=bool(self._pending))
+                due_us = int((time.monotonic() - origin) * clock_us) - done_us
+            now_us = min(due_us, int(_LONGEST_STEP_S * clock_us))
+            if self._speed > 1.0:
+                now_us = min(now_us, self._for_host_us())
+                origin += (due_us - now_us) / clock_us
+            done_us += now_us
+            self._step(now_us)
+            self._follow_plug(replugged)
+
+    def _step(self, dt_us: int) -> None:
+        """Exchange bytes with the host and move the board on."""
+        now_s = time.monotonic()
+        self._looked_s += min(now_s - self._seen_s, _LONGEST_STEP_S)
+        self._seen_s = now_s
+        data = self._carrier.read()
+        if data:
+            self._heard_s = self._looked_s
+            self.board.receive(data)
+        if self._carrier.connected != self._connected:
+            self._connected = not self._connected
+            if self._connected:
+                self.board.opened()
+            elif self._plugged:
+                self._pending.clear()
+                self._carrier.closed_by_host()
+        sent = self.board.advance(dt_us, room=self._room())
+        if self._connected:
+            self._pending += sent
+            self._flush()
+        if self._truth is not None:
+            _write_truth(self._truth, self.board)
+
+    def _for_host_us(self) -> int:
+        """Return how far a fast board's time may go on before it has to wait for its host; one with grace, if any."""
+        watchdog_us = self.board.watchdog_us
+        if not self._connected:
+            return sys.maxsize
+        if self._pending and self._looked_s - self._taken_s < _GRACE_S:
+            return 0
+        if watchdog_us is None or self._looked_s - self._heard_s > _GRACE_S:
+            return sys.maxsize
+        return max(0, watchdog_us - self.board.now_us - 1)
+
+    def _room(self) -> int:
+        """Return the bytes free in the transmit buffer; once full, none until it is half empty."""
+        free = self._buffer_bytes - len(self._pending)
+        self._congested = free < self._buffer_bytes // 2 if self._congested else free <= 64
+        return 0 if self._congested else free
+
+    def _flush(self) -> None:
+        while self._pending:
+            taken = self._carrier.write(self._pending)
+            if not taken:
+                return
+            self._taken_s = self._looked_s
+            del self._pending[:taken]
+
+    def _follow_plug(self, replugged: Callable[[str], None] | None) -> None:
+        if self.board.unplugged == self._plugged:
+            self._plugged = not self._plugged
+            if self._plugged:
+                before = self.url
+                self._carrier.plug()
+                if replugged is not None and self.url != before:
+                    replugged(self.url)
+            else:
+                self._carrier.unplug()
+                self._pending.clear()
+                self._connected = False
+
+    def close(self) -> None:
+        """Take the port away and close the truth file."""
+        self._carrier.unplug()
+        if self._truth is not None:
+            self._truth.close()
+
+
+def _make_carrier(settings: BoardSettings) -> Carrier:
+    if settings.port == "pty":
+        return PtyCarrier(Path(settings.link) if settings.link else None)
+    return TcpCarrier(settings.port, allow_remote=settings.allow_remote)
+
+
+def _open_truth(settings: BoardSettings, n_sensors: int) -> IO[str]:
+    """Return the opened truth file, its header written."""
+    path = Path(settings.truth or "")
+    try:
+        file = path.open("w", encoding="utf-8", newline="")
+    except OSError as error:
+        raise OperatorError(f"cannot write {path}: {error.strerror}", "name a file in a folder that exists") from None
+    file.write(f"# SIMULATED unit {settings.unit} seed {settings.seed}: noise-free values beside each sample\n")
+    signals = [f"s{number}_mv" for number in range(1, n_sensors + 1)]
+    file.write(",".join(["run", "index", "time_s", "pressure_kpa", "elongation_mm", *signals]) + "\n")
+    file.flush()
+    return file
+
+
+def _write_truth(file: IO[str], board: VirtualBoard) -> None:
+    truth = board.take_truth()
+    if truth.size:
+        table = np.column_stack(
+            [truth["run"], truth["index"], truth["time_us"] / 1e6, truth["pressure_kpa"], truth["elongation_mm"]]
+        )
+        table = np.concatenate([table, truth["signal_mv"]], axis=1)
+        row = "%d,%d,%.6f,%.5f,%.6f" + ",%.4f" * board.n_sensors + "\n"
+        file.write((row * len(table)) % tuple(table.ravel().tolist()))
+        file.flush()
+
+
+# ---- beside another program ----------------------------------------------------------------------------------------
+
+
+class ServedBoard:
+    """A board served by another process or thread; close it, or use it in a `with`."""
+
+    def __init__(self, url: str, close: Callable[[], None]) -> None:
+        self.url = url
+        self._close = close
+
+    def close(self) -> None:
+        """End the board; may be called twice."""
+        self._close()
+
+    def __enter__(self) -> ServedBoard:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def serve(settings: BoardSettings, *, in_thread: bool = False) -> ServedBoard:
+    """Serve a board beside this program: in a process of its own, or in a thread of this one.
+
+    Raises
+    ------
+    LocalError, OperatorError, DeviceError : as `BoardServer`.
+    """
+    return _serve_in_thread(settings) if in_thread else _serve_in_process(settings)
+
+
+def _serve_in_thread(settings: BoardSettings) -> ServedBoard:
+    server = BoardServer(settings)
+    stop = threading.Event()
+
+    def work() -> None:
+        server.run(stop.is_set)
+        server.close()
+
+    thread = threading.Thread(target=work, name="virtual board", daemon=True)
+    thread.start()
+
+    def close() -> None:
+        stop.set()
+        thread.join()
+
+    return ServedBoard(server.url, close)
+
+
+def _serve_in_process(settings: BoardSettings) -> ServedBoard:
+    root = str(Path(__file__).resolve().parents[3])
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    command = [sys.executable, "-m", "boat_daq.engine.simulator.server", json.dumps(dataclasses.asdict(settings))]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path}
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    url = process.stdout.readline().strip()
+    if not url:
+        process.communicate()
+        BoardServer(settings).close()  # raises what the process ran into
+        raise DeviceError("the virtual board did not start", "see the messages above")
+
+    def close() -> None:
+        process.communicate()  # the end of its input is its end
+
+    return ServedBoard(url, close)
+
+
+def _serve_for_parent(text: str) -> None:
+    """Serve as the settings in `text` (JSON) say until standard input ends, as it does with the parent.
+
+    Ctrl-C is the parent's: a board that went first could not be vented any more.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    settings = json.loads(text)
+    try:
+        server = BoardServer(BoardSettings(**{**settings, "faults": tuple(settings["faults"])}))
+    except (BoatDaqError, ProtocolError):
+        sys.exit(1)  # the parent finds the same, and says it
+    stop = threading.Event()
+
+    def wait_for_parent() -> None:
+        sys.stdin.read()
+        stop.set()
+
+    threading.Thread(target=wait_for_parent, daemon=True).start()
+    sys.stdout.write(server.url + "\n")
+    sys.stdout.flush()
+    try:
+        server.run(stop.is_set)
+    finally:
+        server.close()
+
+
+if __name__ == "__main__":
+    _serve_for_parent(sys.argv[1])

@@ -1,0 +1,70 @@
+"""The live page before the first sample: what to do, in three steps, with the virtual board as one of the ways."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QFrame, QGridLayout, QScrollArea, QVBoxLayout, QWidget
+
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.app_model import Desk
+
+STEPS = (
+    (
+        "Connect",
+        "Plug in the board and choose its port, or begin with the virtual board: a simulated unit that behaves like "
+        "SA1, to learn on.",
+    ),
+    (
+        "Run the plan",
+        "Arm checks the limits, Start records and runs the cycles. At each plateau the window asks for the elongation "
+        "on the millimetre grid; Enter goes on.",
+    ),
+    (
+        "Accept the calibration",
+        "The Calibrate page fits the run and shows its bands and figures. Accept it, and the elongation is shown live "
+        "in millimetres.",
+    ),
+)
+
+
+class FirstSteps(QScrollArea):
+    """Three steps on a `Desk`; the one that comes next is marked."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        frame, inside = widgets.card()
+        frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
+        inside.setContentsMargins(*(6 * style.STEP,) * 4)
+        inside.setSpacing(style.CARD_PADDING)
+        inside.addWidget(widgets.label("From a board to a calibration", "title"))
+        self.board = widgets.button("Connect a board …", desk.ask_connect)
+        self.virtual = widgets.button("Start the virtual board", desk.start_virtual_board, "primary")
+        self.plan = widgets.button("Look at the plan", lambda: desk.request("plan"))
+        for number, (title, words) in enumerate(STEPS, 1):
+            buttons = {1: (self.virtual, self.board), 2: (self.plan,)}.get(number, ())
+            inside.addWidget(self._step(str(number), title, words, *buttons))
+        body = QWidget()
+        layout = QVBoxLayout(body)
+        across = widgets.row(None, frame, None)  # no alignment: a frame that is aligned does not wrap its words
+        across.setStretchFactor(frame, 100)
+        layout.addStretch(1)
+        layout.addLayout(across)
+        layout.addStretch(1)
+        self.setWidgetResizable(True)
+        self.setWidget(body)
+
+    def _step(self, number: str, title: str, words: str, *buttons: QWidget) -> QFrame:
+        frame, inside = widgets.card()
+        grid = QGridLayout()
+        grid.setColumnStretch(1, 1)
+        grid.setHorizontalSpacing(style.CARD_PADDING)
+        digit = widgets.label(number, "title")
+        digit.setFixedWidth(6 * style.STEP)
+        grid.addWidget(digit, 0, 0)
+        grid.addWidget(widgets.label(title, "subtitle"), 0, 1)
+        grid.addWidget(widgets.label(words, "muted", wrap=True), 1, 1)
+        if buttons:
+            grid.addLayout(widgets.row(*buttons, None), 2, 1)
+        inside.addLayout(grid)
+        return frame

@@ -1,0 +1,374 @@
+"""The live page: the large figures, the plots, the run's line, the question of the moment, and the pane beside them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
+
+from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.gui import style
+from boat_daq.gui.live.first_steps import FirstSteps
+from boat_daq.gui.live.live_plots import LivePlots
+from boat_daq.gui.live.overlay_plots import OverlayPlots
+from boat_daq.gui.live.photograph_panel import PhotographPanel
+from boat_daq.gui.live.plan_form import PlanForm
+from boat_daq.gui.live.readings_panel import ReadingBar, ReadingsTable
+from boat_daq.gui.live.sequence_panel import SequencePanel
+from boat_daq.gui.plotting.shadow_pane import ShadowPane
+from boat_daq.gui.style import Theme
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.page_scroll import Leaves
+from boat_daq.gui.widgets.split_view import Divided
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common import formatting
+from boat_daq.viewmodels.live.live import HEADINGS, HEADINGS_SHORT, WINDOWS_S, Span
+
+
+class Figure(QWidget):
+    """One measured value: what it is, small; the value, large and still; its unit, smaller."""
+
+    def __init__(self, title: str, unit: str, example: str) -> None:
+        super().__init__()
+        self.title, self.example = title, example
+        self.swatch = QFrame()
+        self.swatch.setFixedSize(style.STEP, 4 * style.STEP)
+        self.name = widgets.label(title, "muted")
+        self.value = QLabel(formatting.NOTHING)
+        self.value.setTextFormat(Qt.TextFormat.PlainText)
+        self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # the decimal point stands still
+        self.unit = widgets.label(unit, "set")
+        self.note = widgets.label("", "small", elide=True)
+        head = widgets.row(self.swatch, self.name, self.note, None, spacing=6)
+        line = widgets.row(self.value, self.unit, None, spacing=6)
+        for widget in (self.value, self.unit):
+            line.setAlignment(widget, Qt.AlignmentFlag.AlignBaseline)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addLayout(head)
+        layout.addLayout(line)
+        self.resize_text(style.FONT_MEASURED)
+
+    def resize_text(self, pixels: int) -> None:
+        """Set the size of the value, and room for the longest one so that nothing moves."""
+        font = style.measured_font(pixels)
+        self.value.setFont(font)
+        self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
+        self.value.setFixedWidth(style.text_width(font, self.example) + 2 * style.STEP)
+
+    def set(self, text: str, note: str = "") -> None:
+        """Show a value."""
+        widgets.set_text(self.value, text)
+        widgets.set_text(self.note, note)
+        self.value.setAccessibleName(f"{self.title}: {text} {self.unit.text()} {note}".strip())
+
+    def tint(self, colour: str) -> None:
+        """Take the colour that the plots give this value."""
+        self.swatch.setStyleSheet(f"background: {colour}; border-radius: 2px;")
+
+
+def table(rows: Sequence[Sequence[str]], apart: int) -> str:
+    """Return rows of cells as rich text, aligned at the right, `apart` pixels between the columns."""
+    lines = (
+        "".join(f"<td align='right' style='padding-right: {apart}px'>{cell}</td>" for cell in cells) for cells in rows
+    )
+    return "<table cellspacing='0'>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+
+
+class LivePage(QWidget):
+    """The live page on a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.plots = LivePlots(desk.live)
+        self.figures = self._figures()
+        self.spans = widgets.label("", "small")
+        self.spans.setTextFormat(Qt.TextFormat.RichText)
+        self.spans.hide()
+        self.between = widgets.label("", "small", name="Statistics between the cursors")
+        self._before = 0  # the tab that stood there before the statistics
+        self.between.setTextFormat(Qt.TextFormat.RichText)
+        self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.sequence = SequencePanel(desk)
+        self.reading = ReadingBar(desk)
+        self.pane = self._pane()
+        self.middle = Leaves()
+        self.first_steps, self.overlay = FirstSteps(desk), OverlayPlots(desk.overlay)
+        for widget in (self.first_steps, self.plots, self.overlay):
+            self.middle.addWidget(widget)
+        self.overlaid = self.narrow = self.low = False
+        self.photograph = PhotographPanel(self, desk)
+        self.marker = self._marker()
+        left = widgets.column(
+            self._head(), self.marker, self.middle, self.spans, self.sequence, self.reading, spacing=style.GAP
+        )
+        left.setStretchFactor(self.middle, 1)
+        self.sides = Divided("live", desk.preferences, widgets.holder(left), self.pane, style.PANE_WIDTH)
+        self.room, self.left = widgets.page_layout(self), left
+        self.room.addWidget(self.sides)
+
+    def _figures(self) -> dict[str, Figure]:
+        return {
+            "s1": Figure("Sensor 1", "mV", "8 888.8"), "s2": Figure("Sensor 2", "mV", "8 888.8"),
+            "mm": Figure("Elongation", "mm", "+8.88"), "kpa": Figure("Pressure", "kPa", "+88.8"),
+            "target": Figure("Target", "kPa", "+88.8"),
+        }  # fmt: skip
+
+    def _head(self) -> QFrame:
+        frame, layout = widgets.card()
+        self.figure_line = QHBoxLayout()
+        for figure in self.figures.values():
+            self.figure_line.addWidget(figure)
+        self.figure_line.addStretch(1)
+        layout.addLayout(self.figure_line)
+        self.window_choice = widgets.choice(
+            "Time shown", [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
+        )
+        self.window_choice.setCurrentIndex(WINDOWS_S.index(self.desk.live.window_s))
+        self.window_choice.activated.connect(lambda _: self.set_window(self.window_choice.currentData()))
+        self.hold = widgets.button("Hold picture", self.toggle_hold, tip="Hold the picture; data go on (Space)")
+        self.hold.setCheckable(True)
+        for widget in (widgets.label("Show", "muted"), self.window_choice, self.hold):
+            self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
+        return frame
+
+    def _marker(self) -> QFrame:
+        frame, layout = widgets.card()
+        self.note = widgets.field("Note for this moment", placeholder="What happens at this moment?")
+        self.note.returnPressed.connect(self._mark)
+        layout.addLayout(
+            widgets.row(
+                widgets.label("Marker", "subtitle"),
+                self.note,
+                widgets.button("Mark", self._mark),
+                widgets.button("Cancel", self._marked),
+            )
+        )
+        frame.hide()
+        return frame
+
+    def ask_marker(self) -> None:
+        """Ask for the note of a marker."""
+        self.desk.request("Live")
+        self.note.clear()
+        self.marker.show()
+        self.note.setFocus()
+
+    def _mark(self) -> None:
+        self.desk.mark(self.note.text().strip())
+        self._marked()
+
+    def _marked(self) -> None:
+        self.marker.hide()
+        self.back_to_the_question()
+
+    def back_to_the_question(self) -> None:
+        """Give the keyboard back to the reading's field where a plateau waits."""
+        if self.asks() and self.reading.isVisible():
+            self.reading.field.setFocus()
+
+    def open_photograph(self) -> None:
+        """Show the panel that reads from a picture, nearly as large as the window: the grid is fine."""
+        if self.photograph.isHidden():
+            self.photograph.resize(self.window().size() * style.PANEL_SHARE)
+        self.photograph.show()
+        self.photograph.raise_()
+
+    def toggle_overlay(self) -> None:
+        """Show the last cycles over each other, or the plots again."""
+        self.overlaid = not self.overlaid
+
+    def show_first_steps(self, wanted: bool) -> None:
+        """Show the three first steps until something is connected."""
+        self.middle.setCurrentWidget(self.first_steps if wanted else self.plots)
+
+    def _choose_middle(self) -> None:
+        has_data = self.desk.live.has_data()
+        wanted = self.first_steps if not has_data else self.overlay if self.overlaid else self.plots
+        if self.middle.currentWidget() is not wanted:
+            self.middle.setCurrentWidget(wanted)
+
+    def _pane(self) -> QTabWidget:
+        tabs = QTabWidget()
+        tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
+        tabs.setDocumentMode(True)
+        tabs.tabBar().setDrawBase(False)
+        self.shadow = ShadowPane(self.desk)
+        self.table = ReadingsTable(self.desk, self.desk.readings)
+        self.table.model.corrected.connect(self.back_to_the_question, Qt.ConnectionType.QueuedConnection)
+        self.plan = PlanForm(self.desk)
+        tabs.addTab(self.shadow, "Shadow")
+        tabs.addTab(self.plan, "Plan")
+        tabs.addTab(self.table, "Readings")
+        tabs.setAccessibleName("Shadow, plan, readings")
+        tabs.tabBar().setAccessibleName("Shadow, plan or readings")
+        return tabs
+
+    def set_window(self, seconds: float) -> None:
+        """Show so many seconds."""
+        self.desk.live.set_window(seconds)
+        self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
+
+    def toggle_hold(self) -> None:
+        """Hold the picture, or follow again."""
+        if self.desk.live.following:
+            self.desk.live.pause()
+        else:
+            self.desk.live.follow()
+
+    def zoom(self, factor: float) -> None:
+        """Show `factor` times the present length."""
+        self.desk.live.zoom(factor)
+        seconds = self.desk.live.window_s
+        self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
+
+    def remember(self) -> None:
+        """Keep the zoom, the arrangement of the plots and what stands beside them for the next start."""
+        seconds = self.desk.live.window_s
+        self.desk.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
+        self.desk.preferences.set("together", self.desk.live.together)
+        self.desk.preferences.set("pane", self.pane.currentIndex())
+
+    def restore(self) -> None:
+        """Take what was kept the last time."""
+        seconds = float(self.desk.preferences.get("window_s", 60.0))
+        self.set_window(seconds if seconds > 0 else math.inf)
+        self.desk.live.together = bool(self.desk.preferences.get("together", False))
+        self.pane.setCurrentIndex(self.desk.preferences.get("pane", 0))
+
+    def show_all(self) -> None:
+        """Show the whole session."""
+        self.set_window(math.inf)
+
+    def toggle_together(self) -> None:
+        """Put both signals on one axis, or part them."""
+        self.desk.live.together = not self.desk.live.together
+        self.plots.arrange()
+
+    def show_plan(self) -> None:
+        """Show the plan's form."""
+        self.desk.request("Live")
+        self.pane.setCurrentWidget(self.plan)
+        self.plan.choice.setFocus()
+
+    def show_manual(self) -> None:
+        """Show the field for a pressure by hand."""
+        self.show_plan()
+        self.plan.ensureWidgetVisible(self.plan.target)
+        self.plan.target.setFocus()
+        self.plan.target.selectAll()
+
+    def asks(self) -> bool:
+        """Whether a plateau waits for its reading."""
+        return self.desk.snapshot.waiting_for_reading is not None
+
+    def import_readings(self) -> None:
+        """Import a column of readings from the selected plateau on."""
+        self.show_readings()
+        self.table.import_()
+
+    def show_readings(self) -> None:
+        """Show the table of readings."""
+        self.desk.request("Live")
+        self.pane.setCurrentWidget(self.table)
+        self.table.refresh(self.desk.snapshot)  # hidden, it knows no plateau to paste to
+        self.table.view.setFocus()
+
+    def paste_readings(self) -> None:
+        """Paste a column of readings from the selected plateau on."""
+        self.show_readings()
+        self.table.paste()
+
+    def draw(self) -> None:
+        """Draw one frame of the plots and of the shadow."""
+        if self.plots.isVisible():
+            self.plots.draw()
+        self.shadow.draw()
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show figures, run and readings; a few times a second."""
+        head = self.desk.live.headline(snapshot)
+        self.figures["s1"].set(head.signals[0])
+        self.figures["s2"].set(head.signals[1] if len(head.signals) > 1 else formatting.NOTHING)
+        self.figures["mm"].set(head.elongation, head.band.replace(" (k = 2)", "") if self.narrow else head.band)
+        self.figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
+        self.figures["target"].set(head.target)
+        self._choose_middle()
+        if self.overlay.isVisible():
+            self.overlay.draw()
+        self.hold.setChecked(not self.desk.live.following)
+        limits = snapshot.limits
+        self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
+        self.plots.arrange()
+        self.plots.show_markers()
+        self.plots.show_readings(*self.desk.reading_points())
+        self._show_spans(self.desk.live.statistics())
+        self.sequence.refresh(snapshot)
+        self.reading.refresh(snapshot)
+        self.photograph.refresh()
+        self.pane_refresh(snapshot)
+
+    def pane_refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show what the visible tab of the pane needs."""
+        current = self.pane.currentWidget()
+        if current is self.table:
+            self.table.refresh(snapshot)
+        elif current is self.plan:
+            self.plan.refresh(snapshot)
+        elif current is self.shadow:
+            self.shadow.refresh(snapshot)
+
+    def _show_spans(self, spans: list[Span]) -> None:
+        """Show the statistics between the cursors under the plots; in a small window beside them, standing upright."""
+        rows = [(self.desk.live.difference(), *HEADINGS[1:]), *(span.cells for span in spans)]
+        beside = self.narrow or self.low
+        self.spans.setVisible(bool(spans) and not beside)
+        self.spans.setText(table(rows, 4 * style.STEP) if self.spans.isVisible() else "")
+        self._show_between(spans if beside else [])
+
+    def _show_between(self, spans: list[Span]) -> None:
+        at = self.pane.indexOf(self.between)
+        if spans:
+            columns = [("", *HEADINGS_SHORT), *((span.short, *span.cells[1:-1], span.snr) for span in spans)]
+            upright = table(list(zip(*columns, strict=True)), style.STEP)
+            self.between.setText(f"<p>{self.desk.live.difference()}</p>{upright}")
+            if at < 0:
+                self._before = self.pane.currentIndex()
+                self.pane.setCurrentIndex(self.pane.addTab(self.between, "A\u2013B"))
+        elif at >= 0:
+            if self.pane.currentIndex() == at:
+                self.pane.setCurrentIndex(self._before)
+            self.pane.removeTab(at)
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        colours = (*theme.sensors[:2], theme.elongation, theme.pressure, theme.target)
+        for figure, colour in zip(self.figures.values(), colours, strict=True):
+            figure.tint(colour)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Fit figures and pane to the window's width."""
+        width = self.window().width()
+        pane, figure = style.PANE_WIDTH, style.FONT_MEASURED
+        if width >= style.WIDE_FROM:
+            pane, figure = style.PANE_WIDTH_WIDE, style.FONT_MEASURED_WIDE
+        elif width < style.NARROW_BELOW:
+            pane, figure = style.PANE_WIDTH_NARROW, style.FONT_MEASURED_NARROW
+        self.narrow = width < style.NARROW_BELOW
+        self.sides.prefer(pane)
+        self.figures["target"].setVisible(not self.narrow)  # it stands beside the pressure then
+        self.figure_line.setSpacing(style.GAP if self.narrow else 5 * style.STEP)
+        low = self.low = self.window().height() < style.LOW_BELOW
+        self.sequence.picture.setVisible(not low)
+        margin = style.STEP if low else style.PAGE_MARGIN
+        self.room.setContentsMargins(margin, margin, margin, margin)
+        self.left.setSpacing(style.STEP if low else style.GAP)
+        self.reading.fold(self.narrow)
+        for value in self.figures.values():
+            value.resize_text(figure)
+        super().resizeEvent(event)

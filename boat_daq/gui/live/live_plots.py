@@ -1,0 +1,213 @@
+"""The plots of the live page: signals, elongation, pressure over one time axis; cursors, markers, the mouse.
+
+Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows how many samples there are.
+"""
+
+from __future__ import annotations
+
+import math
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QResizeEvent
+
+from analysis.arrays import FloatArray
+from boat_daq.gui import style
+from boat_daq.gui.plotting.plot import Curve, Plot, sensor_ink
+from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.style import Theme
+from boat_daq.viewmodels.live.live import Frame, LiveModel, sensor_names
+
+MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
+WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
+
+
+def shortened(note: str) -> str:
+    """Return a note as it stands beside its marker."""
+    return note if len(note) <= MOST_OF_A_NOTE else f"{note[: MOST_OF_A_NOTE - 1].rstrip()}\u2026"
+
+
+class LivePlots(PlotCard):
+    """Four plots over one time axis: a signal each (or both in the first), elongation, pressure."""
+
+    def __init__(self, model: LiveModel) -> None:
+        super().__init__("Live signals", show_title=False)
+        self.model = model
+        self.theme: Theme = style.LIGHT
+        self.last: Frame | None = None  # drawn whole
+        self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
+        self.first = self.add("Signal 1", "mV", time=True)
+        self.second = self.add("Signal 2", "mV", time=True)
+        self.length = self.add("Elongation", "mm", time=True)
+        self.pressure = self.add("Pressure", "kPa", x_title="Time", x_unit="min:s", time=True)
+        self.link_x()
+        self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
+        self._curves()
+        self.rows: list[Plot] = []
+        self._arrange()
+        self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
+        self._markers: list[tuple[Plot, Any]] = []
+        self.columns_of = lambda: self.model.table(self.last)
+        for plot in self.plots:
+            box = plot.item.getViewBox()
+            box.setMouseEnabled(x=True, y=False)
+            box.sigRangeChangedManually.connect(self._moved)  # no lambda: it would keep all this alive
+
+    def _curves(self) -> None:
+        self.s1 = self.first.curve("Sensor 1", sensor_ink(1), gaps=True)
+        self.s2_with = self.first.curve("Sensor 2", sensor_ink(2), gaps=True)
+        self.s2 = self.second.curve("Sensor 2", sensor_ink(2), gaps=True)
+        self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
+        self.read = self.length.points("Readings", lambda t: t.text, filled=False)
+        self.mm = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
+        self.kpa = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True)
+        self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, dashed=True)
+        self.limits = [self.pressure.line(lambda t: t.fault, style_=Qt.PenStyle.DotLine) for _ in range(2)]
+
+    def _arrange(self) -> None:
+        """Show the rows that have something to show."""
+        both = self.model.together
+        rows = [self.first, self.pressure]
+        if not both:
+            rows.insert(1, self.second)
+        if self.model.inverse is not None:
+            rows.insert(-1, self.length)
+        if rows == self.rows:
+            return
+        self.rows, self._whole_until_s = rows, -math.inf
+        self.s2_with.show(both)
+        self.first.title = "Signals" if both else "Signal 1"
+        self.show_only(rows)
+        self.paint_theme(self.theme)
+        self.shorten()
+
+    def shorten(self) -> None:
+        """Write short words beside the vertical axes where the rows are low, or their titles again."""
+        each = (self.view.height() - style.AXIS_HEIGHT) / len(self.rows)
+        wanted = ("",) * len(self.plots) if each >= style.ROW_FOR_TITLE else ("1, mV", "2, mV", "mm", "kPa")
+        if each < style.ROW_FOR_SHORT:
+            wanted = ("mV", "mV", "mm", "kPa")
+        if wanted != tuple(plot.short for plot in self.plots):
+            for plot, words in zip(self.plots, wanted, strict=True):
+                plot.short = words
+            self.paint_theme(self.theme)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Look again whether there is room for the titles."""
+        super().resizeEvent(event)
+        self.shorten()
+
+    def arrange(self) -> None:
+        """Look again at which rows are shown."""
+        self._arrange()
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.theme = theme
+        super().paint_theme(theme)
+
+    def draw(self) -> bool:
+        """Draw one frame; returns whether there was anything to draw."""
+        width, now_s = self.view.width(), monotonic()
+        added = self.model.newest(self.last, width) if self.last and now_s < self._whole_until_s else None
+        if added is not None:
+            for curve, values in self._lines(added):
+                curve.go_on(added.columns["time_s"], values)
+        else:
+            frame = self.model.frame(width)
+            if frame is None:
+                return False
+            self.last, self._whole_until_s = frame, now_s + WHOLE_S
+            self._draw_whole(frame)
+        self.view.scene().prepareForPaint()  # now, or the paint itself would ask for a second one
+        return True
+
+    def _draw_whole(self, frame: Frame) -> None:
+        time_s = frame.columns["time_s"]
+        for curve, values in self._lines(frame):
+            curve.set(time_s, values)
+        if frame.elongation is not None:
+            self.band.set(*frame.elongation.band(time_s))
+        self.x_range(frame.low_s, frame.high_s)
+        self._ranges(frame)
+
+    def _lines(self, frame: Frame) -> list[tuple[Curve, FloatArray]]:
+        """Return what each curve shows of a frame."""
+        columns, names = frame.columns, sensor_names(frame.columns)
+        lines = [(self.kpa, columns["pressure_kpa"]), (self.target, columns["target_kpa"])]
+        curves = (self.s1, self.s2_with if self.model.together else self.s2)
+        lines += [(curve, columns[name]) for curve, name in zip(curves, names, strict=False)]
+        if frame.elongation is not None:
+            lines.append((self.mm, frame.elongation.mm))
+        return lines
+
+    def _ranges(self, frame: Frame) -> None:
+        ranges = self.model.ranges(frame, monotonic())
+        names = sensor_names(frame.columns)
+        self.first.y_range(*ranges[names[0]])
+        if len(names) > 1:
+            self.second.y_range(*ranges[names[1]])
+        self.pressure.y_range(*ranges["pressure_kpa"])
+        if "elongation_mm" in ranges:
+            self.length.y_range(*ranges["elongation_mm"])
+
+    def show_limits(self, low_kpa: float | None, high_kpa: float | None) -> None:
+        """Draw the pressure limits in force."""
+        for line, value in zip(self.limits, (low_kpa, high_kpa), strict=True):
+            line.setVisible(value is not None)
+            if value is not None:
+                line.setValue(value)
+
+    def show_readings(self, time_s: list[float], mm: list[float]) -> None:
+        """Mark the plateaus' readings on the elongation."""
+        if len(time_s) != self.read.x.size or (time_s and time_s[-1] != self.read.x[-1]):
+            self.read.set(np.array(time_s), np.array(mm))
+
+    def _moved(self, *_: object) -> None:
+        low, high = self.first.item.getViewBox().viewRange()[0]
+        self.model.look_at(low, high)
+
+    def place_cursor(self, which: str) -> None:
+        """Put cursor "a" or "b" at a third or two thirds of the picture, or take it away."""
+        if self._cursors[which]:
+            for plot, line in self._cursors[which]:
+                plot.forget_line(line)
+            self._cursors[which] = []
+            self.model.put_cursor(which, None)
+            return
+        at = self.model.place(which)
+        self.model.put_cursor(which, at)
+        for plot in self.plots:
+            line = plot.line(
+                lambda t: t.text,
+                at=at,
+                vertical=True,
+                movable=True,
+                style_=Qt.PenStyle.SolidLine,
+                label=which.upper() if plot is self.first else "",
+            )
+            line.setHoverPen(style.colour(self.theme.accent))
+            line.sigDragged.connect(lambda moved, which=which: self._drag(which, moved.value()))
+            self._cursors[which].append((plot, line))
+        self.paint_theme(self.theme)
+
+    def _drag(self, which: str, at: float) -> None:
+        self.model.put_cursor(which, at)
+        for _, line in self._cursors[which]:
+            line.setValue(at)
+
+    def show_markers(self) -> None:
+        """Draw the markers that are new."""
+        for marker in self.model.markers[len(self._markers) :]:
+            line = self.first.line(
+                lambda t: t.muted,
+                at=marker.time_s,
+                vertical=True,
+                style_=Qt.PenStyle.DotLine,
+                label=shortened(marker.note) or "\u25be",
+            )
+            line.label.setToolTip(marker.note)
+            self._markers.append((self.first, line))
+            self.paint_theme(self.theme)

@@ -1,0 +1,201 @@
+"""A reading from a picture: load or paste it; two clicks for the scale, one for the tip at rest, one for it now."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import QPoint, QPointF, Qt, Signal
+from PySide6.QtGui import (
+    QColor,
+    QGuiApplication,
+    QKeySequence,
+    QMouseEvent,
+    QPainter,
+    QPen,
+    QPixmap,
+    QShortcut,
+    QWheelEvent,
+)
+from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGraphicsView, QVBoxLayout, QWidget
+
+from boat_daq.errors import OperatorError
+from boat_daq.gui import style
+from boat_daq.gui.live.picture_file import KINDS, REMEDY, read_picture
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import ask_open
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.formatting import NOTHING, number, plain_number
+from boat_daq.viewmodels.live.photograph import Photograph
+
+NOBODY_WAITS = "Read. No plateau waits for a reading now: it can be taken when one does, or typed."
+MARKS = ("scale 1", "scale 2", "rest", "tip")
+
+
+class PictureView(QGraphicsView):
+    """The picture with the clicks on it; the wheel zooms, the right button drags."""
+
+    clicked = Signal(float, float)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setAccessibleName("Picture of the millimetre grid")
+        self.setScene(QGraphicsScene(self))
+        self.picture = QGraphicsPixmapItem()
+        self.picture.setTransformationMode(Qt.TransformationMode.SmoothTransformation)  # else lines of the grid vanish
+        self.scene().addItem(self.picture)
+        self.marks: tuple[tuple[float, float], ...] = ()
+        self.colour = QColor(style.LIGHT.elongation)
+        self._dragged_from: QPoint | None = None
+        self.setTransformationAnchor(QGraphicsView.ViewportAnchor.AnchorUnderMouse)
+        self.setCursor(Qt.CursorShape.CrossCursor)
+
+    def set_picture(self, pixmap: QPixmap) -> None:
+        """Show another picture, fitted."""
+        self.picture.setPixmap(pixmap)
+        self.scene().setSceneRect(self.picture.boundingRect())
+        self.fitInView(self.picture, Qt.AspectRatioMode.KeepAspectRatio)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Zoom about the mouse."""
+        factor = 1.25 if event.angleDelta().y() > 0 else 0.8
+        self.scale(factor, factor)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Take a click in the picture's own pixels."""
+        if event.button() is Qt.MouseButton.LeftButton and not self.picture.pixmap().isNull():
+            at = self.mapToScene(event.position().toPoint())
+            self.clicked.emit(at.x(), at.y())
+        elif event.button() is Qt.MouseButton.RightButton:
+            self._dragged_from = event.position().toPoint()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Move the picture with the right button."""
+        if self._dragged_from is None or not event.buttons() & Qt.MouseButton.RightButton:
+            return
+        at = event.position().toPoint()
+        gone, self._dragged_from = at - self._dragged_from, at
+        self.horizontalScrollBar().setValue(self.horizontalScrollBar().value() - gone.x())
+        self.verticalScrollBar().setValue(self.verticalScrollBar().value() - gone.y())
+
+    def show_marks(self, marks: tuple[tuple[float, float], ...]) -> None:
+        """Draw the clicks."""
+        self.marks = marks
+        self.viewport().update()
+
+    def drawForeground(self, painter: QPainter, rect: object) -> None:
+        """Draw a cross and a word at every click, of one size on the screen."""
+        painter.resetTransform()
+        arm, ground = style.POINT_SIZE, style.colour(style.LIGHT.surface)
+        for (x, y), word in zip(self.marks, MARKS, strict=False):
+            at = self.mapFromScene(QPointF(x, y))
+            for colour, width in ((ground, 4), (self.colour, 2)):  # light about dark, on whatever picture
+                painter.setPen(QPen(colour, width))
+                painter.drawLine(at.x() - arm, at.y(), at.x() + arm, at.y())
+                painter.drawLine(at.x(), at.y() - arm, at.x(), at.y() + arm)
+            room = painter.fontMetrics().boundingRect(word).adjusted(-style.STEP, 0, style.STEP, 0)
+            painter.fillRect(room.translated(at.x() + arm + style.STEP, at.y() - arm), ground)
+            painter.setPen(style.colour(style.LIGHT.text))
+            painter.drawText(at.x() + arm + style.STEP, at.y() - arm, word)
+
+
+class PhotographPanel(QDialog):
+    """The picture and what it says, on a `Desk`."""
+
+    def __init__(self, parent: QWidget, desk: Desk) -> None:
+        super().__init__(parent)
+        self.desk = desk
+        self.state = Photograph()
+        self.setWindowTitle("Reading from a photograph")
+        self.setModal(False)
+        self.resize(style.WINDOW_MINIMUM[0], style.WINDOW_MINIMUM[1])
+        self.view = PictureView()
+        self.view.clicked.connect(self.click)
+        self.instruction = widgets.label(
+            "Load or paste (Ctrl+V) a picture of the millimetre grid. The wheel zooms, the right button moves it.",
+            "set",
+            name="What to do next",
+        )
+        self.distance = widgets.field("Millimetres between the two scale clicks", "10", width=2 * style.CONTROL_HEIGHT)
+        self.distance.textChanged.connect(lambda _: self._scale())
+        self.value = widgets.label(NOTHING, "title", name="Elongation read")
+        self.take = widgets.button("Take the reading", self.accept_reading, "primary")
+        self.take.setDefault(True)
+        self.take.setEnabled(False)
+        head = widgets.row(
+            widgets.button("Load …", lambda: ask_open(self, desk, "Open a picture", " ".join(KINDS), self.load)),
+            widgets.button("Paste", self.paste), widgets.label("scale clicks are apart by", "muted"), self.distance,
+            widgets.label("mm", "muted"), None, self.value, widgets.button("Back", self.back), self.take,
+        )  # fmt: skip
+        layout = QVBoxLayout(self)
+        layout.addLayout(head)
+        layout.addWidget(self.instruction)
+        layout.addWidget(self.view, 1)
+        QShortcut(QKeySequence.StandardKey.Paste, self, self.paste)
+
+    def load(self, path: Path) -> None:
+        """Show the picture in a file.
+
+        Raises
+        ------
+        OperatorError : it is no picture.
+        """
+        self._show(read_picture(path))
+
+    def paste(self) -> None:
+        """Show the picture on the clipboard."""
+        self.desk.notices.attempt(lambda: self._show(QGuiApplication.clipboard().pixmap()))
+
+    def _show(self, pixmap: QPixmap) -> None:
+        if pixmap.isNull():
+            raise OperatorError("the clipboard holds no picture", REMEDY)
+        self.state = self.state.next_picture()
+        self.view.set_picture(pixmap)
+        self._refresh()
+
+    def click(self, x: float, y: float) -> None:
+        """Take a click."""
+        self.state = self.state.click(x, y)
+        self._refresh()
+
+    def back(self) -> None:
+        """Take the last click back."""
+        self.state = self.state.back()
+        self._refresh()
+
+    def _scale(self) -> None:
+        try:
+            self.state = self.state.with_distance(plain_number(self.distance.text()))
+        except ValueError:
+            widgets.set_state(self.distance, "true", "wrong")
+            return
+        widgets.set_state(self.distance, "", "wrong")
+        self._refresh()
+
+    def refresh(self) -> None:
+        """Follow the run: a plateau may begin or cease to wait while the picture is looked at."""
+        if self.isVisible() and not self.view.picture.pixmap().isNull():
+            self._refresh()
+
+    def _refresh(self) -> None:
+        x = self.state.elongation_mm
+        waits = self.desk.snapshot.waiting_for_reading is not None
+        words = self.state.instruction if waits or x is None else NOBODY_WAITS
+        asked = f"   {self.desk.readings.question(self.desk.snapshot)}" if waits else ""
+        widgets.set_text(self.instruction, words + asked)
+        self.value.setText(f"{number(x, 2, sign=True)} mm" if x is not None else NOTHING)
+        self.take.setEnabled(x is not None and waits)
+        self.view.show_marks(self.state.clicks)
+
+    def accept_reading(self) -> None:
+        """Keep the reading for the plateau that waits."""
+        waiting, x = self.desk.snapshot.waiting_for_reading, self.state.elongation_mm
+        if (
+            waiting is not None
+            and x is not None
+            and self.desk.notices.attempt(
+                lambda: self.desk.readings.put(waiting.step_id, round(x, 3), "photograph", self.state.resolution_mm)
+            )
+        ):
+            self.state = self.state.next_picture()
+            self._refresh()
+            self.hide()

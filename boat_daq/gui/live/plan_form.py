@@ -1,0 +1,142 @@
+"""The plan in a form, checked as it is typed, and the manual pressure under it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QLineEdit, QScrollArea, QVBoxLayout, QWidget
+
+from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.live.sequence import ENTRIES, limits_text
+
+FIELD_WIDTH = 64
+
+
+class PlanForm(QScrollArea):
+    """The plan of a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self._revision = -1
+        self.setWidgetResizable(True)
+        self.setAccessibleName("Plan, and pressure by hand")
+        self.choice = widgets.choice("Plan", [(name, name) for name in desk.sequence.plans])
+        self.choice.activated.connect(lambda _: self._choose())
+        self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
+        self.refused = widgets.label("", wrap=True, name="Why the plan is refused")
+        self.estimate = widgets.label("", "muted", wrap=True)
+        self.limits = widgets.label("", "muted", wrap=True)
+        self.ask_readings = QCheckBox("Wait for each reading")
+        self.ask_readings.setChecked(desk.sequence.wait_for_reading)
+        self.ask_readings.toggled.connect(self._set_wait)
+        self.target = widgets.field("Target pressure in kPa", "0")
+        self.ramp = widgets.field("Ramp in kPa per second", "5")
+        self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, while no run goes on")
+        self.target.returnPressed.connect(self._set_pressure)
+        self.setWidget(self._body())
+
+    def _body(self) -> QWidget:
+        body = QWidget()
+        layout = QVBoxLayout(body)
+        layout.setContentsMargins(0, style.GAP, style.STEP, 0)
+        layout.setSpacing(style.GAP)
+        frame, inside = widgets.card()
+        inside.addLayout(widgets.row(widgets.label("Plan", "subtitle"), None, self.choice))
+        grid = QGridLayout()
+        grid.setVerticalSpacing(style.STEP)
+        for i, entry in enumerate(ENTRIES):
+            grid.addWidget(widgets.label(entry.label), i, 0)
+            grid.addWidget(self.fields[entry.key], i, 1)
+            grid.addWidget(widgets.label(entry.unit, "muted"), i, 2)
+        grid.setColumnStretch(0, 1)
+        inside.addLayout(grid)
+        for widget in (self.refused, self.ask_readings, self.estimate):
+            inside.addWidget(widget)
+        inside.addLayout(widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), None))
+        layout.addWidget(frame)
+        layout.addWidget(self._manual())
+        layout.addStretch(1)
+        return body
+
+    def _manual(self) -> QWidget:
+        frame, inside = widgets.card()
+        inside.addWidget(widgets.label("Pressure by hand", "subtitle"))
+        grid = QGridLayout()
+        grid.setVerticalSpacing(style.STEP)
+        for i, (text, field, unit) in enumerate((("Target", self.target, "kPa"), ("Ramp", self.ramp, "kPa/s"))):
+            field.setFixedWidth(FIELD_WIDTH)
+            grid.addWidget(widgets.label(text), i, 0)
+            grid.addWidget(field, i, 1)
+            grid.addWidget(widgets.label(unit, "muted"), i, 2)
+        grid.setColumnStretch(0, 1)
+        inside.addLayout(grid)
+        inside.addWidget(self.limits)
+        inside.addLayout(widgets.row(None, self.set_button))
+        return frame
+
+    def _field(self, key: str, name: str, tip: str) -> QLineEdit:
+        field = widgets.field(name, self.desk.sequence.value(key), width=FIELD_WIDTH)
+        field.setToolTip(tip)
+        field.editingFinished.connect(lambda: self._edit(key, field))
+        return field
+
+    def _edit(self, key: str, field: QLineEdit) -> None:
+        self.desk.sequence.edit(key, field.text())
+        self._show_refused()
+
+    def _show_refused(self) -> None:
+        """Mark the fields whose entry is not in the plan, and say why of the last one."""
+        refused = self.desk.sequence.refused
+        for key, field in self.fields.items():
+            widgets.set_state(field, "true" if key in refused else "", "wrong")
+        widgets.set_text(self.refused, list(refused.values())[-1] if refused else "")
+        widgets.set_state(self.refused, "fault" if refused else "")
+        self.refused.setVisible(bool(refused))
+
+    def _choose(self) -> None:
+        self.desk.sequence.choose(str(self.choice.currentData()))
+
+    def _set_wait(self, on: bool) -> None:
+        self.desk.sequence.ask_readings(on)
+
+    def open(self) -> None:
+        """Ask for a plan's file."""
+        ask_open(self, self.desk, "Open a plan", "toml", self._opened)
+
+    def _opened(self, path: Path) -> None:
+        self.desk.sequence.open(path)
+        name = self.desk.sequence.plan.name
+        if self.choice.findData(name) < 0:
+            self.choice.addItem(name, name)
+
+    def save(self) -> None:
+        """Ask where to put the plan."""
+        ask_save(self, self.desk, self.desk.sequence.plan.name, "toml", self.desk.sequence.save)
+
+    def _set_pressure(self) -> None:
+        self.desk.set_pressure(self.target.text(), self.ramp.text())
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the plan where it has changed, and what a run locks."""
+        model = self.desk.sequence
+        idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
+        for field in (*self.fields.values(), self.choice, self.ask_readings):
+            field.setEnabled(idle)
+        self.set_button.setEnabled("arm" in model.allowed(snapshot))
+        widgets.set_text(self.limits, limits_text(snapshot.limits) or "Connect to a board to set a pressure.")
+        if model.revision == self._revision:
+            return
+        self._revision = model.revision
+        self.ask_readings.setChecked(model.wait_for_reading)
+        self.choice.setCurrentIndex(self.choice.findData(model.plan.name))
+        for key, field in self.fields.items():
+            if key not in model.refused:
+                widgets.set_text(field, model.value(key))
+        self.fields["step_kpa"].setEnabled(model.plan.kind == "staircase")
+        widgets.set_text(self.estimate, model.estimate)
+        self._show_refused()

@@ -1,0 +1,286 @@
+"""The question of the moment with its field, and the table of all readings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
+from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import QAbstractItemView, QApplication, QBoxLayout, QFrame, QHeaderView, QTableView, QWidget
+
+from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.engine.toml_values import read_text
+from boat_daq.errors import OperatorError
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import ask_open
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.live.readings import HEADINGS, ReadingsModel, Row
+
+EDITABLE = 3
+Index = QModelIndex | QPersistentModelIndex
+
+
+class ReadingBar(QFrame):
+    """Asks for the elongation of the plateau that waits; its field has the focus, Enter goes on.
+
+    It stays in its place for the whole run, so that the plots do not jump at every plateau.
+    """
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.asked: int | None = None
+        self.setObjectName("card")
+        self.question = widgets.label("", "set", name="Reading asked for", elide=True, least=style.QUESTION_LEAST)
+        self.field = widgets.field("Elongation in mm", width=3 * style.CONTROL_HEIGHT)
+        self.field.setProperty("role", "reading")
+        self.field.returnPressed.connect(self.enter)
+        self.photo = widgets.button(
+            "Photograph …", lambda: desk.request("photograph"), tip="Read it from a picture of the grid (Ctrl+P)"
+        )
+        self.simulated = widgets.button(
+            "Read the grid", self._simulated, tip="What an eye would read on the simulated unit"
+        )
+        self.skip = widgets.button("Skip", self.go_without, tip="Go on without a reading")
+        answer = widgets.row(
+            self.field, widgets.label("mm, Enter", "muted"), None, self.simulated, self.photo, self.skip
+        )
+        self.lines = widgets.row(self.question)
+        self.lines.addLayout(answer, 1)
+        self.lines.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
+        self.setLayout(self.lines)
+        self.hide()
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the question where a plateau waits, and take the focus once; else what will be asked for next."""
+        waiting = snapshot.waiting_for_reading
+        self.setVisible(waiting is not None or self.desk.sequence.asks(snapshot))
+        if not self.isVisible():
+            self.asked = None
+            return
+        widgets.set_text(self.question, self.desk.readings.question(snapshot))
+        step = waiting.step_id if waiting else None
+        self.simulated.setVisible(self.desk.can_read_simulated())
+        if step == self.asked and self.field.isReadOnly() is (step is None):
+            return
+        self.asked = step
+        self.field.setText("")  # not clear(): undo would bring the last plateau's reading into this one's field
+        self._open(step is not None)
+        if step is not None and (
+            not isinstance(QGuiApplication.focusObject(), QWidget) or self.window().isActiveWindow()
+        ):
+            self.field.setFocus()
+
+    def _open(self, asking: bool) -> None:
+        """Take an answer, or none; the focus stays in the field, it would else wander to the next button."""
+        widgets.set_state(self, "true" if asking else "false", "attention")
+        if not asking and self.isAncestorOf(QApplication.focusWidget() or self):
+            self.field.setFocus()
+        self.field.setReadOnly(not asking)
+        for button in (self.simulated, self.photo, self.skip):
+            button.setEnabled(asking)
+
+    def fold(self, narrow: bool) -> None:
+        """Put question and answer over each other where the window is narrow."""
+        way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
+        self.lines.setDirection(way)
+
+    def enter(self) -> None:
+        """Keep what was typed."""
+        text, step = self.field.text(), self.asked
+        if step is None or not text.strip():
+            return
+        kept = self.desk.notices.attempt(lambda: self.desk.readings.enter(step, text))
+        widgets.set_state(self.field, "" if kept else "true", "wrong")
+
+    def _simulated(self) -> None:
+        if self.asked is not None:
+            self.desk.read_simulated(self.asked)
+
+    def go_without(self) -> None:
+        """Let the plateau that waits go on without a reading."""
+        self.desk.notices.attempt(self.desk.session.skip_reading)
+
+
+def side(column: int) -> Qt.AlignmentFlag:
+    """Return how a column of the table is aligned: numbers at the right, words at the left."""
+    across = Qt.AlignmentFlag.AlignRight if column in (0, 2, 3) else Qt.AlignmentFlag.AlignLeft
+    return across | Qt.AlignmentFlag.AlignVCenter
+
+
+class ReadingsTableModel(QAbstractTableModel):
+    """Qt's view of the rows of `ReadingsModel`."""
+
+    corrected = Signal()  # a reading was typed into its line
+
+    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
+        super().__init__()
+        self.desk, self.readings = desk, readings
+        self.rows: list[Row] = []
+
+    def show_rows(self, rows: list[Row]) -> None:
+        """Show other rows; those that are there are updated in place, so that an edit is not lost."""
+        if rows == self.rows:
+            return
+        grown = len(rows) - len(self.rows)
+        if grown > 0:
+            self.beginInsertRows(QModelIndex(), len(self.rows), len(rows) - 1)
+            self.rows = rows
+            self.endInsertRows()
+        elif grown < 0:
+            self.beginResetModel()
+            self.rows = rows
+            self.endResetModel()
+        self.rows = rows
+        if rows:
+            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(HEADINGS) - 1))
+
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
+        """Return the number of plateaus."""
+        return 0 if parent.isValid() else len(self.rows)
+
+    def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
+        """Return the number of columns."""
+        return 0 if parent.isValid() else len(HEADINGS)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        """Return a heading."""
+        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
+            return HEADINGS[section]
+        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.TextAlignmentRole:
+            return side(section)
+        return None
+
+    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        """Return a cell's text, place and weight."""
+        row = self.rows[index.row()]
+        if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
+            return row.cells[index.column()]
+        if role == Qt.ItemDataRole.TextAlignmentRole:
+            return side(index.column())
+        if role == Qt.ItemDataRole.FontRole and (row.current or row.outlier):
+            font = QFont(style.base_font())
+            font.setBold(True)
+            return font
+        if role == Qt.ItemDataRole.ToolTipRole:
+            return row.hover or None
+        return None
+
+    def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
+        """Keep an edited reading."""
+        step = self.rows[index.row()].step_id
+        kept = self.desk.notices.attempt(lambda: self.readings.enter(step, str(value)))
+        self.corrected.emit()
+        return kept
+
+    def flags(self, index: Index) -> Qt.ItemFlag:
+        """Only the reading can be edited."""
+        base = Qt.ItemFlag.ItemIsSelectable | Qt.ItemFlag.ItemIsEnabled
+        return base | Qt.ItemFlag.ItemIsEditable if index.column() == EDITABLE else base
+
+
+class ReadingsView(QTableView):
+    """The table; Ctrl+V pastes a column from the selected plateau on, Delete withdraws."""
+
+    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
+        super().__init__()
+        self.desk, self.readings = desk, readings
+        self.setAccessibleName("Readings of elongation")
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setAlternatingRowColors(True)
+        self.setShowGrid(False)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Paste and delete; the rest is the table's own."""
+        if event.matches(QKeySequence.StandardKey.Paste):
+            self.paste(QGuiApplication.clipboard().text())
+        elif event.key() == Qt.Key.Key_Delete:
+            self._withdraw()
+        else:
+            super().keyPressEvent(event)
+
+    def paste(self, text: str) -> None:
+        """Enter a column from the selected plateau on, or where there is no reading yet."""
+        steps = [row.step_id for row in self.model_rows()]
+
+        def deed() -> None:
+            if not steps:
+                raise OperatorError("there is no plateau yet to enter readings at", "Start the plan, or choose a run.")
+            chosen = [index.row() for index in self.selectionModel().selectedRows()]  # a current line is not chosen
+            self.readings.paste(text, steps[min(chosen)] if chosen else None)
+
+        self.desk.notices.attempt(deed)
+
+    def model_rows(self) -> list[Row]:
+        """Return the rows shown."""
+        model = self.model()
+        return model.rows if isinstance(model, ReadingsTableModel) else []
+
+    def _withdraw(self) -> None:
+        row = self.currentIndex().row()
+        if row >= 0:
+            self.desk.notices.attempt(lambda: self.readings.put(self.model_rows()[row].step_id, None, "typed"))
+
+
+class ReadingsTable(QWidget):
+    """The table of readings with its buttons.
+
+    Parameters
+    ----------
+    readings : of the run that goes, or of an older recording.
+    """
+
+    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
+        super().__init__()
+        self.desk, self.readings = desk, readings
+        self.model = ReadingsTableModel(desk, readings)
+        self.view = ReadingsView(desk, readings)
+        self.view.setModel(self.model)
+        header = self.view.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        header.setStretchLastSection(True)
+        header.setHighlightSections(False)
+        self.empty = widgets.label(
+            "Each plateau of a staircase gets a line here. Arm and start a plan to begin.", "muted", wrap=True
+        )
+        self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.count = widgets.label("", "small")
+        layout = widgets.column(self.empty, self.view, self.count, spacing=style.GAP)
+        layout.setContentsMargins(0, style.GAP, 0, 0)
+        layout.addLayout(
+            widgets.row(
+                widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected line on"),
+                widgets.button("Import …", self.import_),
+                None,
+            )
+        )
+        self.setLayout(layout)
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the rows as they are now."""
+        before = len(self.model.rows)
+        rows = self.readings.rows(snapshot)
+        self.model.show_rows(rows)
+        self.empty.setVisible(not rows)
+        self.view.setVisible(bool(rows))
+        widgets.set_text(self.count, self.readings.summary(rows))
+        if len(rows) > before:
+            self.view.scrollToBottom()
+
+    def paste(self) -> None:
+        """Paste the clipboard's column from the selected plateau on."""
+        self.view.paste(QGuiApplication.clipboard().text())
+
+    def import_(self) -> None:
+        """Ask for a file with a column of readings."""
+        ask_open(
+            self,
+            self.desk,
+            "Import readings",
+            "csv txt tsv",
+            lambda path: self.view.paste(read_text(path)),
+        )

@@ -1,0 +1,1 @@
+"""The optics, shadow and trade-off pages."""

@@ -1,0 +1,163 @@
+"""The optics page: a design and its states under a slider, the sweep over all designs, the search beyond them."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
+
+from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.gui import style
+from boat_daq.gui.models.optics_plots import MapsCard, ParetoCard, ResponseCard, SceneCard
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import ask_open
+from boat_daq.gui.widgets.reflow import ReflowingPage
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM
+
+FROM_FILE = "file"
+WHAT_COMES = (
+    "A sweep simulates 648 designs in 15 states each and shows how good each one is; Optimise searches between and "
+    "beyond them."
+)
+
+
+class OpticsPage(ReflowingPage):
+    """The optics page on a `Desk`."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk, self.model = desk, desk.optics
+        self._revision = -1
+        self.scene, self.response = SceneCard(), ResponseCard()
+        self.maps, self.pareto = MapsCard(self.model), ParetoCard(self.model)
+        self.slider = QSlider(Qt.Orientation.Horizontal)
+        self.slider.setAccessibleName("State, from compressed to elongated")
+        self.slider.setRange(0, STATES - 1)
+        self.slider.setPageStep(1)
+        self.slider.setValue(self.model.state)
+        self.slider.valueChanged.connect(self._slide)
+        self.first = self.slider
+        layout = widgets.page_layout(self)
+        layout.addWidget(self._head())
+        left, right = QVBoxLayout(), QVBoxLayout()
+        for column, upper, lower in ((left, self.scene, self.response), (right, self.maps, self.pareto)):
+            column.setSpacing(style.GAP)
+            column.addWidget(upper, 5)
+            column.addWidget(lower, 4)
+        left.insertLayout(
+            1, widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
+        )
+        across = QHBoxLayout()
+        across.setSpacing(style.GAP)
+        across.addLayout(left, 1)
+        across.addLayout(right, 1)
+        layout.addLayout(across, 1)
+        self.rows = (across, self.choices)
+        self.tall = (self.scene, self.response, self.maps, self.pareto)
+
+    def _head(self) -> QWidget:
+        frame, inside = widgets.card()
+        steps = [(f"{step:g}", step) for step in STEPS_MM]
+        self.fields = {
+            "cavities": widgets.choice("Number of cavities", [(str(n), n) for n in CAVITIES]),
+            **{name: widgets.choice(f"{name.capitalize()} in mm", steps) for name in ("width", "depth", "spacing")},
+        }
+        self.face = widgets.choice("Face with the cavities", [(f"{face} face", face) for face in FACES])
+        self.curves = widgets.choice("Deformation curves", [(words, name) for name, words in CURVES.items()])
+        self.curves.addItem("From a file \u2026", FROM_FILE)
+        self.rays = widgets.choice("Rays", [(f"{n} rays" if n else "Rays: automatic", n) for n in RAYS])
+        self.face.setToolTip("The wall of the light guide that has the cavities")
+        self.curves.setToolTip("How the actuator's wall bends in each state: computed, by a formula, or measured")
+        self.rays.setToolTip("Automatic: as many as the precision asks for that is chosen under Models")
+        for field in (*self.fields.values(), self.face):
+            field.activated.connect(lambda _: self._choose())
+        self.curves.activated.connect(lambda _: self._choose_curves())
+        self.rays.activated.connect(lambda _: self.model.set_rays(int(self.rays.currentData())))
+        design = (widgets.label(words, "muted") for words in ("Cavities", "Width, depth, spacing, mm"))
+        cavities, *lengths = self.fields.values()
+        self.choices = widgets.row()
+        self.choices.addLayout(widgets.row(next(design), cavities, next(design), *lengths, self.face, None), 1)
+        self.choices.addLayout(widgets.row(self.curves, self.rays, None))
+        inside.addLayout(self.choices)
+        inside.addLayout(self._deeds())
+        return frame
+
+    def _deeds(self) -> QHBoxLayout:
+        attempt = self.desk.notices.attempt
+        self.outcome = widgets.label("", "muted", wrap=True, name="What the sweep and the search found")
+        self.look = widgets.button("Show it", self.model.look_at_optimum, name="Show the optimised design")
+        self.search_button = widgets.button("Optimise", partial(attempt, self.model.toggle_search))
+        self.search_button.setToolTip("Search width, depth, spacing, count and face beyond the grid, under a minute")
+        self.sweep_button = widgets.button("Sweep all designs", partial(attempt, self.model.toggle_sweep), "primary")
+        line = widgets.row(self.outcome, self.look, self.search_button, self.sweep_button)
+        line.setStretch(0, 1)
+        return line
+
+    def _choose(self) -> None:
+        n, width, depth, spacing = (field.currentData() for field in self.fields.values())
+        self.model.choose((int(n), float(width), float(depth), float(spacing)), str(self.face.currentData()))
+        self.refresh(self.desk.snapshot)
+
+    def _choose_curves(self) -> None:
+        name = str(self.curves.currentData())
+        if name == FROM_FILE:
+            self._show_choices()  # until a file is chosen, what was taken before stays
+            ask_open(self, self.desk, "Open deformation curves", "csv txt", self.take_file)
+        else:
+            self.model.set_curves(name)
+
+    def take_file(self, path: Path) -> None:
+        """Trace on the curves of a file."""
+        self.model.set_curves(str(path))
+
+    def _slide(self, state: int) -> None:
+        self.model.state = state
+        self.scene.show_state(self.model)
+        if self.model.result is not None:
+            self.response.now.setValue(self.model.result.elongation_mm[state])
+
+    def _show_choices(self) -> None:
+        for field, value in zip(self.fields.values(), self.model.values, strict=True):
+            select(field, value, f"{value:.3g}")
+        select(self.face, self.model.face, self.model.face)
+        select(self.curves, self.model.curves, self.model.curves_text(self.model.curves))
+        self.rays.setCurrentIndex(self.rays.findData(self.model.rays))
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show design, sweep and search where they have changed; the first look traces the paper's design."""
+        model = self.model
+        if model.result is None and not model.tracing and not model.problem:
+            model.choose(model.values)
+        widgets.set_text(self.sweep_button, "Stop the sweep" if model.sweeping else "Sweep all designs")
+        widgets.set_text(self.search_button, "Stop the search" if model.searching else "Optimise")
+        if model.revision == self._revision:
+            return
+        self._revision = model.revision
+        self._show_choices()
+        found = "\n".join(words for words in (model.sweep_text(), model.optimum_text()) if words)
+        self.outcome.setText(found or WHAT_COMES)
+        self.look.setVisible(model.optimum is not None)
+        self.scene.show_state(model)
+        self.scene.frame()
+        self.response.show_result(model)
+        self.maps.follow_design()
+        self.pareto.show_sweep()
+
+
+def select(field: QComboBox, value: object, words: str) -> None:
+    """Select a value; one that is not on offer stands at the end, as long as it is selected."""
+    offered = int(field.property("offered") or field.count())
+    field.setProperty("offered", offered)
+    at = field.findData(value)
+    if at >= offered and field.itemText(at) == words:
+        field.setCurrentIndex(at)
+        return
+    while field.count() > offered:
+        field.removeItem(offered)
+    if not 0 <= at < offered:
+        field.addItem(words, value)
+        at = offered
+    field.setCurrentIndex(at)

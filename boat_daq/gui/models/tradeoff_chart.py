@@ -1,0 +1,145 @@
+"""Time against error of one method: the front, the default, the rule's choice, and what the consumer notices.
+
+Rules: processor time to the right, error upwards, both logarithmic; lower left is better. Points carry the number of
+their row in the table; the default has a ring and the choice a square, each with its word.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+
+from analysis.arrays import FloatArray
+from boat_daq.gui import style
+from boat_daq.gui.plotting.log_axis import LogAxis
+from boat_daq.gui.plotting.plot import Plot, sensor_ink
+from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.plotting.point_labels import PointLabels
+from boat_daq.gui.style import Theme
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.models.tradeoff_report import MethodChart, TradeoffPoint, duration_text
+
+MARGIN_DECADES = 0.25
+LEAST_DECADES = 1.0  # noise of the clock looks as small as it is
+ROOM_FOR_LABELS = 0.08  # of the height, over the highest point
+RING, SQUARE, MARK_WIDTH = 18, 26, 2
+AT_RIGHT = 0.99
+NOTHING = "Here stands each setting of the method: its time to the right, its error upwards. Measure brings them."
+
+
+class TradeoffCard(PlotCard):
+    """The chart of one method."""
+
+    def __init__(self) -> None:
+        super().__init__("Time against error")
+        item = pg.PlotItem(
+            axisItems={"left": LogAxis("left"), "bottom": LogAxis("bottom", lambda s: duration_text(s, 1))},
+            enableMenu=False,
+        )
+        self.view.addItem(item, row=0, col=0)
+        item.getAxis("bottom").setHeight(style.AXIS_HEIGHT)
+        self.plot = Plot(item, "Error", "", x_title="Processor time")
+        self.plots.append(self.plot)
+        self.spread = self.plot.curve("Spread of the repeats", lambda t: t.muted, gaps=True)
+        self.front = self.plot.curve("Front", sensor_ink(1))
+        self.chosen = self.plot.points("Chosen", lambda t: t.pressure, filled=False, symbol="s", size=SQUARE)
+        self.default = self.plot.points("Default", sensor_ink(2), filled=False, size=RING)
+        self.settings = self.plot.points("Settings", sensor_ink(1))
+        self.notices = self.plot.line(lambda t: t.muted, label="noticed from here up")
+        self.enough = self.plot.line(lambda t: t.ok, label="good enough from here down")
+        for line, side in ((self.notices, 1), (self.enough, 0)):
+            line.label.setPosition(AT_RIGHT)
+            line.label.anchors = [(1, side), (1, side)]
+        self.nothing = widgets.label(NOTHING, "muted", wrap=True)
+        self.nothing.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.inside.addWidget(self.nothing, 1)
+        self.labels = PointLabels(self.plot, (-0.1, 1.1))
+        self.shown: MethodChart | None = None
+        self.theme: Theme = style.LIGHT
+        self.columns_of = self._columns
+
+    def show_chart(self, chart: MethodChart | None) -> None:
+        """Draw a method; None draws nothing."""
+        self.shown = chart
+        points = [p for p in chart.points if p.drawn] if chart is not None else []
+        self.view.setVisible(bool(points))
+        self.nothing.setVisible(not points)
+        if chart is None or not points:
+            return
+        self.heading.setText(chart.title)
+        self.readout.setText("\u25cb default   \u25a1 chosen by the rule")
+        self.plot.title, self.plot.unit = "Error", chart.unit
+        self.plot.x_title = f"Processor time, {chart.per}"
+        x = np.log10([p.seconds for p in points])
+        y = np.log10([max(p.error, chart.floor) for p in points])
+        at = {p.number: (float(a), float(b)) for p, a, b in zip(points, x, y, strict=True)}
+        self.settings.set(x, y)
+        for layer, chosen in (
+            (self.front, [p for p in points if p.on_front]),
+            (self.default, [p for p in points if p.default]),
+            (self.chosen, [p for p in points if p.chosen]),
+        ):
+            layer.set(*_columns_of([at[p.number] for p in chosen]))
+        self.spread.set(*spread_bars(points, chart.floor))
+        self.notices.setValue(math.log10(chart.tolerance))
+        self.enough.setValue(math.log10(chart.enough))
+        self.labels.set([(*at[p.number], f"{p.number} {p.name}".strip()) for p in points])
+        self._frame(x, np.append(y, np.log10([chart.tolerance, chart.enough])))
+        self.paint_theme(self.theme)
+
+    def _frame(self, x: FloatArray, y: FloatArray) -> None:
+        for values, show, above in ((x, self.plot.x_range, 0.0), (y, self.plot.y_range, ROOM_FOR_LABELS)):
+            low, high = float(values.min()), float(values.max())
+            more = max(0.0, LEAST_DECADES - (high - low)) / 2 + MARGIN_DECADES * max(1.0, 0.3 * (high - low))
+            show(low - more, high + more + above * (high - low))
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.theme = theme
+        super().paint_theme(theme)
+        for layer in (self.default, self.chosen):
+            layer.item.setPen(pg.mkPen(layer.ink(theme), width=MARK_WIDTH))
+        self.labels.paint(theme)
+
+    def _columns(self) -> dict[str, Any]:
+        chart = self.shown
+        if chart is None:
+            return {}
+        return {
+            "setting": [p.setting for p in chart.points],
+            "processor time (s)": [p.seconds for p in chart.points],
+            "spread (s)": [p.spread_s for p in chart.points],
+            f"error ({chart.unit})": [p.error for p in chart.points],
+            f"error spread ({chart.unit})": [p.error_spread for p in chart.points],
+            "marks": [p.marks for p in chart.points],
+        }
+
+
+def spread_bars(points: Sequence[TradeoffPoint], floor: float) -> tuple[FloatArray, FloatArray]:
+    """Return crosses of the repeats' range about each point, as logarithms with NaN between the strokes.
+
+    The range is greatest less smallest; half of it is drawn to either side, no further down than a tenth of the value.
+    """
+    rows: list[tuple[float, float]] = []
+    gap = (math.nan, math.nan)
+    for p in points:
+        t, e = p.seconds, max(p.error, floor)
+        for (low, high), horizontal in ((_about(t, p.spread_s), True), (_about(e, p.error_spread), False)):
+            ends = [(low, e), (high, e)] if horizontal else [(t, low), (t, high)]
+            rows += [(math.log10(a), math.log10(b)) for a, b in ends] + [gap]
+    return _columns_of(rows)
+
+
+def _about(value: float, spread: float) -> tuple[float, float]:
+    half = spread / 2 if math.isfinite(spread) else 0.0
+    return max(value - half, value / 10), value + half
+
+
+def _columns_of(rows: Sequence[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
+    table = np.array(rows, dtype=float).reshape(-1, 2)
+    return table[:, 0], table[:, 1]

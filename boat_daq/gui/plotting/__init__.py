@@ -1,0 +1,1 @@
+"""Plots: axes, cards, labels, the shadow's pane."""

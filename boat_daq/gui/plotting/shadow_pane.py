@@ -1,0 +1,276 @@
+"""The pane beside the plots: the actuator as it is now over its outline at rest, coloured by displacement or strain."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from numpy.typing import NDArray
+from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
+from PySide6.QtGui import QAction, QColor, QGuiApplication, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
+from PySide6.QtSvg import QSvgGenerator
+from PySide6.QtWidgets import QGridLayout, QMenu, QToolButton, QVBoxLayout, QWidget
+
+from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.errors import OperatorError
+from boat_daq.gui import style
+from boat_daq.gui.style import Theme
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.file_dialogs import ask_save
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common import tables
+from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowPicture
+
+ROOM_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # what the view shows of (x, z)
+LINES = 6
+DOT = 7
+GUIDE, HALO = 1.5, 4.5  # a guide is seen on dark and on bright elements
+REST_LENGTH_MM = 75.0
+RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, then lifts the pen
+
+
+class ShadowView(QWidget):
+    """Draws a `ShadowPicture` to scale; all of its rectangle, or Qt would paint every widget behind it first."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self.setAccessibleName("The actuator now, over its outline at rest")
+        self.setMinimumHeight(5 * style.CONTROL_HEIGHT)
+        self.picture: ShadowPicture | None = None
+        self.scale_words = ("0", "")
+        self.paint_theme(style.LIGHT)
+
+    def show_picture(self, picture: ShadowPicture) -> None:
+        """Draw another picture; the same one costs nothing."""
+        if picture is not self.picture:
+            self.picture = picture
+            self.update()
+
+    def paint_theme(self, theme: Theme) -> None:
+        """Take the colours of `theme`."""
+        self.theme = theme
+        self.steps = [QColor(style.sequential(theme, i, LEVELS)) for i in range(LEVELS)]
+        self.small = style.small_font()
+        self.update()
+
+    def _transform(self) -> QTransform:
+        """Return the way from (x, z) mm to pixels."""
+        room = QRectF(self.rect()).adjusted(0, 0, 0, -2 * style.CONTROL_HEIGHT / 2)
+        scale = min(room.width() / ROOM_MM.width(), room.height() / ROOM_MM.height())
+        centre = room.center()
+        way = QTransform()
+        way.translate(centre.x(), centre.y() + (ROOM_MM.top() + ROOM_MM.height() / 2) * scale)
+        way.scale(scale, -scale)
+        return way
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw elements, guides, points, rest, tips and the scale."""
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), QColor(self.theme.surface))
+        if self.picture is None:
+            painter.end()
+            return
+        painter.setTransform(self._transform())
+        self._elements(painter, self.picture)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for colour, width in ((self.theme.surface, HALO), (self.theme.text, GUIDE)):
+            self._pen(painter, colour, width)
+            for guide in self.picture.guides:
+                painter.drawPolyline(_polygon(guide))
+        painter.setBrush(QColor(self.theme.surface))
+        dot = DOT / painter.transform().m11() / 2
+        for x, z in self.picture.tracked:
+            painter.drawEllipse(QPointF(x, z), dot, dot)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        self._pen(painter, self.theme.muted, 1, Qt.PenStyle.DashLine)
+        painter.drawPolygon(_polygon(self.picture.rest))
+        self._pen(painter, self.theme.text, 2)
+        painter.drawLine(QPointF(-29, 0), QPointF(29, 0))
+        self._tip(painter, self.picture.nominal_mm, self.theme.target, Qt.PenStyle.DashLine)
+        self._tip(painter, self.picture.measured_mm, self.theme.elongation, Qt.PenStyle.SolidLine)
+        painter.resetTransform()
+        self._scale(painter)
+        painter.end()
+
+    def _elements(self, painter: QPainter, picture: ShadowPicture) -> None:
+        """Fill the elements, all of one colour step at once."""
+        painter.setPen(Qt.PenStyle.NoPen)
+        for level in np.unique(picture.levels):
+            chosen: NDArray[np.float64] = picture.corners[picture.levels == level]
+            closed = np.concatenate([chosen, chosen[:, :1]], axis=1).reshape(-1, 2)
+            path = pg.functions.arrayToQPath(closed[:, 0], closed[:, 1], np.tile(RING, len(chosen)))
+            painter.fillPath(path, self.steps[level])
+
+    def _tip(self, painter: QPainter, elongation_mm: float, colour: str, pen: Qt.PenStyle) -> None:
+        if elongation_mm == elongation_mm:
+            self._pen(painter, colour, 3, pen)
+            height = REST_LENGTH_MM + elongation_mm
+            painter.drawLine(QPointF(-29, height), QPointF(29, height))
+
+    def _pen(
+        self, painter: QPainter, colour: str, width: float, pen_style: Qt.PenStyle = Qt.PenStyle.SolidLine
+    ) -> None:
+        pen = QPen(QColor(colour), width, pen_style)
+        pen.setCosmetic(True)
+        painter.setPen(pen)
+
+    def _scale(self, painter: QPainter) -> None:
+        """Draw the colour scale with its ends."""
+        room = QRectF(self.rect())
+        bar = QRectF(
+            room.left() + 2 * style.STEP, room.bottom() - 6 * style.STEP, room.width() - 4 * style.STEP, style.GAP
+        )
+        step = bar.width() / LEVELS
+        for i, colour in enumerate(self.steps):
+            painter.fillRect(QRectF(bar.left() + i * step, bar.top(), step + 1, bar.height()), colour)
+        painter.setPen(QColor(self.theme.muted))
+        painter.setFont(self.small)
+        below = bar.adjusted(0, bar.height(), 0, 4 * style.STEP)
+        painter.drawText(below, Qt.AlignmentFlag.AlignLeft, self.scale_words[0])
+        painter.drawText(below, Qt.AlignmentFlag.AlignRight, self.scale_words[1])
+
+
+def _polygon(points: NDArray[np.float64]) -> QPolygonF:
+    return QPolygonF([QPointF(x, z) for x, z in points])
+
+
+class ShadowPane(QWidget):
+    """The pane on a `Desk`; taken away like a `PlotCard`."""
+
+    title = "Shadow"
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        self.view = ShadowView()
+        self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES])
+        self.quantity.activated.connect(lambda _: self._choose(str(self.quantity.currentData())))
+        self.cost = QAction("Show what a frame costs", self)
+        self.cost.setCheckable(True)
+        self.cost.toggled.connect(self._show_cost)
+        frame, inside = widgets.card()
+        inside.addLayout(widgets.row(widgets.label("Colour", "muted"), self.quantity, None, self._menu_button()))
+        inside.addWidget(self.view, 1)
+        grid = QGridLayout()
+        grid.setVerticalSpacing(2)
+        self.names = [widgets.label("", "muted") for _ in range(LINES)]
+        self.values = [widgets.label("") for _ in range(LINES)]
+        for i in range(LINES):
+            grid.addWidget(self.names[i], i, 0)
+            grid.addWidget(self.values[i], i, 1)
+            self.values[i].setAlignment(Qt.AlignmentFlag.AlignRight)
+        grid.setColumnStretch(1, 1)
+        inside.addLayout(grid)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, style.GAP, 0, 0)
+        layout.addWidget(frame)
+        self._choose(desk.shadow.quantity)
+
+    def _choose(self, quantity: str) -> None:
+        self.desk.shadow.quantity = quantity
+        self._follow()
+
+    def _follow(self) -> None:
+        """Show what the model is set to, wherever it was set."""
+        quantity = self.desk.shadow.quantity
+        full, unit, _ = SCALES[quantity]
+        words = ("0", f"{quantity} {full:g} {unit} or more")
+        if self.view.scale_words != words:
+            self.view.scale_words = words
+            self.view.update()
+        self.quantity.setCurrentIndex(self.quantity.findData(quantity))
+        self.cost.setChecked(self.desk.shadow.show_cost)
+
+    def _show_cost(self, on: bool) -> None:
+        self.desk.shadow.show_cost = on
+
+    def _menu_button(self) -> QToolButton:
+        tool = QToolButton()
+        tool.setText("\u22ef")
+        tool.setToolTip("Copy or save this picture; what a frame costs")
+        tool.setAccessibleName("Copy or save: the shadow")
+        tool.setProperty("role", "quiet")
+        tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
+        tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        menu = QMenu(tool)
+        menu.addAction("Copy picture", lambda: self.desk.notices.attempt(self.copy, done=f"Copied: {self.title}"))
+        for kind in ("png", "svg", "csv"):
+            menu.addAction(f"Save {kind.upper()} \u2026", partial(self._ask_save, kind))
+        menu.addSeparator()
+        menu.addAction(self.cost)
+        tool.setMenu(menu)
+        tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        return tool
+
+    def _ask_save(self, suffix: str) -> None:
+        if self.desk.notices.attempt(self.refuse_empty):
+            ask_save(self, self.desk, self.title, suffix, self.save)
+
+    def refuse_empty(self) -> None:
+        """Let nothing be taken away where nothing is.
+
+        Raises
+        ------
+        OperatorError : the shadow is not there yet.
+        """
+        if self.view.picture is None:
+            raise OperatorError("the shadow is not drawn yet", "Wait until it is prepared.")
+
+    def copy(self) -> None:
+        """Put the picture on the clipboard.
+
+        Raises
+        ------
+        OperatorError : the shadow is not there yet.
+        """
+        self.refuse_empty()
+        QGuiApplication.clipboard().setPixmap(self.view.grab())
+
+    def save(self, path: Path) -> None:
+        """Save the picture as .png or .svg, or the guides and tracked points, (x, z) mm, as .csv.
+
+        Raises
+        ------
+        OSError : the path cannot be written.
+        """
+        if path.suffix == ".csv":
+            tables.save_csv(path, self.columns())
+        elif path.suffix == ".svg":
+            generator = QSvgGenerator()
+            generator.setFileName(str(path))
+            generator.setSize(self.view.size())
+            generator.setViewBox(self.view.rect())
+            generator.setTitle("Shadow of the actuator")
+            painter = QPainter(generator)
+            if not painter.isActive():
+                raise OSError(f"{path} cannot be written")
+            self.view.render(painter, QPoint(0, 0))
+            painter.end()
+        elif not self.view.grab().save(str(path), "PNG"):
+            raise OSError(f"{path} cannot be written")
+
+    def columns(self) -> dict[str, Any]:
+        """Return the outline at rest, the guides and the tracked points as they are drawn, mm."""
+        picture = self.desk.shadow.picture()
+        named = {f"guide {i}": guide for i, guide in enumerate(picture.guides, 1)} | {"tracked": picture.tracked}
+        named = {"outline at rest": picture.rest} | {name: points for name, points in named.items() if len(points)}
+        return {f"{name}, {axis} (mm)": points[:, k] for name, points in named.items() for k, axis in enumerate("xz")}
+
+    def draw(self) -> None:
+        """Draw one frame."""
+        if self.isVisible():
+            self.view.show_picture(self.desk.shadow.picture())
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the figures under the picture."""
+        self._follow()
+        lines = self.desk.shadow.picture().lines
+        for i in range(LINES):
+            name, value, state = lines[i] if i < len(lines) else ("", "", "")
+            widgets.set_text(self.names[i], name)
+            widgets.set_text(self.values[i], value)
+            widgets.set_state(self.values[i], state)

@@ -1,0 +1,55 @@
+"""The readings of an older recording, in a panel beside the window. Not modal."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt, QTimerEvent
+from PySide6.QtWidgets import QDialog, QVBoxLayout, QWidget
+
+from boat_daq.engine.session.session import LinkState, SessionSnapshot, SessionState
+from boat_daq.gui import style
+from boat_daq.gui.live.readings_panel import ReadingsTable
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.live.readings import ReadingsModel
+from boat_daq.viewmodels.results.closed_run import ClosedRun
+
+LOOKED_AT_MS = 250
+NOTHING_GOES_ON = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
+
+
+class ClosedReadings(QDialog):
+    """Edits the readings of a closed recording; what was entered before stays in the file."""
+
+    def __init__(self, parent: QWidget, desk: Desk, run: ClosedRun) -> None:
+        super().__init__(parent)
+        self.desk, self.run = desk, run
+        self.setWindowTitle(f"Readings of {run.path.name}")
+        self.setModal(False)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.resize(style.FORM_WIDTH, style.WINDOW_MINIMUM[1])
+        self.table = ReadingsTable(desk, ReadingsModel(run, desk.changes))
+        self.table.empty.setText("This recording has no plateaus: it was made without a plan of steps.")
+        self.calibrate = widgets.button("Calibrate", self._calibrate, "primary", tip="Analyse it with these readings")
+        layout = QVBoxLayout(self)
+        layout.addWidget(
+            widgets.label(
+                "A correction is added to the recording; the reading before it stays. Undo: Ctrl+Z.", "muted", wrap=True
+            )
+        )
+        layout.addWidget(self.table, 1)
+        layout.addLayout(widgets.row(None, widgets.button("Close", self.close), self.calibrate))
+        self.refresh()
+        self.startTimer(LOOKED_AT_MS)  # undo is a key of the window, not of this panel
+
+    def timerEvent(self, event: QTimerEvent) -> None:
+        """Look again, whatever page the window shows."""
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show the readings as they are now."""
+        self.table.refresh(NOTHING_GOES_ON)
+
+    def _calibrate(self) -> None:
+        if self.desk.notices.attempt(lambda: self.desk.calibration.analyse(self.run.path)):
+            self.desk.request("Calibrate")
+            self.close()

@@ -1,0 +1,227 @@
+"""Small makers of the controls that every page uses, so that a page reads as what it shows.
+
+Rules: a control has an accessible name (its text, where it has one); a role names its look in the style sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QBoxLayout,
+    QComboBox,
+    QFrame,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QLayout,
+    QLineEdit,
+    QPushButton,
+    QSizePolicy,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from boat_daq.gui import style
+from boat_daq.gui.widgets.tooltips import as_words
+
+
+class ElidedLabel(QLabel):
+    """A label that is cut with an ellipsis where there is no room, and never asks a page for more.
+
+    `least` is the width that it asks for, where its text is not shorter.
+    """
+
+    least = 0
+    explanation = ""
+
+    def explain(self, words: str) -> None:
+        """Say `words` on hover, below the whole text where that is cut."""
+        self.explanation = words
+        self.setAccessibleDescription(words)
+
+    def minimumSizeHint(self) -> QSize:
+        """Ask for the least width."""
+        hint = super().minimumSizeHint()
+        return QSize(min(self.least, hint.width()), hint.height())
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw the text, cut where it must be; the whole of it is then said on hover."""
+        room = self.contentsRect()
+        shown = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, room.width())
+        painter = QPainter(self)
+        self.style().drawItemText(
+            painter, room, int(self.alignment()), self.palette(), self.isEnabled(), shown, self.foregroundRole()
+        )
+        painter.end()
+        cut = as_words(self.text()) if shown != self.text() else ""
+        self.setToolTip("\n".join(part for part in (cut, self.explanation) if part))
+
+
+def label(
+    text: str = "", role: str = "", *, name: str = "", wrap: bool = False, elide: bool = False, least: int = 0
+) -> QLabel:
+    """Return a label in one of the roles title, subtitle, muted, small, set; `elide` as `ElidedLabel`."""
+    widget = ElidedLabel(text) if elide else QLabel(text)
+    if isinstance(widget, ElidedLabel):
+        widget.least = least
+    widget.setTextFormat(Qt.TextFormat.PlainText)
+    widget.setWordWrap(wrap)
+    if role:
+        widget.setProperty("role", role)
+    if name:
+        widget.setAccessibleName(name)
+    return widget
+
+
+def button(text: str, on_click: Callable[[], Any], role: str = "", *, name: str = "", tip: str = "") -> QPushButton:
+    """Return a button; role primary is the one next step of a page."""
+    widget = QPushButton(text)
+    widget.setAutoDefault(False)
+    if role:
+        widget.setProperty("role", role)
+    widget.setAccessibleName(name or text)
+    if tip:
+        widget.setToolTip(tip)
+    widget.clicked.connect(lambda *_: on_click())
+    return widget
+
+
+def field(name: str, text: str = "", *, placeholder: str = "", width: int = 0) -> QLineEdit:
+    """Return a text field named for a screen reader."""
+    widget = QLineEdit(text)
+    widget.setAccessibleName(name)
+    widget.setPlaceholderText(placeholder)
+    if width:
+        widget.setFixedWidth(width)
+    return widget
+
+
+def choice(name: str, entries: list[tuple[str, Any]]) -> QComboBox:
+    """Return a choice of (text, value) entries."""
+    widget = QComboBox()
+    widget.setAccessibleName(name)
+    widget.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
+    for text, value in entries:
+        widget.addItem(text, value)
+    return widget
+
+
+def card() -> tuple[QFrame, QVBoxLayout]:
+    """Return a framed surface and its layout."""
+    frame = QFrame()
+    frame.setObjectName("card")
+    layout = QVBoxLayout(frame)
+    layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
+    layout.setSpacing(style.STEP)
+    return frame, layout
+
+
+def row(*items: QWidget | int | None, spacing: int = style.GAP) -> QHBoxLayout:
+    """Return a horizontal layout of widgets; an int is a space, None a stretch."""
+    layout = QHBoxLayout()
+    _fill(layout, items, spacing)
+    return layout
+
+
+def column(*items: QWidget | int | None, spacing: int = style.STEP) -> QVBoxLayout:
+    """Return a vertical layout of widgets; an int is a space, None a stretch."""
+    layout = QVBoxLayout()
+    _fill(layout, items, spacing)
+    return layout
+
+
+def holder(layout: QLayout) -> QWidget:
+    """Return a widget that holds `layout`, for where only a widget goes."""
+    widget = QWidget()
+    widget.setObjectName("plain")
+    layout.setContentsMargins(0, 0, 0, 0)
+    widget.setLayout(layout)
+    return widget
+
+
+def page_layout(page: QWidget) -> QVBoxLayout:
+    """Give `page` its margins and return its layout."""
+    page.setObjectName("page")
+    page.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+    layout = QVBoxLayout(page)
+    layout.setContentsMargins(style.PAGE_MARGIN, style.PAGE_MARGIN, style.PAGE_MARGIN, style.PAGE_MARGIN)
+    layout.setSpacing(style.GAP)
+    return layout
+
+
+def set_text(widget: Any, text: str) -> None:
+    """Set a text only where it differs: an unchanged label costs no layout."""
+    if widget.text() != text:
+        widget.setText(text)
+
+
+def set_state(widget: QWidget, value: str, key: str = "state") -> None:
+    """Set a style property and have the sheet looked up again, only where it differs."""
+    if widget.property(key) != value:
+        widget.setProperty(key, value)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)
+
+
+def allow(control: QWidget, obstacle: str = "") -> None:
+    """Let `control` be used, or grey it and say why: on hover, and to a screen reader."""
+    if control.property("tip") is None:
+        control.setProperty("tip", control.toolTip())
+    if control.isEnabled() is bool(obstacle) or control.accessibleDescription() != obstacle:
+        control.setEnabled(not obstacle)
+        control.setToolTip(as_words(obstacle) or str(control.property("tip")))
+        control.setAccessibleDescription(obstacle)
+
+
+def read_table(name: str, headings: Sequence[str]) -> QTableWidget:
+    """Return an empty table that is read, not edited."""
+    widget = QTableWidget(0, len(headings))
+    widget.setAccessibleName(name)
+    widget.setHorizontalHeaderLabels(list(headings))
+    widget.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+    widget.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+    widget.setShowGrid(False)
+    widget.setWordWrap(False)
+    widget.verticalHeader().hide()
+    widget.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
+    header = widget.horizontalHeader()
+    header.setHighlightSections(False)
+    header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+    header.setStretchLastSection(True)
+    header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+    return widget
+
+
+def fill_table(widget: QTableWidget, rows: Sequence[Sequence[str]], hovers: Sequence[str] = ()) -> None:
+    """Show other rows in a table that is read; a row's hover, where there is one, on each of its cells."""
+    widget.setRowCount(len(rows))
+    for i, cells in enumerate(rows):
+        for k, text in enumerate(cells):
+            item = QTableWidgetItem(text)
+            if hovers:
+                item.setToolTip(as_words(hovers[i]))
+            widget.setItem(i, k, item)
+
+
+def grow(widget: QWidget) -> QWidget:
+    """Let `widget` take the room there is."""
+    widget.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+    return widget
+
+
+def _fill(layout: QBoxLayout, items: tuple[QWidget | int | None, ...], spacing: int) -> None:
+    layout.setSpacing(spacing)
+    for item in items:
+        if item is None:
+            layout.addStretch(1)
+        elif isinstance(item, int):
+            layout.addSpacing(item)
+        else:
+            layout.addWidget(item)

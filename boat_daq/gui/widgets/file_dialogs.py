@@ -1,0 +1,83 @@
+"""Asking for a file without stopping the window: no dialog here is modal, VENT stays in reach while one is open."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog, QWidget
+
+from boat_daq.viewmodels.app_model import Desk
+
+Then = Callable[[Path], object]
+
+
+class FileDialog(QFileDialog):
+    """Asks for a file, and never through a box of Qt's own: while that is open no click reaches VENT."""
+
+    def __init__(self, parent: QWidget, title: str, folder: str, kinds: str) -> None:
+        super().__init__(parent, title, folder, kinds)
+        self.setOption(QFileDialog.Option.DontUseNativeDialog)
+        self.setOption(QFileDialog.Option.DontConfirmOverwrite)
+        self._told: Path | None = None
+
+    def accept(self) -> None:
+        """Take the file; one that is missing is refused, one that is there already is asked for twice."""
+        path = Path((self.selectedFiles() or ["."])[0])
+        saves = self.acceptMode() is QFileDialog.AcceptMode.AcceptSave
+        if saves and path.is_file() and path != self._told:
+            self._told = path
+            self.setWindowTitle(f"{path.name} is there already: Replace it, or type another name")
+            self.setLabelText(QFileDialog.DialogLabel.Accept, "Replace")
+        elif not saves and not path.exists():
+            self.setWindowTitle(f"There is no {path.name} in {path.parent}")
+        else:
+            super().accept()
+
+
+def ask_save(
+    parent: QWidget, desk: Desk, stem: str, suffix: str, then: Then, *, done: str | None = None
+) -> QFileDialog:
+    """Ask where to save a file, then call `then(path)`; its error goes to the strip.
+
+    Parameters
+    ----------
+    suffix : the endings allowed, without dots, parted by spaces; the first is the one taken by default.
+    done : what is said when `then` has returned; "Saved" and the name when None, nothing when empty.
+    """
+    dialog = _dialog(parent, desk, f"Save {suffix.upper().replace(' ', ' or ')}", suffix)
+    first = suffix.split()[0]
+    dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
+    dialog.setDefaultSuffix(first)
+    dialog.selectFile(f"{re.sub(r'[^A-Za-z0-9_-]+', '-', stem).strip('-')}.{first}")
+    dialog.fileSelected.connect(
+        lambda name: _finish(desk, Path(name), then, f"Saved {Path(name).name}" if done is None else done)
+    )
+    return dialog
+
+
+def ask_open(parent: QWidget, desk: Desk, title: str, suffixes: str, then: Then) -> QFileDialog:
+    """Ask for an existing file with one of the `suffixes` (parted by spaces), then call `then(path)`."""
+    dialog = _dialog(parent, desk, title, suffixes)
+    dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
+    dialog.fileSelected.connect(lambda name: _finish(desk, Path(name), then, ""))
+    return dialog
+
+
+def _dialog(parent: QWidget, desk: Desk, title: str, suffixes: str) -> QFileDialog:
+    kinds = suffixes.upper().replace(" ", ", ")
+    patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
+    usual = desk.recordings if desk.recordings.is_dir() else Path.home()
+    folder = str(desk.preferences.get("folder", str(usual)))
+    dialog = FileDialog(parent.window(), title, folder, f"{kinds} ({patterns})")
+    dialog.setWindowModality(Qt.WindowModality.NonModal)
+    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    dialog.show()
+    return dialog
+
+
+def _finish(desk: Desk, path: Path, then: Then, done: str) -> None:
+    desk.preferences.set("folder", str(path.parent))
+    desk.notices.attempt(lambda: then(path), done=done)

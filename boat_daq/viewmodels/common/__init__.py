@@ -1,0 +1,1 @@
+"""What every view model uses: formatting, undo, notices, preferences, background work."""

@@ -1,0 +1,102 @@
+"""A result that a helper process makes: begun and stopped by one button, kept as a file, there at the next start."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any
+
+from boat_daq.engine.toml_values import read_json
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+
+MAX_BYTES = 4_000_000  # a hundred times the largest
+
+
+class MeasuredResult(ABC):
+    """State of one kind of result.
+
+    Parameters
+    ----------
+    bench : where it is made.
+    path : where the last one is kept, a JSON file.
+    """
+
+    name: str
+    """The work's name on the bench."""
+    noun: str
+    """What the result is called when its file is in trouble."""
+    again: str
+    """What to do when the kept one cannot be read."""
+
+    def __init__(self, bench: Bench, path: Path) -> None:
+        self.bench, self.path = bench, path
+        self.content: dict[str, Any] | None = None
+        self.problem = ""
+        self.revision = 0
+        try:
+            if path.exists():
+                self.take(read_json(path, MAX_BYTES))
+        except OperatorError:
+            self.problem = f"the last {self.noun} could not be read; {self.again}"
+
+    @abstractmethod
+    def _read(self, content: Any) -> None:
+        """Make what the page shows of a result.
+
+        Raises
+        ------
+        OperatorError : it is none.
+        """
+
+    @abstractmethod
+    def _joined(self, fresh: dict[str, Any]) -> dict[str, Any]:
+        """Return a new result with what stays of the one before."""
+
+    @property
+    def work(self) -> Work | None:
+        """The work under way."""
+        return self.bench.get(self.name)
+
+    def _start(self, work: Work) -> None:
+        self.bench.start(self.name, work, self._ended)
+        self.problem = ""
+        self.revision += 1
+
+    def _ended(self, work: Work) -> None:
+        if work.state is WorkState.DONE:
+            self.take(self._joined(work.result))
+            self._keep()
+        elif work.failure is not None:
+            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
+        self.revision += 1
+
+    def take(self, content: Any) -> None:
+        """Show a result.
+
+        Raises
+        ------
+        OperatorError : it is none.
+        """
+        self._read(content)
+        self.content = content
+        self.problem = ""
+        self.revision += 1
+
+    def _keep(self) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._write_json(self.path)
+        except OSError as error:
+            self.problem = f"the {self.noun} could not be kept for the next start: {error.strerror}"
+
+    def _write_json(self, path: Path) -> None:
+        path.write_text(json.dumps(self.content, indent=1, ensure_ascii=False), encoding="utf-8")
+
+    def _going_on(self, what: str = "") -> str:
+        """Return the line of work under way or of what went wrong; empty where there is neither."""
+        work = self.work
+        if work is not None:
+            return f"{what or work.label} \u2026 {round(100 * (work.fraction or 0.0))} %"
+        return f"\u25b2 {self.problem}" if self.problem else ""

@@ -1,0 +1,265 @@
+"""The link as the header shows it, and the ways to open one.
+
+Rules: a board is recognised by what it says of itself, never by its port's name; the last port is remembered and
+offered first, never opened by itself. The virtual board runs in a process of its own and is reached through a port
+like any other.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from boat_daq.engine.link.discovery import Answer, ask_all
+from boat_daq.engine.link.transports import list_ports
+from boat_daq.engine.session.session import LinkState, Session, SessionSnapshot
+from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.formatting import NOTHING, number
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.live.profiles import check_profile, profile_text
+
+LONGEST_PORT = 28
+VIRTUAL_UNITS = ("SA1", "SA2", "SA3")
+
+
+@dataclass(frozen=True, slots=True)
+class LinkText:
+    """The link in words: a state as a colour's name, a shape and a word, never a colour alone."""
+
+    state: str  # "ok", "warning", "fault", "off"
+    shape: str
+    word: str
+    who: str
+    figures: tuple[tuple[str, str], ...]  # (text, state) of rate, lost, errors, lag
+
+
+@dataclass(frozen=True, slots=True)
+class PortChoice:
+    """One line of the list of ports."""
+
+    port: str
+    text: str
+
+
+_WORDS = {
+    LinkState.CLOSED: ("off", "\u25cb", "not connected"),
+    LinkState.OPENING: ("warning", "\u25d4", "opening \u2026"),
+    LinkState.UP: ("ok", "\u25cf", "connected"),
+    LinkState.SILENT: ("warning", "\u25b2", "no data"),
+    LinkState.LOST: ("fault", "\u25a0", "unplugged, looking for it"),
+    LinkState.FAILED: ("fault", "\u25a0", "not connected"),
+}
+
+
+def link_text(snapshot: SessionSnapshot) -> LinkText:
+    """Return what the header says of the link."""
+    state, shape, word = _WORDS[snapshot.link]
+    who = snapshot.hello.board_id if snapshot.hello else short_port(snapshot.port or "")
+    return LinkText(state, shape, word, who, _figures(snapshot))
+
+
+def short_port(port: str) -> str:
+    """Return a port as the head has room for it: a replay by its file's name, a long name by its end."""
+    if port.startswith("replay:"):
+        return f"replay of {Path(port.removeprefix('replay:').partition('@')[0]).name}"
+    return port if len(port) <= LONGEST_PORT else f"\u2026{port[-LONGEST_PORT:]}"
+
+
+def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
+    health = snapshot.health
+    if health is None or snapshot.link not in (LinkState.UP, LinkState.SILENT, LinkState.LOST):
+        return ()
+    counts = health.statistics
+    off = health.asked_hz and health.rate_hz and abs(health.rate_hz / health.asked_hz - 1) > 0.05
+    damaged = counts.crc_errors + counts.malformed
+    return (
+        (f"{number(health.rate_hz, 1)} Hz" if health.rate_hz else f"{NOTHING} Hz", "warning" if off else ""),
+        (f"{counts.lost} lost", "warning" if counts.lost else ""),
+        (f"{damaged} damaged", "warning" if damaged else ""),
+        (f"{number(health.lag_ms, 0)} ms behind", "warning" if health.lag_ms > 500 else ""),
+    )
+
+
+class VirtualBoard:
+    """A virtual board in a process of its own, started without waiting for it; `url` is where it is to be found."""
+
+    def __init__(self, unit: str, speed: float, seed: int) -> None:
+        self._folder = TemporaryDirectory(prefix="boat-daq-")
+        self._truth = Path(self._folder.name) / "truth.csv"
+        self._settings = BoardSettings(
+            port="pty" if os.name == "posix" else "127.0.0.1:0",
+            speed=speed,
+            unit=unit,
+            seed=seed,
+            truth=str(self._truth),
+        )
+        self._served: ServedBoard | None = None
+        self.error: Exception | None = None
+        self._thread = threading.Thread(target=self._start, name="virtual board", daemon=True)
+        self._thread.start()
+
+    def _start(self) -> None:
+        try:
+            self._served = serve(self._settings)
+        except Exception as error:  # noqa: BLE001 - handed to whoever asks, on the thread that asked
+            self.error = error
+
+    @property
+    def url(self) -> str:
+        """Return the board's port; empty while it starts."""
+        return self._served.url if self._served is not None else ""
+
+    def grid_mm(self, division_mm: float = 0.5) -> float | None:
+        """Return what an eye reads on the simulated grid now: the elongation to the nearest division."""
+        try:
+            with self._truth.open("rb") as file:
+                file.seek(max(0, self._truth.stat().st_size - 512))
+                line = file.read().decode().rpartition("\n")[0].rpartition("\n")[2]
+            return round(float(line.split(",")[4]) / division_mm) * division_mm
+        except (OSError, ValueError, IndexError):
+            return None
+
+    def close(self) -> None:
+        """End the process, and take its truth away."""
+        self._thread.join()
+        if self._served is not None:
+            self._served.close()
+        self._folder.cleanup()
+
+
+class ConnectionModel:
+    """Opening and closing the link.
+
+    Parameters
+    ----------
+    session : the one door to the board.
+    preferences : remembers the last port, profile and unit.
+    """
+
+    def __init__(self, session: Session, preferences: Preferences) -> None:
+        self.session = session
+        self._preferences = preferences
+        self.board: VirtualBoard | None = None
+        self._board_waits = False
+        self.boards: dict[str, str] = {}  # port -> identity, as the boards themselves say
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="ports")
+        self._asking: Future[list[Answer]] | None = None
+
+    @property
+    def last_port(self) -> str:
+        """Return the port that was used last."""
+        return str(self._preferences.get("port", ""))
+
+    @property
+    def unit(self) -> str:
+        """Return the unit on the bench."""
+        return str(self._preferences.get("unit", "SA1"))
+
+    @property
+    def profile(self) -> str:
+        """Return the text profile that was used last; empty for a board that speaks the BOAT protocol."""
+        return str(self._preferences.get("profile", ""))
+
+    def ports(self) -> list[PortChoice]:
+        """Return the ports there are, BOAT boards that have said so first, then the last one used."""
+        found = [PortChoice(p.port, self._port_text(p.port, p.description)) for p in list_ports()]
+        return sorted(found, key=lambda c: (c.port not in self.boards, c.port != self.last_port, c.port))
+
+    def _port_text(self, port: str, description: str) -> str:
+        board = f"\u25cf BOAT board {self.boards[port]}" if port in self.boards else description
+        return f"{port}   {board}".strip()
+
+    def ask_boards(self) -> None:
+        """Ask every port who is there, on a helper thread; not while a board is connected, whose port is not ours."""
+        if self._asking is None and self.session.snapshot().link is LinkState.CLOSED:
+            self._asking = self._pool.submit(ask_all)
+
+    def heard_boards(self) -> bool:
+        """Take the answers where they have come; returns whether they have."""
+        if self._asking is None or not self._asking.done():
+            return False
+        asking, self._asking = self._asking, None
+        self.boards = {answer.port: answer.hello.board_id for answer in asking.result() if answer.hello is not None}
+        return True
+
+    def set_unit(self, unit: str) -> None:
+        """Take another unit on the bench.
+
+        Raises
+        ------
+        OperatorError : the name is empty.
+        """
+        if not unit.strip():
+            raise OperatorError("the unit has no name", "Give the name on its label, such as SA1.")
+        self._preferences.set("unit", unit.strip())
+
+    def connect(self, port: str, profile: str = "") -> None:
+        """Open `port`; how it goes is seen in the snapshot.
+
+        Raises
+        ------
+        OperatorError : no port was named, or the RX8 line lacks something. ProfileError : the profile is refused.
+        """
+        if not port.strip():
+            raise OperatorError("no port was chosen", "Choose a port, or start the virtual board.")
+        text = profile_text(profile)
+        if text:
+            check_profile(text)
+        self.session.connect(port.strip(), text or None, unit=self.unit)
+        if self.board is None or port != self.board.url:
+            self._preferences.set("port", port.strip())
+        self._preferences.set("profile", profile)
+
+    def disconnect(self) -> None:
+        """Vent and close the link; a virtual board of ours ends."""
+        self._board_waits = False
+        self.session.disconnect()
+        self._end_board()
+
+    def start_virtual_board(self, unit: str = "SA1", speed: float = 1.0, seed: int = 0) -> None:
+        """Start a virtual board; `tick` connects to it once it has said its port."""
+        self._end_board()
+        self._preferences.set("unit", unit)
+        self.board = VirtualBoard(unit, speed, seed)
+        self._board_waits = True
+
+    @property
+    def starting(self) -> bool:
+        """Whether the virtual board is on its way."""
+        return self._board_waits
+
+    def simulated_mm(self) -> float | None:
+        """Return what an eye reads on the simulated grid now; None without a virtual board of ours."""
+        return self.board.grid_mm() if self.board is not None else None
+
+    def tick(self) -> None:
+        """Connect to the virtual board when it is there.
+
+        Raises
+        ------
+        Exception : it did not start; what `serve` raised.
+        """
+        if not self._board_waits or self.board is None:
+            return
+        if self.board.error is not None:
+            error, self._board_waits = self.board.error, False
+            self._end_board()
+            raise error
+        if self.board.url:
+            self._board_waits = False
+            self.connect(self.board.url)
+
+    def close(self) -> None:
+        """End what was started here."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._end_board()
+
+    def _end_board(self) -> None:
+        if self.board is not None:
+            self.board.close()
+            self.board = None

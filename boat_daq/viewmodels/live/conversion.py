@@ -1,0 +1,89 @@
+"""From the unit's stored calibration to the live elongation.
+
+The stored points are fitted again, so that what converts live is the very calibration that was accepted. It is prepared
+on a helper thread: the analysis and its compiler take a moment to load, and the window must be up by then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from boat_daq.viewmodels.live.live import Elongation
+
+if TYPE_CHECKING:
+    from analysis.calibration.inverse import Fusion, Inverse
+
+
+class Conversion:
+    """mV -> mm of one unit: all sensors together, or each by itself."""
+
+    def __init__(self, fusion: Fusion) -> None:
+        self._fusion = fusion
+
+    def __call__(self, signal_mv: FloatArray) -> Elongation:
+        """Return the elongation of [n, sensors] signals, sensors fused."""
+        found = self._fusion.evaluate(signal_mv)
+        return Elongation(found.elongation_mm, 2.0 * found.standard_uncertainty_mm, found.disagreement)
+
+    def each(self, signal_mv: FloatArray) -> FloatArray:
+        """Return the elongation by each sensor, [n, sensors] mm; NaN outside its range."""
+        return np.column_stack([inverse(signal_mv[:, i]) for i, inverse in enumerate(self._fusion.inverses)])
+
+
+def prepare(content: Mapping[str, Any]) -> Conversion:
+    """Return the inverse of a stored calibration, all sensors fused.
+
+    Raises
+    ------
+    AnalysisError : the curve has no inverse over its range.
+    """
+    # loaded here, on the helper thread, and not with the window
+    from analysis.calibration.inverse import Fusion
+
+    inverses = [_inverse(sensor) for sensor in content["sensors"]]
+    conversion = Conversion(Fusion.of(inverses))
+    conversion(np.zeros((1, len(inverses))))  # compile now, not in the first frame
+    return conversion
+
+
+def _inverse(stored: Mapping[str, Any]) -> Inverse:
+    """Return one sensor's inverse with the uncertainty of its run; of the fit's residuals where none was stored."""
+    from analysis.calibration.fit import fit_calibration
+    from analysis.calibration.inverse import Inverse
+
+    fit = fit_calibration(stored["elongation_mm"], stored["signal_mv"], int(stored["fit"]["degree"]))
+    fit = fit.with_reading(float(stored.get("reading_sd_mm") or 0.0), stored.get("positions"))
+    return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=float(stored.get("model_mv") or 0.0))
+
+
+class Preparation:
+    """Inverses on their way: `ask` starts one, `poll` hands it over once."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="calibration")
+        self._future: Future[Conversion] | None = None
+
+    def ask(self, content: Mapping[str, Any]) -> None:
+        """Prepare the inverse of a stored calibration; an earlier one still on its way is dropped."""
+        self._future = self._pool.submit(prepare, content)
+
+    def poll(self) -> Conversion | None:
+        """Return the inverse once it is there, else None.
+
+        Raises
+        ------
+        AnalysisError : it cannot be had.
+        """
+        if self._future is None or not self._future.done():
+            return None
+        future, self._future = self._future, None
+        return future.result()
+
+    def close(self) -> None:
+        """Let the thread end."""
+        self._pool.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,415 @@
+"""What the live page shows: the last seconds of every signal, thinned to extremes, with cursors, markers and figures.
+
+Rules: drawing never touches more points than the screen has columns for, whatever the length of the run (the ring keeps
+a min-max pyramid, so no spike is lost). Pausing stops the picture, never the data. Vertical ranges stand
+still until data leave them. Elongation is shown only while a calibration is loaded, and only inside its range.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.arrays import FloatArray
+from boat_daq.engine.session.session import LinkState, SessionSnapshot
+from boat_daq.viewmodels.common.formatting import NOTHING, number
+from boat_daq.viewmodels.live.axis import SteadyRange, extremes
+
+Columns = Mapping[str, FloatArray]
+
+WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
+HEADLINE_S = 0.2  # a figure is the mean of so much signal, so that it can be read
+HOLE_S = 1.0  # without a sample: an unplugged board, not a lost frame
+PIXELS_A_FRAME = 0.6  # a picture that has moved by less need not be drawn
+FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
+
+
+class Ring(Protocol):
+    """The part of the engine's ring buffer that a page needs."""
+
+    def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, FloatArray]:
+        """Return copies of the columns."""
+
+    def draw(
+        self,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        *,
+        max_points: int = 4000,
+        column_s: float | None = None,
+    ) -> dict[str, FloatArray]:
+        """Return the columns of a span, thinned to extremes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Elongation:
+    """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range."""
+
+    mm: FloatArray
+    expanded_mm: FloatArray
+    disagree: NDArray[np.bool_]
+
+    def band(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return times, lower and upper edge where the elongation is known; the band closes at both ends of a hole."""
+        known = np.isfinite(self.mm)
+        begins, ends = known & ~np.append(False, known[:-1]), known & ~np.append(known[1:], False)
+        copies = known.astype(np.int64) + begins + ends
+        at = np.repeat(np.arange(known.size), copies)
+        width, last = self.expanded_mm[at], np.cumsum(copies)
+        width[(last - copies)[begins]] = 0.0
+        width[(last - 1)[ends]] = 0.0
+        return time_s[at], self.mm[at] - width, self.mm[at] + width
+
+
+Inverse = Callable[[FloatArray], Elongation]  # [n, sensors] mV -> elongation
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture: its width in pixels, the horizontal range and the columns in it."""
+
+    width: int
+    low_s: float
+    high_s: float
+    columns: Columns
+    elongation: Elongation | None
+    sensors: int
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """The large figures, as text."""
+
+    signals: tuple[str, ...]
+    pressure: str
+    target: str
+    elongation: str
+    band: str
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Statistics of one column between the cursors."""
+
+    name: str
+    unit: str
+    decimals: int
+    mean: float
+    sd: float
+    low: float
+    high: float
+    slope_per_s: float
+    snr_db: float
+    difference: float  # at B less at A
+
+    @property
+    def short(self) -> str:
+        """Return what it is in a word: a sensor's number, else the unit."""
+        return f"{self.name.removeprefix('Sensor ')}, {self.unit}" if self.name.startswith("Sensor") else self.unit
+
+    @property
+    def snr(self) -> str:
+        """Return the SNR's number."""
+        return number(self.snr_db, 1)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Return the row as text, in the order of `HEADINGS`."""
+        d = self.decimals
+        return (
+            f"{self.name} ({self.unit})", number(self.mean, d), number(self.sd, d + 1), number(self.low, d),
+            number(self.high, d), number(self.difference, d, sign=True), number(self.slope_per_s, d + 1, sign=True),
+            f"{self.snr} dB",
+        )  # fmt: skip
+
+
+HEADINGS_SHORT = ("mean", "sd", "min", "max", "B \u2212 A", "slope/s", "SNR, dB")
+HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """A note at an instant of the picture's time."""
+
+    time_s: float
+    note: str
+
+
+def sensor_names(columns: Columns) -> list[str]:
+    """Return the names of the signal columns, in order of their sensor."""
+    return sorted(name for name in columns if name.startswith("s") and name.endswith("_mv"))
+
+
+def signals(columns: Columns) -> FloatArray:
+    """Return the signals side by side, [n, sensors] mV."""
+    return np.column_stack([columns[name] for name in sensor_names(columns)])
+
+
+def with_holes(columns: Columns) -> Columns:
+    """Return the columns with a missing value in each hole of time: no line is drawn where nothing was measured.
+
+    A hole is longer than a second and than five of the steps that nine in ten of the picture's points keep to.
+    """
+    time_s = columns["time_s"]
+    steps = np.diff(time_s)
+    if not steps.size or steps.max() <= HOLE_S:
+        return columns
+    behind = np.flatnonzero(steps > max(HOLE_S, 5 * float(np.percentile(steps, 90)))) + 1
+    middle = 0.5 * (time_s[behind - 1] + time_s[behind])
+    return {name: np.insert(v, behind, middle if name == "time_s" else math.nan) for name, v in columns.items()}
+
+
+@dataclass(slots=True)
+class LiveModel:
+    """State of the live page.
+
+    Parameters
+    ----------
+    ring : gives the ring of the moment; None before the first connection.
+    """
+
+    ring: Callable[[], Ring | None]
+    inverse: Inverse | None = None
+    window_s: float = 60.0
+    together: bool = False  # both signals on one axis
+    points_a_column: int = (
+        16  # looked at for each column of pixels, of which two are painted; the fidelity says how many
+    )
+    cursor_a: float | None = None
+    cursor_b: float | None = None
+    markers: list[Marker] = field(default_factory=list)
+    _frozen: tuple[float, float] | None = None
+    _ranges: dict[str, SteadyRange] = field(default_factory=dict)
+
+    @property
+    def following(self) -> bool:
+        """Whether the picture moves with the data."""
+        return self._frozen is None
+
+    def has_data(self) -> bool:
+        """Whether a sample has come."""
+        return not math.isnan(self.now_s())
+
+    def now_s(self) -> float:
+        """Return the picture's time of the newest sample; NaN without one."""
+        ring = self.ring()
+        newest = ring.view(last=1)["time_s"] if ring is not None else np.zeros(0)
+        return float(newest[-1]) if newest.size else math.nan
+
+    def set_window(self, seconds: float) -> None:
+        """Show so many seconds (inf: all there is), following again."""
+        self.window_s = seconds
+        self._frozen = None
+
+    def look_at(self, low_s: float, high_s: float) -> None:
+        """Show a fixed span, as when the mouse moved the picture."""
+        self._frozen = (low_s, high_s)
+
+    def pause(self) -> None:
+        """Hold the picture; data go on."""
+        self._frozen = self.span_s()
+
+    def follow(self) -> None:
+        """Move with the data again."""
+        self._frozen = None
+
+    def zoom(self, factor: float) -> None:
+        """Show `factor` times the present length, about the right edge while following, else about the middle."""
+        low, high = self.span_s()
+        if self._frozen is None:
+            self.window_s = max(1.0, (high - low) * factor)
+        else:
+            middle, half = (low + high) / 2, (high - low) * factor / 2
+            self._frozen = (middle - half, middle + half)
+
+    def span_s(self) -> tuple[float, float]:
+        """Return the horizontal range to show."""
+        if self._frozen is not None:
+            return self._frozen
+        now = self.now_s()
+        if math.isnan(now):
+            return 0.0, min(self.window_s, 60.0)
+        if math.isinf(self.window_s):
+            ring = self.ring()
+            first = float(ring.draw(max_points=4)["time_s"][0]) if ring is not None else 0.0
+            return first, max(now, first + 1.0)
+        return now - self.window_s, now
+
+    def frame(self, width: int) -> Frame | None:
+        """Return what to draw on `width` pixels; None before the first sample."""
+        ring = self.ring()
+        low, high = self._shown_s(width)
+        if ring is None:
+            return None
+        points = ring.draw(
+            low, high, max_points=max(200, self.points_a_column * width), column_s=(high - low) / max(width, 1)
+        )
+        if not points["time_s"].size:
+            return None
+        return self._picture(width, low, high, with_holes(points))
+
+    def newest(self, frame: Frame, width: int) -> Frame | None:
+        """Return what came behind the end of `frame`, as far as the picture stands still; None where it has to move.
+
+        It moves by whole columns of pixels: in between only the last one has anything new.
+        """
+        ring, column_s = self.ring(), (frame.high_s - frame.low_s) / max(width, 1)
+        if ring is None or width != frame.width:
+            return None
+        if np.abs(np.subtract(self._shown_s(width), (frame.low_s, frame.high_s))).max() > column_s / 2:
+            return None
+        columns = ring.view(float(frame.columns["time_s"][-1]))
+        if not columns["time_s"].size or with_holes(columns) is not columns:
+            return None
+        added = self._picture(width, frame.low_s, frame.high_s, columns)
+        known = added.elongation is None or frame.elongation is not None
+        return added if known and all(self._inside(*one) for one in self._extremes(added).items()) else None
+
+    def _shown_s(self, width: int) -> tuple[float, float]:
+        """Return the horizontal range on `width` pixels: one that follows ends with a whole column of them."""
+        low, high = self.span_s()
+        if not self.following or math.isinf(self.window_s):
+            return low, high
+        ahead = -high % ((high - low) / max(width, 1))
+        return low + ahead, high + ahead
+
+    def _picture(self, width: int, low_s: float, high_s: float, columns: Columns) -> Frame:
+        elongation = self.inverse(signals(columns)) if self.inverse is not None else None
+        return Frame(width, low_s, high_s, columns, elongation, len(sensor_names(columns)))
+
+    def _inside(self, name: str, extremes_: tuple[float, float]) -> bool:
+        """Whether a column stays inside the vertical range that is shown; one that knows no value does."""
+        shown = self._ranges.get(name)
+        return shown is not None and not (extremes_[0] < shown.low or extremes_[1] > shown.high)
+
+    def frame_interval_ms(self, width: int, *, connected: bool) -> int:
+        """Return how long the picture may wait: no frame is paid for that could not be seen."""
+        if not connected:
+            return REST_MS
+        low, high = self.span_s()
+        moves_ms = 1000 * PIXELS_A_FRAME * (high - low) / max(width, 1)
+        return int(min(CALM_MS, max(FASTEST_MS, moves_ms)))
+
+    def ranges(self, frame: Frame, now_s: float) -> dict[str, tuple[float, float]]:
+        """Return the vertical range of each column; the same objects as before while nothing has left them."""
+        wanted = self._extremes(frame)
+        smallest = {"pressure_kpa": 10.0, "elongation_mm": 1.0}
+        for name in wanted:
+            self._ranges.setdefault(name, SteadyRange(smallest=smallest.get(name, 10.0)))
+        return {name: self._ranges[name].update(low, high, now_s) for name, (low, high) in wanted.items()}
+
+    def _extremes(self, frame: Frame) -> dict[str, tuple[float, float]]:
+        """Return the least and greatest value of each column that has a vertical range."""
+        columns = frame.columns
+        found = {name: extremes(columns[name]) for name in sensor_names(columns)}
+        found["pressure_kpa"] = extremes(columns["pressure_kpa"], columns["target_kpa"])
+        if frame.elongation is not None:
+            found["elongation_mm"] = extremes(frame.elongation.mm)
+        if self.together:
+            both = extremes(*(columns[name] for name in sensor_names(columns)))
+            found |= dict.fromkeys(sensor_names(columns), both)
+        return found
+
+    def headline(self, snapshot: SessionSnapshot, sensors: int = 2) -> Headline:
+        """Return the large figures: means of the last moment, or dashes; what was before the link went is not now."""
+        ring = self.ring()
+        last = snapshot.last
+        if ring is None or last is None or snapshot.link is not LinkState.UP:
+            return Headline((NOTHING,) * sensors, NOTHING, NOTHING, NOTHING, "")
+        rate = snapshot.health.rate_hz if snapshot.health is not None else None
+        recent = ring.view(last=max(1, round(HEADLINE_S * (rate or 100.0))))
+        means = np.array([[recent[name].mean() for name in sensor_names(recent)]])
+        mm, band = self._elongation_text(means)
+        return Headline(
+            tuple(number(value, 1) for value in means[0]),
+            number(float(np.mean(recent["pressure_kpa"])), 1, sign=True),
+            number(last.target_kpa, 1, sign=True),
+            mm,
+            band,
+        )
+
+    def _elongation_text(self, means: FloatArray) -> tuple[str, str]:
+        if self.inverse is None:
+            return NOTHING, ""
+        found = self.inverse(means)
+        if not math.isfinite(found.mm[0]):
+            return NOTHING, "outside the calibrated range"
+        band = f"\u00b1{number(float(found.expanded_mm[0]), 2)} (k = 2)"
+        return number(float(found.mm[0]), 2, sign=True), band + ("  sensors disagree" if found.disagree[0] else "")
+
+    def place(self, which: str) -> float:
+        """Return where a new cursor stands: a third or two thirds into the picture."""
+        low, high = self.span_s()
+        return low + (high - low) * (1 / 3 if which == "a" else 2 / 3)
+
+    def put_cursor(self, which: str, time_s: float | None) -> None:
+        """Put cursor "a" or "b" at an instant; None takes it away."""
+        if which == "a":
+            self.cursor_a = time_s
+        else:
+            self.cursor_b = time_s
+
+    def difference(self) -> str:
+        """Return the time between the cursors in words; empty without two."""
+        if self.cursor_a is None or self.cursor_b is None:
+            return ""
+        return f"B \u2212 A = {number(self.cursor_b - self.cursor_a, 3, sign=True)} s"
+
+    def statistics(self) -> list[Span]:
+        """Return the statistics of every column between the two cursors; empty without two."""
+        ring = self.ring()
+        if ring is None or self.cursor_a is None or self.cursor_b is None:
+            return []
+        low, high = sorted((self.cursor_a, self.cursor_b))
+        columns = ring.view(low)
+        inside = columns["time_s"] <= high
+        time_s = columns["time_s"][inside]
+        if time_s.size < 2:
+            return []
+        sign = 1.0 if self.cursor_b >= self.cursor_a else -1.0
+        result = [
+            _span(f"Sensor {name[1:-3]}", "mV", 1, time_s, columns[name][inside], sign)
+            for name in sensor_names(columns)
+        ]
+        if self.inverse is not None:
+            mm = self.inverse(signals({k: v[inside] for k, v in columns.items()})).mm
+            result.append(_span("Elongation", "mm", 3, time_s, mm, sign))
+        result.append(_span("Pressure", "kPa", 2, time_s, columns["pressure_kpa"][inside], sign))
+        return result
+
+    def table(self, frame: Frame | None) -> dict[str, FloatArray]:
+        """Return every sample of the span shown, for a CSV, undecimated."""
+        ring = self.ring()
+        if ring is None or frame is None:
+            return {}
+        columns = ring.view(frame.low_s)
+        inside = columns["time_s"] <= frame.high_s
+        result = {name: values[inside] for name, values in columns.items()}
+        if self.inverse is not None:
+            found = self.inverse(signals(result))
+            result |= {"elongation_mm": found.mm, "elongation_expanded_mm": found.expanded_mm}
+        return result
+
+
+def _span(name: str, unit: str, decimals: int, time_s: FloatArray, values: FloatArray, sign: float) -> Span:
+    """Return the statistics of one column; SNR is its mean over its sd, as the cursors see it.
+
+    The difference is of the means next to the cursors, `HEADLINE_S` long or half of the span; `sign` is -1 where B
+    stands before A.
+    """
+    keep = np.isfinite(values)
+    x, y = time_s[keep] - time_s[0], values[keep]
+    if y.size < 2:
+        return Span(name, unit, decimals, *([math.nan] * 7))
+    sd, mean = float(y.std(ddof=1)), float(y.mean())
+    centred = x - x.mean()
+    slope = float(centred @ (y - mean) / (centred @ centred)) if centred.any() else math.nan
+    snr = 20 * math.log10(abs(mean) / sd) if sd > 0 and mean else math.inf
+    beside = min(HEADLINE_S, (x[-1] - x[0]) / 2)
+    apart = sign * float(y[x >= x[-1] - beside].mean() - y[x <= x[0] + beside].mean())
+    return Span(name, unit, decimals, mean, sd, float(y.min()), float(y.max()), slope, snr, apart)

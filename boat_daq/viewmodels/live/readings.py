@@ -1,0 +1,325 @@
+"""The readings of elongation: one line a plateau, typed, pasted, imported or taken from a photograph.
+
+Rules: a reading is never changed, only corrected by a newer one, so undo is a correction too. Outliers against the
+running fit are marked, not removed. What is typed is checked before anything is kept.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boat_daq.engine.session.session import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState, StepMark
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.changes import Change, Changes
+from boat_daq.viewmodels.common.formatting import NOTHING, count, number, plain_number, target
+from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
+
+PLAUSIBLE_MM = 60.0  # longer than the actuator itself
+OUTLIER_SIGMA = 4.0
+OUTLIER_FLOOR_MM = 0.35  # a reading on a half-millimetre grid may be so far off without anything wrong
+FIT_FROM = 8  # readings before a running fit says anything
+UNSTEADY = "unsteady"  # reached, but it still drifted when the longest hold was over
+REMARKS = {  # of a plateau's status, in a word and in a sentence
+    "timeout": ("not reached", "the pressure was not reached in time"),
+    "aborted": ("cut short", "the step was broken off; its cycle is left out"),
+    UNSTEADY: ("not steady", "pressure or signal still drifted when the longest hold was over"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One plateau of the table."""
+
+    step_id: int
+    cycle: int
+    branch: str
+    target_kpa: float
+    status: str
+    elongation_mm: float | None
+    source: str
+    current: bool
+    apart_mm: float | None = None  # from the running fit, where it is far from it
+
+    @property
+    def outlier(self) -> bool:
+        """Whether the reading is far from the running fit."""
+        return self.apart_mm is not None
+
+    @property
+    def remark(self) -> str:
+        """Return what is to be said of it in a word or two."""
+        if self.apart_mm is not None:
+            return f"{number(self.apart_mm, 1, sign=True)} mm?"
+        return REMARKS.get(self.status, ("now" if self.current else "", ""))[0]
+
+    @property
+    def hover(self) -> str:
+        """Return the remark in a sentence with plateau, cycle and value; where the reading came from."""
+        lines = [f"{REMARKS[self.status][1]}: {self.place}"] if self.status in REMARKS else []
+        if self.apart_mm is not None and self.elongation_mm is not None:
+            fit = number(self.elongation_mm - self.apart_mm, 2, sign=True)
+            lines.append(
+                f"{number(self.elongation_mm, 2, sign=True)} mm at {self.place}, where the running fit says {fit} mm: "
+                "read it again, or leave it; it is kept"
+            )
+        return "\n".join([*lines, *([f"source: {self.source}"] if self.source else [])])
+
+    @property
+    def place(self) -> str:
+        """Return pressure, branch and cycle."""
+        return place(self.target_kpa, self.branch, self.cycle)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Return the row as text: cycle, branch, pressure, elongation, remark."""
+        return (
+            str(self.cycle) if self.cycle else NOTHING,
+            BRANCH_WORDS[self.branch],
+            target(self.target_kpa).removesuffix(" kPa"),
+            "" if self.elongation_mm is None else number(self.elongation_mm, 2),
+            self.remark,
+        )
+
+
+HEADINGS = ("Cycle", "Branch", "kPa", "mm", "Remark")
+
+
+def place(target_kpa: float, branch: str, cycle: int) -> str:
+    """Return which plateau it is, e.g. `+30 kPa, unloading, cycle 2`."""
+    where = f"{BRANCH_WORDS[branch]}, cycle {cycle}" if cycle else "opening plateau"
+    return f"{target(target_kpa)}, {where}"
+
+
+def _place(at: ReadingRequest | Progress) -> str:
+    return place(at.target_kpa, at.branch, at.cycle)
+
+
+def asking(steps: tuple[StepMark, ...]) -> tuple[StepMark, ...]:
+    """Return the plateaus that ask for a reading: all steps but the way out."""
+    return tuple(step for step in steps if step.branch != "end")
+
+
+class Keeper(Protocol):
+    """What keeps the readings: the session of a run that goes, or the recording of one that is over."""
+
+    def steps(self) -> tuple[StepMark, ...]:
+        """Return the plateaus so far."""
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Return all readings, in order of entry."""
+
+    def add_reading(
+        self,
+        step_id: int,
+        elongation_mm: float | None,
+        source: str,
+        *,
+        resolution_mm: float | None = None,
+        reader: str = "",
+    ) -> object:
+        """Keep a reading; a second one for a plateau corrects the first."""
+
+
+class ReadingsModel:
+    """The table of readings and the question of the moment.
+
+    Parameters
+    ----------
+    session : keeps the readings.
+    changes : where each entry is kept for undo.
+    """
+
+    def __init__(self, session: Keeper, changes: Changes) -> None:
+        self.session = session
+        self._changes = changes
+        self.resolution_mm = 0.5
+        self.reader = ""
+
+    def question(self, snapshot: SessionSnapshot) -> str:
+        """Return what the window asks for now, or will ask for next in this run; empty where nothing is asked for."""
+        waiting, progress = snapshot.waiting_for_reading, snapshot.progress
+        if waiting is not None:
+            return f"Elongation at {_place(waiting)}"
+        if snapshot.state is SessionState.RUNNING and progress is not None:
+            return f"Next: {_place(progress)}"
+        return "Next: elongation once the run goes on" if snapshot.state is SessionState.PAUSED else ""
+
+    def latest(self) -> dict[int, Reading]:
+        """Return the reading that counts for each plateau."""
+        return {reading.step_id: reading for reading in self.session.readings()}
+
+    def rows(self, snapshot: SessionSnapshot) -> list[Row]:
+        """Return the table, oldest plateau first."""
+        readings = {key: r for key, r in self.latest().items() if r.elongation_mm is not None}
+        steps = asking(self.session.steps())
+        apart = outlying(steps, {key: float(r.elongation_mm or 0.0) for key, r in readings.items()})
+        waiting = snapshot.waiting_for_reading
+        return [
+            Row(
+                step.number, step.cycle, step.branch, step.target_kpa,
+                step.status if step.detail.get("steady", True) else UNSTEADY,
+                readings[step.number].elongation_mm if step.number in readings else None,
+                readings[step.number].source if step.number in readings else "",
+                waiting is not None and waiting.step_id == step.number, apart.get(step.number),
+            )
+            for step in steps
+        ]  # fmt: skip
+
+    @staticmethod
+    def summary(rows: list[Row]) -> str:
+        """Return how many plateaus have a reading, and how many are far from the fit; none was to be read cut short."""
+        rows = [row for row in rows if row.status != "aborted" or row.elongation_mm is not None]
+        read = sum(row.elongation_mm is not None for row in rows)
+        far = sum(row.outlier for row in rows)
+        whole = "all" if read == len(rows) else f"{read} of"
+        words = f"{whole} {count(len(rows), 'plateau')} read" if rows else ""
+        return words + (f", {far} far from the running fit" if far else "")
+
+    def enter(self, step_id: int, text: str, source: str = "typed") -> None:
+        """Keep what was typed for a plateau; an empty text withdraws its reading.
+
+        Raises
+        ------
+        OperatorError : not a length, or longer than the actuator.
+        """
+        self.put(step_id, parse_mm(text) if text.strip() else None, source)
+
+    def put(self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None) -> None:
+        """Keep a reading, undoably; its resolution is the grid's where none is given."""
+        before = self.latest().get(step_id)
+        old = before.elongation_mm if before else None
+        old_source = before.source if before else "typed"
+        if old == elongation_mm:
+            return
+        words = number(elongation_mm, 2) + " mm" if elongation_mm is not None else "withdrawal"
+        self._changes.push(
+            Change(
+                f"reading {words}",
+                lambda: self._keep(step_id, elongation_mm, source, resolution_mm),
+                lambda: self._keep(step_id, old, old_source),
+            )
+        )
+
+    def _keep(self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None) -> None:
+        resolution = resolution_mm or self.resolution_mm
+        self.session.add_reading(step_id, elongation_mm, source, resolution_mm=resolution, reader=self.reader)
+
+    def paste(self, text: str, first_step_id: int | None = None) -> int:
+        """Enter a column copied from a spreadsheet, from a plateau on; returns how many were entered.
+
+        Where no plateau is named, a column of all plateaus begins at the first, a shorter one at the first without a
+        reading: what was read before is not written over unasked.
+
+        Of several columns the last is taken (pressure and elongation side by side). All are checked before any is kept.
+
+        Raises
+        ------
+        OperatorError : a line that is no length, by number; more lines than plateaus.
+        """
+        values = column_of_lengths(text)
+        first = self._first_for(len(values)) if first_step_id is None else first_step_id
+        numbers = [step.number for step in asking(self.session.steps()) if step.number >= first]
+        if len(values) > len(numbers):
+            raise OperatorError(
+                f"{len(values)} values were pasted, but only {len(numbers)} plateaus follow",
+                "Choose the plateau of the first value, then paste again.",
+            )
+        if not values:
+            raise OperatorError("nothing to paste", "Copy a column of elongations in mm first.")
+        old = {n: self.latest().get(n) for n in numbers[: len(values)]}
+
+        def redo() -> None:
+            for n, value in zip(numbers, values, strict=False):
+                self._keep(n, value, "pasted")
+
+        def undo() -> None:
+            for n, reading in old.items():
+                self._keep(n, reading.elongation_mm if reading else None, reading.source if reading else "pasted")
+
+        self._changes.push(Change(f"paste of {len(values)} readings", redo, undo))
+        return len(values)
+
+    def _first_for(self, values: int) -> float:
+        """Return the plateau at which a column of so many values begins where none is chosen."""
+        steps, read = [step.number for step in asking(self.session.steps())], self.latest()
+        if values == len(steps):
+            return 0
+        unread = (n for n in steps if n not in read or read[n].elongation_mm is None)
+        return next(unread, float("inf"))
+
+
+def parse_mm(text: str) -> float:
+    """Return a typed elongation.
+
+    Raises
+    ------
+    OperatorError : not a number, or longer than the actuator.
+    """
+    try:
+        value = plain_number(text)
+    except ValueError:
+        raise OperatorError(
+            f"{text.strip()!r} is not a length", "Type millimetres, such as 2.31 or \u22120.5."
+        ) from None
+    if abs(value) > PLAUSIBLE_MM:
+        raise OperatorError(
+            f"{number(value, 2)} mm is longer than the actuator", "Type millimetres, positive when longer."
+        )
+    return value
+
+
+def column_of_lengths(text: str) -> list[float]:
+    """Return the last column of pasted or imported text, a heading row left out.
+
+    Raises
+    ------
+    OperatorError : a line that is no length, by its number.
+    """
+    lines = [line for line in text.replace("\r\n", "\n").split("\n") if line.strip() and not line.startswith("#")]
+    separator = next((mark for mark in ("\t", ";") if any(mark in line for line in lines)), None)
+    if separator is None and all(line.count(",") >= 1 and "." in line for line in lines[1:]):
+        separator = ","
+    rows = list(csv.reader(io.StringIO("\n".join(lines)), delimiter=separator)) if separator else [[x] for x in lines]
+    values = []
+    for i, cells in enumerate(rows):
+        try:
+            values.append(parse_mm(cells[-1]))
+        except OperatorError as error:
+            if i == 0:
+                continue  # a heading
+            raise OperatorError(f"line {i + 1}: {error.cause}", error.remedy) from None
+    return values
+
+
+def outlying(steps: tuple[StepMark, ...], elongation_mm: dict[int, float]) -> dict[int, float]:
+    """Return by how much (mm) which plateaus' readings are far from the running fit of elongation over pressure.
+
+    The fit is a cubic in pressure with an offset between the branches, by iteratively dropping the farthest: one bad
+    reading must not hide itself. Nothing is marked before `FIT_FROM` readings.
+    """
+    rows = [step for step in steps if step.number in elongation_mm]
+    if len(rows) < FIT_FROM:
+        return {}
+    design = _design(np.array([s.target_kpa for s in rows]), np.array([s.branch == "loading" for s in rows]))
+    y = np.array([elongation_mm[s.number] for s in rows])
+    keep = np.ones(y.size, dtype=bool)
+    residual = np.zeros(y.size)
+    for _ in range(y.size // 4 + 1):
+        residual = y - design @ np.linalg.lstsq(design[keep], y[keep], rcond=None)[0]
+        spread = max(1.4826 * float(np.median(np.abs(residual[keep]))), OUTLIER_FLOOR_MM / OUTLIER_SIGMA)
+        worst = int(np.argmax(np.where(keep, np.abs(residual), -1.0)))
+        if abs(residual[worst]) <= OUTLIER_SIGMA * spread or (~keep).sum() >= y.size // 4:
+            break
+        keep[worst] = False
+    return {step.number: float(far) for step, far, kept in zip(rows, residual, keep, strict=True) if not kept}
+
+
+def _design(pressure_kpa: NDArray[np.float64], loading: NDArray[np.bool_]) -> NDArray[np.float64]:
+    u = pressure_kpa / max(1.0, float(np.abs(pressure_kpa).max()))
+    return np.column_stack([np.ones_like(u), u, u**2, u**3, loading * (1 - u**2)])

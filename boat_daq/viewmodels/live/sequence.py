@@ -1,0 +1,378 @@
+"""The sequence: a plan in a form, its staircase as a picture, and the buttons a run allows at each instant.
+
+Rules: a plan is checked as it is typed, by the plan's own rules; what is refused says which field and why. Which button
+may be pressed is one table over the session's states.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
+from boat_daq.engine.session.session import Limits, Phase, Session, SessionSnapshot, SessionState
+from boat_daq.engine.toml_values import read_text
+from boat_daq.errors import BoatDaqError, OperatorError
+from boat_daq.viewmodels.common.changes import Change, Changes
+from boat_daq.viewmodels.common.formatting import duration, number, plain_number, target
+from boat_daq.viewmodels.common.preferences import Preferences
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One field of the plan's form."""
+
+    key: str
+    label: str
+    unit: str
+    help: str
+    whole: bool = False
+
+
+ENTRIES = (
+    Entry(
+        "cycles", "Cycles", "", "Complete cycles, each from the highest pressure to the lowest and back.", whole=True
+    ),
+    Entry("high_kpa", "Highest", "kPa", "Where every cycle begins and ends."),
+    Entry("low_kpa", "Lowest", "kPa", "Where every cycle turns."),
+    Entry("step_kpa", "Step", "kPa", "Distance between the plateaus of a staircase."),
+    Entry("ramp_kpa_per_s", "Ramp", "kPa/s", "How fast the pressure changes on its way to a target."),
+    Entry("min_dwell_s", "Shortest hold", "s", "A plateau is held at least so long."),
+    Entry("max_dwell_s", "Longest hold", "s", "A plateau that is not steady by then is marked."),
+    Entry("tolerance_kpa", "Tolerance", "kPa", "The pressure has arrived while it is this close to its target."),
+    Entry("settling_s", "Settling", "s", "Left out of a plateau's mean after the arrival."),
+)
+
+S = SessionState
+BUTTONS = {
+    S.IDLE: ("arm",),
+    S.ARMED: ("start", "disarm"),
+    S.RUNNING: ("pause", "stop"),
+    S.PAUSED: ("resume", "stop"),
+    S.FINISHING: (),
+    S.ABORTED: ("arm",),
+    S.FAULT: ("clear",),
+}
+STATE_WORDS = {
+    S.IDLE: ("\u25cb", "Idle"),
+    S.ARMED: ("\u25d4", "Armed"),
+    S.RUNNING: ("\u25b6", "Running"),
+    S.PAUSED: ("\u2016", "Paused, vented"),
+    S.FINISHING: ("\u25d1", "Finishing"),
+    S.ABORTED: ("\u25a0", "Stopped before its end"),
+    S.FAULT: ("\u25a0", "Fault, vented"),
+}
+PHASE_WORDS = {
+    Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
+    Phase.WAITING_FOR_READING: "waiting for the reading",
+}  # fmt: skip
+BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loading", "end": "end"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Staircase:
+    """The plan as a picture: pressure over estimated time, and where each step begins. One is only equal to itself."""
+
+    time_s: FloatArray
+    pressure_kpa: FloatArray
+    step_starts_s: FloatArray
+
+
+def staircase(plan: Plan) -> Staircase:
+    """Return the plan's picture by the plan's own estimate of each step."""
+    time_s, pressure, starts = [0.0], [0.0], []
+    for step in plan.steps:
+        begin, before = time_s[-1], pressure[-1]
+        whole = plan.step_duration_s(before, step.target_kpa)
+        ramp = min(abs(step.target_kpa - before) / plan.ramp_kpa_per_s, whole)
+        starts.append(begin)
+        time_s += [begin + ramp, begin + whole]
+        pressure += [step.target_kpa, step.target_kpa]
+    return Staircase(np.array(time_s), np.array(pressure), np.array(starts))
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A staircase in the unit square, y upwards: line, done part as a polygon, limits and zero as heights."""
+
+    line: tuple[tuple[float, float], ...]
+    done: tuple[tuple[float, float], ...]
+    limits: tuple[float, ...]
+    zero: float
+
+
+def drawing(picture: Staircase, done_to_s: float, limits_kpa: tuple[float, float] | None) -> Drawing:
+    """Return `picture` in the unit square, its first `done_to_s` seconds as a polygon that ends with "now"."""
+    empty = _undone(picture, limits_kpa)
+    if done_to_s <= 0:
+        return empty
+    x = done_to_s / (float(picture.time_s[-1]) or 1.0)
+    across, heights = zip(*empty.line, strict=True)
+    done = (*(point for point in empty.line if point[0] < x), (x, float(np.interp(x, across, heights))))
+    return replace(empty, done=((0.0, empty.zero), *done, (x, empty.zero)))
+
+
+@lru_cache(maxsize=4)
+def _undone(picture: Staircase, limits_kpa: tuple[float, float] | None) -> Drawing:
+    """Return `picture` in the unit square, nothing done: the same object as long as it is the same picture."""
+    edges = limits_kpa or ()
+    low = min(float(picture.pressure_kpa.min()), 0.0, *edges) - 4
+    high = max(float(picture.pressure_kpa.max()), 0.0, *edges) + 4
+    across = picture.time_s / (float(picture.time_s[-1]) or 1.0)
+    line = tuple(zip(across.tolist(), ((picture.pressure_kpa - low) / (high - low)).tolist(), strict=True))
+    return Drawing(line, (), tuple((edge - low) / (high - low) for edge in edges), -low / (high - low))
+
+
+@lru_cache(maxsize=4)
+def _extent(plan: Plan) -> tuple[int, float]:
+    """Return how many plateaus a plan has, and how long it takes (s): a hundred cycles are thousands of steps."""
+    return sum(step.plateau for step in plan.steps), plan.duration_s
+
+
+class SequenceModel:
+    """The plan on the bench and the run that goes.
+
+    Parameters
+    ----------
+    session : the one door to the board.
+    changes : where an edit of the plan is kept for undo.
+    """
+
+    def __init__(self, session: Session, changes: Changes) -> None:
+        self.session = session
+        self._changes = changes
+        self.plans = built_in_plans()
+        self.plan = self.plans["calibration"]
+        self.wait_for_reading = True
+        self.refused: dict[str, str] = {}  # why a field's last entry is not in the plan
+        self._typed: dict[str, int | float] = {}  # refused numbers: together with the next one they may make a plan
+        self.revision = 0
+        self._picture: tuple[Plan, Staircase] | None = None
+        self._preferences: Preferences | None = None
+        self._asks = False
+
+    def remember_in(self, preferences: Preferences) -> None:
+        """Take the plan of the last time, and keep this one's from now on; one that is refused today is left."""
+        try:
+            self.plan = plan_from_toml(preferences.get("plan", self.plan.to_toml()), "the plan of the last time")
+        except BoatDaqError:
+            self.plan = self.plans["calibration"]
+        self.plans.setdefault(self.plan.name, self.plan)
+        self.wait_for_reading = preferences.get("wait_for_reading", True)
+        self._preferences = preferences
+
+    def _remember(self) -> None:
+        self.revision += 1
+        if self._preferences is not None:
+            self._preferences.set("plan", self.plan.to_toml())
+            self._preferences.set("wait_for_reading", self.wait_for_reading)
+
+    @property
+    def estimate(self) -> str:
+        """Return the plan in a line: cycles, plateaus, time."""
+        plateaus, lasts_s = _extent(self.plan)
+        words = f"{plateaus} plateaus, " if plateaus else ""
+        return f"{words}about {duration(lasts_s)}" + (" and the readings" if self.wait_for_reading and plateaus else "")
+
+    def drawing(self, snapshot: SessionSnapshot) -> Drawing:
+        """Return the staircase with limits and the done part of the run."""
+        limits = snapshot.limits
+        plan = snapshot.plan if snapshot.plan is not None else self.plan
+        if self._picture is None or self._picture[0] is not plan:
+            self._picture = (plan, staircase(plan))
+        picture = self._picture[1]
+        return drawing(picture, done_s(picture, snapshot), (limits.min_kpa, limits.max_kpa) if limits else None)
+
+    def choose(self, name: str) -> None:
+        """Take one of the plans by name."""
+        self._replace(self.plans[name], f"choice of plan {name}")
+
+    def ask_readings(self, wanted: bool) -> None:
+        """Wait for a reading at each plateau, or not."""
+        if wanted != self.wait_for_reading:
+            words = "waiting for readings" if wanted else "going on without readings"
+            self._changes.push(Change(words, lambda: self._wait(wanted), lambda: self._wait(not wanted)))
+
+    def _wait(self, wanted: bool) -> None:
+        self.wait_for_reading = wanted
+        self._remember()
+
+    def take(self, plan: Plan) -> None:
+        """Take the plan of a run that goes on."""
+        self._replace(plan, f"choice of plan {plan.name}")
+
+    def open(self, path: Path) -> None:
+        """Take a plan from a TOML file.
+
+        Raises
+        ------
+        OperatorError : it cannot be read, or is refused by key.
+        """
+        plan = plan_from_toml(read_text(path), path.name)
+        self.plans[plan.name] = plan
+        self._replace(plan, f"choice of plan {plan.name}")
+
+    def save(self, path: Path) -> None:
+        """Write the plan as TOML."""
+        path.write_text(self.plan.to_toml(), encoding="utf-8")
+
+    def edit(self, key: str, text: str) -> str:
+        """Set one field from what was typed; return why it was refused, or an empty string.
+
+        What was refused is tried again with the next entry: highest and step often fit each other only together.
+        """
+        entry = next(e for e in ENTRIES if e.key == key)
+        try:
+            value = plain_number(text)
+        except ValueError:
+            return self._refuse(key, f"{entry.label}: {text!r} is not a number")
+        if entry.whole and value != int(value):
+            return self._refuse(key, f"{entry.label}: a whole number is needed")
+        self.refused.pop(key, None)
+        self._typed.pop(key, None)
+        if value == getattr(self.plan, key):
+            return ""
+        number_typed = int(value) if entry.whole else value
+        alone = {key: number_typed}
+        for changed in (self._typed | alone, alone):
+            try:
+                plan = dataclasses.replace(self.plan, **changed)  # type: ignore[arg-type]
+            except BoatDaqError as error:
+                why = f"{_in_form_words(error.cause, self.plan.name)}. {_in_form_words(error.remedy, '')}".strip()
+            else:
+                left = {k: v for k, v in self._typed.items() if k not in changed}
+                reasons = {k: why for k, why in self.refused.items() if k not in changed}
+                self._replace(plan, f"{entry.label} of the plan")
+                self._typed, self.refused = left, reasons
+                return ""
+        self._typed[key] = number_typed
+        return self._refuse(key, why)
+
+    def _refuse(self, key: str, why: str) -> str:
+        self.refused[key] = why
+        return why
+
+    def value(self, key: str) -> str:
+        """Return a field as text."""
+        value = getattr(self.plan, key)
+        return f"{value:g}".replace("-", "\u2212")
+
+    def _replace(self, plan: Plan, text: str) -> None:
+        before = self.plan
+        self._changes.push(Change(text, lambda: self._take(plan), lambda: self._take(before)))
+
+    def _take(self, plan: Plan) -> None:
+        self.plan = plan
+        self.refused, self._typed = {}, {}
+        self._remember()
+
+    def allowed(self, snapshot: SessionSnapshot) -> tuple[str, ...]:
+        """Return the buttons that may be pressed."""
+        return BUTTONS[snapshot.state] if snapshot.can_command else ()
+
+    def asks(self, snapshot: SessionSnapshot) -> bool:
+        """Whether the run that goes stops at its plateaus for readings."""
+        goes = snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
+        return goes and self._asks
+
+    def press(self, button: str) -> None:
+        """Press a button of `BUTTONS`.
+
+        Raises
+        ------
+        BoatDaqError : what stands in the way.
+        """
+        if button == "arm":
+            self.arm()
+        else:
+            deeds = {
+                "start": self.session.start, "disarm": self.session.disarm, "pause": self.session.pause,
+                "resume": self.session.resume, "stop": self.session.stop, "clear": self.session.clear_fault,
+            }  # fmt: skip
+            deeds[button]()
+
+    def arm(self, *, go_on: bool = False) -> None:
+        """Make the plan ready; with `go_on`, at the next whole cycle of the run that was broken off.
+
+        Raises
+        ------
+        BoatDaqError : what stands in the way.
+        """
+        if self.refused:
+            raise OperatorError(
+                f"the plan's form is not valid: {next(iter(self.refused.values()))}",
+                "Correct what is marked in the plan, then arm.",
+            )
+        asks = self.wait_for_reading and self.plan.kind == "staircase"
+        self.session.arm(self.plan, wait_for_reading=asks, go_on=go_on)
+        self._asks = asks
+
+    def set_pressure(self, text: str, ramp: str) -> None:
+        """Command a pressure by hand.
+
+        Raises
+        ------
+        BoatDaqError : outside limits, or something stands in the way.
+        ValueError : not a number.
+        """
+        self.session.set_pressure(plain_number(text), plain_number(ramp))
+
+
+def _in_form_words(text: str, plan: str) -> str:
+    """Return a refusal of the plan with the form's names for its keys, as a sentence."""
+    text = text.removeprefix(f"plan {plan!r:.60}: ")
+    for entry in ENTRIES:
+        text = text.replace(f"'{entry.key}'", entry.label).replace(entry.key, entry.label)
+    text = text.replace("'window_s'", "the steadiness window").replace("window_s", "the steadiness window")
+    return text[:1].upper() + text[1:]
+
+
+def state_text(snapshot: SessionSnapshot) -> str:
+    """Return the run's state with its shape, e.g. `Running`."""
+    shape, word = STATE_WORDS[snapshot.state]
+    return f"{shape} {word}"
+
+
+def progress_text(snapshot: SessionSnapshot) -> str:
+    """Return cycle, step and time left in a line; why the run ended, where it did before its time."""
+    progress = snapshot.progress
+    if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and snapshot.run_ended.startswith("aborted"):
+        return snapshot.run_ended.removeprefix("aborted: ")
+    if progress is None:
+        return ""
+    where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"
+    left = f"{duration(progress.time_left_s)} left"
+    step = f"step {progress.step} of {progress.steps}"
+    if snapshot.state is SessionState.PAUSED:
+        return f"{where}   {step}   {left}   goes on with a whole cycle"
+    return f"{where}   {step}   {left}   {_phase(progress.phase)} at {target(progress.target_kpa)}"
+
+
+def _phase(phase: Phase) -> str:
+    return PHASE_WORDS.get(phase, str(phase.value))
+
+
+def done_s(picture: Staircase, snapshot: SessionSnapshot) -> float:
+    """Return how far the run is on the picture's own time."""
+    progress = snapshot.progress
+    if progress is None or not progress.step:
+        return 0.0
+    i = min(progress.step, picture.step_starts_s.size) - 1
+    end = picture.step_starts_s[i + 1] if i + 1 < picture.step_starts_s.size else picture.time_s[-1]
+    return float(min(picture.step_starts_s[i] + progress.step_time_s, end))
+
+
+def limits_text(limits: Limits | None) -> str:
+    """Return the limits in force and whose they are."""
+    if limits is None:
+        return ""
+    low, high = number(limits.min_kpa, 0, sign=True), number(limits.max_kpa, 0, sign=True)
+    whose = (
+        limits.min_source if limits.min_source == limits.max_source else f"{limits.min_source} and {limits.max_source}"
+    )
+    return f"limits {low} to {high} kPa, of the {whose}"

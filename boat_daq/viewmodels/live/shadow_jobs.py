@@ -1,0 +1,69 @@
+"""The shadow's table built, its compiled parts made, and held states judged, in a process of its own; the window then
+only loads them, or looks them up.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.fidelity import fidelity
+from analysis.shadow.model.fidelity import actuator, table_settings
+from analysis.shadow.model.frames import Shadow
+from analysis.shadow.model.table import load_table
+from boat_daq.viewmodels.live.shadow_live import HELD_BELOW_KPA, HELD_KPA, HELD_MM, HELD_OFF_MM
+
+Place = tuple[int, int]  # steps of pressure and elongation
+LESS_URGENT = 10  # than the board and the window
+
+
+def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> Shadow:
+    """Return the shadow at a level of fidelity; its table comes from the cache, or is built.
+
+    Raises
+    ------
+    RequestError : there is no such level.
+    """
+    chosen = fidelity(level)
+    parameters = actuator(chosen)
+    return Shadow(parameters, load_table(parameters, table_settings(chosen), progress=progress))
+
+
+def warm(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> float:
+    """Build or load the table, answer one state; returns the seconds that one costs."""
+    shadow = shadow_of(level, progress=progress)
+    return shadow.state(pressure_kpa=20.0, elongation_mm=1.0).seconds
+
+
+def judge_held(level: str = "normal") -> frozenset[Place]:
+    """Return every place of the table under vacuum whose state is in balance but not stable, off the nominal curve.
+
+    30 ms a place and some hundred places: too much for the window's interpreter, even on another thread.
+    """
+    if hasattr(os, "nice"):
+        os.nice(LESS_URGENT)
+    shadow = shadow_of(level)
+    lowest = math.floor(float(shadow.table.pressure_range_kpa[0]) / HELD_KPA)
+    return unstable_places(shadow, range(lowest, math.floor(HELD_BELOW_KPA / HELD_KPA) + 1))
+
+
+def unstable_places(shadow: Shadow, steps: Iterable[int]) -> frozenset[Place]:
+    """Return the unstable places at these steps of pressure."""
+    table, found = shadow.table, set()
+    lowest, highest = (float(mm) / HELD_MM for mm in table.elongation_range_mm)
+    places = np.arange(math.floor(lowest), math.ceil(highest) + 1, dtype=np.float64)
+    for step in steps:
+        pressure = step * HELD_KPA
+        nominal = float(table.nominal_elongation(np.array(pressure))[0])
+        mm: NDArray[np.float64] = places * HELD_MM
+        held = table.holds(np.full(mm.shape, pressure), mm)
+        near = np.abs(mm - nominal) < HELD_OFF_MM - HELD_MM / 2
+        for place in places[held & ~near].astype(int).tolist():
+            solution, _ = shadow.solution(pressure_kpa=pressure, elongation_mm=place * HELD_MM)
+            if shadow.model.stability.unstable_mode(solution) is not None:
+                found.add((step, place))
+    return frozenset(found)

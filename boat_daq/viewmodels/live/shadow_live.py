@@ -1,0 +1,298 @@
+"""The shadow's pane: the actuator as it is now, from pressure and measured elongation, and how far it is from nominal.
+
+Rules: a frame asks the reduced model alone; a state outside its table is said, never solved for in a frame. Without a
+calibration the nominal actuator at this pressure is drawn, and said to be that. Whole cycles go to the monitor on a
+helper thread. Lengths in mm, x across, z upwards from the fixed base.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.arrays import FloatArray
+from boat_daq.viewmodels.common.formatting import NOTHING, number
+from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+from boat_daq.viewmodels.live.live import Inverse, Ring, signals
+
+if TYPE_CHECKING:
+    from analysis.shadow.model.frames import Shadow, ShadowState
+
+
+RECENT = 10  # samples that one frame's state is the mean of
+LEVELS = 24  # of colour
+SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
+LENGTH_MM, RADIUS_MM = 75.0, 25.0
+PRESSURES_KPA = (-45.0, 55.0)
+TRACE_S, TRACE_POINTS = 60.0, 1200
+HELD_KPA, HELD_MM = 1.0, 0.5  # steps of a state whose stability is judged anew
+HELD_BELOW_KPA, HELD_OFF_MM = (
+    -20.0,
+    1.0,
+)  # only vacuum, and only a tip that something holds, can be unstable in the table
+SEEN_KPA, SEEN_MM = 0.1, 0.02  # steps of pressure and elongation that change what is drawn or said
+
+
+@dataclass(frozen=True, slots=True)
+class ShadowPicture:
+    """What the pane draws.
+
+    Attributes
+    ----------
+    rest : [k, 2] closed outline (x, z) mm at rest.
+    corners : [quads, 4, 2] deformed elements, both halves; levels : [quads] colour steps from 0.
+    guides : [2, k, 2]; tracked : [14, 2].
+    nominal_mm, measured_mm : elongations; NaN where unknown.
+    lines : (name, value, state) under the picture.
+    """
+
+    rest: FloatArray
+    corners: FloatArray
+    levels: NDArray[np.int64]
+    guides: FloatArray
+    tracked: FloatArray
+    nominal_mm: float
+    measured_mm: float
+    lines: tuple[tuple[str, str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What is measured now: pressure (kPa), elongation and its expanded uncertainty, k = 2 (mm); NaN where unknown.
+
+    `calibrated` says whether there is a calibration, `disagree` whether the two sensors contradict each other.
+    """
+
+    pressure: float = math.nan
+    measured: float = math.nan
+    expanded: float = math.nan
+    calibrated: bool = False
+    disagree: bool = False
+
+    @property
+    def seen(self) -> tuple[object, ...]:
+        """What of it could be seen: two moments of one `seen` draw the same picture."""
+        steps = ((self.pressure, SEEN_KPA), (self.measured, SEEN_MM), (self.expanded, SEEN_MM))
+        return (*(_step(value, step) for value, step in steps), self.calibrated, self.disagree)
+
+
+REST = np.array([[-RADIUS_MM, 0.0], [RADIUS_MM, 0.0], [RADIUS_MM, LENGTH_MM], [-RADIUS_MM, LENGTH_MM]])
+NOTHING_DRAWN = (np.zeros((0, 4, 2)), np.zeros(0, np.int64), np.zeros((0, 0, 2)), np.zeros((0, 2)))
+
+
+class ShadowLive:
+    """State of the pane.
+
+    Parameters
+    ----------
+    ring : gives the ring of the moment.
+    inverse : gives the calibration's inverse of the moment, or None.
+    bench : builds the table.
+    """
+
+    def __init__(self, ring: Callable[[], Ring | None], inverse: Callable[[], Inverse | None], bench: Bench) -> None:
+        self._ring, self._inverse, self._bench = ring, inverse, bench
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="shadow")
+        self._loading: Future[Shadow] | None = None
+        self._asked, self._level = False, "normal"
+        self.model: Shadow | None = None
+        self.quantity = "displacement"
+        self.show_cost = False
+        self.problem = ""
+        self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
+        self._unstable: frozenset[tuple[int, int]] | None = None  # places; None until they are judged
+        self._judge: Work | None = None
+        self._not_judged = ""
+
+    # ---- loading -------------------------------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Have the table built by a helper process, once."""
+        if not self._asked:
+            self._asked = True
+            work = Work("Preparing the shadow", "boat_daq.viewmodels.live.shadow_jobs:warm", self._level, report=True)
+            self._bench.start("shadow", work, self._built)
+
+    def set_fidelity(self, level: str) -> None:
+        """Use another fidelity: its shadow is prepared when it is next asked for; until then the one there is stays."""
+        if level != self._level:
+            self._level, self._asked = level, False
+
+    def _built(self, work: Work) -> None:
+        if work.state is WorkState.DONE:
+            self._loading = self._pool.submit(load_model, self._level)
+        elif work.failure is not None:
+            self.problem = work.failure.cause
+
+    def poll(self) -> None:
+        """Take the model where it has come."""
+        if self._loading is not None and self._loading.done():
+            future, self._loading = self._loading, None
+            self.model = future.result()
+            self._bench.cancel("stability")  # of another model
+            self._unstable, self._judge, self._not_judged = None, None, ""
+
+    def close(self) -> None:
+        """Let the thread end."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def nominal_curve(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
+        """Return pressures (kPa), nominal elongation and its band, k = 2 (mm), over the table; None while it loads."""
+        if self.model is None:
+            return None
+        pressure = np.linspace(*PRESSURES_KPA, 91)
+        mm, sd = self.model.table.nominal_elongation(pressure)
+        keep = np.isfinite(mm) & np.isfinite(sd)
+        return pressure[keep], mm[keep], (mm - 2 * sd)[keep], (mm + 2 * sd)[keep]
+
+    def trace(self) -> tuple[FloatArray, FloatArray]:
+        """Return pressure (kPa) and measured elongation (mm) of the last minute."""
+        ring, inverse = self._ring(), self._inverse()
+        recent = ring.view(last=1) if ring is not None else {"time_s": np.zeros(0)}
+        if ring is None or inverse is None or not recent["time_s"].size:
+            return np.zeros(0), np.zeros(0)
+        columns = ring.view(float(recent["time_s"][0]) - TRACE_S)
+        pressure, mm = columns["pressure_kpa"], inverse(signals(columns)).mm
+        # means of as many samples each: extremes of both, as time plots draw them, do not belong together
+        size = max(1, mm.size // TRACE_POINTS)
+        whole = mm.size // size * size
+        pressure, mm = (values[:whole].reshape(-1, size).mean(axis=1) for values in (pressure, mm))
+        return pressure, mm
+
+    # ---- the picture ---------------------------------------------------------------------------------------------
+
+    def now(self) -> Moment:
+        """Return what is measured now."""
+        ring, inverse = self._ring(), self._inverse()
+        recent = ring.view(last=RECENT) if ring is not None else {"time_s": np.zeros(0)}
+        if not recent["time_s"].size:
+            return Moment(calibrated=inverse is not None)
+        pressure = float(recent["pressure_kpa"].mean())
+        if inverse is None:
+            return Moment(pressure)
+        found = inverse(signals(recent).mean(axis=0, keepdims=True))
+        return Moment(pressure, float(found.mm[0]), float(found.expanded_mm[0]), True, bool(found.disagree[0]))
+
+    def picture(self) -> ShadowPicture:
+        """Return the picture of this instant; the same object while nothing has moved that could be seen."""
+        now = self.now()
+        judged = (self._unstable is not None, self._not_judged)
+        seen = (*now.seen, self.model is not None, self.quantity, self.show_cost, self.problem, judged)
+        if self._last is None or self._last[0] != seen:
+            self._last = (seen, self._draw(now))
+        return self._last[1]
+
+    def _draw(self, now: Moment) -> ShadowPicture:
+        state = self._state(now)
+        if state is None or self.model is None:
+            said = ("Shadow", self._why_not(now), "warning" if self.model is not None else "")
+            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, now.measured, (*_measured_lines(now), said))
+        corners, levels = self._elements(state)
+        tracked = state.tracked_points_mm.reshape(-1, 2)
+        lines = self._lines(state, now)
+        return ShadowPicture(
+            REST, corners, levels, state.centrelines_mm, tracked, state.nominal_elongation_mm, now.measured, lines
+        )
+
+    def _why_not(self, now: Moment) -> str:
+        """Return why there is no shadow to draw."""
+        if self.model is None:
+            return self.problem or ("preparing \u2026" if math.isfinite(now.pressure) else NOTHING)
+        return "\u25b2 this state is outside the model's table"
+
+    def _state(self, now: Moment) -> ShadowState | None:
+        if self.model is None:
+            return None
+        if not math.isfinite(now.pressure):
+            return self.model.state(pressure_kpa=0.0, elongation_mm=0.0)  # at rest, until something is measured
+        pressure = np.array(now.pressure)
+        known = math.isfinite(now.measured)
+        q = now.measured if known else float(self.model.table.nominal_elongation(pressure)[0])
+        if not math.isfinite(q) or not bool(self.model.table.holds(pressure, np.array(q))):
+            return None
+        return self.model.state(pressure_kpa=now.pressure, elongation_mm=q)
+
+    def _stability(self, state: ShadowState) -> str:
+        """Return what is to be said of a held state's stability: looked up, once a helper process has judged them all.
+
+        A judgement takes 30 ms of the interpreter, which a helper thread would take from the frames and the reader.
+        """
+        pressure, mm = state.pressure_kpa, state.elongation_mm
+        if pressure > HELD_BELOW_KPA or abs(state.deviation_mm) < HELD_OFF_MM:
+            return ""
+        if self._unstable is None:
+            if self._judge is None:
+                self._judge = Work("Judging stability", "boat_daq.viewmodels.live.shadow_jobs:judge_held", self._level)
+                self._bench.start("stability", self._judge, self._judged)
+            return self._not_judged
+        unstable = (_step(pressure, HELD_KPA), _step(mm, HELD_MM)) in self._unstable
+        return "\u25b2 in balance, but not stable" if unstable else ""
+
+    def _judged(self, work: Work) -> None:
+        if work is not self._judge:
+            return
+        if work.state is WorkState.DONE:
+            self._unstable = work.result
+        else:
+            self._not_judged = f"\u25b2 not judged: {work.failure.cause if work.failure else 'cancelled'}"
+
+    def _elements(self, state: ShadowState) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Return the elements of both halves with their colour steps."""
+        assert self.model is not None
+        quads = self.model.topology.quads[:, :4]
+        half = state.nodes_mm[quads]
+        full, _, factor = SCALES[self.quantity]
+        values = (state.displacement_mm if self.quantity == "displacement" else state.strain)[quads].mean(
+            axis=1
+        ) * factor
+        levels = np.clip((values / full * LEVELS).astype(np.int64), 0, LEVELS - 1)
+        return np.concatenate([half, half * [-1.0, 1.0]]), np.concatenate([levels, levels])
+
+    def _lines(self, state: ShadowState, now: Moment) -> tuple[tuple[str, str, str], ...]:
+        nominal = f"{number(state.nominal_elongation_mm, 2, sign=True)} \u00b1{number(2 * state.nominal_sd_mm, 2)} mm"
+        lines = [*_measured_lines(now), ("Nominal", nominal, "")]
+        if math.isfinite(now.measured):
+            band = 2.0 * math.hypot(state.nominal_sd_mm, now.expanded / 2.0)
+            beyond = abs(state.deviation_mm) > band
+            mark = "\u25b2 beyond" if beyond else "\u25cf within"
+            words = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm  {mark}"
+            lines.append(("Deviation", words, "warning" if beyond else "ok"))
+        stability = self._stability(state)
+        if stability:
+            lines.append(("Stability", stability, "warning"))
+        if now.disagree:
+            lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
+        if self.show_cost:
+            lines.append(("Cost of a frame", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
+        return tuple(lines)
+
+
+def _step(value: float, step: float) -> int | None:
+    """Return the number of the step that `value` is on; None where it is unknown."""
+    return round(value / step) if math.isfinite(value) else None
+
+
+def _measured_lines(now: Moment) -> tuple[tuple[str, str, str], ...]:
+    if not math.isfinite(now.pressure):
+        return (("Measured", "nothing yet: drawn at rest", ""),)
+    words, state = "not calibrated, nominal drawn", ""
+    if math.isfinite(now.measured):
+        words = f"{number(now.measured, 2, sign=True)} \u00b1{number(now.expanded, 2)} mm"
+    elif now.calibrated:
+        words, state = "\u25b2 outside the calibration", "warning"
+    return (("Measured", words, state), ("Pressure", f"{number(now.pressure, 1, sign=True)} kPa", ""))
+
+
+def load_model(level: str = "normal") -> Any:
+    """Return the shadow, ready to answer; its table comes from the cache, or is built (some seconds)."""
+    from boat_daq.viewmodels.live.shadow_jobs import shadow_of  # on the helper thread, not with the window
+
+    model = shadow_of(level)
+    model.state(pressure_kpa=20.0, elongation_mm=1.0)
+    return model

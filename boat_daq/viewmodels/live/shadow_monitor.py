@@ -1,0 +1,218 @@
+"""Whole cycles for the shadow's monitor, and what it says of them.
+
+Each complete cycle is taken from the ring once and boiled down on a helper thread; alarms come back as sentences. A
+cycle that the ring no longer holds, or that no calibration converts, is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.viewmodels.common.formatting import MINUS, THIN, count, duration, number
+from boat_daq.viewmodels.live.live import Ring, signals
+from boat_daq.viewmodels.live.overlay import OverlayModel
+
+if TYPE_CHECKING:
+    from analysis.shadow.model.frames import Shadow
+    from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
+    from boat_daq.viewmodels.live.conversion import Conversion
+
+THINNED_TO = 4000  # samples of a cycle are enough for its figures
+FIRST_CYCLES = 5
+MISSING = object()
+
+
+@dataclass(frozen=True, slots=True)
+class CycleMark:
+    """What one cycle was found to be: where it began (s of the ring), its mean deviation, the monitor's figures."""
+
+    cycle: int
+    begin_s: float
+    deviation_mm: float
+    figures: CycleFigures
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A figure of every cycle, as the page draws it; `value` takes it from a mark, `smallest` is the least span drawn.
+
+    `change` is for a figure whose level a healthy actuator's hysteresis makes: what is drawn is its change from the
+    run's first cycles.
+    """
+
+    title: str
+    axis: str
+    unit: str
+    smallest: float
+    value: Callable[[CycleMark], float]
+    change: bool = False
+
+
+SERIES = {
+    "deviation": Series("Deviation from nominal", "Deviation", "mm", 0.1, lambda m: m.deviation_mm),
+    "gain": Series("Elongation, share of nominal", "Share", "%", 2.0, lambda m: 100.0 * m.figures.gain),
+    "loss": Series("Leak, change", "Leak", "%/min", 10.0, lambda m: m.figures.loss_percent_per_min, change=True),
+    "difference": Series("Sensor 1 \u2212 sensor 2", "Difference", "mm", 0.1, lambda m: m.figures.difference_mm),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmRow:
+    """An alarm in the words of the page: what, since when, found when, how sure, by which figure."""
+
+    what: str
+    since: str
+    found: str
+    sure: str
+    why: str
+
+
+class ShadowMonitor:
+    """Follows a run's cycles.
+
+    Parameters
+    ----------
+    model : gives the shadow of the moment, or None.
+    overlay : knows where each cycle lies in the ring.
+    ring : gives the ring of the moment.
+    """
+
+    def __init__(
+        self, model: Callable[[], Shadow | None], overlay: OverlayModel, ring: Callable[[], Ring | None]
+    ) -> None:
+        self._model, self._overlay, self._ring = model, overlay, ring
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="monitor")
+        self._futures: list[Future[tuple[CycleMark, list[Alarm], dict[str, float]]]] = []
+        self._monitor: Any = None
+        self._taken: set[int] = set()
+        self._run: object = MISSING
+        self.marks: list[CycleMark] = []
+        self.alarms: list[Alarm] = []
+        self._sight: dict[str, float] = {}  # smallest lasting shift of each figure that would raise an alarm now
+        self._told = 0
+        self.revision = 0
+
+    def follow(self, snapshot: SessionSnapshot, conversion: Conversion | None) -> None:
+        """Hand over the cycles that have ended since the last call; a new recording begins a new history."""
+        if snapshot.recording is not None and snapshot.recording != self._run:
+            self._run = snapshot.recording
+            self._monitor, self._taken, self.marks, self.alarms, self._told = None, set(), [], [], 0
+            self._sight = {}
+            self.revision += 1
+        shadow, progress = self._model(), snapshot.progress
+        if shadow is None or conversion is None or progress is None:
+            return
+        ended = [span for span in self._overlay.spans() if span[0] < progress.cycle and span[2] is not None]
+        for cycle, begin, end in ended:
+            if cycle not in self._taken:
+                self._taken.add(cycle)
+                self._hand_over(shadow, conversion, cycle, begin, float(end or begin))
+
+    def _hand_over(self, shadow: Shadow, conversion: Conversion, number: int, begin: float, end: float) -> None:
+        ring = self._ring()
+        if ring is None:
+            return
+        columns = ring.view(begin)
+        inside = np.flatnonzero(columns["time_s"] <= end)
+        inside = inside[:: max(1, inside.size // THINNED_TO)]
+        cycle = {name: values[inside] for name, values in columns.items()}
+        self._futures.append(self._pool.submit(self._boil_down, shadow, conversion, number, cycle))
+
+    def _boil_down(
+        self, shadow: Shadow, conversion: Conversion, number: int, cycle: dict[str, FloatArray]
+    ) -> tuple[CycleMark, list[Alarm], dict[str, float]]:
+        # loaded here, on the helper thread, and not with the window
+        from analysis.shadow.monitoring.monitor import Monitor, deviation_mm
+
+        if self._monitor is None:
+            self._monitor = Monitor(shadow.table)
+        each = conversion.each(signals(cycle))
+        figures = self._monitor.figures(cycle["time_s"], cycle["pressure_kpa"], each)
+        apart = deviation_mm(shadow.table, cycle["pressure_kpa"], conversion(signals(cycle)).mm)
+        known = apart[np.isfinite(apart)]
+        deviation = float(known.mean()) if known.size else np.nan
+        mark = CycleMark(number, float(cycle["time_s"][0]), deviation, figures)
+        return mark, self._monitor.take(figures), self._monitor.sight()
+
+    def poll(self) -> list[str]:
+        """Return the alarms that are new, as sentences.
+
+        Raises
+        ------
+        AnalysisError : a cycle could not be judged; it is left out, and the next call goes on with the one after it.
+        """
+        told = self._told
+        while self._futures and self._futures[0].done():
+            mark, alarms, self._sight = self._futures.pop(0).result()
+            self.marks.append(mark)
+            self.alarms += alarms
+            self.revision += 1
+        self._told = len(self.alarms)
+        return [alarm.sentence for alarm in self.alarms[told:]]
+
+    def series(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Return cycle numbers and a figure of each, by its key in `SERIES`; NaN where the cycle does not hold it."""
+        figure = SERIES[name]
+        values = np.array([figure.value(m) for m in self.marks])
+        first = values[:FIRST_CYCLES][np.isfinite(values[:FIRST_CYCLES])]
+        if figure.change and first.size:
+            values = values - np.median(first)
+        return np.array([float(m.cycle) for m in self.marks]), values
+
+    def alarm_cycles(self) -> list[int]:
+        """Return the cycles in which an alarm was found."""
+        return [self._mark(alarm.cycle).cycle for alarm in self.alarms]
+
+    def verdict(self) -> str:
+        """Return what the monitor says in a line: its alarms, or what it would find, at which rate of false alarms."""
+        if self.alarms:
+            return f"{count(len(self.alarms), 'alarm')} in {count(len(self.marks), 'cycle')}"
+        rate = "one false alarm in 1" + THIN + "000 healthy cycles is allowed"
+        if not self.marks:
+            return f"none; {rate}"
+        return f"\u25cf none in {count(len(self.marks), 'cycle')}; {self.sight()}; {rate}"
+
+    def sight(self) -> str:
+        """Return the smallest leak and softening that the cycles to come would show, in words."""
+        sizes = (
+            ("a leak", self._sight.get("loss", np.inf), "%/min", 1),
+            ("softening", 100.0 * self._sight.get("gain", np.inf), "%", 1),
+        )
+        known = [
+            f"{what} from {number(size, digits)} {unit}" for what, size, unit, digits in sizes if np.isfinite(size)
+        ]
+        blind = [what for what, size, _, _ in sizes if not np.isfinite(size)]
+        parts = [f"would find {' and '.join(known)}"] * bool(known)
+        return ", ".join(parts + [f"too few cycles yet to promise {' or '.join(blind)}"] * bool(blind))
+
+    def rows(self) -> list[AlarmRow]:
+        """Return the alarms in words, the newest first."""
+        return [self._row(alarm) for alarm in reversed(self.alarms)]
+
+    def _row(self, alarm: Alarm) -> AlarmRow:
+        since, found = self._mark(alarm.since_cycle), self._mark(alarm.cycle)
+        may = f", may follow from {' and '.join(alarm.may_follow_from)}" if alarm.may_follow_from else ""
+        size = f"{100 * alarm.shift:+.1f} %" if alarm.unit == "" else f"{alarm.shift:+.3g} {alarm.unit}"
+        later = found.cycle - since.cycle
+        return AlarmRow(
+            alarm.illness.capitalize(),
+            f"cycle {since.cycle}, {duration(since.begin_s)}",
+            f"cycle {found.cycle}, {later} later" if later else f"cycle {found.cycle}, at once",
+            f"{number(min(alarm.healthy_cycles, 1e9), 0)} cycles{'' if alarm.independent else ' or fewer'}",
+            f"{alarm.figure} {size}{may}".replace("-", MINUS),
+        )
+
+    def _mark(self, place: int) -> CycleMark:
+        """Return the mark of the monitor's own count of cycles, from 1: one that was left out is not counted there."""
+        return self.marks[min(max(place, 1), len(self.marks)) - 1]
+
+    def close(self) -> None:
+        """Let the thread end."""
+        self._pool.shutdown(wait=False, cancel_futures=True)

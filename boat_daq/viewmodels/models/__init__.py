@@ -1,0 +1,1 @@
+"""View models of the optics and trade-off pages."""

@@ -1,0 +1,148 @@
+"""What the optics page has computed for it, in a process of its own: one design in all states, the sweep, the search.
+
+Curves go by a word: `default` is the set that ships, `parametric` the one in closed form, anything else a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arrays import FloatArray
+from analysis.errors import DataError
+from analysis.optics.outline import outline
+from analysis.optics.scene.curve_file import read_curves
+from analysis.optics.scene.curves import REST, default_curves, elongations, frames_of, parametric_curves
+from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
+from analysis.optics.sweep.drawings import laid
+from analysis.optics.sweep.figure_of_merit import merit, pareto, resolution
+from analysis.optics.sweep.optimise import optimise
+from analysis.optics.sweep.sensitivity import proportional
+from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
+from analysis.optics.tracer.simulation import ray_paths, trace
+from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
+
+Progress = Callable[[float, float], None]
+GAP = np.full((1, 2), np.nan)
+
+
+def curves_of(name: str) -> FloatArray:
+    """Return the fifteen states of `default`, `parametric` or a file, [15][2][points][2] mm.
+
+    Raises
+    ------
+    AnalysisError : the file cannot be read, or holds one state only.
+    """
+    if name == "default":
+        return np.asarray(default_curves())
+    if name == "parametric":
+        return np.asarray(parametric_curves())
+    curves = np.asarray(read_curves(Path(name)))
+    if len(curves) == 1:
+        raise DataError(f"{Path(name).name} holds one state only", "the page needs all 15, most compressed first")
+    return curves
+
+
+def elongations_of(name: str, curves: FloatArray) -> FloatArray:
+    """Return the states' elongation, mm: as the set gives it, else the change of the guides' length end to end."""
+    if name == "default":
+        return np.asarray(elongations())
+    apart = np.linalg.norm(curves[:, :, -1] - curves[:, :, 0], axis=-1).mean(axis=1)
+    return np.asarray(apart - apart[REST])
+
+
+def trace_design(
+    values: tuple[int, float, float, float],
+    rays: int,
+    curves: str = "default",
+    face: str = "outer",
+    *,
+    progress: Progress | None = None,
+) -> DesignResult:
+    """Return a design's rays, NDR and power in every state.
+
+    Parameters
+    ----------
+    values : cavities, width, depth, spacing (mm).
+    curves : name of the states, see `curves_of`. face : outer or inner.
+
+    Raises
+    ------
+    AnalysisError : the design does not fit, or the curves cannot be read.
+    """
+    design = Design(*values, face)  # type: ignore[arg-type]  # the face checks itself
+    guide, light = Waveguide(), proportional(Light(), rays)
+    states = curves_of(curves)
+    frames = frames_of(states, guide)
+    scenes, outcomes = [], []
+    for done, frame in enumerate(frames):
+        scenes.append(_scene(frame, design, guide, light))
+        outcomes.append(trace(frame, design, guide, light))
+        if progress is not None:
+            progress(done + 1, len(frames))
+    ndr = np.array([outcome.ndr for outcome in outcomes])
+    found = merit(ndr, float(resolution(rays)))
+    return DesignResult(
+        values, face, tuple(scenes), elongations_of(curves, states), ndr, np.array([o.ndr_sd for o in outcomes]),
+        np.asarray(found.andr), np.array([o.power for o in outcomes]), float(found.p), float(found.delta),
+        int(found.n_sign), float(found.rmse),
+    )  # fmt: skip
+
+
+def _scene(frame: Frame, design: Design, guide: Waveguide, light: Light) -> StateScene:
+    shape = outline(frame, design)
+    rings = [laid(frame, loop.sampled()) for loop in shape.loops]
+    paths = ray_paths(frame, design, guide, light)
+    released = [laid(frame, p.points) for p in paths if not p.secondary]
+    secondary = [laid(frame, p.points) for p in paths if p.secondary]
+    receiver = laid(frame, shape.receiver) if np.isfinite(shape.receiver[0, 0]) else GAP
+    return StateScene(
+        _joined([np.concatenate([r, r[:1]]) for r in rings]), _joined(released), _joined(secondary), receiver
+    )
+
+
+def _joined(lines: Sequence[FloatArray]) -> FloatArray:
+    """Return polylines as one, a NaN between them."""
+    return np.concatenate([part for line in lines for part in (line, GAP)]) if lines else GAP
+
+
+def sweep(
+    cavities: tuple[int, ...], rays: int, curves: str = "default", *, progress: Progress | None = None
+) -> SweepSummary:
+    """Sweep the paper's grid over the states of `curves`; return what the page draws."""
+    request = SweepRequest(
+        designs=tuple(paper_grid(cavities)), light=proportional(Light(), rays), curves=curves_of(curves)
+    )
+    result = run_sweep(request, progress=progress)
+    found = result.merit()
+    paper = result.find(PAPER_OPTIMUM)
+    values = np.array([d.values[:4] for d in result.designs], dtype=float)
+    return SweepSummary(
+        values, np.asarray(found.p_normalised), np.asarray(found.delta), np.asarray(found.rmse),
+        np.asarray(found.n_sign),
+        np.asarray(result.uncertainty().tied, dtype=bool),
+        np.asarray(pareto(found.delta, found.rmse, found.n_sign), dtype=bool),
+        int(np.argmax(found.p)), -1 if paper is None else paper, np.asarray(result.ranks()), result.seconds,
+        result.simulated, result.hits, rays,
+    )  # fmt: skip
+
+
+def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress | None = None) -> OptimumSummary:
+    """Search beyond the grid, on detected power, for about `seconds`.
+
+    Raises
+    ------
+    AnalysisError : no design of the grid fits these states, or the curves cannot be read.
+    """
+    found = optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
+    return OptimumSummary(
+        _values(found.best), found.best.face, found.best_p, _values(found.start), found.start_p, found.paper_p,
+        found.evaluations, found.seconds, found.checked_rays, found.finished,
+    )  # fmt: skip
+
+
+def _values(design: Design) -> tuple[int, float, float, float]:
+    return design.cavities, design.width_mm, design.depth_mm, design.spacing_mm

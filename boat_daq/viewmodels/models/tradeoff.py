@@ -1,0 +1,162 @@
+"""The trade-off page: what each method's next digit costs on this machine, and what the rule makes of it.
+
+Rules: measuring happens in a helper process. The last result is kept beside the window's preferences and shown at the
+next start; methods that were not measured again keep theirs, with their own date.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from boat_daq.engine.toml_values import read_json
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common import tables
+from boat_daq.viewmodels.common.formatting import count
+from boat_daq.viewmodels.common.measured_result import MAX_BYTES, MeasuredResult
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.work import Bench, Work
+from boat_daq.viewmodels.models.tradeoff_report import MethodChart, merged, read_report, report_columns
+
+METHODS = {
+    "tracer": "Ray tracer",
+    "ranking": "Ranking of the designs",
+    "full-fem": "Full model of actuator",
+    "reduced-fem": "Fast model of actuator",
+    "posterior": "Uncertainty (posterior)",
+    "inverse": "Signal to elongation",
+    "segmentation": "Plateaus and cycles",
+    "bootstrap": "Intervals (bootstrap)",
+    "decimation": "Live plot",
+}
+"""Every method that can be measured, by the name the command takes; a test holds it against the command's list."""
+MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
+"""Methods that have a map of where they fail, but no chart of time against error."""
+ENTRIES = METHODS | MAPPED
+FILE = "tradeoff.json"
+CHOSEN, QUICK, SHOWN = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown"
+
+
+class TradeoffModel(MeasuredResult):
+    """State of the page.
+
+    Parameters
+    ----------
+    bench : where methods are measured.
+    folder : where the last result is kept.
+    preferences : remember what was chosen.
+    """
+
+    name, noun, again = "tradeoff", "result", "measure again"
+
+    def __init__(self, bench: Bench, folder: Path, preferences: Preferences) -> None:
+        self.preferences = preferences
+        self.measurer = (
+            "boat_daq.viewmodels.models.tradeoff_jobs:measure_methods"  # the window has one that paints, too
+        )
+        self.charts: dict[str, MethodChart] = {}
+        super().__init__(bench, folder / FILE)
+
+    # ---- what is chosen ------------------------------------------------------------------------------------------
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """Names of the methods that a measurement takes."""
+        kept = self.preferences.get(CHOSEN, list(METHODS))
+        return tuple(name for name in METHODS if name in kept)
+
+    def choose(self, name: str, on: bool) -> None:
+        """Take a method into the next measurement, or leave it out."""
+        self.preferences.set(CHOSEN, [n for n in METHODS if (on if n == name else n in self.chosen)])
+
+    @property
+    def quick(self) -> bool:
+        """Whether the next measurement is the quick one."""
+        return bool(self.preferences.get(QUICK, True))
+
+    def set_quick(self, on: bool) -> None:
+        """Choose the quick measurement or the full one."""
+        self.preferences.set(QUICK, on)
+
+    @property
+    def shown(self) -> str:
+        """Name of the method that is looked at."""
+        name = str(self.preferences.get(SHOWN, ""))
+        return name if name in ENTRIES else next(iter(ENTRIES))
+
+    def show(self, name: str) -> None:
+        """Look at a method."""
+        self.preferences.set(SHOWN, name)
+        self.revision += 1
+
+    @property
+    def chart(self) -> MethodChart | None:
+        """The method that is looked at, where it was measured."""
+        return self.charts.get(self.shown)
+
+    # ---- measuring -----------------------------------------------------------------------------------------------
+
+    def toggle(self) -> None:
+        """Start measuring the chosen methods, or stop.
+
+        Raises
+        ------
+        OperatorError : no method is chosen.
+        """
+        if self.work is not None:
+            self.bench.cancel(self.name)
+            return
+        if not self.chosen:
+            raise OperatorError("no method is chosen to be measured", "Tick one or more in the list of methods.")
+        label = f"Measuring {count(len(self.chosen), 'method')}"
+        self._start(Work(label, self.measurer, self.chosen, self.quick, report=True))
+
+    def _read(self, content: Any) -> None:
+        self.charts = read_report(content)
+
+    def _joined(self, fresh: dict[str, Any]) -> dict[str, Any]:
+        return merged(self.content, fresh)
+
+    # ---- files ---------------------------------------------------------------------------------------------------
+
+    def load(self, path: Path) -> None:
+        """Show the result in a file, and remember it.
+
+        Raises
+        ------
+        OperatorError : it cannot be read, or is no such result.
+        """
+        self.take(read_json(path, MAX_BYTES))
+        self._keep()
+
+    def save(self, path: Path) -> None:
+        """Write the result as the ending of `path` says: .json as the command has it, .csv with a row a point.
+
+        Raises
+        ------
+        OperatorError : nothing has been measured.
+        OSError : the path cannot be written.
+        """
+        if self.content is None:
+            raise OperatorError("nothing has been measured yet", "Measure first, or open a result.")
+        if path.suffix == ".csv":
+            tables.save_csv(path, report_columns(self.charts))
+        else:
+            self._write_json(path)
+
+    # ---- words ---------------------------------------------------------------------------------------------------
+
+    def entry(self, name: str) -> str:
+        """Return a method's line in the list."""
+        chart = self.charts.get(name)
+        if name in MAPPED:
+            return "map only"
+        if chart is None:
+            return "not measured yet"
+        return (
+            f"{chart.mark} the default is right" if chart.default_is_chosen else f"{chart.mark} the rule chose another"
+        )
+
+    def status(self) -> str:
+        """Return what is going on, in a line."""
+        return self._going_on()

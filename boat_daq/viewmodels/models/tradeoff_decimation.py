@@ -1,0 +1,93 @@
+"""What `boat-daq tradeoff` measures of the live plot: points looked at against what the screen can show.
+
+The reference is every sample of the span, drawn: in each column of pixels the lowest and highest value. Half a pixel of
+height is what the eye can notice; that a peak stands in the next column is not held against a setting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from analysis.tradeoff import Method, Setting
+from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid, fold_columns
+
+WIDTH_PX, HEIGHT_PX = 1000, 300
+RATE_HZ, MINUTES = 100.0, 60
+SPANS = tuple(4.0 ** (-k / 7) for k in (0, 3, 5, 1, 4, 2, 6))
+"""Of the hour: the widths that are kept are a factor of 4 apart."""
+Paint = Callable[[NDArray[np.float64]], None]
+Drawn = tuple[float, NDArray[np.float64]]
+FULL_SPAN = 1.2  # of the signal's own span: the axis has room above and below
+
+
+def decimation_settings(quick: bool, paint: Paint | None = None) -> list[Setting]:
+    """Spans of an hour at 100 Hz, with spikes of one sample, on 1000 x 300 pixels; fetched, and painted if asked.
+
+    Each repeat shows another span, since how well the stored widths fit the asked one depends on it.
+    """
+    time_s = np.arange(round(MINUTES * 60 * RATE_HZ)) / RATE_HZ
+    signal = 1650.0 + 110.0 * np.sin(time_s / 25.0) + 1.49 * np.random.default_rng(3).standard_normal(time_s.size)
+    signal[[time_s.size // 13, time_s.size // 8 + 17]] += (60.0, -60.0)
+    pyramid = MinMaxPyramid(2, time_s.size)
+    pyramid.append(np.stack([time_s, signal]))
+    points = (2000, 8000, 16000, 64000) if quick else (1000, 2000, 4000, 8000, 16000, 32000, 64000)
+
+    def draw(count: int, repeat: int) -> Drawn:
+        end = float(time_s[-1]) * SPANS[repeat]
+        drawn = fold_columns(pyramid.draw(0.0, end, count), end / WIDTH_PX)
+        if paint is not None:
+            paint(drawn)
+        return end, drawn
+
+    error = _judge(time_s, signal)
+    return [Setting(f"{n} points", partial(draw, n), error) for n in points]
+
+
+def _judge(time_s: NDArray[np.float64], signal: NDArray[np.float64]) -> Callable[[Drawn], float]:
+    """Return the judge of drawn points: rms over the columns of what is missing or too much at either end, px."""
+    pixel = FULL_SPAN * float(np.ptp(signal)) / HEIGHT_PX
+
+    def error(found: Drawn) -> float:
+        end, drawn = found
+        edges = np.linspace(0.0, end, WIDTH_PX + 1)
+        shown = time_s <= end
+        truth = _envelope(time_s[shown], signal[shown], edges)
+        # the line between two points passes the columns between them
+        at = np.union1d(drawn[0], edges)
+        line = np.interp(at, drawn[0], drawn[1])
+        rows = np.concatenate([drawn, [at, line]], axis=1)
+        rows = rows[:, np.argsort(rows[0], kind="stable")]
+        seen = _envelope(rows[0], rows[1], edges)
+        apart = _beyond(truth, seen) + _beyond(seen, truth)
+        return float(np.sqrt(np.mean(apart**2))) / pixel
+
+    return error
+
+
+def _beyond(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far one envelope (lowest, highest) reaches beyond the other's three columns about it."""
+    low, high = minimum_filter1d(other[0], 3), maximum_filter1d(other[1], 3)
+    return np.stack([np.maximum(low - one[0], 0.0), np.maximum(one[1] - high, 0.0)])
+
+
+def _envelope(at: NDArray[np.float64], values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    starts = np.minimum(np.searchsorted(at, edges[:-1]), at.size - 1)
+    return np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
+
+
+def decimation(paint: Paint | None = None) -> Method:
+    """Return the method; `paint` draws points [2, n] on the plot, and its time counts."""
+    return Method(
+        "decimation", "Live plot: points looked at", "every sample of the span, column by column of pixels", True,
+        "the eye at the live plot: half a pixel", 0.5, "pixels",
+        "a curve fetched and painted" if paint is not None else "a curve fetched",
+        lambda level: f"{level.points_a_column * WIDTH_PX} points", partial(decimation_settings, paint=paint),
+    )  # fmt: skip
+
+
+DECIMATION = decimation()

@@ -1,0 +1,205 @@
+"""A measured trade-off as the page shows it: the dictionary of `boat-daq tradeoff --json`, read with care.
+
+Rules: a file that is not such a result is refused by name. Points are numbered from the cheapest; an error that is not
+a number (the setting failed) is infinite here and cannot be drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.formatting import NOTHING, THIN, number
+
+SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
+SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+
+
+@dataclass(frozen=True, slots=True)
+class TradeoffPoint:
+    """One setting: processor time (s) with the range of its repeats, error with its range, and its marks.
+
+    `levels` are the fidelities other than the default one at which the program uses this setting.
+    """
+
+    number: int
+    setting: str
+    seconds: float
+    spread_s: float
+    error: float
+    error_spread: float
+    repeats: int
+    on_front: bool
+    default: bool
+    chosen: bool
+    levels: tuple[str, ...] = ()
+
+    @property
+    def drawn(self) -> bool:
+        """Whether it has a place in the chart."""
+        return math.isfinite(self.error) and self.seconds > 0
+
+    @property
+    def signs(self) -> str:
+        """Its marks as the chart draws them."""
+        marks = (("\u25cb", self.default), ("\u25a1", self.chosen))
+        return " ".join([sign for sign, here in marks if here] + [level[0].upper() for level in self.levels])
+
+    @property
+    def name(self) -> str:
+        """What it is to the program, for its label in the chart."""
+        marks = (("default", self.default), ("chosen", self.chosen))
+        return ", ".join([*(name for name, here in marks if here), *self.levels])
+
+    @property
+    def marks(self) -> str:
+        """Its marks in words."""
+        return ", ".join([*filter(None, [self.name]), *(["front"] if self.on_front else [])])
+
+
+@dataclass(frozen=True, slots=True)
+class MethodChart:
+    """One method, measured; `enough` is the error below which the rule counts a setting as good enough."""
+
+    name: str
+    title: str
+    reference: str
+    consumer: str
+    tolerance: float
+    enough: float
+    unit: str
+    per: str
+    verdict: str
+    default_is_chosen: bool
+    measured: str
+    points: tuple[TradeoffPoint, ...]
+
+    @property
+    def floor(self) -> float:
+        """Where an error of zero is drawn: below everything else."""
+        return min([p.error for p in self.points if p.error > 0 and p.drawn] + [self.enough]) / 3
+
+    @property
+    def mark(self) -> str:
+        """The verdict as a shape."""
+        return "\u25cf" if self.default_is_chosen else "\u25b2"
+
+    @property
+    def explanation(self) -> str:
+        """Who notices, the rule, what it chose."""
+        verdict = self.verdict[:1].upper() + self.verdict[1:]
+        return (
+            f"Who notices: {self.consumer}, {quantity(self.tolerance, self.unit)}.\n"
+            f"The rule: the cheapest setting with an error below {quantity(self.enough, self.unit)}.\n"
+            f"{verdict.rstrip('.')}.\n"
+            f"Error against: {self.reference}."
+        )
+
+
+def read_report(content: Any) -> dict[str, MethodChart]:
+    """Return the methods of a result, by name.
+
+    Raises
+    ------
+    OperatorError : it is not a result of `boat-daq tradeoff`.
+    """
+    try:
+        margin = float(content.get("margin", 2.0))
+        machine = content["machine"]
+        return {str(m["name"]): _method(m, margin, machine, bool(content.get("quick"))) for m in content["methods"]}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise OperatorError(
+            "this file holds no measured trade-off", "Choose a tradeoff.json that this page or the command wrote."
+        ) from error
+
+
+def _method(m: Mapping[str, Any], margin: float, machine: Mapping[str, Any], quick: bool) -> MethodChart:
+    default, chosen = m["default"], m.get("chosen")
+    rows = sorted(m["points"], key=lambda p: float(p.get("cpu_seconds", p["seconds"])))
+    tolerance = float(m["tolerance"])
+    when = str(m.get("measured_utc", machine.get("date_utc", "")))[:10]
+    how = "quick" if m.get("quick", quick) else "full"
+    return MethodChart(
+        str(m["name"]), str(m.get("title", m["name"])), str(m["reference"]), str(m["consumer"]), tolerance,
+        tolerance / margin, str(m["unit"]), str(m.get("per", "a call")), str(m.get("verdict", "")),
+        chosen is not None and chosen == default, f"{how}, {when}, {machine.get('processor', 'unknown machine')}",
+        tuple(_point(i, p, m) for i, p in enumerate(rows, 1)),
+    )  # fmt: skip
+
+
+def _point(place: int, p: Mapping[str, Any], m: Mapping[str, Any]) -> TradeoffPoint:
+    name, default = str(p["setting"]), m["default"]
+    spread = p.get("cpu_spread", p.get("spread"))
+    levels = tuple(level for level, at in m.get("fidelity", {}).items() if at["in_code"] == name and level != "normal")
+    return TradeoffPoint(
+        place, name, float(p.get("cpu_seconds", p["seconds"])), float(spread or 0.0),
+        math.inf if p["error"] is None else float(p["error"]), float(p.get("error_spread") or 0.0),
+        int(p.get("repeats", 1)), name in m["front"], name == default, name == m.get("chosen"), levels,
+    )  # fmt: skip
+
+
+def merged(old: Mapping[str, Any] | None, new: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a new result with the methods that only the old one has; each method keeps its own date and kind."""
+    fresh = [
+        {**m, "measured_utc": m.get("measured_utc", new["machine"].get("date_utc", "")), "quick": new.get("quick")}
+        for m in new["methods"]
+    ]
+    names = {m["name"] for m in fresh}
+    same = old is not None and old["machine"].get("processor") == new["machine"].get("processor")
+    kept = [m for m in old["methods"] if m["name"] not in names] if old is not None and same else []
+    return {**new, "methods": [*fresh, *kept]}
+
+
+def report_columns(charts: Mapping[str, MethodChart]) -> dict[str, list[Any]]:
+    """Return every point of every method as columns, for a CSV."""
+    rows = [(chart, point) for chart in charts.values() for point in chart.points]
+    return {
+        "method": [c.name for c, _ in rows],
+        "setting": [p.setting for _, p in rows],
+        "cpu_seconds": [p.seconds for _, p in rows],
+        "spread_seconds": [p.spread_s for _, p in rows],
+        "error": [p.error for _, p in rows],
+        "error_spread": [p.error_spread for _, p in rows],
+        "unit": [c.unit for c, _ in rows],
+        "tolerance": [c.tolerance for c, _ in rows],
+        "repeats": [p.repeats for _, p in rows],
+        "on_front": [int(p.on_front) for _, p in rows],
+        "default": [int(p.default) for _, p in rows],
+        "chosen": [int(p.chosen) for _, p in rows],
+    }
+
+
+def duration_text(seconds: float, digits: int = 3) -> str:
+    """Return a short time with its unit, e.g. `12.3 \u00b5s`."""
+    if not math.isfinite(seconds):
+        return NOTHING
+    scale, unit = next(((s, u) for s, u in SI if abs(seconds) >= s * 0.9995), SI[-1])
+    return f"{float(f'{seconds / scale:.{digits}g}'):g}{THIN}{unit}"
+
+
+def error_text(error: float) -> str:
+    """Return an error at two digits; `failed` where the setting gave none."""
+    if not math.isfinite(error):
+        return "failed"
+    return power_text(error, digits=2)
+
+
+def power_text(value: float, digits: int = 1) -> str:
+    """Return a number that spans decades: plain near 1, `2\u00b710\u207b\u2076` far from it."""
+    if value == 0:
+        return "0"
+    value = float(f"{value:.{digits - 1}e}")  # rounded before its decade is asked for
+    power = math.floor(math.log10(abs(value)) + 1e-9)
+    if -3 <= power <= 4:
+        return number(value, max(0, digits - 1 - power))
+    mantissa, raised = value / 10.0**power, f"10{str(power).translate(SUPERSCRIPT)}"
+    words = f"{mantissa:.{digits - 1}f}"
+    return raised if digits == 1 and words == "1" else f"{words}\u00b7{raised}"
+
+
+def quantity(value: float, unit: str) -> str:
+    """Return a tolerance with its unit."""
+    return f"{power_text(value, 2)} {unit}".strip()

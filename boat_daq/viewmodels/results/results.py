@@ -1,0 +1,137 @@
+"""What a helper process hands to a page: plain arrays and texts, ready to be drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.arrays import FloatArray
+from analysis.figures.acceptance import Shortfall
+from boat_daq.viewmodels.results.figures import FigureRow, FigureText
+
+Band = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSet:
+    """The loops of a run: [2 branches, cycles, levels], signals [sensors, 2, cycles, levels]."""
+
+    numbers: tuple[int, ...]
+    level_kpa: FloatArray
+    pressure_kpa: FloatArray
+    elongation_mm: FloatArray | None
+    signal_mv: FloatArray
+
+    def closed(self, abscissa: FloatArray, ordinate: FloatArray, cycle: int) -> tuple[FloatArray, FloatArray]:
+        """Return one cycle as a way round: down the unloading branch, back up the loading one."""
+        x = np.concatenate([abscissa[0, cycle][::-1], abscissa[1, cycle]])
+        y = np.concatenate([ordinate[0, cycle][::-1], ordinate[1, cycle]])
+        keep = np.isfinite(x) & np.isfinite(y)
+        return x[keep], y[keep]
+
+    def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: range) -> tuple[FloatArray, FloatArray]:
+        """Return several cycles as one line with a NaN between them: one curve item, however many cycles."""
+        parts = [self.closed(abscissa, ordinate, cycle) for cycle in cycles]
+        gap = np.array([np.nan])
+        x = np.concatenate([np.concatenate([part[0], gap]) for part in parts]) if parts else np.zeros(0)
+        y = np.concatenate([np.concatenate([part[1], gap]) for part in parts]) if parts else np.zeros(0)
+        return x, y
+
+
+@dataclass(frozen=True, slots=True)
+class CycleFigures:
+    """A sensor's figures cycle by cycle, [cycles]: hysteresis over pressure % FSO, SNR dB, end-to-end sensitivity.
+
+    The sensitivity is in mV/mm where the elongation was read in every cycle, else in mV/kPa.
+    """
+
+    hysteresis_percent_fso: FloatArray
+    snr_db: FloatArray
+    sensitivity: FloatArray
+    sensitivity_unit: str
+    warm_up: int
+
+
+@dataclass(frozen=True, slots=True)
+class SensorResult:
+    """One sensor: its points, its curve with the 68 % and 95 % bands of the fit, and what is stored when accepted."""
+
+    name: str
+    void: str
+    values: Mapping[str, float]
+    cycles: CycleFigures
+    x: FloatArray
+    y: FloatArray
+    residuals: FloatArray
+    loading: NDArray[np.bool_]
+    cycle: NDArray[np.int64]
+    grid: FloatArray
+    curve: FloatArray
+    band_68: Band
+    band_95: Band
+    content: Mapping[str, Any] | None
+    turning_points: tuple[float, ...]
+    poor: tuple[Shortfall, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BreakResult:
+    """Where a run was broken and went on: between which cycles, in a sentence, and the tests on both sides of it.
+
+    A row has quantity, mean before, mean after, p of t, p of F, as text.
+    """
+
+    at_cycle: float
+    sentence: str
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """All a page shows of one run; of its `plateaus`, `read` have an elongation."""
+
+    path: str
+    unit: str
+    started: str
+    simulated: bool
+    kind: str
+    duration_s: float
+    cycles: int
+    partial: int
+    sensors: tuple[SensorResult, ...]
+    figures: tuple[FigureRow, ...]
+    system_sensitivity: FigureText
+    actuator_hysteresis: FigureText
+    loops: LoopSet
+    flags: tuple[str, ...]
+    reading_sd_mm: float
+    breaks: tuple[BreakResult, ...] = ()
+    plateaus: int = 0
+    read: int = 0
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether every sensor has a calibration."""
+        return bool(self.sensors) and all(sensor.content is not None for sensor in self.sensors)
+
+
+@dataclass(frozen=True, slots=True)
+class PosteriorResult:
+    """The posterior of one sensor on a grid of elongations: its mean curve, and the bands that belong to it."""
+
+    grid: FloatArray
+    mean: FloatArray
+    curve_68: Band
+    curve_95: Band
+    new_reading_95: Band
+    content: Mapping[str, Any]
+
+    @property
+    def verdict(self) -> str:
+        """Return whether it converged, in words."""
+        words = "converged" if self.content["converged"] else "NOT CONVERGED"
+        return f"{words}, {self.content['n_eff']:.0f} independent samples"

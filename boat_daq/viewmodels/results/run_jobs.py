@@ -1,0 +1,58 @@
+"""Exports and comparisons of recordings, made in a process of their own (`work.Work`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from analysis import write_report
+from analysis.data.export import export
+from analysis.data.load import load_recording
+from analysis.figures.pipeline import analyse
+from boat_daq.viewmodels.results.calibration_jobs import analyse_run
+from boat_daq.viewmodels.results.results import RunResult
+
+Progress = Callable[[float, float], None]
+
+
+def export_run(
+    path: Path, target: Path, kind: Literal["csv", "parquet"], *, progress: Progress | None = None
+) -> list[Path]:
+    """Write the samples of a recording; returns the files written.
+
+    Raises
+    ------
+    AnalysisError : it cannot be read, or the target cannot be written.
+    """
+    return export(load_recording(path), target, kind, progress=progress)
+
+
+def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = None) -> str:
+    """Make the report of one or several recordings; returns its verdict.
+
+    Raises
+    ------
+    AnalysisError : one of them cannot be read, or the target cannot be written.
+    """
+    analyses = []
+    for done, path in enumerate(paths):
+        if progress is not None:
+            progress(done, len(paths) + 1)
+        analyses.append(analyse(path))
+    return write_report(analyses, target).verdict
+
+
+def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:
+    """Return the analyses of several recordings.
+
+    Raises
+    ------
+    AnalysisError : one of them cannot be read.
+    """
+    results = []
+    for done, path in enumerate(paths):
+        results.append(analyse_run(str(path)))
+        if progress is not None:
+            progress(done + 1, len(paths))
+    return tuple(results)

@@ -1,0 +1,279 @@
+"""The host's side of the binary protocol: bytes in, events out; commands in, bytes out (protocol/SPEC.md).
+
+Each part of the work has its own file: `framing` cuts and checks, `messages` names, `samples` keeps the accounts,
+`exchange` numbers and repeats; this one joins them. Rules of this file:
+
+- Samples go from bytes to arrays a chunk at a time, everything else frame by frame. Consecutive samples come as one
+  `Samples`, split only where another message stands between them.
+- A HELLO that no IDENTIFY asked for, or a "booted", is a restart if there was something to lose: a command answered
+  or a sample received since the last HELLO. So neither a board that resets as its port is opened nor an answer that
+  comes twice is taken for one.
+- With a board of another protocol version only IDENTIFY, VENT and STOP are sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import compress
+from typing import Any
+
+import numpy as np
+
+from protocol.arrays import IntArray
+from protocol.errors import RemoteError
+from protocol.link.events import (
+    BoardEventReceived,
+    BoardRestarted,
+    HelloReceived,
+    LinkEvent,
+    LinkStatistics,
+    WrongProtocol,
+)
+from protocol.link.framing import Frame, FrameReader
+from protocol.link.messages import (
+    PROTOCOL_VERSION,
+    Ack,
+    AckStatus,
+    BoardEvent,
+    Command,
+    EventCode,
+    Heartbeat,
+    Hello,
+    Identify,
+    MessageType,
+    Stop,
+    Vent,
+    decode_message,
+)
+from protocol.link.pending_commands import Exchange
+from protocol.link.sample_stream import Rows, SampleStream, implausible
+from protocol.recording import SampleFlag, SampleKind, sample_dtype
+
+_TO_ANY_VERSION = (Identify, Vent, Stop)
+_HEAD = 16  # bytes of a SAMPLE body before the counts: type, seq, index, time, pressure, state, flags
+
+
+@lru_cache(maxsize=64)
+def _wire_dtype(n_sensors: int, itemsize: int) -> np.dtype[np.void]:
+    """Return the record of a SAMPLE body of `itemsize` bytes."""
+    return np.dtype(
+        {
+            "names": ["index", "time_us", "pressure_pa", "state", "flags", "counts"],
+            "formats": ["<u4", "<u4", "<i4", "u1", "u1", ("<u2", (n_sensors, 2))],
+            "offsets": [2, 6, 10, 14, 15, _HEAD],
+            "itemsize": itemsize,
+        }
+    )
+
+
+class Connection:
+    """The binary protocol, host side: a `protocol.link.events.Link`.
+
+    Parameters
+    ----------
+    n_sensors : number of sensors of a board whose HELLO is not among the bytes (a recording begun later); else the
+        HELLO says it, and samples before it are counted as unknown.
+    adc_bits : of the same board.
+    decoder_state : of another connection, to go on where it was taken; overrides the two others.
+    in_turn : a command waits until the one before it is answered, and then comes from `poll`; VENT never waits.
+    """
+
+    can_command = True
+    cannot_command_reason = ""
+    sample_kind: SampleKind = "counts"
+
+    def __init__(
+        self,
+        *,
+        n_sensors: int | None = None,
+        adc_bits: int = 16,
+        decoder_state: dict[str, Any] | None = None,
+        in_turn: bool = False,
+    ) -> None:
+        self._n_sensors = n_sensors
+        self._adc_bits = adc_bits
+        self._reader = FrameReader()
+        self._stream = SampleStream()
+        self._exchange = Exchange(in_turn=in_turn)
+        self._hello: Hello | None = None
+        self._wrong_version: int | None = None
+        self._something_to_lose = False
+        self._malformed = 0
+        self._unknown = 0
+        if decoder_state is not None:
+            self._n_sensors, self._adc_bits = decoder_state["n_sensors"], decoder_state["adc_bits"]
+            self._reader.restore(decoder_state["frames"])
+            self._stream.restore(decoder_state["samples"], sample_dtype(self._n_sensors or 1))
+
+    def decoder_state(self) -> dict[str, Any]:
+        """Return what the decoder remembers of the bytes so far, ready for JSON; see `Link`."""
+        return {
+            "n_sensors": self._n_sensors,
+            "adc_bits": self._adc_bits,
+            "frames": self._reader.state(),
+            "samples": self._stream.state(),
+        }
+
+    @property
+    def n_sensors(self) -> int | None:
+        """Number of sensors, None before the HELLO."""
+        return self._n_sensors
+
+    @property
+    def hello(self) -> Hello | None:
+        """The last HELLO of this protocol version, None before the first."""
+        return self._hello
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """The counters so far."""
+        return LinkStatistics(
+            bytes=self._reader.bytes,
+            frames=self._reader.frames,
+            samples=self._stream.samples,
+            lost=self._stream.lost,
+            crc_errors=self._reader.crc_errors,
+            malformed=self._reader.malformed + self._malformed,
+            oversize=self._reader.oversize,
+            duplicates=self._stream.duplicates,
+            unknown=self._unknown,
+            resent=self._exchange.resent,
+            late_answers=self._exchange.late_answers,
+        )
+
+    @property
+    def next_deadline_ns(self) -> int | None:
+        """When `poll` has something to do at the latest; None if it waits for nothing."""
+        return self._exchange.next_deadline_ns
+
+    def send(self, command: Command, now_ns: int) -> bytes:
+        """Return the bytes that carry a command; empty where it waits for its turn, and comes from `poll`.
+
+        Raises
+        ------
+        LocalError : a value that its field cannot hold.
+        RemoteError : the board speaks another protocol version, and the command is not IDENTIFY, VENT or STOP.
+        """
+        if self._wrong_version is not None and not isinstance(command, _TO_ANY_VERSION):
+            raise RemoteError(
+                f"the board speaks protocol version {self._wrong_version}, this program version {PROTOCOL_VERSION}",
+                "update the board's firmware or this program, so that both speak the same version",
+            )
+        return self._exchange.send(command, now_ns)
+
+    def feed(self, command: Heartbeat, now_ns: int) -> bytes:
+        """Return bytes that feed a fast virtual board's watchdog at once; see `Link`."""
+        return self._exchange.feed(command, now_ns)
+
+    def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
+        """Return the commands that were lost, and the bytes of those to repeat or whose turn has come."""
+        return self._exchange.poll(now_ns, heard_ns)
+
+    def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
+        """Return what the bytes tell, in their order; samples carry `now_ns` as their `host_ns`.
+
+        Damaged, unknown and repeated frames are counted in `statistics`, never raised.
+        """
+        bodies = self._reader.receive_bodies(data)
+        return self._take(bodies, np.full(len(bodies), now_ns, np.int64))
+
+    def receive_chunks(self, chunks: Sequence[tuple[int, bytes]]) -> list[LinkEvent]:
+        """Do the same for many chunks (now_ns, data) at once; only the cutting into `Samples` is coarser."""
+        ends: list[int] = []
+        bodies = self._reader.receive_bodies(b"".join([data for _, data in chunks]), ends)
+        chunk_ends = np.cumsum([len(data) for _, data in chunks])
+        times = np.array([now_ns for now_ns, _ in chunks], np.int64)
+        return self._take(bodies, times[np.searchsorted(chunk_ends, ends)])
+
+    def _take(self, bodies: list[bytes], host_ns: IntArray) -> list[LinkEvent]:
+        events: list[LinkEvent] = []
+        run = 0
+        others = [at for at, body in enumerate(bodies) if body[0] != MessageType.SAMPLE]
+        for at in [*others, len(bodies)]:
+            if at > run:
+                events += self._take_samples(bodies[run:at], host_ns[run:at])
+            if at < len(bodies):
+                events += self._take_message(bodies[at], int(host_ns[at]))
+            run = at + 1
+        return events
+
+    def _take_samples(self, bodies: list[bytes], host_ns: IntArray) -> list[LinkEvent]:
+        if self._n_sensors is None:
+            self._unknown += len(bodies)
+            return []
+        needed = _HEAD + 4 * self._n_sensors
+        lengths = set(map(len, bodies))
+        if len(lengths) > 1 or min(lengths) < needed + 4:  # not all the same: cut to what is known, drop what is short
+            long_enough = [len(body) >= needed + 4 for body in bodies]
+            self._malformed += long_enough.count(False)
+            bodies = [body[:needed] for body in compress(bodies, long_enough)]
+            host_ns = host_ns[long_enough]
+        if not bodies:
+            return []
+        self._something_to_lose = True
+        return self._stream.accept(self._to_rows(bodies, host_ns))
+
+    def _to_rows(self, bodies: list[bytes], host_ns: IntArray) -> Rows:
+        assert self._n_sensors is not None
+        wire: Rows = np.frombuffer(b"".join(bodies), _wire_dtype(self._n_sensors, len(bodies[0])))
+        rows = np.empty(len(bodies), sample_dtype(self._n_sensors))
+        for name in ("index", "time_us", "pressure_pa", "state", "flags"):
+            rows[name] = wire[name]
+        rows["host_ns"] = host_ns
+        rows["lit"] = wire["counts"][:, :, 0]
+        rows["dark"] = wire["counts"][:, :, 1]
+        absurd = implausible(rows, self._adc_bits)
+        if absurd.any():
+            rows["flags"][absurd] |= np.uint16(SampleFlag.IMPLAUSIBLE)
+        return rows
+
+    def _take_message(self, body: bytes, now_ns: int) -> list[LinkEvent]:
+        try:
+            message: Any = decode_message(Frame(body[0], body[1], body[2:-4]), self._n_sensors or 1)
+        except RemoteError:
+            self._malformed += 1
+            return []
+        match message:
+            case Hello():
+                return self._take_hello(message, now_ns)
+            case Ack():
+                return self._take_ack(message, now_ns)
+            case BoardEvent():
+                return self._take_event(message)
+        self._unknown += 1
+        return []
+
+    def _take_hello(self, hello: Hello, now_ns: int) -> list[LinkEvent]:
+        if hello.protocol != PROTOCOL_VERSION:
+            self._wrong_version, self._n_sensors = hello.protocol, None
+            self._exchange.keep_waiting(*_TO_ANY_VERSION)
+            return [WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._exchange.identified(now_ns)]
+        restarted = self._something_to_lose and not self._exchange.hello_expected
+        self._hello, self._wrong_version = hello, None
+        self._n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
+        self._stream.stream_may_restart()
+        if restarted:
+            self._something_to_lose = False
+            return [BoardRestarted(hello), *self._exchange.board_restarted(), *self._exchange.identified(now_ns)]
+        return [HelloReceived(hello), *self._exchange.identified(now_ns)]
+
+    def _take_ack(self, ack: Ack, now_ns: int) -> list[LinkEvent]:
+        if ack.status == AckStatus.DONE:
+            if ack.command_type == MessageType.START:
+                self._stream.stream_started()
+            elif ack.command_type == MessageType.STOP:
+                self._stream.stream_may_restart()
+        events = self._exchange.acknowledge(ack, now_ns)
+        self._something_to_lose |= bool(events)
+        return events
+
+    def _take_event(self, event: BoardEvent) -> list[LinkEvent]:
+        received = BoardEventReceived(event, self._stream.unwrapped_time(event.time_us))
+        if event.code != EventCode.BOOTED:
+            return [received]
+        self._stream.stream_may_restart()
+        if not self._something_to_lose:
+            return [received]
+        self._something_to_lose = False
+        return [BoardRestarted(None), *self._exchange.board_restarted(), received]

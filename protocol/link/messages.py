@@ -1,0 +1,317 @@
+"""Messages: payloads of frames to values and back, for both sides of the link (protocol/SPEC.md, "Messages").
+
+One table says which payload belongs to which type; encode and decode walk it. Rules of this file:
+
+- A payload longer than the table says is a newer minor version: its known head is used.
+- A shorter one is malformed: `RemoteError` from a board, `AckStatus.WRONG_LENGTH` for a command.
+- A code the page does not know (a newer event, boot reason or status) stays a plain integer; it is never an error.
+- Values are wire values: Pa, counts, microseconds of the board's 32-bit clock as they stand in the frame.
+"""
+
+from __future__ import annotations
+
+import enum
+import struct
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
+from typing import Any, TypeVar
+
+from protocol.errors import LocalError, RemoteError
+from protocol.link.framing import Frame, encode_frame
+
+PROTOCOL_VERSION = 1
+SENSORS_MAX = 4
+
+
+class MessageType(enum.IntEnum):
+    """0x01..0x7F come from the board, 0x81..0xFF from the host."""
+
+    HELLO = 0x01
+    SAMPLE = 0x02
+    ACK = 0x03
+    EVENT = 0x04
+    IDENTIFY = 0x81
+    START = 0x82
+    STOP = 0x83
+    SET_PRESSURE = 0x84
+    VENT = 0x85
+    HEARTBEAT = 0x86
+    CLEAR_FAULT = 0x87
+    SET_LIMITS = 0x88
+
+
+class BootReason(enum.IntEnum):
+    """Why the board booted."""
+
+    POWER = 0
+    WATCHDOG = 1
+    BROWN_OUT = 2
+    RESET_PIN = 3
+    SOFTWARE = 4
+
+
+class AckStatus(enum.IntEnum):
+    """How the board answered a command."""
+
+    DONE = 0
+    UNKNOWN_COMMAND = 1
+    WRONG_LENGTH = 2
+    OUT_OF_LIMITS = 3
+    NOT_IN_THIS_STATE = 4
+    FAULT_LATCHED = 5
+    NOT_SUPPORTED = 6
+
+
+class EventCode(enum.IntEnum):
+    """What the board reports of itself; the unit of `value` stands behind each."""
+
+    BOOTED = 1  # boot reason
+    OVER_PRESSURE = 2  # Pa; vented
+    UNDER_PRESSURE = 3  # Pa; vented
+    HEARTBEAT_LOST = 4  # ms since the last frame; vented
+    ESTOP_PRESSED = 5
+    ESTOP_RELEASED = 6
+    SENSOR_SATURATED = 7  # sensor, counted from 0
+    TARGET_NOT_REACHED = 8  # Pa reached; vented
+    SAMPLES_DROPPED = 9  # how many
+
+
+# ---- board to host -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """Who the board is and what it can do."""
+
+    protocol: int
+    fw_major: int
+    fw_minor: int
+    n_sensors: int
+    rate_max_hz: int
+    adc_bits: int
+    boot_reason: int
+    vref_mv: int
+    pressure_min_pa: int
+    pressure_max_pa: int
+    board_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One sampling instant; `lit` and `dark` are ADC counts, one for each sensor."""
+
+    index: int
+    time_us: int
+    pressure_pa: int
+    state: int
+    flags: int
+    lit: tuple[int, ...]
+    dark: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ack:
+    """The answer to every command but IDENTIFY."""
+
+    command_type: int
+    command_seq: int
+    status: int
+
+
+@dataclass(frozen=True, slots=True)
+class BoardEvent:
+    """Something that happened on the board, at `time_us` of its 32-bit clock."""
+
+    time_us: int
+    code: int
+    value: int
+
+
+BoardMessage = Hello | Sample | Ack | BoardEvent
+
+
+# ---- host to board -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Identify:
+    """Ask for HELLO."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Send samples, index from 0."""
+
+    rate_hz: int
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Send no more samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetPressure:
+    """Go to a gauge pressure; ramp 0 is as fast as the pumps go."""
+
+    target_pa: int
+    ramp_pa_per_s: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Vent:
+    """Let the pressure out; obeyed in every state."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """Arm the board's watchdog with 100 to 5000 ms, or disarm it with 0."""
+
+    timeout_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClearFault:
+    """Leave FAULT for VENTED, if its cause is gone."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetLimits:
+    """Tighten the board's pressure limits."""
+
+    min_pa: int
+    max_pa: int
+
+
+Command = Identify | Start | Stop | SetPressure | Vent | Heartbeat | ClearFault | SetLimits
+
+COMMAND_TYPES: dict[type[Command], MessageType] = {
+    Identify: MessageType.IDENTIFY,
+    Start: MessageType.START,
+    Stop: MessageType.STOP,
+    SetPressure: MessageType.SET_PRESSURE,
+    Vent: MessageType.VENT,
+    Heartbeat: MessageType.HEARTBEAT,
+    ClearFault: MessageType.CLEAR_FAULT,
+    SetLimits: MessageType.SET_LIMITS,
+}
+_COMMANDS = {type_: command for command, type_ in COMMAND_TYPES.items()}
+_COMMAND_PAYLOADS = {
+    MessageType.IDENTIFY: struct.Struct("<"),
+    MessageType.START: struct.Struct("<H"),
+    MessageType.STOP: struct.Struct("<"),
+    MessageType.SET_PRESSURE: struct.Struct("<iI"),
+    MessageType.VENT: struct.Struct("<"),
+    MessageType.HEARTBEAT: struct.Struct("<H"),
+    MessageType.CLEAR_FAULT: struct.Struct("<"),
+    MessageType.SET_LIMITS: struct.Struct("<ii"),
+}
+_HELLO = struct.Struct("<BBBBHBBHii16s")
+_SAMPLE_HEAD = struct.Struct("<IIiBB")
+_ACK = struct.Struct("<BBB")
+_EVENT = struct.Struct("<IBi")
+
+_Code = TypeVar("_Code", bound=enum.IntEnum)
+
+
+def encode_command(command: Command, seq: int) -> bytes:
+    """Return the frame of a command.
+
+    Raises
+    ------
+    LocalError : a value that its field cannot hold.
+    """
+    type_ = COMMAND_TYPES[type(command)]
+    return _encode(type_, seq, _COMMAND_PAYLOADS[type_].pack, *astuple(command))
+
+
+def decode_command(frame: Frame) -> Command | AckStatus:
+    """Return the command in a frame, or the status that refuses it: unknown, or too short."""
+    try:
+        type_ = MessageType(frame.type)
+        payload = _COMMAND_PAYLOADS[type_]
+    except (ValueError, KeyError):
+        return AckStatus.UNKNOWN_COMMAND
+    if len(frame.payload) < payload.size:
+        return AckStatus.WRONG_LENGTH
+    return _COMMANDS[type_](*payload.unpack_from(frame.payload))
+
+
+def encode_message(message: BoardMessage, seq: int) -> bytes:
+    """Return the frame of a board's message.
+
+    Raises
+    ------
+    LocalError : a value that its field cannot hold, or an identity that is not ASCII of up to 16 bytes.
+    """
+    match message:
+        case Hello():
+            if len(message.board_id) > 16 or not message.board_id.isascii():
+                raise LocalError(f"a board_id is up to 16 ASCII characters, not {message.board_id!r}")
+            head = astuple(message)[:-1]
+            return _encode(MessageType.HELLO, seq, _HELLO.pack, *head, message.board_id.encode("ascii"))
+        case Sample():
+            counts = [count for pair in zip(message.lit, message.dark, strict=True) for count in pair]
+            values = (message.index, message.time_us, message.pressure_pa, message.state, message.flags, *counts)
+            return _encode(MessageType.SAMPLE, seq, struct.Struct(f"<IIiBB{len(counts)}H").pack, *values)
+        case Ack():
+            return _encode(MessageType.ACK, seq, _ACK.pack, *astuple(message))
+        case BoardEvent():
+            return _encode(MessageType.EVENT, seq, _EVENT.pack, *astuple(message))
+
+
+def decode_message(frame: Frame, n_sensors: int) -> BoardMessage | None:
+    """Return the board's message in a frame, None for a type this page does not know.
+
+    A HELLO of another protocol version is given with what its first byte says and zeros behind.
+
+    Raises
+    ------
+    RemoteError : the payload is too short, or a HELLO describes no possible board.
+    """
+    payload = frame.payload
+    try:
+        match frame.type:
+            case MessageType.HELLO:
+                return _decode_hello(payload)
+            case MessageType.SAMPLE:
+                counts = struct.unpack_from(f"<{2 * n_sensors}H", payload, _SAMPLE_HEAD.size)
+                index, time_us, pressure_pa, state, flags = _SAMPLE_HEAD.unpack_from(payload)
+                return Sample(index, time_us, pressure_pa, state, flags, counts[0::2], counts[1::2])
+            case MessageType.ACK:
+                type_, seq, status = _ACK.unpack_from(payload)
+                return Ack(type_, seq, _known(AckStatus, status))
+            case MessageType.EVENT:
+                time_us, code, value = _EVENT.unpack_from(payload)
+                return BoardEvent(time_us, _known(EventCode, code), value)
+    except struct.error:
+        raise RemoteError(f"frame of type 0x{frame.type:02X} with only {len(payload)} bytes") from None
+    return None
+
+
+def _decode_hello(payload: bytes) -> Hello:
+    if payload and payload[0] != PROTOCOL_VERSION:
+        return Hello(payload[0], 0, 0, 0, 0, 0, 0, 0, 0, 0, "")
+    fields = list(_HELLO.unpack_from(payload))
+    fields[-1] = fields[-1].split(b"\0")[0].decode("ascii", "backslashreplace")
+    hello = Hello(*fields)
+    if not (1 <= hello.n_sensors <= SENSORS_MAX and 1 <= hello.adc_bits <= 16 and hello.vref_mv and hello.rate_max_hz):
+        raise RemoteError(f"HELLO of an impossible board: {hello}")
+    if hello.pressure_min_pa >= hello.pressure_max_pa:
+        raise RemoteError(f"HELLO with its pressure limits swapped: {hello}")
+    return hello
+
+
+def _known(codes: type[_Code], value: int) -> _Code | int:
+    try:
+        return codes(value)
+    except ValueError:
+        return value
+
+
+def _encode(type_: MessageType, seq: int, pack: Callable[..., bytes], *values: Any) -> bytes:
+    try:
+        payload = pack(*values)
+    except struct.error as error:
+        raise LocalError(f"{type_.name} cannot carry {values}: {error}") from None
+    return encode_frame(type_, seq, payload)

@@ -1,0 +1,304 @@
+"""Samples in order: exact loss, dropped repeats, one unwrapped board clock, flags of the host.
+
+Both kinds of link bring their samples here as arrays of `recording.sample_dtype` in order of arrival, `index` and
+`time_us` as the board wrote them. Rules of this file (protocol/SPEC.md, "What the host makes of samples"):
+
+- **Loss.** Differences of the index are taken modulo its wrap. A step of 1 + n forward is a gap of n, exactly: the
+  checksum vouches that the board wrote that index. A step back is a repeat or out of order: dropped and counted.
+- **A new stream** begins at index 0 after an answered START, or where the index begins again after a HELLO, a
+  "booted" or an answered STOP. Its first sample with index n lost n. The first stream of all may have been running
+  before us: its start is adopted, and counted as loss only if an answered START then shows that it was ours.
+- **An index that went back for good** without any of these (a forward step that was never true, a restart of which no
+  word arrived): 16 samples in a row, each index one above the other, while the clock runs on from the last sample
+  kept. A repeat cannot look like that, its clock is old. They are kept, as a restart; nothing is lost to the wait.
+- **Time** is unwrapped by the shortest way; over a gap so long that the clock may have wrapped in it, by the number of
+  wraps that fits the sampling period best. A clock that runs backward is kept as it is and flagged.
+- **Flags.** GAP_BEFORE, and IMPLAUSIBLE for values that no checksum excuses (`implausible`).
+- All of this depends on the board's bytes alone, never on what was sent or on the host's clock, and not on the cutting
+  into chunks: so the same bytes give the same samples, bit for bit, at any later time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from protocol.arrays import BoolArray, IntArray
+from protocol.link.events import BoardRestarted, Gap, LinkEvent, Samples
+from protocol.recording import SampleFlag
+
+WRAP = 1 << 32
+NO_WRAP = 1 << 62
+RESTART_RUN = 16  # late samples in a row that prove a new stream
+PRESSURE_MAX_PA = 1_000_000.0  # ten times anything a soft actuator sees
+PRESSURE_MIN_PA = -110_000.0  # below vacuum: no gauge pressure at all
+DARK_EXCESS = 1 / 256  # of full scale: noise near zero light stays far below
+_REMEMBERED = (
+    "order", "number", "raw_time", "time", "period", "unclaimed", "may_restart", "started", "lost_at_start",
+    "no_neighbour",
+)  # fmt: skip
+
+Rows = np.ndarray[Any, np.dtype[np.void]]
+
+
+def implausible(rows: Rows, adc_bits: int) -> BoolArray:
+    """Return which samples are absurd: kept, and left out of every figure.
+
+    A pressure above 1 MPa, below vacuum or not a number; counts beyond the converter's; a dark reading more than
+    1/256 of full scale above the lit one (less can be noise near zero light); a signal that is not a number.
+
+    Parameters
+    ----------
+    rows : n samples, of either kind.
+    adc_bits : of the board's converter, 1 to 16.
+
+    Returns
+    -------
+    BoolArray, shape (n,).
+    """
+    pressure = rows["pressure_pa"]
+    absurd = ~((pressure >= PRESSURE_MIN_PA) & (pressure <= PRESSURE_MAX_PA))
+    if rows.dtype.names is not None and "signal_mv" in rows.dtype.names:
+        result: BoolArray = absurd | ~np.isfinite(rows["signal_mv"]).all(axis=1)
+        return result
+    lit, dark, full = rows["lit"], rows["dark"], 1 << adc_bits
+    excess = dark > lit + np.uint32(full * DARK_EXCESS)
+    absurd |= np.logical_or.reduce(excess | (np.maximum(lit, dark) >= full), axis=1)
+    return absurd
+
+
+def _wrapped(difference: Any, wrap: int) -> Any:
+    """Return a difference modulo `wrap` by the shortest way, in -wrap/2 .. wrap/2 - 1."""
+    return (difference + wrap // 2) % wrap - wrap // 2
+
+
+def _differences(values: IntArray, before: int) -> IntArray:
+    """Return each value minus the one before it (`np.diff` with `prepend` is slow on short arrays)."""
+    differences = np.empty_like(values)
+    differences[0] = values[0] - before
+    np.subtract(values[1:], values[:-1], out=differences[1:])
+    return differences
+
+
+def _positions(steps: IntArray, wrap: int) -> tuple[IntArray, IntArray]:
+    """Return where rows stand from the last one kept, and the farthest before each, from the steps between them."""
+    position = np.cumsum(steps)
+    reached = np.maximum.accumulate(np.concatenate(([0], position)))[:-1]
+    if (np.abs(position - reached) >= wrap // 2).any():  # late rows led around: the shortest way is from the farthest
+        at = farthest = 0
+        for n, step in enumerate(steps.tolist()):
+            at = farthest + _wrapped(at + step - farthest, wrap)
+            position[n], reached[n] = at, farthest
+            farthest = max(farthest, at)
+    return position, reached
+
+
+class SampleStream:
+    """The accounts of one link's samples.
+
+    Parameters
+    ----------
+    index_wrap, time_wrap_us : where the board's index and clock begin again at 0; a device whose lines carry no index
+        has None: its samples are ordered by their time and numbered as they come, and their loss cannot be seen.
+    announces_restart : whether a restart resets the clock only together with a HELLO. A device without HELLO may
+        begin again at any time; a run of late samples then proves it whatever their clock.
+    """
+
+    def __init__(
+        self, *, index_wrap: int | None = WRAP, time_wrap_us: int = WRAP, announces_restart: bool = True
+    ) -> None:
+        self._indexed = index_wrap is not None
+        self._order_wrap = time_wrap_us if index_wrap is None else index_wrap
+        self._time_wrap = time_wrap_us
+        self._announces_restart = announces_restart
+        self._order: int | None = None  # index of the last sample kept, or its raw time where there is no index
+        self._number = 0  # of the next sample, where there is no index
+        self._raw_time = 0  # of the last sample kept, as the board wrote it
+        self._time = 0  # the same, unwrapped
+        self._period = 0  # between the last two neighbours, us
+        self._unclaimed = 0  # first index of a stream that was running before we knew
+        self._may_restart = False
+        self._started = False  # a START was answered, its first sample is still to come
+        self._held: list[Rows] = []  # late samples that may prove a restart
+        self._no_neighbour = True  # the next sample begins a stream: the time before it is no sampling period
+        self._lost_at_start = 0  # samples of a new stream before the first that came
+        self.samples = 0
+        self.lost = 0
+        self._dropped = 0
+
+    def state(self) -> dict[str, Any]:
+        """Return what is remembered of the samples so far, without the counters, ready for JSON."""
+        held = [row.tobytes().hex() for row in self._held]
+        return {**{name: getattr(self, f"_{name}") for name in _REMEMBERED}, "held": held}
+
+    def restore(self, state: dict[str, Any], dtype: np.dtype[np.void]) -> None:
+        """Go on where another stream's `state` was taken; `dtype` is that of its samples."""
+        for name in _REMEMBERED:
+            setattr(self, f"_{name}", state[name])
+        self._held = [np.frombuffer(bytes.fromhex(row), dtype) for row in state["held"]]
+
+    @property
+    def duplicates(self) -> int:
+        """Samples repeated or out of order, not delivered."""
+        return self._dropped + len(self._held)
+
+    def stream_may_restart(self) -> None:
+        """A HELLO, a "booted" or an answered STOP came: an index that goes back now begins a new stream."""
+        self._may_restart = True
+        self._drop_held()
+
+    def stream_started(self) -> None:
+        """A START was answered."""
+        self.stream_may_restart()
+        self._started = True
+
+    def unwrapped_time(self, raw_time_us: int) -> int:
+        """Return the time of an event on the samples' clock."""
+        step: int = _wrapped(raw_time_us - self._raw_time, self._time_wrap)
+        return raw_time_us if self._order is None or (self._may_restart and step < 0) else self._time + step
+
+    def accept(self, rows: Rows) -> list[LinkEvent]:
+        """Return the gaps and the samples to keep; `rows` (raw index and time) is changed in place."""
+        events: list[LinkEvent] = []
+        if self._order is None or self._may_restart:
+            rows = self._without_repeats(rows)
+            if len(rows):
+                self._begin(rows, events)
+        if not len(rows):
+            return events
+        assert self._order is not None
+        steps = _differences(self._orders(rows), self._order)
+        if not (steps == 1).all() or self._held:
+            position, reached = _positions(_wrapped(steps, self._order_wrap), self._order_wrap)
+            late = position < reached + self._indexed
+            if late.any() or self._held:
+                restart = self._restart_in(rows, late)
+                if restart is not None:
+                    return events + self._split(rows, late, restart)
+                rows, position, reached = rows[~late], position[~late], reached[~late]
+                if not len(rows):
+                    return events
+            steps = position - reached
+        if not self._indexed:
+            self._order = int(rows["time_us"][-1])
+            rows["index"] = np.arange(self._number, self._number + len(rows))
+            self._number += len(rows)
+            steps = np.ones(len(rows), np.int64)
+        self._unwrap(rows, steps)
+        self._count(rows, steps, events)
+        return events
+
+    def _orders(self, rows: Rows) -> IntArray:
+        return rows["index" if self._indexed else "time_us"].astype(np.int64)
+
+    def _without_repeats(self, rows: Rows) -> Rows:
+        """Drop repeats of the last sample kept: they say nothing about a new stream."""
+        if self._order is None:
+            return rows
+        repeats = (self._orders(rows) == self._order) & (rows["time_us"] == self._raw_time)
+        leading = len(rows) if repeats.all() else int(repeats.argmin())
+        self._dropped += leading
+        return rows[leading:]
+
+    def _begin(self, rows: Rows, events: list[LinkEvent]) -> None:
+        """Decide what the first sample after a START, a HELLO or nothing at all is: the old stream, or a new."""
+        known, started, order = self._order, self._started, int(self._orders(rows)[0])
+        self._may_restart = self._started = False
+        if known is not None and _wrapped(order - known, self._order_wrap) > 0:
+            if started and self._unclaimed:  # the stream we found was ours: an answer to START came late
+                self.lost += self._unclaimed
+                events.append(Gap(self._unclaimed, self._unclaimed, self._time))
+                self._unclaimed = 0
+            return
+        self._new_stream(rows)
+        if self._indexed:
+            ours = started or known is not None
+            self._unclaimed, self._lost_at_start = (0, order) if ours else (order, 0)
+
+    def _new_stream(self, rows: Rows) -> None:
+        """Put the accounts right before the first of `rows`; the clock goes on unless it began again too."""
+        raw_time = int(rows["time_us"][0])
+        if self._order is None or _wrapped(raw_time - self._raw_time, self._time_wrap) < 0:
+            self._time = self._raw_time = raw_time
+        self._order = int(self._orders(rows)[0]) - 1
+        self._number = self._period = 0
+        self._no_neighbour = True
+
+    def _unwrap(self, rows: Rows, steps: IntArray) -> None:
+        """Turn the raw times of kept samples into the unwrapped clock."""
+        raw = rows["time_us"].copy()
+        elapsed = _differences(raw, self._raw_time)
+        neighbours = steps == 1
+        neighbours[0] &= not self._no_neighbour
+        self._no_neighbour = False
+        if elapsed.min() < 0 or elapsed.max() >= self._time_wrap // 2 or not neighbours.all():
+            elapsed = _wrapped(elapsed, self._time_wrap)
+            for at in np.flatnonzero(steps > 1):
+                before = np.flatnonzero(neighbours[:at])
+                period = int(elapsed[before[-1]]) if len(before) else self._period
+                wraps = round((int(steps[at]) * period - int(elapsed[at])) / self._time_wrap)
+                elapsed[at] += max(wraps, 0) * self._time_wrap
+            rows["flags"][elapsed < 0] |= np.uint16(SampleFlag.IMPLAUSIBLE)
+        rows["time_us"] = self._time + np.cumsum(elapsed)
+        if neighbours.any():
+            self._period = int(elapsed[len(rows) - 1 - int(neighbours[::-1].argmax())])
+        self._raw_time = int(raw[-1])
+        self._time = int(rows["time_us"][-1])
+
+    def _count(self, rows: Rows, steps: IntArray, events: list[LinkEvent]) -> None:
+        steps[0] += self._lost_at_start
+        self._lost_at_start = 0
+        if steps.max() > 1:
+            for at in np.flatnonzero(steps > 1):
+                lost = int(steps[at]) - 1
+                self.lost += lost
+                rows["flags"][at] |= SampleFlag.GAP_BEFORE
+                events.append(Gap(lost, int(rows["index"][at]), int(rows["time_us"][at])))
+        self.samples += len(rows)
+        if self._indexed:
+            self._order = int(rows["index"][-1])
+        rows.flags.writeable = False
+        events.append(Samples(rows))
+
+    def _restart_in(self, rows: Rows, late: BoolArray) -> int | None:
+        """Hold the late samples back; return where the last of a run that proves a restart stands."""
+        raw_kept = self._raw_time
+        for at in np.flatnonzero(late):
+            row = rows[at : at + 1].copy()
+            if at and not late[at - 1]:
+                self._drop_held()
+                raw_kept = int(rows["time_us"][at - 1])
+            if self._held and not self._follows(self._held[-1], row):
+                self._drop_held()
+            clock_goes_on = _wrapped(int(row["time_us"][0]) - raw_kept, self._time_wrap) > 0
+            if clock_goes_on or not self._announces_restart:
+                self._held.append(row)
+            else:
+                self._drop_held()
+                self._dropped += 1
+            if len(self._held) == RESTART_RUN:
+                return int(at)
+        if not late[-1]:
+            self._drop_held()
+        return None
+
+    def _follows(self, before: Rows, row: Rows) -> bool:
+        """Return whether a sample is the one right behind another."""
+        later: bool = _wrapped(int(row["time_us"][0]) - int(before["time_us"][0]), self._time_wrap) > 0
+        step = int(row["index"][0]) - int(before["index"][0])
+        return later and (not self._indexed or step % self._order_wrap == 1)
+
+    def _drop_held(self) -> None:
+        self._dropped += len(self._held)
+        self._held = []
+
+    def _split(self, rows: Rows, late: BoolArray, restart: int) -> list[LinkEvent]:
+        """Deliver what was before the restart, then begin again with the samples held back."""
+        new = np.concatenate([*self._held, rows[restart + 1 :]])
+        self._held = []
+        events = self.accept(rows[: restart + 1][~late[: restart + 1]])
+        events.append(BoardRestarted(None))
+        self._new_stream(new)
+        self._unclaimed = int(new["index"][0]) if self._indexed else 0
+        return events + self.accept(new)

@@ -1,0 +1,396 @@
+"""The recording's schema: what a `.boat` file holds, described once for writer and readers.
+
+One SQLite file a session. The raw bytes as they came and, in the same transaction, the samples decoded from them, so
+that every number can be derived again from the bytes. Changes are additive only: a column or a table may be added
+(and `SCHEMA_VERSION` raised), none renamed or given another meaning. So a newer file can be read, though not added to,
+and an older one is read as it is: NULLs stand in for the columns that it lacks (`ADDED`).
+
+Samples are kept in blocks: one row of table `block` holds many samples as little-endian records of `sample_dtype`.
+Six lines read them; any language can do the same:
+
+    import json, sqlite3, numpy as np
+    db = sqlite3.connect("file:RUN.boat?mode=ro", uri=True)
+    meta = {key: json.loads(value) for key, value in db.execute("SELECT key, value FROM session")}
+    dtype = np.dtype([(name, code, *([tuple(shape)] if shape else [])) for name, code, shape in meta["sample_dtype"]])
+    rows = db.execute("SELECT samples FROM block ORDER BY id")
+    samples = np.concatenate([np.frombuffer(blob, dtype) for (blob,) in rows])
+
+Three clocks, never mixed: `time_us` is the board's, unwrapped, and is the time of every analysis; `host_ns` is the
+host's monotonic clock at the arrival of the bytes; UTC with its offset names the session and stands in `session`.
+"""
+
+from __future__ import annotations
+
+import enum
+import json
+import os
+import sqlite3
+import struct
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from protocol.errors import RecordingError
+from protocol.recording.checks import (
+    DAMAGE,
+    MAX_TEXT,
+    Columns,
+    check_layout,
+    check_session,
+    check_values,
+    declared,
+    harden,
+)
+
+APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, so that `file` and we know the file for ours
+SCHEMA_VERSION = 2  # SQLite's `user_version`
+SCHEMA_BREAK = 100  # from here on a version would no longer be additive: this program cannot read it
+SUFFIX = ".boat"
+
+SampleKind = Literal["counts", "signal"]
+
+
+class BoardState(enum.IntEnum):
+    """State of the board's pressure control, as each sample carries it."""
+
+    IDLE = 0
+    RAMPING = 1
+    HOLDING = 2
+    VENTED = 3
+    FAULT = 4
+
+
+class SampleFlag(enum.IntFlag):
+    """What is known of a sample: the low byte as the board sent it, the high byte set by the host."""
+
+    SATURATED = 0x0001
+    ESTOP = 0x0002
+    WATCHDOG_ARMED = 0x0004
+    PRESSURE_INVALID = 0x0008
+    DROPPED_BEFORE = 0x0010
+    IMPLAUSIBLE = 0x0100  # good checksum, absurd value: kept, and left out of every figure
+    GAP_BEFORE = 0x0200  # samples are missing between the one before and this one
+
+
+NOT_FOR_FIGURES = SampleFlag.SATURATED | SampleFlag.PRESSURE_INVALID | SampleFlag.IMPLAUSIBLE
+
+
+def sample_dtype(n_sensors: int, kind: SampleKind = "counts") -> np.dtype[np.void]:
+    """Return the record of one sample.
+
+    Parameters
+    ----------
+    n_sensors : number of sensors, 1 to 4.
+    kind : "counts" where the board sends ADC counts with the emitter on and off; "signal" where a text
+        profile gives a signal in mV and there is nothing to subtract.
+
+    Returns
+    -------
+    Packed little-endian dtype with fields `index` (sampling instant, counted from START), `time_us` (board clock,
+    unwrapped), `host_ns` (host monotonic clock at arrival), `pressure_pa` (gauge), `state`, `flags`, and for each
+    sensor `lit` and `dark` (counts), or `signal_mv`.
+    """
+    head: list[Any] = [
+        ("index", "<u4"),
+        ("time_us", "<i8"),
+        ("host_ns", "<i8"),
+        ("pressure_pa", "<f8"),
+        ("state", "u1"),
+        ("flags", "<u2"),
+    ]
+    if kind == "counts":
+        return np.dtype([*head, ("lit", "<u2", (n_sensors,)), ("dark", "<u2", (n_sensors,))])
+    return np.dtype([*head, ("signal_mv", "<f8", (n_sensors,))])
+
+
+def describe_dtype(dtype: np.dtype[np.void]) -> list[tuple[str, str, tuple[int, ...]]]:
+    """Return `dtype` as (name, code, shape) rows, the form kept in `session`."""
+    assert dtype.fields is not None
+    return [(name, field[0].base.str, field[0].shape) for name, field in dtype.fields.items()]
+
+
+def dtype_from_description(rows: list[Any]) -> np.dtype[np.void]:
+    """Return the dtype that `describe_dtype` described; anything but plain numbers is refused.
+
+    Raises
+    ------
+    ValueError : a field is not a plain little-endian number.
+    """
+    fields: list[Any] = []
+    for name, code, shape in rows:
+        if np.dtype(code).kind not in "iuf" or any(int(n) < 1 or int(n) > 64 for n in shape):
+            raise ValueError(f"field {name!r} has the unusable type {code!r}")
+        fields.append((str(name), code, tuple(int(n) for n in shape)) if shape else (str(name), code))
+    return np.dtype(fields)
+
+
+def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
+    """Return the record of a session's samples: all fields of `sample_dtype`, and what a newer version may have added.
+
+    Raises
+    ------
+    RecordingError : the session does not say it, or a field of ours is missing or of another type.
+    """
+    try:
+        dtype = dtype_from_description(meta["sample_dtype"])
+        ours = sample_dtype(meta["n_sensors"], meta["sample_kind"])
+    except (KeyError, ValueError, TypeError) as error:
+        raise RecordingError(f"the session does not say what its samples are: {error}") from error
+    for name in ours.names or ():
+        if name not in (dtype.names or ()) or dtype[name] != ours[name]:
+            raise RecordingError(f"the session's samples have no usable {name!r}", "The file is damaged.")
+    return dtype
+
+
+# `session` is key -> JSON value. Keys that every recording has:
+SESSION_KEYS = (
+    "uuid",  # of this recording
+    "status",  # "recording", "closed", "recovered"; "recording" in a file nobody writes = a killed session
+    "simulated",  # true for the virtual board
+    "program_version",
+    "started_utc",  # ISO 8601 with offset
+    "started_host_ns",  # the monotonic clock at that instant
+    "ended_utc",  # null until closed
+    "ended_host_ns",
+    "stop_reason",  # "finished", "stopped", "aborted: ...", null while recording
+    "operator",
+    "unit",  # SA1 ..
+    "note",
+    "port",
+    "board_id",
+    "profile",  # the text profile's TOML, or null for the binary protocol
+    "n_sensors",
+    "sample_kind",  # "counts" or "signal"
+    "sample_dtype",  # rows of describe_dtype
+    "vref_mv",
+    "adc_bits",
+    "polarity",  # +1 where the board's voltage rises with light, -1 where its stage inverts
+    "rate_hz",  # as asked for
+    "limits_pa",  # [min, max]: the tightest of board, unit and plan
+    "settings",  # snapshot
+    "plan",  # snapshot of the plan, or null
+)
+# Where a broken run went on, and only there: "resumptions", a list in order, one object for each break:
+# utc and host_ns of that instant, cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk,
+# step and cycle behind it, complete_cycles before it, last_result (id of the newest result of less than the whole run)
+_OF_A_BREAK = ("host_ns", "first_segment", "first_chunk", "first_step", "first_cycle", "complete_cycles", "last_result")
+
+TABLES = """
+CREATE TABLE session (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+
+-- bytes as they came (direction 0) and as they were sent (direction 1)
+CREATE TABLE chunk (
+    id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, direction INTEGER NOT NULL, raw BLOB NOT NULL,
+    crc32 INTEGER NOT NULL);
+
+-- a stretch of unbroken board time: a new one at START, after a reset, a reconnection, a pause; decoder is what the
+-- link remembered of the bytes before first_chunk (JSON), where a link began to be recorded, else null
+CREATE TABLE segment (
+    id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, first_chunk INTEGER NOT NULL, reason TEXT NOT NULL,
+    paused INTEGER NOT NULL DEFAULT 0, decoder TEXT);
+
+-- samples of one commit: little-endian records of session.sample_dtype; crc32 is theirs, null where none was kept
+CREATE TABLE block (
+    id INTEGER PRIMARY KEY, segment INTEGER NOT NULL, last_chunk INTEGER NOT NULL, n INTEGER NOT NULL,
+    first_time_us INTEGER NOT NULL, last_time_us INTEGER NOT NULL, samples BLOB NOT NULL, crc32 INTEGER);
+
+-- extremes of about 1,000 consecutive samples, so that a day is seen in a second
+CREATE TABLE overview (
+    id INTEGER PRIMARY KEY, segment INTEGER NOT NULL, first_block INTEGER NOT NULL, last_block INTEGER NOT NULL,
+    n INTEGER NOT NULL, first_time_us INTEGER NOT NULL, last_time_us INTEGER NOT NULL,
+    pressure_min_kpa REAL, pressure_max_kpa REAL, signal_min_mv TEXT, signal_max_mv TEXT, flags INTEGER NOT NULL);
+
+-- what happened: source is board, host, user or sequencer; value in the unit that kind's name ends in
+CREATE TABLE event (
+    id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, segment INTEGER, time_us INTEGER, source TEXT NOT NULL,
+    kind TEXT NOT NULL, value REAL, text TEXT NOT NULL DEFAULT '');
+
+-- cumulative counters of the link, one row a second
+CREATE TABLE health (
+    id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, segment INTEGER, time_us INTEGER, bytes INTEGER NOT NULL,
+    frames INTEGER NOT NULL, samples INTEGER NOT NULL, lost INTEGER NOT NULL, crc_errors INTEGER NOT NULL,
+    malformed INTEGER NOT NULL, oversize INTEGER NOT NULL, duplicates INTEGER NOT NULL, unknown INTEGER NOT NULL,
+    rate_hz REAL, lag_ms REAL);
+
+-- the sequencer's own marks: one row a step, in board time; status is running, reached, timeout or aborted
+CREATE TABLE step (
+    id INTEGER PRIMARY KEY, segment INTEGER NOT NULL, number INTEGER NOT NULL, cycle INTEGER NOT NULL,
+    branch TEXT NOT NULL, target_kpa REAL NOT NULL, ramp_kpa_per_s REAL NOT NULL, started_us INTEGER NOT NULL,
+    arrived_us INTEGER, settled_us INTEGER, ended_us INTEGER, status TEXT NOT NULL, detail TEXT NOT NULL DEFAULT '{}');
+
+-- readings of elongation, never changed: a correction is a newer row for the same step, the last one counts
+CREATE TABLE reading (
+    id INTEGER PRIMARY KEY, utc TEXT NOT NULL, step INTEGER NOT NULL, elongation_mm REAL, resolution_mm REAL,
+    source TEXT NOT NULL, reader TEXT NOT NULL DEFAULT '', note TEXT NOT NULL DEFAULT '');
+
+-- results of analyses; content and parameters are JSON
+CREATE TABLE result (
+    id INTEGER PRIMARY KEY, utc TEXT NOT NULL, kind TEXT NOT NULL, program_version TEXT NOT NULL, seed INTEGER,
+    parameters TEXT NOT NULL, content TEXT NOT NULL);
+"""
+
+TABLE_NAMES = (
+    "session", "chunk", "segment", "block", "overview", "event", "health", "step", "reading", "result",
+)  # fmt: skip
+
+# `step.branch`: "unloading" from elongation to compression, "loading" back, "start" and "end" outside the cycles.
+BRANCHES = ("start", "unloading", "loading", "end")
+
+# What a version brought: (table, column, declared type). Files of version 1 may have them or not.
+ADDED: dict[int, tuple[tuple[str, str, str], ...]] = {
+    2: (("segment", "decoder", "TEXT"), ("block", "crc32", "INTEGER")),
+}
+LONG_TABLES = ("chunk", "block", "health")  # their values are checked by those who read them whole
+
+_HEADER: Final = struct.Struct(">16s44xI4xI28x")  # magic, user_version, application_id of SQLite's 100-byte header
+
+
+def open_recording(path: Path | str) -> sqlite3.Connection:
+    """Open a recording for reading, trusting nothing in it.
+
+    The file may come from anywhere: it is opened read-only, its schema is not run (no views, triggers or virtual
+    tables), no value larger than `recording_checks.MAX_VALUE_BYTES` is read, and every value of the short tables has
+    its column's type; `check_long_tables` looks at the others. A recording that is being written, or was left by a
+    killed program, is read up to its last commit. Close the connection soon: while it is open the writer's log grows.
+
+    Raises
+    ------
+    RecordingError : the file is missing, is not a recording, or its schema is not ours.
+    """
+    path = Path(path)
+    version = layout_version(path)
+    if version >= SCHEMA_BREAK:
+        raise RecordingError(f"{path} has layout {version}, this program knows {SCHEMA_VERSION}", "Update boat-daq.")
+    uri = f"{path.absolute().as_uri()}?mode=ro"
+    try:
+        connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False, timeout=5.0)
+    except sqlite3.Error as error:
+        raise RecordingError(f"{path} cannot be opened: {error}", "Copy it to a folder that can be written.") from error
+    try:
+        harden(connection)
+        may_lack = {(table, name) for since in ADDED if since > version for table, name, _ in ADDED[since]}
+        check_layout(path, connection, layout(), may_lack)
+        connection.execute("PRAGMA query_only=ON")
+        check_values(path, connection, {name: layout()[name] for name in TABLE_NAMES if name not in LONG_TABLES})
+    except DAMAGE as error:
+        connection.close()
+        raise _unreadable(path, error) from error
+    except RecordingError:
+        connection.close()
+        raise
+    return connection
+
+
+def _unreadable(path: Path, error: Exception) -> RecordingError:
+    """Return what it means that SQLite does not read a recording."""
+    log, journal = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
+    if log.exists() and not os.access(path.parent, os.W_OK):
+        return RecordingError(
+            f"{path} was not closed, and its folder is read-only: its log cannot be read there",
+            f"Copy it and {log.name} into a folder that you may write to, and boat-daq recover it there.",
+        )
+    if journal.exists():
+        return RecordingError(f"{path} was left in the middle of a change", f"boat-daq recover {path}")
+    return RecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}")
+
+
+@cache
+def layout() -> Columns:
+    """Return what `TABLES` declares."""
+    return declared(TABLES, TABLE_NAMES)
+
+
+def check_long_tables(path: Path | str, connection: sqlite3.Connection) -> None:
+    """Check the values of the tables that grow with time, for one who reads them whole.
+
+    Raises
+    ------
+    RecordingError : a value does not fit its column. sqlite3.Error : the rows cannot be read.
+    """
+    check_values(Path(path), connection, {name: layout()[name] for name in LONG_TABLES})
+
+
+def layout_version(path: Path) -> int:
+    """Return the version of a recording's layout, from the file's first 100 bytes, before SQLite looks at it.
+
+    Raises
+    ------
+    RecordingError : the file is missing, empty, or no recording.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for without end
+        raise RecordingError(f"{path} is no plain file", "Check the name.")
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEADER.size)
+    except FileNotFoundError:
+        raise RecordingError(f"there is no file {path}") from None
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
+    if not head:
+        raise RecordingError(f"{path} is empty (0 bytes)", "Nothing was recorded in it.")
+    if len(head) < _HEADER.size or not head.startswith(b"SQLite format 3\0"):
+        raise RecordingError(
+            f"{path} is not a recording", f"Recordings end in {SUFFIX} and are made by boat-daq record."
+        )
+    _, version, application = _HEADER.unpack(head)
+    if application != APPLICATION_ID or version < 1:
+        raise RecordingError(f"{path} is a database of another program, not a recording")
+    return int(version)
+
+
+def refuse_newer(path: Path) -> None:
+    """Refuse to add to a recording whose layout a newer program made: it could not be kept whole.
+
+    Raises
+    ------
+    RecordingError : names both versions.
+    """
+    version = layout_version(path)
+    if version > SCHEMA_VERSION:
+        raise RecordingError(
+            f"{path} has layout {version}, this program writes {SCHEMA_VERSION}: it is only read here",
+            "Update boat-daq to add to it.",
+        )
+
+
+def breaks_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the session's `resumptions`, oldest first; none for a run that was never broken.
+
+    Raises
+    ------
+    RecordingError : they are not what a recording holds.
+    """
+    entries = meta.get("resumptions", [])
+    if not isinstance(entries, list) or not all(_is_break(entry) for entry in entries):
+        raise RecordingError("the session's 'resumptions' are not a list of breaks")
+    return entries
+
+
+def _is_break(entry: object) -> bool:
+    if not isinstance(entry, dict) or not all(isinstance(entry.get(key), str) for key in ("utc", "cause")):
+        return False
+    return all(type(entry.get(key)) is int and entry[key] >= 0 for key in _OF_A_BREAK)
+
+
+def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
+    """Return the table `session` as a dictionary of decoded JSON values.
+
+    Raises
+    ------
+    RecordingError : a value is not JSON, or a key that every recording has is missing.
+    """
+    try:
+        rows = connection.execute("SELECT key, value FROM session").fetchall()
+        if sum(len(value) for _, value in rows) > MAX_TEXT:
+            raise RecordingError(f"the session's description is longer than {MAX_TEXT} bytes", "It is no recording's.")
+        meta = {str(key): json.loads(value) for key, value in rows}
+    except (*DAMAGE, ValueError, TypeError, RecursionError) as error:
+        raise RecordingError(f"the session's description cannot be read: {error}") from error
+    missing = [key for key in SESSION_KEYS if key not in meta]
+    if missing:
+        raise RecordingError(f"the session's description has no {missing[0]!r}")
+    check_session(meta)
+    return meta

@@ -1,0 +1,188 @@
+"""The virtual board's control: its state, its limits, its watchdog, and what each command does (protocol/SPEC.md).
+
+Rules of this file: levels are looked at on every tick, not edges; the board never leaves its limits on command; it
+vents by itself beyond a limit by more than 2 kPa, on a lost heartbeat, an e-stop, a target not reached, a dead pressure
+sensor; each of these latches FAULT until CLEAR_FAULT finds its cause gone. VENT is obeyed in every state.
+"""
+
+from __future__ import annotations
+
+from protocol.link.messages import (
+    AckStatus,
+    ClearFault,
+    Command,
+    EventCode,
+    Heartbeat,
+    SetLimits,
+    SetPressure,
+    Start,
+    Stop,
+    Vent,
+)
+from protocol.recording import BoardState, SampleFlag
+from protocol.simulator.plant import PUMP_KPA_PER_S, Pneumatics
+
+HARD_LIMITS_PA = (-45_000, 55_000)  # the lattice buckles below -40 kPa
+MARGIN_PA = 2_000
+TOLERANCE_KPA = 0.5
+PATIENCE_US = 8_000_000  # beyond the ramp's own time, until a target counts as not reached
+HEARTBEAT_MS = range(100, 5001)
+
+_MOVING = (BoardState.RAMPING, BoardState.HOLDING)
+
+
+class BoardControl:
+    """State machine over `Pneumatics`; `tick` before each of its steps, `obey` for each command."""
+
+    def __init__(self, pneumatics: Pneumatics, rate_max_hz: int) -> None:
+        self.pneumatics = pneumatics
+        self.state = BoardState.IDLE
+        self.events: list[tuple[EventCode, int]] = []  # collected here, taken by the owner
+        self.rate_hz = 0  # samples a second; 0 = none
+        self.estop = False
+        self.pressure_invalid = False
+        self._rate_max_hz = rate_max_hz
+        self._limits_pa = HARD_LIMITS_PA
+        self._timeout_us = 0  # of the watchdog; 0 = not armed
+        self._fed_us = 0
+        self._deadline_us = 0
+
+    @property
+    def flags(self) -> int:
+        """The flags of a sample that are the control's."""
+        flags = SampleFlag.ESTOP if self.estop else SampleFlag(0)
+        if self._timeout_us:
+            flags |= SampleFlag.WATCHDOG_ARMED
+        if self.pressure_invalid:
+            flags |= SampleFlag.PRESSURE_INVALID
+        return int(flags)
+
+    def take_events(self) -> list[tuple[EventCode, int]]:
+        """Return (code, value) of what happened since the last call."""
+        events, self.events = self.events, []
+        return events
+
+    def feed(self, now_us: int) -> None:
+        """Feed the watchdog: a good frame came."""
+        self._fed_us = now_us
+
+    @property
+    def watchdog_us(self) -> int | None:
+        """Board time at which the watchdog vents if no frame comes; None where it is not armed, or has vented."""
+        armed = self._timeout_us and self.state is not BoardState.FAULT
+        return self._fed_us + self._timeout_us if armed else None
+
+    def set_estop(self, pressed: bool, *, announce: bool = True) -> None:
+        """Press or release the e-stop; found pressed at power-on it is a level without an event."""
+        self.estop = pressed
+        if pressed:
+            self._latch()
+        if announce:
+            self.events.append((EventCode.ESTOP_PRESSED if pressed else EventCode.ESTOP_RELEASED, 0))
+
+    def set_pressure_invalid(self, invalid: bool) -> None:
+        """Fail or mend the pressure sensor; without it nothing can be regulated."""
+        self.pressure_invalid = invalid
+        if invalid:
+            self._latch()
+
+    def tick(self, now_us: int) -> None:
+        """Look at everything once."""
+        if self.state is BoardState.FAULT:
+            return
+        if self.watchdog_us is not None and now_us >= self.watchdog_us:
+            self._trip(EventCode.HEARTBEAT_LOST, (now_us - self._fed_us) // 1000)
+            return
+        pressure_pa = self.pneumatics.pressure_kpa * 1000.0
+        if pressure_pa > self._limits_pa[1] + MARGIN_PA:
+            self._trip(EventCode.OVER_PRESSURE, round(pressure_pa))
+        elif pressure_pa < self._limits_pa[0] - MARGIN_PA:
+            self._trip(EventCode.UNDER_PRESSURE, round(pressure_pa))
+        elif self.state in _MOVING:
+            self._follow(now_us, pressure_pa)
+
+    def obey(self, command: Command, now_us: int) -> AckStatus:
+        """Do what a command says, or return why not."""
+        match command:
+            case Start():
+                if not 0 < command.rate_hz <= self._rate_max_hz:
+                    return AckStatus.OUT_OF_LIMITS
+                self.rate_hz = command.rate_hz
+            case Stop():
+                self.rate_hz = 0
+            case Vent():
+                self._vent()
+            case SetPressure():
+                return self._set_pressure(command, now_us)
+            case Heartbeat():
+                return self._heartbeat(command)
+            case ClearFault():
+                return self._clear_fault()
+            case SetLimits():
+                return self._set_limits(command)
+        return AckStatus.DONE
+
+    def _follow(self, now_us: int, pressure_pa: float) -> None:
+        """RAMPING or HOLDING, and whether the target is overdue."""
+        near = abs(pressure_pa / 1000.0 - self.pneumatics.target_kpa) <= TOLERANCE_KPA
+        if near and self.pneumatics.setpoint_arrived:
+            self.state = BoardState.HOLDING
+            self._deadline_us = now_us + PATIENCE_US
+        else:
+            self.state = BoardState.RAMPING
+            if now_us >= self._deadline_us:
+                self._trip(EventCode.TARGET_NOT_REACHED, round(pressure_pa))
+
+    def _trip(self, code: EventCode, value: int) -> None:
+        self._latch()
+        self.events.append((code, value))
+
+    def _latch(self) -> None:
+        self.pneumatics.vent()
+        self.state = BoardState.FAULT
+
+    def _vent(self) -> None:
+        self.pneumatics.vent()
+        if self.state is not BoardState.FAULT:
+            self.state = BoardState.VENTED
+
+    def _set_pressure(self, command: SetPressure, now_us: int) -> AckStatus:
+        if self.state is BoardState.FAULT:
+            return AckStatus.FAULT_LATCHED
+        if not self._limits_pa[0] <= command.target_pa <= self._limits_pa[1]:
+            return AckStatus.OUT_OF_LIMITS
+        target_kpa = command.target_pa / 1000.0
+        travel_kpa = abs(target_kpa - self.pneumatics.pressure_kpa)
+        self.pneumatics.command(target_kpa, command.ramp_pa_per_s / 1000.0)
+        self._deadline_us = now_us + PATIENCE_US + round(1e6 * travel_kpa / self.pneumatics.ramp_kpa_per_s)
+        self.state = BoardState.RAMPING
+        return AckStatus.DONE
+
+    def _heartbeat(self, command: Heartbeat) -> AckStatus:
+        if command.timeout_ms == 0 and self.state not in (BoardState.IDLE, BoardState.VENTED):
+            return AckStatus.NOT_IN_THIS_STATE
+        if command.timeout_ms != 0 and command.timeout_ms not in HEARTBEAT_MS:
+            return AckStatus.OUT_OF_LIMITS
+        self._timeout_us = command.timeout_ms * 1000
+        return AckStatus.DONE
+
+    def _clear_fault(self) -> AckStatus:
+        pressure_pa = self.pneumatics.pressure_kpa * 1000.0
+        beyond = not self._limits_pa[0] - MARGIN_PA <= pressure_pa <= self._limits_pa[1] + MARGIN_PA
+        if self.state is not BoardState.FAULT or self.estop or self.pressure_invalid or beyond:
+            return AckStatus.NOT_IN_THIS_STATE
+        self.state = BoardState.VENTED
+        return AckStatus.DONE
+
+    def _set_limits(self, command: SetLimits) -> AckStatus:
+        """Take limits inside the hard ones; a pressure on its way beyond them turns back to the new limit."""
+        low, high = command.min_pa, command.max_pa
+        if not HARD_LIMITS_PA[0] <= low < high <= HARD_LIMITS_PA[1]:
+            return AckStatus.OUT_OF_LIMITS
+        self._limits_pa = (low, high)
+        if self.state in _MOVING:
+            target_kpa = self.pneumatics.target_kpa
+            inside_kpa = min(max(target_kpa, low / 1000.0), high / 1000.0)
+            if inside_kpa != target_kpa:
+                self.pneumatics.command(inside_kpa, PUMP_KPA_PER_S)
+        return AckStatus.DONE

@@ -1,0 +1,95 @@
+"""Hysteresis without a rate: a generalised Prandtl-Ishlinskii operator.
+
+A play operator is a clamp: fed the input v it moves its state w no further than into the interval
+[up(v) - r, down(v) + r], so rising inputs follow one envelope and falling inputs the other (asymmetric loops). A
+weighted sum of plays with growing radii r has return-point memory (a closed minor loop wipes itself out) and congruent
+minor loops, and knows no time (M. Al Janaideh, S. Rakheja, C.-Y. Su, Mechatronics 19, 2009, 656-670).
+
+A clamp after a clamp is a clamp. So a block of inputs is a prefix scan over intervals, log2(n) numpy passes for any
+number of plays; and as clamping selects and never rounds, the result is the same however the inputs are cut in blocks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PlaySum:
+    """Parameters of a weighted sum of play operators.
+
+    Each envelope is v + curvature v^2; `up_curvature` <= `down_curvature`, so that the interval is never empty.
+    Both must rise over the inputs used: |v| < 1 / (2 |curvature|).
+    """
+
+    radii: tuple[float, ...]
+    weights: tuple[float, ...]
+    up_curvature: float = 0.0
+    down_curvature: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.radii) != len(self.weights) or min(self.radii, default=0.0) < 0.0:
+            raise ValueError("one weight for each radius, and no radius below zero")
+        if self.up_curvature > self.down_curvature:
+            raise ValueError("the rising envelope must not lie above the falling one")
+
+
+class Hysteresis:
+    """A `PlaySum` with its memory: `advance` takes inputs in order and returns the outputs."""
+
+    def __init__(self, model: PlaySum) -> None:
+        """Begin in the virgin state: all plays at rest under the input 0."""
+        self.model = model
+        self._radii = np.array(model.radii)
+        self._plays = np.zeros(len(model.radii))
+
+    @property
+    def plays(self) -> FloatArray:
+        """State of each play, a copy, shape (m,)."""
+        return self._plays.copy()
+
+    def advance(self, inputs: FloatArray) -> FloatArray:
+        """Return the output after each of `inputs`, both shape (n,)."""
+        if inputs.size == 0:
+            return np.empty(0)
+        square = inputs * inputs
+        low = (inputs + self.model.up_curvature * square)[:, None] - self._radii
+        high = (inputs + self.model.down_curvature * square)[:, None] + self._radii
+        states = clamp(self._plays, *compose_clamps(low, high))
+        self._plays = states[-1]
+        # Column by column, not a matrix product: BLAS orders its sums by the size of the block.
+        output = np.zeros(inputs.size)
+        for column, weight in enumerate(self.model.weights):
+            output += weight * states[:, column]
+        return output
+
+
+def clamp(value: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return `value` moved no further than into [low, high]."""
+    clamped: FloatArray = np.minimum(np.maximum(value, low), high)
+    return clamped
+
+
+def compose_clamps(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return for each row the one clamp that equals all clamps up to and with it, applied in turn.
+
+    Parameters
+    ----------
+    low, high : bounds, shape (n, m), row after row in the order of application; low <= high.
+
+    Notes
+    -----
+    Hillis-Steele scan: after the pass with shift s each row holds the composition of its last 2 s clamps.
+    """
+    low, high = low.copy(), high.copy()
+    shift = 1
+    while shift < len(low):
+        lower, upper = low[shift:], high[shift:]
+        composed = clamp(low[:-shift], lower, upper), clamp(high[:-shift], lower, upper)
+        low[shift:], high[shift:] = composed
+        shift *= 2
+    return low, high

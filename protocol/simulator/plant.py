@@ -1,0 +1,153 @@
+"""The pneumatics and the body behind the virtual board: from a commanded pressure to elongation and signal.
+
+The regulator steps every 10 ms of board time, one number after the other, as firmware does: a setpoint that moves at
+the commanded ramp (the pumps' own rate at most), a pressure that follows it with lag and a small overshoot, a leak that
+the pumps make good, a valve that vents. Body and sensors take whole blocks of those steps: hysteresis and creep turn
+pressure into elongation, the sensor's cubic and its own small loop turn elongation into signal. Nothing here is drawn
+at random: noise comes in as an argument, so that the noise-free truth is the same code.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from protocol.arrays import FloatArray
+from protocol.simulator.hysteresis import Hysteresis, PlaySum
+from protocol.simulator.specimens import ActuatorUnit, SensorUnit
+
+TICK_US = 10_000
+TICK_S = TICK_US / 1e6
+
+PUMP_KPA_PER_S = 40.0  # as fast as the pumps go
+PUMP_REACH_KPA = (-70.0, 90.0)  # as far as they can
+_OMEGA = 9.0  # rad/s of the regulated pressure
+_DAMPING = 0.6
+_VENT_S = 0.25  # time constant of the open valve
+_LINE_LEAK_PER_S = 0.002  # share of the pressure lost when the pumps stand still
+
+
+class Pneumatics:
+    """Pressure in the line and in the bladder, stepped tick by tick."""
+
+    def __init__(self) -> None:
+        self.pressure_kpa = 0.0  # at the gauge
+        self.bladder_kpa = 0.0  # what stretches the body; the same but for a leak behind the gauge
+        self.setpoint_kpa = 0.0
+        self.target_kpa = 0.0
+        self.ramp_kpa_per_s = PUMP_KPA_PER_S
+        self.regulated = False
+        self.venting = False
+        # Set by faults:
+        self.pump_works = True
+        self.reach_kpa = PUMP_REACH_KPA
+        self.overshoot_kpa = 0.0
+        self.leak_per_s = 0.0
+        self._rate = 0.0
+        self._lost_kpa = 0.0
+        self._beyond_kpa = 0.0  # an exaggerated overshoot still on its way out, with its sign
+
+    def command(self, target_kpa: float, ramp_kpa_per_s: float) -> None:
+        """Regulate towards `target_kpa`; a ramp of 0 is as fast as the pumps go."""
+        if not self.regulated:
+            self.setpoint_kpa = self.pressure_kpa
+        self.target_kpa = target_kpa
+        self.ramp_kpa_per_s = min(ramp_kpa_per_s or PUMP_KPA_PER_S, PUMP_KPA_PER_S)
+        self.regulated, self.venting = True, False
+        self._beyond_kpa = math.copysign(self.overshoot_kpa, target_kpa - self.pressure_kpa)
+
+    def vent(self) -> None:
+        """Open the valve, stop the pumps."""
+        self.regulated, self.venting = False, True
+        self._rate = 0.0
+
+    @property
+    def setpoint_arrived(self) -> bool:
+        """True when the setpoint has reached the target."""
+        return self.setpoint_kpa == self.target_kpa
+
+    def step(self, pump_noise: float) -> None:
+        """Move on by one tick; `pump_noise` is a change of the pressure's rate, kPa/s."""
+        if self.regulated:
+            self._move_setpoint()
+        if self.regulated and self.pump_works:
+            wanted = min(max(self.setpoint_kpa, self.reach_kpa[0]), self.reach_kpa[1])
+            error = wanted - self.pressure_kpa
+            self._rate += (_OMEGA * _OMEGA * error - 2 * _DAMPING * _OMEGA * self._rate) * TICK_S + pump_noise
+            self.pressure_kpa += self._rate * TICK_S
+        else:
+            self._rate = 0.0
+            fade = 1.0 / _VENT_S if self.venting else _LINE_LEAK_PER_S
+            self.pressure_kpa *= math.exp(-fade * TICK_S)
+        if self.venting:
+            self._lost_kpa *= math.exp(-TICK_S / _VENT_S)
+        elif self.leak_per_s:
+            self._lost_kpa += self.leak_per_s * (self.pressure_kpa - self._lost_kpa) * TICK_S
+        self.bladder_kpa = self.pressure_kpa - self._lost_kpa
+
+    def _move_setpoint(self) -> None:
+        goal = self.target_kpa + self._beyond_kpa
+        gap = goal - self.setpoint_kpa
+        most = self.ramp_kpa_per_s * TICK_S
+        if abs(gap) > most:
+            self.setpoint_kpa += math.copysign(most, gap)
+        else:
+            self.setpoint_kpa = goal
+            if abs(self.pressure_kpa - goal) < 0.5:
+                self._beyond_kpa = 0.0
+
+
+class Body:
+    """Elongation under the bladder's pressure: a generalised Prandtl-Ishlinskii operator, then creep."""
+
+    def __init__(self, unit: ActuatorUnit) -> None:
+        self._hysteresis = Hysteresis(unit.hysteresis)
+        self._creep = [[share, TICK_S / time_s, 0.0] for share, time_s in unit.creep]
+
+    def advance(self, pressure_kpa: FloatArray) -> FloatArray:
+        """Return the elongation after each tick, mm, both shape (n,)."""
+        at_once = self._hysteresis.advance(pressure_kpa)
+        elongation = at_once * (1.0 - sum(share for share, _, _ in self._creep))
+        targets = at_once.tolist()
+        for term in self._creep:
+            share, pace, level = term
+            levels = []
+            for target in targets:
+                level += pace * (share * target - level)
+                levels.append(level)
+            term[2] = level
+            elongation += levels
+        return elongation
+
+
+class Sensors:
+    """Noise-free signals of a unit's sensors: each one's cubic and its own small loop over elongation.
+
+    The loop is a lens: plays of growing radius in a band about the middle of the range, their mean slope taken off, so
+    that on a full cycle it closes at both ends and both branches lie about the cubic.
+    """
+
+    _PLAYS = 8
+
+    def __init__(self, sensors: tuple[SensorUnit, ...], range_mm: tuple[float, float]) -> None:
+        self._sensors = sensors
+        self._middle = (range_mm[0] + range_mm[1]) / 2
+        half = (range_mm[1] - range_mm[0]) / 2
+        radii = half * (np.arange(self._PLAYS) + 0.5) / self._PLAYS
+        # Half the width of the unweighted loop in the middle: the play's radius, or what is left of the half range.
+        weight = 1.0 / float(np.minimum(radii, half - radii).sum())
+        self._slope = weight * float((half - radii).sum()) / half
+        self._lens = Hysteresis(PlaySum(tuple(radii.tolist()), (weight,) * self._PLAYS))
+
+    def advance(self, elongation_mm: FloatArray) -> FloatArray:
+        """Return the signals in mV, shape (n, sensors), for elongations of shape (n,)."""
+        x = elongation_mm - self._middle
+        lens = self._lens.advance(x) - self._slope * x
+        return np.stack([cubic(s.coefficients, elongation_mm) + s.loop_mv * lens for s in self._sensors], axis=1)
+
+
+def cubic(coefficients: tuple[float, float, float, float], elongation_mm: FloatArray) -> FloatArray:
+    """Return b0 + b1 x + b2 x^2 + b3 x^3."""
+    b0, b1, b2, b3 = coefficients
+    return b0 + elongation_mm * (b1 + elongation_mm * (b2 + elongation_mm * b3))

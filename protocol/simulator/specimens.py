@@ -1,0 +1,121 @@
+"""The sensorized actuators that the virtual board can carry: three, as the paper made three, each with its own truth.
+
+SA1 has the paper's figures: its published cubics; elongation -2.70 mm at -40 kPa and +3.80 mm at +50 kPa, the only
+range whose end-to-end slopes give its sensitivities; noise of FSO / 10^(SNR/20); and loops of signal against pressure
+of 4.95 and 4.46 % FSO over its continuous cycle. Most of a loop is the actuator's (elongation against pressure), the
+rest the sensor's. SA2 and SA3 differ as unit-to-unit variability does. "SA1-falling" is SA1 whose stage does not
+invert: its voltage falls as it gets longer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from protocol.errors import LocalError
+from protocol.simulator.hysteresis import PlaySum
+
+FALLING = "-falling"
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorUnit:
+    """From pressure (kPa) to elongation (mm): hysteresis, then creep.
+
+    `creep` holds (share, time constant in s): that share of a change of elongation comes that much later.
+    """
+
+    hysteresis: PlaySum
+    creep: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorUnit:
+    """From elongation (mm) to signal (mV).
+
+    Parameters
+    ----------
+    coefficients : b0..b3 of y(x) = b0 + b1 x + b2 x^2 + b3 x^3, mV per mm^k.
+    loop_mv : half the width of its own loop (signal against elongation) in the middle of the range.
+    noise_mv : rms of one sample's signal, quantisation included.
+    """
+
+    coefficients: tuple[float, float, float, float]
+    loop_mv: float
+    noise_mv: float
+
+    def falling(self) -> SensorUnit:
+        """Return the sensor behind a stage that does not invert: mirrored about its signal at rest."""
+        b0, b1, b2, b3 = self.coefficients
+        return replace(self, coefficients=(b0, -b1, -b2, -b3), loop_mv=-self.loop_mv)
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """One sensorized actuator. `range_mm` is its elongation at -40 and at +50 kPa."""
+
+    name: str
+    actuator: ActuatorUnit
+    sensors: tuple[SensorUnit, ...]
+    range_mm: tuple[float, float]
+
+    @property
+    def board_id(self) -> str:
+        """The identity in HELLO; 16 characters at most, and it says what it is."""
+        return "SIMULATED-" + self.name.removesuffix(FALLING) + ("-F" if self.name.endswith(FALLING) else "")
+
+
+def _actuator(elastic: float, hysteretic: float, curvature: float) -> ActuatorUnit:
+    """Return an actuator of an elastic term and eight plays of equal weight (mm/kPa), radii up to 40 kPa."""
+    radii = (0.0, *(5.0 * n for n in range(1, 9)))
+    plays = PlaySum(radii, (elastic, *[hysteretic] * 8), curvature - 1e-4, curvature + 1e-4)
+    return ActuatorUnit(plays, creep=((0.003, 1.0), (0.004, 12.0)))
+
+
+_UNITS = {
+    unit.name: unit
+    for unit in (
+        Unit(
+            "SA1",
+            _actuator(0.06733402, 0.001095398, 1.102425e-03),
+            (
+                SensorUnit((1651.9842, 46.4413, -2.6934, -0.36251), 1.080306, 1.49),
+                SensorUnit((1624.5567, 33.37911, -2.3102, -0.14139), 0.474745, 1.04),
+            ),
+            (-2.70, 3.80),
+        ),
+        Unit(
+            "SA2",
+            _actuator(0.06451026, 0.001023766, 1.132803e-03),
+            (
+                SensorUnit((1588.40, 43.912, -2.3870, -0.33820), 0.890869, 1.37),
+                SensorUnit((1671.25, 36.084, -2.5145, -0.17205), 0.638972, 1.12),
+            ),
+            (-2.58, 3.64),
+        ),
+        Unit(
+            "SA3",
+            _actuator(0.06991210, 0.001125470, 1.038649e-03),
+            (
+                SensorUnit((1703.10, 49.276, -2.9052, -0.31140), 1.466129, 1.58),
+                SensorUnit((1597.80, 31.145, -2.0516, -0.13010), 0.413190, 0.98),
+            ),
+            (-2.81, 3.93),
+        ),
+    )
+}
+UNIT_NAMES = (*_UNITS, *(name + FALLING for name in _UNITS))
+
+
+def find_unit(name: str) -> Unit:
+    """Return the unit of that name; `-falling` behind it mirrors its sensors.
+
+    Raises
+    ------
+    LocalError : no such unit.
+    """
+    unit = _UNITS.get(name.removesuffix(FALLING))
+    if unit is None:
+        raise LocalError(f"there is no unit {name!r}", "use one of " + ", ".join(UNIT_NAMES))
+    if name.endswith(FALLING):
+        return replace(unit, name=name, sensors=tuple(sensor.falling() for sensor in unit.sensors))
+    return unit

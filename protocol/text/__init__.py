@@ -1,0 +1,1 @@
+"""Boards with other firmware: text lines and RX8 packets, described by a profile."""

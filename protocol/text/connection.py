@@ -1,0 +1,242 @@
+"""The link to firmware that prints text (or RX8 packets): the same interface as `Connection`, described by a profile.
+
+What such firmware cannot say is made up for as far as it honestly can be:
+
+- HELLO comes from the profile. It is given when IDENTIFY was asked and the device has shown that it speaks the
+  profile, by one good line; at once where the profile has a `start` command, since then it is silent until started.
+- There are no answers. A command with a template counts as done when it is sent: whether it was obeyed, the samples
+  show. HEARTBEAT, CLEAR_FAULT and SET_LIMITS without one are answered "not supported"; START and STOP without one
+  have nothing to do. VENT and SET_PRESSURE without one cannot be sent.
+- Without an index, loss cannot be seen; without a time, samples are taken to be evenly spaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from protocol.errors import LocalError
+from protocol.link.events import BoardRestarted, CommandDone, CommandLost, HelloReceived, LinkEvent, LinkStatistics
+from protocol.link.messages import (
+    PROTOCOL_VERSION,
+    AckStatus,
+    BootReason,
+    Command,
+    Heartbeat,
+    Hello,
+    Identify,
+    SetPressure,
+    Start,
+    Stop,
+    Vent,
+)
+from protocol.link.sample_stream import NO_WRAP, WRAP, Rows, SampleStream, implausible
+from protocol.recording import SampleFlag, SampleKind, sample_dtype
+from protocol.text.command_templates import COMMANDS
+from protocol.text.delimited_lines import LineReader
+from protocol.text.profile import Column, TextProfile, load_profile
+from protocol.text.rx8 import PacketFormat, PacketReader
+
+__all__ = ["TextConnection", "TextProfile", "load_profile"]
+
+IDENTIFY_NS = 2_500_000_000  # a device that prints nothing good for so long does not speak the profile
+_KEYS = {type(example): key for key, example in COMMANDS.items()}
+
+
+class TextConnection:
+    """A device described by a text profile, host side: a `protocol.link.events.Link`.
+
+    Parameters
+    ----------
+    profile : from `load_profile`.
+    decoder_state : of another connection with the same profile, to go on where it was taken.
+    """
+
+    def __init__(self, profile: TextProfile, *, decoder_state: dict[str, Any] | None = None) -> None:
+        self.profile = profile
+        self.cannot_command_reason = profile.cannot_command_reason
+        self.can_command = not self.cannot_command_reason
+        self._dtype = sample_dtype(profile.n_sensors, profile.sample_kind)
+        self._reader = _make_reader(profile)
+        self._stream = _make_stream(profile)
+        self._seq = 0
+        self._number = 0
+        self._bytes = 0
+        self._malformed = 0
+        self._factors, self._offsets = np.array([(c.factor, c.offset) for c in profile.columns]).T
+        self._lows, self._highs, whole, free = np.array([_bounds(column) for column in profile.columns]).T
+        self._whole, self._free = whole.astype(bool), free.astype(bool)
+        self._sensor_fields = (
+            (("signal_mv", "signal"),) if profile.sample_kind == "signal" else (("lit", "lit"), ("dark", "dark"))
+        )
+        self._start_sent = False
+        self._hello: Hello | None = None
+        self._identifying: list[tuple[Identify, int, int]] = []  # command, seq, deadline
+        self._answers: list[LinkEvent] = []
+        if decoder_state is not None:
+            self._reader.restore(decoder_state["reader"])
+            self._stream.restore(decoder_state["samples"], self._dtype)
+            self._number = decoder_state["number"]
+
+    @property
+    def hello(self) -> Hello | None:
+        """The HELLO made of the profile, None before the device has shown itself."""
+        return self._hello
+
+    @property
+    def n_sensors(self) -> int | None:
+        """Number of sensors, from the profile."""
+        return self.profile.n_sensors
+
+    @property
+    def sample_kind(self) -> SampleKind:
+        """Counts or signal, from the profile."""
+        return self.profile.sample_kind
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """The counters so far."""
+        return LinkStatistics(
+            bytes=self._bytes,
+            frames=self._reader.frames,
+            samples=self._stream.samples,
+            lost=self._stream.lost,
+            crc_errors=self._reader.crc_errors,
+            malformed=self._reader.malformed + self._malformed,
+            oversize=self._reader.oversize,
+            duplicates=self._stream.duplicates,
+        )
+
+    @property
+    def next_deadline_ns(self) -> int | None:
+        """When `poll` has something to do at the latest; 0 where answers wait, None if there is nothing."""
+        if self._answers:
+            return 0
+        return min((deadline for _, _, deadline in self._identifying), default=None)
+
+    def decoder_state(self) -> dict[str, Any]:
+        """Return what the decoder remembers of the bytes so far, ready for JSON; see `Link`."""
+        return {"reader": self._reader.state(), "samples": self._stream.state(), "number": self._number}
+
+    def send(self, command: Command, now_ns: int) -> bytes:
+        """Return the text that carries a command; empty where the profile needs none.
+
+        Raises
+        ------
+        LocalError : VENT or SET_PRESSURE on a profile that cannot command pressure.
+        """
+        seq, self._seq = self._seq, (self._seq + 1) & 0xFF
+        template = self.profile.templates.get(_KEYS[type(command)])
+        if isinstance(command, SetPressure) and not self.can_command:
+            raise LocalError(self.cannot_command_reason, "add what is missing to the profile, or only record")
+        if template is None and isinstance(command, Vent):
+            raise LocalError(f"the profile {self.profile.name!r} has no `commands.vent`", "vent by hand")
+        if isinstance(command, Identify):
+            if "start" in self.profile.templates:
+                self._identify([(command, seq)])
+            else:
+                self._identifying.append((command, seq, now_ns + IDENTIFY_NS))
+        else:
+            done = template is not None or isinstance(command, Start | Stop)
+            self._answers.append(CommandDone(command, seq, AckStatus.DONE if done else AckStatus.NOT_SUPPORTED))
+        self._start_sent |= template is not None and isinstance(command, Start)
+        return b"" if template is None else template(command)
+
+    def feed(self, command: Heartbeat, now_ns: int) -> bytes:
+        """Return the text that feeds the watchdog, where the firmware has one: nothing here waits for an answer."""
+        return self.send(command, now_ns)
+
+    def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
+        """Return the answers that wait, and the IDENTIFYs that nothing good came after; never bytes."""
+        answers, self._answers = self._answers, []
+        late = [entry for entry in self._identifying if now_ns >= entry[2]]
+        self._identifying = [entry for entry in self._identifying if now_ns < entry[2]]
+        return [*answers, *(CommandLost(command, seq) for command, seq, _ in late)], b""
+
+    def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
+        """Return what the bytes tell; damaged lines are counted in `statistics`, never raised."""
+        self._bytes += len(data)
+        values = self._reader.receive(data)
+        rows = self._to_rows(np.array(values), now_ns) if values else np.empty(0, self._dtype)
+        if len(rows) and self._identifying:
+            self._identify([(command, seq) for command, seq, _ in self._identifying])
+            self._identifying = []
+        answers, self._answers = self._answers, []
+        events = self._stream.accept(rows)
+        if self._start_sent and BoardRestarted(None) in events:  # its samples begin again because we asked for it
+            events.remove(BoardRestarted(None))
+            self._start_sent = False
+        return [*answers, *events]
+
+    def receive_chunks(self, chunks: Sequence[tuple[int, bytes]]) -> list[LinkEvent]:
+        """Do the same for many chunks (now_ns, data)."""
+        return [event for now_ns, data in chunks for event in self.receive(data, now_ns)]
+
+    def _identify(self, asked: list[tuple[Identify, int]]) -> None:
+        low, high = self.profile.limits_pa or (0, 0)
+        self._hello = Hello(
+            protocol=PROTOCOL_VERSION,
+            fw_major=0,
+            fw_minor=0,
+            n_sensors=self.profile.n_sensors,
+            rate_max_hz=max(1, round(self.profile.rate_hz)),
+            adc_bits=self.profile.adc_bits,
+            boot_reason=BootReason.POWER,
+            vref_mv=self.profile.vref_mv,
+            pressure_min_pa=low,
+            pressure_max_pa=high,
+            board_id=self.profile.name,
+        )
+        self._answers.append(HelloReceived(self._hello))
+        self._answers += [CommandDone(command, seq, None) for command, seq in asked]
+
+    def _to_rows(self, values: np.ndarray[Any, np.dtype[np.float64]], now_ns: int) -> Rows:
+        """Return the samples in lines' values, shape (n, columns); lines with impossible numbers are left out."""
+        values = values * self._factors + self._offsets
+        with np.errstate(invalid="ignore"):
+            possible = (values >= self._lows) & (values <= self._highs) & (~self._whole | (values == np.rint(values)))
+        possible = (possible | self._free).all(axis=1)
+        self._malformed += int((~possible).sum())
+        columns = dict(zip((column.name for column in self.profile.columns), values[possible].T, strict=True))
+        rows = np.zeros(int(possible.sum()), self._dtype)
+        rows["host_ns"] = now_ns
+        rows["pressure_pa"] = columns["pressure"]
+        index = columns.get("index", np.arange(self._number, self._number + len(rows)) % WRAP)
+        self._number = (self._number + len(rows)) % WRAP
+        rows["index"] = index
+        rows["time_us"] = np.rint(columns.get("time", index * (1e6 / self.profile.rate_hz)))
+        for sensor in range(self.profile.n_sensors):
+            for field, name in self._sensor_fields:
+                rows[field][:, sensor] = columns[f"s{sensor + 1}_{name}"]
+        rows["flags"][implausible(rows, self.profile.adc_bits)] |= np.uint16(SampleFlag.IMPLAUSIBLE)
+        return rows
+
+
+def _bounds(column: Column) -> tuple[float, float, bool, bool]:
+    """Return the least and greatest value a column can have, whether it is whole, and whether all this is waived."""
+    if column.name == "time":
+        return 0, 2.0**53, False, False
+    if column.name == "index":
+        return 0, WRAP - 1, True, False
+    if column.name.endswith(("_lit", "_dark")):
+        return 0, 65_535, True, False
+    return 0, 0, False, True  # pressure and signal: kept whatever they are, and flagged where absurd
+
+
+def _make_reader(profile: TextProfile) -> LineReader | PacketReader:
+    if isinstance(profile.format, PacketFormat):
+        return PacketReader(profile.format, profile.signed)
+    return LineReader(profile.format, first_is_whole="start" in profile.templates)
+
+
+def _make_stream(profile: TextProfile) -> SampleStream:
+    index, time = profile.column("index"), profile.column("time")
+    index_wrap = (index and index.wraps_at) or WRAP
+    if time is None:
+        time_wrap = round(index_wrap * 1e6 / profile.rate_hz)
+    else:
+        time_wrap = round(time.wraps_at * time.factor) if time.wraps_at else NO_WRAP
+    by_time = index is None and time is not None
+    return SampleStream(index_wrap=None if by_time else index_wrap, time_wrap_us=time_wrap, announces_restart=False)

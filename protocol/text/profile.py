@@ -1,0 +1,322 @@
+"""Text profiles: what a TOML file says about firmware that does not speak the BOAT protocol.
+
+    name = "Two sensors over Serial.println"
+    kind = "lines"                           # or "rx8"
+
+    [device]
+    n_sensors = 2
+    rate_hz = 100
+    vref_mv = 5000                           # with adc_bits: for readings in counts
+    adc_bits = 10
+    polarity = 1                             # -1 where the voltage falls with light
+    pressure_min_kpa = -60                   # limits: without them no pressure is commanded
+    pressure_max_kpa = 80
+
+    [lines]
+    delimiter = ","
+    comments = ["#"]
+    checksum = "none"                        # or "nmea"
+    fields = [{ name = "time", unit = "ms" }, "index", { name = "pressure", unit = "kPa" },
+              "s1_lit", "s1_dark", "s2_lit", "s2_dark", "temperature"]
+
+    [commands]
+    set_pressure = "P{kpa:.1f}\\n"
+    vent = "V\\n"
+
+Names with a meaning are time, index, pressure, and for each sensor either sN_lit and sN_dark (counts) or sN_signal;
+every other name is a field to ignore. A value is `field * scale + offset` in `unit`. A profile is user input: an
+unknown key, a wrong type, a missing part is refused by name, and a limit has no default.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from protocol.errors import ProfileError
+from protocol.link.messages import SENSORS_MAX
+from protocol.recording import SampleKind
+from protocol.text.command_templates import COMMANDS, PA_PER_UNIT, Template, compile_template
+from protocol.text.delimited_lines import LineFormat
+from protocol.text.rx8 import PacketFormat, parse_format
+from protocol.toml_text import read_toml
+
+_US_PER_UNIT = {"s": 1e6, "ms": 1e3, "us": 1.0}
+_SENSOR = re.compile(r"s([1-9])_(lit|dark|signal)")
+_FILE_MAX = 100_000  # characters
+_NUMBER = (int, float)
+
+_Rules = dict[str, tuple[type | tuple[type, ...], Any]]  # key -> (type, default); `...` means it must be there
+_TOP: _Rules = {
+    "name": (str, ...),
+    "kind": (str, ...),
+    "device": (dict, ...),
+    "lines": (dict, {}),
+    "rx8": (dict, {}),
+    "commands": (dict, {}),
+}
+_DEVICE: _Rules = {
+    "n_sensors": (int, ...),
+    "rate_hz": (_NUMBER, ...),
+    "vref_mv": (int, 0),
+    "adc_bits": (int, 0),
+    "polarity": (int, 1),
+    "pressure_min_kpa": (_NUMBER, None),
+    "pressure_max_kpa": (_NUMBER, None),
+}
+_LINES: _Rules = {
+    "delimiter": (str, ","),
+    "line_end": (str, "\n"),
+    "decimal": (str, "."),
+    "comments": (list, []),
+    "checksum": (str, "none"),
+    "fields": (list, ...),
+}
+_RX8: _Rules = {"format": (str, ...), "variables": (dict, ...)}
+_FIELD: _Rules = {
+    "name": (str, ...),
+    "unit": (str, None),
+    "scale": (_NUMBER, 1.0),
+    "offset": (_NUMBER, 0.0),
+    "wraps_at": (int, None),
+    "signed": (bool, False),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One field with a meaning: its value in the unit of the recording is `raw * factor + offset`."""
+
+    name: str
+    factor: float
+    offset: float
+    wraps_at: int | None  # of the raw number: where it begins again at 0
+
+
+@dataclass(frozen=True, slots=True)
+class TextProfile:
+    """A checked profile. `columns` are in the order in which the reader gives their numbers."""
+
+    name: str
+    toml: str
+    n_sensors: int
+    rate_hz: float
+    vref_mv: int
+    adc_bits: int
+    polarity: int
+    limits_pa: tuple[int, int] | None
+    sample_kind: SampleKind
+    columns: tuple[Column, ...]
+    format: LineFormat | PacketFormat
+    signed: tuple[bool, ...]  # of the columns; RX8 only
+    templates: dict[str, Template] = field(hash=False)
+
+    def column(self, name: str) -> Column | None:
+        """Return the column of a name, None if the device does not send it."""
+        return next((column for column in self.columns if column.name == name), None)
+
+    @property
+    def cannot_command_reason(self) -> str:
+        """Why pressure cannot be commanded; empty if it can."""
+        missing = [f"no `commands.{key}`" for key in ("set_pressure", "vent") if key not in self.templates]
+        if self.limits_pa is None:
+            missing.append("no pressure limits under `device`")
+        return f"the profile {self.name!r} has {' and '.join(missing)}" if missing else ""
+
+
+def load_profile(source: str | Path) -> TextProfile:
+    """Return the profile in a file, or in TOML text (a string of more than one line).
+
+    Raises
+    ------
+    ProfileError : the file cannot be read, is not TOML, or says something that is not allowed; names the key.
+    """
+    text = source if isinstance(source, str) and "\n" in source else _read(Path(source))
+    try:
+        content = read_toml(text)
+    except ValueError as error:
+        raise ProfileError(f"the profile is not TOML: {error}", "mend the line that is named") from None
+    top = _table(content, "", _TOP)
+    device = _table(top["device"], "device.", _DEVICE)
+    _check_device(device)
+    format_: LineFormat | PacketFormat
+    match top["kind"]:
+        case "lines":
+            names, fields, format_ = _lines(_table(top["lines"], "lines.", _LINES))
+        case "rx8":
+            names, fields, format_ = _rx8(_table(top["rx8"], "rx8.", _RX8))
+        case kind:
+            raise ProfileError(f"kind = {kind!r:.60} is not known", 'write kind = "lines" or kind = "rx8"')
+    sample_kind = _sample_kind(names, device)
+    return TextProfile(
+        name=top["name"],
+        toml=text,
+        n_sensors=device["n_sensors"],
+        rate_hz=float(device["rate_hz"]),
+        vref_mv=device["vref_mv"],
+        adc_bits=device["adc_bits"],
+        polarity=device["polarity"],
+        limits_pa=_limits(device),
+        sample_kind=sample_kind,
+        columns=tuple(_column(entry, device) for entry in fields),
+        format=format_,
+        signed=tuple(entry["signed"] for entry in fields),
+        templates=_templates(top["commands"]),
+    )
+
+
+def _read(path: Path) -> str:
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(_FILE_MAX + 1)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ProfileError(f"the profile {path} cannot be read: {error}", "give the path of a TOML file") from None
+    if len(text) > _FILE_MAX:
+        raise ProfileError(f"the profile {path} is too long to be one", "give the path of a TOML file")
+    return text
+
+
+def _table(content: Any, prefix: str, rules: _Rules) -> dict[str, Any]:
+    """Return a table with its defaults filled in; unknown keys, wrong types and missing keys are refused by name."""
+    if not isinstance(content, dict):
+        raise ProfileError(f"{prefix.rstrip('.')} is not a table", "see the examples that come with the program")
+    for key, value in content.items():
+        if key not in rules:
+            raise ProfileError(f"unknown key {prefix}{key:.60}", f"known here: {', '.join(rules)}")
+        expected = rules[key][0]
+        if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
+            kinds = expected if isinstance(expected, tuple) else (expected,)
+            names = " or ".join(kind.__name__ for kind in kinds)
+            raise ProfileError(f"{prefix}{key} is {value!r:.60}, not of type {names}", f"write a value of type {names}")
+    for key, (_, default) in rules.items():
+        if default is ... and key not in content:
+            raise ProfileError(f"the key {prefix}{key} is missing", "add it; the shipped examples show how")
+    return {key: content.get(key, default) for key, (_, default) in rules.items()}
+
+
+def _check_device(device: dict[str, Any]) -> None:
+    ranges = {
+        "n_sensors": (1, SENSORS_MAX), "rate_hz": (0.01, 65_535), "vref_mv": (0, 65_535), "adc_bits": (0, 16),
+    }  # fmt: skip
+    for key, (low, high) in ranges.items():
+        if not low <= device[key] <= high:
+            raise ProfileError(f"device.{key} = {device[key]} is outside {low} to {high}", "correct it")
+    if device["polarity"] not in (1, -1):
+        raise ProfileError(f"device.polarity = {device['polarity']}", "write 1 or -1")
+
+
+def _limits(device: dict[str, Any]) -> tuple[int, int] | None:
+    low, high = device["pressure_min_kpa"], device["pressure_max_kpa"]
+    if low is None and high is None:
+        return None
+    if low is None or high is None:
+        raise ProfileError("only one of device.pressure_min_kpa and pressure_max_kpa is given", "give both, or none")
+    if not -101.325 <= low < high <= 1000:
+        raise ProfileError(f"pressure limits of {low} to {high} kPa", "the lower first, between vacuum and 1000 kPa")
+    return round(low * 1000), round(high * 1000)
+
+
+def _lines(table: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], LineFormat]:
+    entries = [
+        _table({"name": entry} if isinstance(entry, str) else entry, f"lines.fields[{at}].", _FIELD)
+        for at, entry in enumerate(table["fields"], 1)
+    ]
+    if len(table["delimiter"]) != 1 or table["decimal"] not in (".", ",") or table["delimiter"] == table["decimal"]:
+        raise ProfileError("lines.delimiter is one character, lines.decimal another, . or ,", "correct them")
+    if table["line_end"] not in ("\n", "\r", "\r\n") or table["checksum"] not in ("none", "nmea"):
+        raise ProfileError(
+            f"lines.line_end = {table['line_end']!r} with lines.checksum = {table['checksum']!r}",
+            r'line ends are "\n", "\r\n" or "\r", checksums "none" or "nmea"',
+        )
+    comments = table["comments"]
+    if not all(isinstance(comment, str) and comment for comment in comments):
+        raise ProfileError(f"lines.comments = {comments!r:.60}", 'write a list of prefixes such as ["#"]')
+    wanted = [at for at, entry in enumerate(entries) if _has_meaning(entry["name"])]
+    format_ = LineFormat(
+        delimiter=table["delimiter"].encode(),
+        line_end=table["line_end"].encode(),
+        decimal=table["decimal"].encode(),
+        comments=tuple(comment.encode() for comment in comments),
+        checksum=table["checksum"] == "nmea",
+        n_fields=len(entries),
+        columns=tuple(wanted),
+    )
+    fields = [entries[at] for at in wanted]
+    return [entry["name"] for entry in fields], fields, format_
+
+
+def _rx8(table: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], PacketFormat]:
+    format_ = parse_format(table["format"])
+    sizes = {name: len(places) for name, places in format_.variables}
+    fields = []
+    variables = []
+    for variable, entry in table["variables"].items():
+        if variable not in sizes:
+            raise ProfileError(f"rx8.variables.{variable} is not in rx8.format", f"there are {', '.join(sizes)}")
+        entry = _table({"name": entry} if isinstance(entry, str) else entry, f"rx8.variables.{variable}.", _FIELD)
+        if _has_meaning(entry["name"]):
+            wraps = entry["name"] in ("time", "index") and entry["wraps_at"] is None
+            fields.append({**entry, "wraps_at": 1 << 8 * sizes[variable] if wraps else entry["wraps_at"]})
+            variables.append(variable)
+    chosen = dict(format_.variables)
+    format_ = PacketFormat(
+        format_.head, format_.tail, format_.length, tuple((variable, chosen[variable]) for variable in variables)
+    )
+    return [entry["name"] for entry in fields], fields, format_
+
+
+def _has_meaning(name: str) -> bool:
+    return name in ("time", "index", "pressure") or _SENSOR.fullmatch(name) is not None
+
+
+def _sample_kind(names: list[str], device: dict[str, Any]) -> SampleKind:
+    """Return "counts" or "signal"; refuse names that are missing, given twice or do not fit together."""
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ProfileError(f"the field {twice} is given twice", "give each name once")
+    sensors = range(1, device["n_sensors"] + 1)
+    counts = {f"s{n}_{which}" for n in sensors for which in ("lit", "dark")}
+    signal = {f"s{n}_signal" for n in sensors}
+    given = {name for name in names if _SENSOR.fullmatch(name)}
+    if "pressure" not in names:
+        raise ProfileError("no field is named pressure", "name the field that carries it")
+    if given == counts:
+        if not (device["vref_mv"] and device["adc_bits"]):
+            raise ProfileError("device.vref_mv or device.adc_bits is missing", "readings in counts need both")
+        return "counts"
+    if given == signal:
+        return "signal"
+    raise ProfileError(
+        f"the sensors' fields are {', '.join(sorted(given)) or 'missing'}",
+        f"give {', '.join(sorted(counts))}, or {', '.join(sorted(signal))}, and no other",
+    )
+
+
+def _column(entry: dict[str, Any], device: dict[str, Any]) -> Column:
+    name, unit = entry["name"], entry["unit"]
+    if entry["wraps_at"] is not None and (name not in ("time", "index") or entry["wraps_at"] < 256):
+        raise ProfileError(f"wraps_at = {entry['wraps_at']} for {name}", "only time and index wrap, at 256 or more")
+    units: dict[Any, float] = {None: 1.0}
+    if name == "time":
+        units = dict(_US_PER_UNIT)
+    elif name == "pressure":
+        units = {unit_name: PA_PER_UNIT[unit_name.lower()] for unit_name in ("Pa", "hPa", "mbar", "kPa", "bar", "psi")}
+    elif name.endswith("signal"):
+        units = {"mV": 1.0, "V": 1000.0}
+        if device["adc_bits"] and device["vref_mv"]:
+            units["counts"] = device["vref_mv"] / (1 << device["adc_bits"])
+    if unit not in units:
+        known = ", ".join(str(unit_name) for unit_name in units if unit_name)
+        raise ProfileError(f"{name} has the unit {unit!r:.60}", f"write one of {known}" if known else "leave it out")
+    scale, offset = entry["scale"], entry["offset"]
+    measured = name == "pressure" or name.endswith("signal")
+    if not measured and (offset or scale <= 0 or (scale != 1 and name != "time")):
+        raise ProfileError(f"{name} has scale {scale} and offset {offset}", "time may have a scale, counts neither")
+    return Column(name, scale * units[unit], offset * units[unit], entry["wraps_at"])
+
+
+def _templates(commands: dict[str, Any]) -> dict[str, Template]:
+    texts = _table(commands, "commands.", dict.fromkeys(COMMANDS, (str, None)))
+    return {key: compile_template(key, text) for key, text in texts.items() if text is not None}

@@ -1,0 +1,190 @@
+"""The GUM's worked examples, ISO 5725 and En by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from analysis import Options, Recording, analyse
+from analysis.errors import RequestError
+from analysis.figures.between_runs import one_way
+from analysis.figures.uncertainty import (
+    Component,
+    combine,
+    elongation_budget,
+    elongation_reader,
+    propagate,
+    signal_parts,
+)
+from analysis.figures.unit_history import en_scores
+from analysis.numbers import rounded, with_uncertainty
+from tests.analysis.boat_builder import PAPER, Plant, Staircase
+
+
+def test_end_gauge_of_gum_h1() -> None:
+    """GUM H.1: u_c = 32 nm, 16 effective degrees of freedom, U_99 = 93 nm."""
+    length_nm = 50_000_623.0
+    budget = combine(
+        [
+            Component("standard", 25.0, 1.0, 18),
+            Component("difference", 9.7, 1.0, 25.6),
+            Component("expansion coefficient", 1.2e-6, 0.0),
+            Component("temperature", 0.41, 0.0),
+            Component("difference of coefficients", 0.58e-6, -length_nm * 0.1, 50),
+            Component("difference of temperatures", 0.029, -length_nm * 11.5e-6, 2),
+        ]
+    )
+    assert round(budget.u) == 32
+    assert int(budget.dof) == 16
+    assert round(budget.expanded_at(0.99)) == 93
+    assert budget.coverage == pytest.approx(0.937, abs=0.001)  # t for 16.7: 2 is not quite 95 %
+
+
+def test_impedance_of_gum_h2() -> None:
+    """GUM H.2: R, X, Z with correlated inputs, their uncertainties and correlations (Table H.4)."""
+    values = np.asarray([4.9990, 19.6610e-3, 1.04446])
+    u = np.asarray([0.0032, 0.0095e-3, 0.00075])
+    correlation = np.asarray([[1, -0.36, 0.86], [-0.36, 1, -0.65], [0.86, -0.65, 1]])
+
+    def impedance(q: np.ndarray) -> np.ndarray:
+        z = q[0] / q[1]
+        return np.asarray([z * np.cos(q[2]), z * np.sin(q[2]), z])
+
+    covariance = propagate(impedance, values, correlation * np.outer(u, u))
+    sd = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(impedance(values), [127.732, 219.847, 254.260], atol=2e-3)
+    np.testing.assert_allclose(sd, [0.071, 0.295, 0.236], atol=1.5e-3)
+    found = covariance / np.outer(sd, sd)
+    np.testing.assert_allclose([found[0, 1], found[0, 2], found[1, 2]], [-0.588, -0.485, 0.993], atol=0.01)
+
+
+def test_shares_add_up_and_name_what_halves() -> None:
+    """Shares are of the variance; three quarters in one component halve the uncertainty without it."""
+    budget = combine([Component("a", 2.0), Component("b", 1.0), Component("c", 0.5)])
+    assert sum(budget.shares().values()) == pytest.approx(1.0)
+    assert list(budget.shares()) == ["a", "b", "c"]
+    assert "without a" in budget.what_halves_it()
+    assert "no single component" in combine([Component("a", 1.0), Component("b", 1.0)]).what_halves_it()
+
+
+def test_within_and_between_runs_by_hand() -> None:
+    """Three runs of two values: s_r^2 = 1/2 and s_L^2 = MS_between / n - s_r^2 / n, computed on paper."""
+    spread = one_way([np.asarray([0.0, 1.0]), np.asarray([2.0, 3.0]), np.asarray([4.0, 5.0])])
+    assert spread.repeatability**2 == pytest.approx(0.5)
+    assert spread.between**2 == pytest.approx((8.0 - 0.5) / 2)
+    assert spread.reproducibility**2 == pytest.approx(0.5 + 3.75)
+    with pytest.raises(RequestError):
+        one_way([np.asarray([1.0, 2.0])])
+
+
+def test_between_run_spread_is_found_again() -> None:
+    """200 runs of 5 cycles with s_r = 1 and s_L = 2: both estimated within 12 %."""
+    rng = np.random.default_rng(0)
+    spread = one_way([rng.normal(rng.normal(0, 2), 1, 5) for _ in range(200)])
+    assert spread.repeatability == pytest.approx(1.0, rel=0.12)
+    assert spread.between == pytest.approx(2.0, rel=0.12)
+
+
+def test_en_score_by_hand() -> None:
+    """(10 - 7) / sqrt(3^2 + 4^2) = 0.6."""
+    scores = en_scores(np.asarray([7.0, 10.0]), np.asarray([3.0, 4.0]))
+    assert np.isnan(scores[0])
+    assert scores[1] == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "text"),
+    [(1651.9842, 0.15, "1651.98 ± 0.15"), (0.012345, 0.00067, "0.01235 ± 0.00067"), (12345.6, 250.0, "12350 ± 250"),
+     (1.0, 0.0995, "1.00 ± 0.10")],
+)  # fmt: skip
+def test_numbers_carry_the_digits_their_uncertainty_warrants(value: float, u: float, text: str) -> None:
+    """Two significant digits of the uncertainty (GUM 7.2.6)."""
+    assert with_uncertainty(value, u) == text
+
+
+def test_a_void_number_is_a_dash() -> None:
+    """NaN prints a dash, infinity its sign."""
+    assert rounded(float("nan"), 1.0) == "–"
+    assert rounded(float("inf"), 1.0) == "∞"
+
+
+def test_stated_interval_of_an_elongation_holds_the_truth(tmp_path: Path) -> None:
+    """Over the samples of 6 runs with known x, x +- U (k = 2) holds the truth 93 to 97.5 % of the time."""
+    inside, count = 0, 0
+    for seed in range(6):
+        stairs = Staircase(Plant(seed=seed, loop_mm=0.25))
+        path = tmp_path / f"{seed}.csv"
+        stairs.elongations().to_csv(path, index=False)
+        recording = stairs.recording()
+        analysis = analyse(recording, path, options=Options(mcmc=False, x_resolution_mm=0.0))
+        pressure, loading, _, _ = stairs.trace()
+        truth = stairs.plant.elongation(pressure, loading)
+        found = elongation_reader(analysis).evaluate(recording.signal_mv)
+        # away from the ends, where noise pushes signals out of the range and only the inner half has a value
+        known = np.isfinite(found.elongation_mm) & (truth > -2.4) & (truth < 3.4)
+        apart = np.abs(found.elongation_mm - truth)[known]
+        inside += int((apart <= 2 * found.standard_uncertainty_mm[known]).sum())
+        count += int(known.sum())
+    assert 0.93 <= inside / count <= 0.975
+
+
+@pytest.mark.fault(23, how="what is left of ambient light, as a component of the budget", times=1)
+def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
+    """The budget lists the nine components, each with its source; on a grid, reading is the largest."""
+    stairs = Staircase(Plant(loop_mm=0.25))
+    frame = stairs.elongations()
+    frame["elongation_mm"] = (frame["elongation_mm"] * 2).round() / 2
+    frame.to_csv(tmp_path / "grid.csv", index=False)
+    analysis = analyse(stairs.recording(), tmp_path / "grid.csv", options=Options(mcmc=False))
+    budget = elongation_budget(analysis, 0.5)[0]
+    assert {c.name for c in budget.components} == {
+        "reading", "noise", "repeatability", "reproducibility", "hysteresis", "zero drift", "resolution",
+        "ambient residual", "fit",
+    }  # fmt: skip
+    assert all(c.source for c in budget.components)
+    assert next(iter(budget.shares())) == "reading"
+
+
+def test_spread_between_runs_enters_the_budget(tmp_path: Path) -> None:
+    """Four calibrations whose b0 differ: the budget's reproducibility is the sd of y(x) over the slope, less the fit's.
+
+    With one run it is not assessed.
+    """
+    offsets, runs = (0.0, 3.0, -2.0, 1.0), []
+    for seed, offset in enumerate(offsets):
+        cubics = tuple((c[0] + offset, *c[1:]) for c in PAPER)
+        stairs = Staircase(Plant(cubics=cubics, loop_mm=0.1, seed=seed), cycles=2)
+        stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+        runs.append(analyse(stairs.recording(), tmp_path / "e.csv", mcmc=False))
+    alone, among = (elongation_budget(runs[0], 0.5, runs=part)[0] for part in ((), runs))
+    assert alone.shares()["reproducibility"] == 0.0
+    found = next(c for c in among.components if c.name == "reproducibility")
+    slope = float(np.polynomial.Polynomial(PAPER[0]).deriv()(0.5))
+    assert found.contribution == pytest.approx(np.std(offsets, ddof=1) / slope, rel=0.05)
+    assert found.dof == 3
+    assert among.u > alone.u
+
+
+@pytest.mark.parametrize("leak", [0.0, 0.1])
+def test_ambient_residual_is_what_the_subtraction_leaves(tmp_path: Path, leak: float) -> None:
+    """Slow light of 40 counts sd on dark; `leak` of it stays in the signal: 0 or 4 counts, whatever dark's own noise.
+
+    Light that the subtraction takes out whole is no residual, however strong it is.
+    """
+    stairs = Staircase(Plant(noise_mv=(1.0, 1.0)), cycles=1)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    run = stairs.recording()
+    rng = np.random.default_rng(3)
+    light = 40.0 * (1 - 0.8**2) ** 0.5 * signal.lfilter([1.0], [1.0, -0.8], rng.standard_normal((run.n, 2)), axis=0)
+    scale = 4096.0 / 2.0**16
+    dark = np.round(500.0 + light + 3.0 * rng.standard_normal(light.shape))
+    lit = np.round(run.signal_mv / scale + 500.0 + (1.0 + leak) * light)
+    counted = Recording.from_arrays(
+        run.time_s, run.pressure_kpa, (lit - dark) * scale, lit=lit, dark=dark, meta={"vref_mv": 4096, "adc_bits": 16}
+    )
+    found = signal_parts(analyse(counted, tmp_path / "e.csv", options=Options(mcmc=False)), 0)
+    assert found.ambient == pytest.approx(leak * 40.0 * scale, rel=0.2)
+    assert found.noise == pytest.approx(np.hypot(1.0, 3.0 * scale), rel=0.1)

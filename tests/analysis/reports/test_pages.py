@@ -1,0 +1,86 @@
+"""Pages of a report: where they end, against every other way to end them; the script of a name."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from analysis.reports import pages, pdf
+from analysis.reports.document import Drawing, Table, aligned, right_aligned, typeset
+from analysis.reports.glyphs import families, printable
+from analysis.reports.pages import Block, broken, placed
+
+
+def row(height: float, head: Block | None = None, **how: bool) -> Block:
+    return Block(height, head=head, **how)
+
+
+def drawn(height: float) -> Block:
+    return Block(height, drawing=Drawing((), "", height), kept=True)
+
+
+def cost(blocks: list[Block], counts: list[int], room: float) -> float:
+    """Cost of pages of so many blocks each; a page that does not hold its blocks is one only if it is a single one."""
+    total, first = 0.0, 0
+    for n in counts:
+        end = first + n
+        found = pages._cost(pages._sums(pages._page(blocks, first, end)), room, last=end == len(blocks))
+        own = found if found is not None else pages.PARTED if n == 1 else np.inf
+        total += own + pages.PAGE + pages._parting(blocks, end)
+        first = end
+    return total
+
+
+def test_no_other_breaks_are_cheaper() -> None:
+    """Every set of breaks of nine blocks is tried: none costs less than the chosen one."""
+    rng = np.random.default_rng(0)
+    cuts = [cut for n in range(9) for cut in itertools.combinations(range(1, 9), n)]
+    for _ in range(5):
+        blocks = [drawn(float(h)) if h > 2 else row(float(h), starts=h < 0.5) for h in rng.uniform(0.2, 3.5, 9)]
+        chosen = [len(page) for page in broken(blocks, 6.0)]
+        every = ([b - a for a, b in itertools.pairwise([0, *cut, 9])] for cut in cuts)
+        assert cost(blocks, chosen, 6.0) == pytest.approx(min(cost(blocks, counts, 6.0) for counts in every))
+
+
+@pytest.mark.parametrize("rows", range(48, 58))
+def test_no_page_holds_a_single_row(rows: int) -> None:
+    """However long a table is, its head stands on every page, with four rows or more of it, and none is lost."""
+    blocks = pdf._table(Table(("no.", "mV"), tuple((str(k), "1.0") for k in range(rows)), "Means."))
+    found = broken(blocks, pdf.ROOM)
+    heads = [sum(b is blocks[0] or b.texts == blocks[0].texts for b in page) for page in found]
+    held = [sum(b.head is not None for b in page) for page in found]
+    assert heads == [1] * len(found)
+    assert sum(held) == rows
+    assert min(held) >= pdf.ORPHANS
+
+
+@pytest.mark.parametrize(("drawing", "last", "foot"), [(5.8, False, 7.0), (4.0, False, 6.6), (4.0, True, 5.2)])
+def test_what_is_placed_stays_on_its_page(drawing: float, last: bool, foot: float) -> None:
+    """Pressed, a page ends at its foot; stretched, no further than drawings may grow; the last one is not stretched."""
+    page = [drawn(drawing), Block(0.2, rule=pages.Rule(0.0, 0.0, 1.0), head=row(0.2))]
+    assert placed(page, 6.0 if foot == 7.0 else 5.6, 1.0, last=last)[-1].y == pytest.approx(foot)
+
+
+def test_a_heading_is_never_the_last_line_of_a_page() -> None:
+    """It goes over with what it names."""
+    blocks = [row(1.0), row(1.0), row(0.3, kept=True, starts=True), row(0.9)]
+    assert [len(page) for page in broken(blocks, 2.5)] == [2, 2]
+
+
+def test_numbers_meet_at_the_point_and_at_the_plus_minus() -> None:
+    """Digits of one place stand under one another; words stand at the left; the minus is a minus."""
+    table = aligned(Table(("", "b", "unit"), (("b0", "1651.98 ± 0.12", "mV"), ("b1", "-2.7 ± 12.1", "mV/mm"))))
+    first, second = (line[1].replace("\u2007", "_").replace("\u2008", ".") for line in table.rows)
+    assert first == "1651.98 ± _0.12"
+    assert second == "\u22122.7_ ± 12.1_"
+    assert right_aligned(table) == (False, True, False)
+    assert typeset("from -2.7 on 2026-01-02 08:00:00 -0400") == "from \u22122.7 on 2026-01-02 08:00:00 -0400"
+
+
+def test_a_name_in_another_script() -> None:
+    """Latin, Greek and Cyrillic need one font; what no font has is replaced, nothing is dropped."""
+    assert families("Изделие Ångström β") == ("DejaVu Sans",)
+    assert printable("a\U0001f9bfb") == "a\ufffdb"
+    assert len(printable("ソフト")) == 3

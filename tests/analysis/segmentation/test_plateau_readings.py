@@ -1,0 +1,90 @@
+"""Readings of elongation put to plateaus: the run that broke off on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis import find_cycles, find_plateaus
+from analysis.data.recording import READING_COLUMNS, Recording
+from analysis.errors import DataError
+from analysis.segmentation.plateau_readings import elongations_of
+from analysis.segmentation.plateaus import Plateau
+from tests.analysis.boat_builder import Plant
+
+HELD = ((0.0, None), (50.0, 1), (40.0, 2), (30.0, 3), (0.0, None))  # kPa and step: rest, three steps, vented
+BROKEN = cast(
+    Recording, SimpleNamespace(steps=pd.DataFrame({"id": [1, 2, 3], "status": ["reached"] * 2 + ["aborted"]}))
+)
+
+
+def plateau(number: int, pressure_kpa: float, step: int | None) -> Plateau:
+    nothing = (0.0,)
+    return Plateau(
+        number, 0, "", 0, 0, 0, 0.0, 1.0, pressure_kpa, 0.0, nothing, nothing, nothing, (1,), 0, 0, step=step
+    )
+
+
+def write(path: Path, pressures_kpa: list[float]) -> Path:
+    path.write_text("pressure_kpa,elongation_mm\n" + "".join(f"{p},{p / 10}\n" for p in pressures_kpa))
+    return path
+
+
+@pytest.mark.parametrize("read", [[50.0, 40.0], [50.0, 40.0, 30.0]])
+def test_a_broken_run_takes_one_row_for_each_step(tmp_path: Path, read: list[float]) -> None:
+    """One row for each step that was reached, or also for the one broken off: rest and vent have none."""
+    plateaus = tuple(plateau(n, *held) for n, held in enumerate(HELD, 1))
+    found = elongations_of(BROKEN, plateaus, write(tmp_path / "readings.csv", read))
+    assert found is not None
+    expected = [np.nan] + [p / 10 for p in read] + [np.nan] * (4 - len(read))
+    np.testing.assert_array_equal(found.elongation_mm, expected)
+
+
+def test_rows_at_other_pressures_are_refused(tmp_path: Path) -> None:
+    """As many rows as steps, one of them at a pressure that was not held: refused, with the row."""
+    plateaus = tuple(plateau(n, *held) for n, held in enumerate(HELD, 1))
+    with pytest.raises(DataError, match=r"row 2 says 20 kPa where the run held 40\.0 kPa"):
+        elongations_of(BROKEN, plateaus, write(tmp_path / "readings.csv", [50.0, 20.0]))
+
+
+def test_a_plan_of_negative_pressures_leaves_its_vented_ends_unread(tmp_path: Path) -> None:
+    """Holds from -5 to -45 kPa, two cycles, vented before and after: the file's 33 rows go to the 33 holds."""
+    down = np.arange(-5.0, -46.0, -5.0)
+    read = np.concatenate([down, down[-2::-1], down[1:], down[-2::-1]])
+    held = np.repeat(np.concatenate([[0.0], read, [0.0]]), 300)
+    recording = Plant().run(held, np.gradient(held) > 0, np.zeros(held.size))
+    plateaus = find_plateaus(recording, find_cycles(recording))
+    table = tmp_path / "readings.csv"
+    pd.DataFrame({"pressure_kpa": read, "elongation_mm": read / 20.0}).to_csv(table, index=False)
+    found = elongations_of(recording, plateaus, table)
+    assert found is not None
+    assert np.isnan(found.elongation_mm[[0, -1]]).all()
+    np.testing.assert_allclose(found.elongation_mm[1:-1], read / 20.0)
+
+
+@pytest.mark.parametrize(("entered", "counts"), [([1.5, None], np.nan), ([1.5, None, 2.5], 2.5), ([1.5, 2.0], 2.0)])
+def test_a_withdrawn_reading_counts_no_more(entered: list[float | None], counts: float) -> None:
+    """The last entry for a step counts: a correction, and also an empty one, which withdraws; its neighbour stays."""
+    readings = pd.DataFrame(
+        [(i, "", 2, mm, 0.5, "typed", "", "") for i, mm in enumerate(entered)]
+        + [(9, "", 1, 3.0, 0.5, "typed", "", "")],
+        columns=list(READING_COLUMNS),
+    )
+    recording = Recording.from_arrays([0.0, 1.0], [0.0, 0.0], [1.0, 1.0], readings=readings)
+    found = elongations_of(recording, tuple(plateau(n, *held) for n, held in enumerate(HELD, 1)))
+    assert found is not None
+    np.testing.assert_array_equal(found.elongation_mm, [np.nan, 3.0, counts, np.nan, np.nan])
+
+
+def test_a_run_whose_readings_were_all_withdrawn_was_not_read() -> None:
+    """One reading, withdrawn: the run counts as one that nobody read."""
+    readings = pd.DataFrame(
+        [(i, "", 1, mm, 0.5, "typed", "", "") for i, mm in enumerate([3.0, None])], columns=list(READING_COLUMNS)
+    )
+    recording = Recording.from_arrays([0.0, 1.0], [0.0, 0.0], [1.0, 1.0], readings=readings)
+    assert elongations_of(recording, tuple(plateau(n, *held) for n, held in enumerate(HELD, 1))) is None

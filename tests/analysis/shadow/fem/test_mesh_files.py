@@ -1,0 +1,181 @@
+"""Meshes and decks: written, read back, refused, and solved by CalculiX."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from analysis.errors import FileError, RequestError
+from analysis.shadow.fem.calculix import calculix_deck, wetted_faces
+from analysis.shadow.fem.element import EDGES
+from analysis.shadow.fem.mesh import Mesh
+from analysis.shadow.fem.mesh_files import PARTS, from_meshio, read_mesh, to_meshio, write_state
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.full import FullModel
+
+
+@pytest.mark.parametrize("kind", ["vtu", "msh"])
+def test_meshes_come_back_as_they_went(actuator: FullModel, tmp_path: Path, kind: str) -> None:
+    """Nodes, elements, materials, wetted edges, base and tip; and the states of both are the same."""
+    path = tmp_path / f"actuator.{kind}"
+    write_state(actuator, actuator.solve(pressure_kpa=30.0), path, kind)
+    mesh = read_mesh(path)
+    again = FullModel(actuator.parameters, mesh=mesh)
+    assert again.solver.solve(pressure_kpa=30.0).elongation_mm == pytest.approx(
+        actuator.solve(pressure_kpa=30.0).elongation_mm, rel=1e-9
+    )
+    assert len(mesh.cavity) == len(actuator.mesh.cavity)
+
+
+def test_vtu_carries_the_state(actuator: FullModel, tmp_path: Path) -> None:
+    """Displacements of each node, in mm."""
+    state = actuator.solve(pressure_kpa=30.0)
+    write_state(actuator, state, tmp_path / "state.vtu", "vtu")
+    found = meshio.read(tmp_path / "state.vtu").point_data["displacement_mm"]
+    np.testing.assert_allclose(found[:, :2], state.displacement_mm, atol=1e-12)
+
+
+def test_foreign_meshes_are_put_right(actuator: FullModel) -> None:
+    """Clockwise elements, wetted edges the other way round, nodes nobody uses and a base not at zero are taken."""
+    made = to_meshio(actuator.mesh)
+    points = np.vstack([made.points + np.array([0, 17.0, 0]), [[1e3, 1e3, 0]]])
+    turned = [
+        (block.type, block.data[:, [0, 3, 2, 1, 7, 6, 5, 4]] if block.type == "quad8" else block.data[:, [1, 0, 2]])
+        for block in made.cells
+    ]
+    mesh = from_meshio(meshio.Mesh(points, turned, cell_data=made.cell_data), Path("foreign.vtu"))
+    assert mesh.nodes[:, 1].min() == 0.0
+    same = FullModel(actuator.parameters, mesh=mesh).solver.solve(pressure_kpa=-20.0)
+    assert same.elongation_mm == pytest.approx(actuator.solve(pressure_kpa=-20.0).elongation_mm, rel=1e-8)
+
+
+def test_what_is_no_mesh_is_refused(actuator: FullModel, tmp_path: Path) -> None:
+    """No file, no mesh, another suffix, a missing part, no parts at all, an edge of no element."""
+    for name, text in (
+        ("none.vtu", None),
+        ("torn.vtu", "<VTKFile"),
+        ("torn.msh", "$MeshFormat\n2.2 0 8\n"),
+        ("a.stl", ""),
+    ):
+        path = tmp_path / name
+        if text is not None:
+            path.write_text(text)
+        with pytest.raises(FileError) as refusal:
+            read_mesh(path)
+        assert refusal.value.remedy
+    made = to_meshio(actuator.mesh)
+    keep = [i for i, label in enumerate(made.cell_data["part"]) if label[0] != 3]
+    fewer = meshio.Mesh(
+        made.points, [made.cells[i] for i in keep], cell_data={"part": [made.cell_data["part"][i] for i in keep]}
+    )
+    with pytest.raises(FileError, match="cavity"):
+        from_meshio(fewer, tmp_path / "fewer.vtu")
+    with pytest.raises(FileError, match="does not say"):
+        from_meshio(meshio.Mesh(made.points, made.cells), tmp_path / "bare.vtu")
+
+
+def altered(mesh: Mesh, change: dict[int, Callable[[np.ndarray], np.ndarray]]) -> meshio.Mesh:
+    """The mesh as a file has it, with the cells of some parts changed."""
+    made = to_meshio(mesh)
+    cells, labels = [], []
+    for block, label in zip(made.cells, made.cell_data["part"], strict=True):
+        part = int(label[0])
+        data = change[part](block.data) if part in change else block.data
+        cells.append((block.type, data))
+        labels.append(np.full(len(data), part))
+    return meshio.Mesh(made.points, cells, cell_data={"part": labels})
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "said"),
+    [
+        ("cavity", lambda e: np.delete(e, len(e) // 2, axis=0), "not one chain of edges from base to tip .4 ends"),
+        ("cavity", lambda e: e[1:], "2 ends, 1 of them neither"),
+        ("cavity", lambda e: np.concatenate([e, e[:1]]), "wetted edge twice"),
+        ("base", lambda e: e[1:], "the base is not the mesh's flat end"),
+        ("tip", lambda e: e[:-1], "the tip is not the mesh's flat end"),
+    ],
+)
+def test_parts_that_are_not_whole_are_refused(
+    actuator: FullModel, part: str, change: Callable[[np.ndarray], np.ndarray], said: str
+) -> None:
+    """A cavity with a hole, an open end or an edge twice, ends in part: each moved the tip by 1 to 12 % in silence."""
+    with pytest.raises(FileError, match=said):
+        from_meshio(altered(actuator.mesh, {PARTS[part]: change}), Path("x.vtu"))
+
+
+def test_ends_the_wrong_way_round_are_refused(actuator: FullModel) -> None:
+    """Base for tip, and r for z, gave a tip of the other sign; metres put the guides outside the lattice."""
+    made = to_meshio(actuator.mesh)
+    exchange = np.array([0, 1, 2, 3, 5, 4])
+    swapped = meshio.Mesh(made.points, made.cells, cell_data={"part": [exchange[p] for p in made.cell_data["part"]]})
+    with pytest.raises(FileError, match="the base is not the mesh's flat end"):
+        from_meshio(swapped, Path("x.vtu"))
+    turned = meshio.Mesh(made.points[:, [1, 0, 2]], made.cells, cell_data=made.cell_data)
+    with pytest.raises(FileError, match="flat end"):
+        from_meshio(turned, Path("x.vtu"))
+    metres = from_meshio(meshio.Mesh(1e-3 * made.points, made.cells, cell_data=made.cell_data), Path("x.vtu"))
+    with pytest.raises(RequestError, match="guide"):
+        _ = FullModel(actuator.parameters, mesh=metres).guides
+
+
+def test_formats_and_folders_that_are_none(actuator: FullModel, tmp_path: Path) -> None:
+    """An unknown format and a folder that is not there."""
+    rest = actuator.solver.rest()
+    with pytest.raises(RequestError, match="vtk"):
+        write_state(actuator, rest, tmp_path / "x.vtk", "vtk")
+    for kind in ("vtu", "msh", "inp"):
+        with pytest.raises(FileError):
+            write_state(actuator, rest, tmp_path / "none" / f"x.{kind}", kind)
+
+
+def test_deck_names_every_wetted_face(actuator: FullModel) -> None:
+    """The face of each pressure load is the edge of that element that lies in the cavity."""
+    for (element, face), edge in zip(wetted_faces(actuator.mesh), actuator.mesh.cavity, strict=True):
+        np.testing.assert_array_equal(actuator.mesh.quads[element][EDGES[face]], edge)
+    deck = calculix_deck(actuator.parameters, actuator.mesh, 50.0)
+    assert max(map(len, deck.splitlines())) < 132
+    assert deck.count("TYPE=CAX8R") == 2
+
+
+@pytest.mark.parametrize("pressure", [50.0, -40.0])
+def test_calculix_finds_the_same_state(actuator: FullModel, tmp_path: Path, pressure: float) -> None:
+    """The exported deck, run as it is: tip within 0.1 % (asked: 1 %), every node within 0.2 % of the tip's way."""
+    if shutil.which("ccx") is None:
+        pytest.skip("CalculiX (ccx, Debian's calculix-ccx) is not installed")
+    state = actuator.solve(pressure_kpa=pressure)
+    write_state(actuator, state, tmp_path / "deck.inp", "inp")
+    subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True, timeout=200)
+    lines = [line.split() for line in (tmp_path / "deck.dat").read_text().splitlines()]
+    found = np.array([[float(v) for v in line[1:3]] for line in lines if len(line) == 4 and line[0].isdigit()])
+    assert found[actuator.mesh.tip[0], 1] == pytest.approx(state.elongation_mm, rel=1e-3)
+    assert np.abs(found - state.displacement_mm).max() < 2e-3 * abs(state.elongation_mm)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("values", "pressure"),
+    [
+        ({"wall_mm": 1.8, "neck_radius_mm": 4.76}, 30.0),
+        ({"wall_mm": 2.6, "cells": 3}, -50.0),
+        ({"lattice_modulus_kpa": 10.0, "lattice_poisson": 0.1, "wall_poisson": 0.4}, 40.0),
+        ({"axial_elements": 12, "wall_elements": 3, "lattice_elements": 6, "wall_poisson": 0.499}, -30.0),
+    ],
+)
+def test_calculix_agrees_for_other_actuators(values: dict[str, float], pressure: float, tmp_path: Path) -> None:
+    """Other walls, moduli, Poisson's ratios and meshes: tip within 1 % of CalculiX on the exported deck."""
+    if shutil.which("ccx") is None:
+        pytest.skip("CalculiX (ccx, Debian's calculix-ccx) is not installed")
+    model = FullModel(ActuatorParameters(**values))  # type: ignore[arg-type]
+    state = model.solve(pressure_kpa=pressure)
+    write_state(model, state, tmp_path / "deck.inp", "inp")
+    subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True, timeout=600)
+    lines = [line.split() for line in (tmp_path / "deck.dat").read_text().splitlines()]
+    found = np.array([[float(v) for v in line[1:3]] for line in lines if len(line) == 4 and line[0].isdigit()])
+    assert found[model.mesh.tip[0], 1] == pytest.approx(state.elongation_mm, rel=1e-2)

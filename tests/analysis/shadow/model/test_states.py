@@ -1,0 +1,130 @@
+"""Fifteen states for the optics, and a recording against the shadow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.errors import DataError, FileError, RequestError
+from analysis.optics.scene.curve_file import read_curves
+from analysis.optics.scene.curves import checked_curves, default_curves, elongations
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.reduced import ReducedModel
+from analysis.shadow.model.states import GuideStates, guide_states, kept_states, write_states
+from analysis.shadow.monitoring.replay import drift, replay, replay_figure
+from tests.analysis.shadow.bench_actuator import Illness, Run, run_actuator
+
+
+@pytest.fixture(scope="module")
+def states(actuator: FullModel) -> GuideStates:
+    """The paper's range."""
+    return guide_states(actuator)
+
+
+@pytest.fixture(scope="module")
+def softening() -> Run:
+    """Forty continuous cycles that soften from the twenty-first."""
+    return run_actuator(40, Illness(begins=20, softening_percent_in_50=5.0), staircase=False)
+
+
+def test_fifteen_states_from_compression_to_elongation(states: GuideStates) -> None:
+    """Seven even steps of pressure each way, rest in the middle, elongation rising from -2.7 to +3.8 mm."""
+    assert states.curves_mm.shape == (15, 2, 7, 2)
+    assert states.pressure_kpa[7] == 0.0
+    assert (np.diff(states.elongation_mm) > 0).all()
+    np.testing.assert_allclose(states.elongation_mm[[0, 7, 14]], [-2.7, 0.0, 3.8], atol=1e-3)
+    np.testing.assert_allclose(states.curves_mm[:, 1, :, 0], -states.curves_mm[:, 0, :, 0], atol=1e-12)
+
+
+def test_the_optics_default_is_this_model(states: GuideStates) -> None:
+    """The file that ships with the optics holds what the full model gives now: written anew where this fails."""
+    np.testing.assert_allclose(default_curves(), states.curves_mm, atol=2e-6)
+    np.testing.assert_allclose(elongations(), states.elongation_mm, atol=2e-6)
+
+
+def test_states_are_kept_by_parameters(states: GuideStates, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second time they come from the cache, bit for bit; a damaged cache is made anew, as for other parameters."""
+    solved = []
+
+    def solve(model: FullModel) -> GuideStates:
+        solved.append(model.parameters.digest)
+        return states
+
+    monkeypatch.setattr("analysis.shadow.model.states.guide_states", solve)
+    for _ in range(2):
+        np.testing.assert_array_equal(kept_states(folder=tmp_path).curves_mm, states.curves_mm)
+    assert solved == [states.parameters]
+    next(tmp_path.iterdir()).write_bytes(b"PK not a table")
+    kept_states(folder=tmp_path)
+    kept_states(replace(ActuatorParameters(), wall_modulus_kpa=300.0), folder=tmp_path)
+    assert len(solved) == 3
+    assert len(set(solved)) == 2
+
+
+def test_guides_straighten_as_the_actuator_lengthens(states: GuideStates) -> None:
+    """What this mechanics says, against the paper's words: curvature falls with elongation, by a tenth in all."""
+    curvature = states.curvature_per_mm()
+    assert (np.diff(curvature) < 0).all()
+    assert 1 - curvature[-1] / curvature[0] == pytest.approx(0.10, abs=0.02)
+    assert np.ptp(states.bow_mm()) < 0.2
+
+
+@pytest.mark.parametrize("dense", [False, True])
+def test_the_optics_reads_what_is_written(actuator: FullModel, tmp_path: Path, dense: bool) -> None:
+    """CSV and arrays come back as they went, and pass the optics' own check."""
+    made = guide_states(actuator, every_half_mm=dense)
+    write_states(made, tmp_path / "curves.csv")
+    np.testing.assert_allclose(read_curves(tmp_path / "curves.csv"), made.curves_mm, atol=1e-6)
+    checked_curves(made.curves_mm)
+    write_states(made, tmp_path / "curves.npz")
+    with np.load(tmp_path / "curves.npz") as kept:
+        np.testing.assert_array_equal(kept["curves_mm"], made.curves_mm)
+
+
+def test_states_that_cannot_be(actuator: FullModel, states: GuideStates, tmp_path: Path) -> None:
+    """Pressures on one side, beyond the limit, or a file in no folder."""
+    with pytest.raises(RequestError):
+        guide_states(actuator, lowest_kpa=10.0)
+    with pytest.raises(RequestError, match="critical pressure"):
+        guide_states(actuator, lowest_kpa=-60.0)
+    with pytest.raises(FileError):
+        write_states(states, tmp_path / "none" / "curves.csv")
+
+
+def test_replay_raises_the_alarms_and_measures_the_deviation(table: ReducedModel, softening: Run) -> None:
+    """Deviation, drift and alarms of a run; the summary holds a report's numbers."""
+    result = replay(table, softening.time_s, softening.pressure_kpa, softening.elongations_mm, softening.cycles)
+    summary = result.summary()
+    assert summary["cycles"] == 40
+    assert result.alarms[0].illness == "softening"
+    assert 0.0 < float(summary["deviation_rms_mm"]) < 0.3  # type: ignore[arg-type]
+    assert 0.0 <= float(summary["inside_band_percent"]) <= 100.0  # type: ignore[arg-type]
+    assert result.drift_interval[0] < result.drift_mm_per_cycle < result.drift_interval[1]
+    assert result.left_out == ()
+    figure = replay_figure(result)
+    assert "deviation" in figure.axes[0].get_ylabel()
+    assert any(t.get_text() == "softening" for t in figure.axes[1].texts)
+
+
+def test_replay_leaves_out_what_is_no_cycle(table: ReducedModel, softening: Run) -> None:
+    """A cycle without elongation is named; arrays that do not belong together, or hold nothing, are refused."""
+    blind = softening.elongations_mm.copy()
+    blind[softening.cycles[3]] = np.nan
+    result = replay(table, softening.time_s, softening.pressure_kpa, blind, softening.cycles)
+    assert len(result.figures) == 39
+    assert result.left_out[0].startswith("cycle 4")
+    for x in (softening.elongations_mm[:-1], np.full(len(softening.time_s), np.nan)):
+        with pytest.raises(DataError):
+            replay(table, softening.time_s, softening.pressure_kpa, x, softening.cycles)
+
+
+def test_drift_is_the_slope_over_cycles() -> None:
+    """A straight line's slope, one outlier notwithstanding; NaN for fewer than three cycles."""
+    levels = 0.01 * np.arange(12.0)
+    levels[5] = 3.0
+    assert drift(levels)[0] == pytest.approx(0.01, abs=1e-3)
+    assert np.isnan(drift(np.array([1.0, np.nan, 2.0]))).all()

@@ -1,0 +1,162 @@
+"""`boat-daq shadow` as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis.errors import AnalysisError
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.reduced import ReducedModel, TableSettings
+from analysis.shadow.model.table import table_digest, write_table
+from boat_daq.commands.shadow import app
+
+
+@pytest.fixture
+def cache(tmp_path: Path, table: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache of this test's own that holds the default table."""
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
+    name = table_digest(ActuatorParameters(), TableSettings())
+    write_table(table, tmp_path / "boat-daq" / "shadow" / f"{name}.npz")
+
+
+@pytest.fixture
+def coarse(tmp_path: Path) -> list[str]:
+    """The paper's actuator on a coarse mesh: for what does not ask for its numbers."""
+    path = tmp_path / "coarse.toml"
+    path.write_text("axial_elements = 4\nwall_elements = 1\nlattice_elements = 2\n")
+    return ["--parameters", str(path)]
+
+
+def answer(*words: str) -> Any:
+    """The JSON object that a command prints, alone on standard output."""
+    result = CliRunner().invoke(app, [*words, "--json"])
+    assert result.exit_code == 0, result.exception
+    return json.loads(result.stdout)
+
+
+@pytest.mark.usefixtures("cache")
+@pytest.mark.parametrize("model", ["full", "reduced"])
+def test_solve_keeps_its_contract(model: str) -> None:
+    """The keys of the surface, by either model, and the state of the paper's range."""
+    found = answer("solve", "--pressure", "-40", "--model", model)
+    keys = {"pressure_kpa", "elongation_mm", "lowest_eigenvalue", "iterations", "seconds", "tracked_points_mm", "model"}
+    assert keys <= set(found)
+    assert found["model"] == model
+    assert found["elongation_mm"] == pytest.approx(-2.7, abs=1e-3)
+    assert np.shape(found["tracked_points_mm"]) == (2, 7, 2)
+    assert 0.0 < found["lowest_eigenvalue"] < 0.2
+
+
+def test_solve_at_an_elongation() -> None:
+    """The pressure follows from the elongation."""
+    assert answer("solve", "--elongation", "3.8")["pressure_kpa"] == pytest.approx(50.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["solve"], 2),
+        (["solve", "--pressure", "1", "--model", "half"], 2),
+        (["solve", "--pressure", "1", "--mesh", "x.vtu", "--model", "reduced"], 2),
+        (["solve", "--pressure", "-80"], 1),
+        (["solve", "--pressure", "nan"], 1),
+        (["solve", "--elongation", "1", "--parameters", "none.toml"], 1),
+        (["solve", "--elongation", "1", "--mesh", "none.vtu"], 1),
+        (["export", "--format", "stl", "--out", "x.stl"], 1),
+        (["modulus", "none.csv", "--height-mm", "50", "--area-mm2", "2500"], 1),
+        (["modulus", "s1.csv", "./s1.csv", "--height-mm", "50", "--area-mm2", "2500"], 2),
+        (["chain", "--cavities", "many"], 2),
+    ],
+)
+def test_bad_requests(words: list[str], code: int) -> None:
+    """A usage error is 2; a failure carries cause and remedy for the command line to print."""
+    result = CliRunner().invoke(app, words)
+    if code == 2:
+        assert result.exit_code == 2
+    else:
+        assert isinstance(result.exception, AnalysisError)
+        assert result.exception.cause
+        assert result.exception.remedy
+
+
+@pytest.mark.usefixtures("cache")
+def test_table_says_its_error_and_speed() -> None:
+    """Bound below 0.1 % of the range, more than 20,000 states a second."""
+    found = answer("table")
+    assert found["error_bound_percent"] < 0.1
+    assert found["states_per_s"] > 20_000
+    assert len(found["errors_mm"]) == found["modes"]
+
+
+def test_export_writes_all_formats(tmp_path: Path, coarse: list[str]) -> None:
+    """Each format's file, and its size in nodes and elements."""
+    for kind in ("vtu", "msh", "inp"):
+        out = tmp_path / f"actuator.{kind}"
+        found = answer("export", "--format", kind, "--pressure", "20", "--out", str(out), *coarse)
+        assert out.stat().st_size > 1000
+        assert found["elements"] == 6 * 4 * 3
+    assert answer("solve", "--pressure", "20", "--mesh", str(tmp_path / "actuator.msh"))["model"] == "full"
+
+
+def test_states_writes_curves(tmp_path: Path, coarse: list[str]) -> None:
+    """Fifteen states, seven points a guide, or one every half millimetre."""
+    found = answer("states", "--out", str(tmp_path / "curves.csv"), *coarse)
+    assert found["points"] == 7
+    assert len(found["elongation_mm"]) == 15
+    lines = (tmp_path / "curves.csv").read_text().splitlines()
+    assert len([line for line in lines if not line.startswith("#")]) == 1 + 15 * 2 * 7
+    assert answer("states", "--dense", "--out", str(tmp_path / "curves.npz"), *coarse)["points"] == 217
+
+
+@pytest.mark.usefixtures("cache")
+def test_modulus_gives_the_band(tmp_path: Path) -> None:
+    """Three specimens become E with its spread, and the spread becomes a band of nominal elongation."""
+    names = []
+    for modulus in (16.5, 18.3, 20.2):
+        way = np.linspace(0, 6, 100)
+        path = tmp_path / f"{modulus}.csv"
+        rows = np.column_stack([way, modulus * 1e-3 * 2500 * way / 50])
+        np.savetxt(path, rows, delimiter=",", header="displacement_mm,force_n", comments="")
+        names.append(str(path))
+    small = tmp_path / "small.toml"
+    small.write_text("cells = 2\naxial_elements = 4\nwall_elements = 1\nlattice_elements = 2\n")
+    size = ["--height-mm", "50", "--area-mm2", "2500", "--parameters", str(small)]
+    found = answer("modulus", *names, *size)
+    assert found["mean_kpa"] == pytest.approx(np.mean([16.5, 18.3, 20.2]), rel=1e-6)
+    assert found["sd_kpa"] == pytest.approx(np.std([16.5, 18.3, 20.2], ddof=1), rel=1e-6)
+    assert all(0 < point["standard_uncertainty_mm"] < 0.2 for point in found["band"])
+
+
+def test_pictures(tmp_path: Path, coarse: list[str]) -> None:
+    """A state drawn into a file; an unknown kind of picture is refused."""
+    result = CliRunner().invoke(
+        app, ["solve", "--pressure", "30", "--model", "full", "--plot", str(tmp_path / "state.svg"), *coarse]
+    )
+    assert result.exit_code == 0, result.exception
+    assert (tmp_path / "state.svg").stat().st_size > 10_000
+    refused = CliRunner().invoke(
+        app, ["solve", "--pressure", "30", "--model", "full", "--plot", str(tmp_path / "state.xyz"), *coarse]
+    )
+    assert isinstance(refused.exception, AnalysisError)
+
+
+def test_every_command_shows_an_example() -> None:
+    """Each command's help ends with one."""
+    for command in ("solve", "table", "modulus", "replay", "states", "export", "chain"):
+        assert f"Example: boat-daq shadow {command}" in " ".join(
+            CliRunner().invoke(app, [command, "--help"]).output.split()
+        )
+
+
+def test_a_state_held_beyond_its_stability_is_told() -> None:
+    """-44 kPa is short of the critical pressure, but not with the tip pulled to +7 mm; at -3 mm nothing is said."""
+    for elongation, notes in (("7", ["this state is in balance but not stable"]), ("-3", [])):
+        result = answer("solve", "--pressure", "-44", "--elongation", elongation)
+        assert (result["lowest_eigenvalue"] < 0) == bool(notes)
+        assert [n.split(":")[0] for n in result["notes"]] == notes

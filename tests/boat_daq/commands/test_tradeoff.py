@@ -1,0 +1,178 @@
+"""`boat-daq tradeoff` as typed: files, JSON, refusals, Ctrl-C; and the file of the named machine against the code."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis.errors import FileError, RequestError
+from analysis.fidelity import LEVELS, fidelity
+from analysis.tradeoff import METHODS, Measured, measure, measured_from
+from boat_daq.cli import app
+from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE
+from boat_daq.viewmodels.models.tradeoff_decimation import DECIMATION, decimation, decimation_settings
+
+ROOT = Path(__file__).resolve().parents[3]
+RECORDED = ROOT / "docs" / "tradeoff" / "tradeoff.json"
+ALL = METHODS | {DECIMATION.name: DECIMATION}
+
+
+def test_one_cheap_method_from_the_command_line(tmp_path: Path) -> None:
+    """JSON on standard output equals the file; CSV and both charts are there; the default is the chosen one."""
+    result = CliRunner().invoke(app, ["tradeoff", "bootstrap", "--quick", "--json", "--out", str(tmp_path / "new")])
+    assert result.exit_code == 0, result.output
+    said = json.loads(result.stdout)
+    (method,) = said["methods"]
+    assert json.loads((tmp_path / "new" / "tradeoff.json").read_text())["methods"] == said["methods"]
+    assert {p.name for p in (tmp_path / "new").iterdir()} == {
+        "tradeoff.json", "tradeoff.csv", "bootstrap.png", "bootstrap.svg", "overview.png", "overview.svg",
+    }  # fmt: skip
+    assert method["reference"].endswith("; independent")
+    assert method["independent"] is True
+    assert set(method["fidelity"]) == set(LEVELS)
+    assert all(p["first_seconds"] > 0 and p["cpu_spread"] >= 0 for p in method["points"])
+    errors = [p["error"] for p in method["points"]]
+    assert errors[0] > errors[-1] > 0
+
+
+def test_what_cannot_be_measured_is_refused(tmp_path: Path) -> None:
+    """A method that is none, and a folder that is a file, before any time is spent."""
+    refused = CliRunner().invoke(app, ["tradeoff", "guessing", "--out", str(tmp_path)])
+    assert isinstance(refused.exception, RequestError)
+    assert "guessing" in refused.exception.cause
+    assert "tracer" in refused.exception.remedy
+    (tmp_path / "file").write_text("")
+    unwritable = CliRunner().invoke(app, ["tradeoff", "inverse", "--out", str(tmp_path / "file")])
+    assert isinstance(unwritable.exception, FileError)
+    assert not list(tmp_path.glob("*.json"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+def test_ctrl_c_ends_a_measurement_with_130(tmp_path: Path) -> None:
+    """Interrupted while it measures: exit code 130, and nothing that looks like a result is left."""
+    folder = tmp_path / "out"
+    command = [sys.executable, "-m", "boat_daq", "tradeoff", "segmentation", "--out", str(folder)]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not folder.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert "Traceback" not in said
+    assert list(folder.iterdir()) == []
+
+
+def test_the_page_offers_what_the_command_measures() -> None:
+    """One list of methods."""
+    assert set(ON_THE_PAGE) == set(ALL)
+
+
+def test_painting_counts_and_a_spike_of_one_sample_is_drawn() -> None:
+    """Every setting paints once a call; the finest loses nothing, the coarsest is wrong by more than the eye sees."""
+    painted: list[int] = []
+    settings = decimation_settings(True, lambda points: painted.append(points.shape[1]))
+    errors = [setting.error(setting.call(0)) for setting in settings]
+    assert len(painted) == len(settings)
+    assert painted == sorted(painted)
+    assert errors[-1] < DECIMATION.tolerance / 10 < DECIMATION.tolerance < errors[0]
+    assert decimation(lambda _: None).per != DECIMATION.per
+
+
+@pytest.fixture(scope="module")
+def recorded() -> dict[str, Measured]:
+    """The results of the named machine, judged by the rule as it is now."""
+    content = json.loads(RECORDED.read_text(encoding="utf-8"))
+    return {m.method.name: m for m in measured_from(content, ALL)}
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_defaults_and_levels_in_the_code_are_what_the_rule_chooses_on_the_named_machine(
+    recorded: dict[str, Measured], name: str
+) -> None:
+    """The committed chart, the rule and the code agree for every method and every level."""
+    found = recorded[name]
+    assert found.chosen == found.method.default, found.verdict
+    assert dict(found.levels) == found.method.in_code
+    by_name = {point.setting: point for point in found.points}
+    errors = [by_name[setting].error for setting in found.front]
+    assert len(errors) >= 1
+    assert errors == sorted(errors, reverse=True)  # along the front, what costs more errs less
+
+
+def test_the_named_machine_and_its_date_are_told() -> None:
+    """The record says on what and when, is of a full run, and names no method without a reference."""
+    content = json.loads(RECORDED.read_text(encoding="utf-8"))
+    assert content["quick"] is False
+    assert content["machine"]["processor"]
+    assert content["machine"]["date_utc"].startswith("20")
+    assert all(m["independent"] for m in content["methods"])
+    for name in ("overview", *ALL):
+        assert (RECORDED.parent / f"{name}.png").stat().st_size < 250_000
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("name", ALL)
+def test_measured_here_and_now_the_default_is_good_enough_and_costs_no_more_than_it_must(name: str) -> None:
+    """The default is below its tolerance by the margin here too; what is good enough saves less than half of it."""
+    found = measure(ALL[name], quick=False)
+    points = {p.setting: p for p in found.points}
+    default = points[found.method.default]
+    assert 2.0 * default.error <= found.method.tolerance * 1.1
+    assert found.chosen is not None
+    # the clock of another machine differs; that a setting were twice as dear as need be would show
+    assert default.cpu_seconds < 2.0 * points[found.chosen].cpu_seconds
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1200)
+def test_the_kept_references_are_what_their_scripts_make() -> None:
+    """The second tracer, the importance sampling and the fits again, with fewer draws where only precision is lost."""
+    from analysis.optics.scene.curves import frames_of
+    from analysis.optics.scene.parameters import PAPER_OPTIMUM, Waveguide
+    from analysis.tradeoff.mechanics import MESHES
+    from analysis.tradeoff.references import load
+    from tests.analysis.tradeoff import make_fits, make_posterior_reference, make_tracer_reference
+
+    table = load("tracer")
+    frames = frames_of(np.array(table["curves_mm"]), Waveguide())
+    again = [make_tracer_reference.ndr(frames[s], PAPER_OPTIMUM, 100_000, phase=0.1) for s in table["states"]]
+    np.testing.assert_allclose(again, table["ndr"], atol=0.1)
+    posterior = make_posterior_reference.made(2**14)["covariance"]
+    np.testing.assert_allclose(np.diag(posterior), np.diag(load("posterior")["covariance"]), rtol=0.05)
+    fits = {tuple(row[:3]): row[3:] for row in load("fits")["rows"]}
+    for mesh in MESHES[:4]:
+        np.testing.assert_allclose(make_fits.fitted(mesh), fits[mesh], rtol=1e-3)
+    for level in LEVELS:
+        chosen = fidelity(level)
+        np.testing.assert_allclose((chosen.wall_modulus_kpa, chosen.neck_radius_mm), fits[chosen.mesh][:2], rtol=1e-4)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+def test_calculix_again_on_a_small_mesh(tmp_path: Path) -> None:
+    """The script that made CalculiX's table, on the default mesh: every elongation is ours to 0.1 %."""
+    import shutil
+
+    if shutil.which("ccx") is None:
+        pytest.skip("CalculiX (ccx, Debian's calculix-ccx) is not installed")
+    from analysis.shadow.fem.parameters import ActuatorParameters
+    from analysis.shadow.model.full import FullModel
+    from tests.analysis.tradeoff import make_calculix_reference
+
+    table = make_calculix_reference.made((8, 2, 4), ActuatorParameters())
+    model = FullModel()
+    pressures, elongations = table["pressures_kpa"], table["elongations_mm"]
+    assert isinstance(pressures, list)
+    ours = [model.solve(pressure_kpa=p).elongation_mm for p in pressures]
+    np.testing.assert_allclose(elongations, ours, rtol=1e-3)

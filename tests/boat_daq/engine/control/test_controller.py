@@ -1,0 +1,448 @@
+"""The control on the bench: each fault a board can have, and what becomes of the run. No thread, no port."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import pytest
+
+from boat_daq.engine.control.board_commands import Dialogue
+from boat_daq.engine.control.readiness import ZERO_SAMPLES
+from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.snapshot import SessionState
+from boat_daq.errors import OperatorError
+from protocol.link.events import CommandDone
+from protocol.link.messages import AckStatus, ClearFault, Heartbeat, SetLimits, SetPressure, Start, Vent
+from protocol.recording import BoardState
+from tests.boat_daq.engine.bench import QUICK, Bench
+
+RUN_S = 60.0
+
+
+def vented(bench: Bench) -> bool:
+    return abs(bench.pressure_kpa) < 1.0
+
+
+@pytest.mark.parametrize(("speed", "step_s"), [(1.0, 0.04), (50.0, 0.02)])
+def test_a_calibration_runs_to_its_end(speed: float, step_s: float) -> None:
+    """All plateaus of one cycle are reached and steady, at 1x as at 50x; pressure stays inside the limits."""
+    plan = dataclasses.replace(built_in_plans()["calibration"], cycles=1)
+    bench = Bench(speed=speed).running(plan)
+    assert bench.run(3 * plan.duration_s, lambda: bench.state is SessionState.IDLE, step_s=step_s)
+    assert bench.ends == ["finished"]
+    plateaus = [mark for mark in bench.marks.values() if mark.branch != "end"]
+    assert [mark.target_kpa for mark in plateaus] == [step.target_kpa for step in plan.steps]
+    assert all(mark.status == "reached" and mark.detail["steady"] for mark in plateaus)
+    assert min(bench.pressures) > -42 and max(bench.pressures) < 52
+    assert vented(bench)
+
+
+def test_limits_and_watchdog_come_before_the_first_pressure() -> None:
+    """HEARTBEAT and SET_LIMITS are acknowledged before SET_PRESSURE leaves, whatever is lost on the way."""
+    bench = Bench().connected()
+    bench.fault("ack_lost", 1)
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
+    assert not bench.sent_of(SetPressure)
+    bench.run(1.0, lambda: bool(bench.sent_of(SetPressure)))
+    kinds = [type(command) for command in bench.sent]
+    first = kinds.index(SetPressure)
+    assert Heartbeat in kinds[:first] and SetLimits in kinds[:first]
+    assert bench.control.last is not None and bench.control.last.flags & 0x4
+
+
+def test_a_second_press_of_start_is_one_start() -> None:
+    """Start, start, start: one run."""
+    bench = Bench().connected()
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start, bench.control.start)
+    bench.run(1.0)
+    assert len([n for n in bench.notes if n.kind == "run_started"]) == 1
+
+
+def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
+    """Ten seconds of a link that tells of each lost vent only 1.2 s later: one in each 0.75 s all the same."""
+    sent_ms: list[int] = []
+    dialogue = Dialogue(lambda _: sent_ms.append(dialogue.now_ns // 1_000_000))
+    dialogue.vent()
+    for now_ms in range(0, 10_000, 10):
+        dialogue.now_ns = now_ms * 1_000_000
+        for _ in range(sent_ms.count(now_ms - 1200)):
+            assert dialogue.lost(Vent(), watched=True) is None
+        dialogue.tick(idle=True)
+    assert len(sent_ms) == 14
+    assert {after - before for before, after in pairwise(sent_ms)} == {760}
+
+
+@pytest.mark.parametrize(("starved_s", "survives"), [(0.70, True), (0.40, False)])
+def test_a_heartbeat_lost_over_a_pause_of_the_board_is_no_broken_link(starved_s: float, *, survives: bool) -> None:
+    """Samples stay away for 0.7 s and come again just before its answer is given up; after 0.4 s none is excused."""
+    bench = Bench().running(built_in_plans()["repeatability"])
+    bench.run(1.0)
+    hears, makes, waiting = bench.board.receive, bench.board.advance, []
+    bench.board.receive = waiting.append
+    beats = len(bench.sent_of(Heartbeat))
+    assert bench.run(0.5, lambda: len(bench.sent_of(Heartbeat)) > beats)
+    bench.board.advance = lambda _: b""
+    bench.run(starved_s)
+    bench.board.advance = makes
+    bench.run(0.80 - starved_s)
+    bench.board.receive = hears
+    hears(b"".join(waiting))
+    bench.run(0.5)
+    assert (bench.state is SessionState.RUNNING) is survives
+
+
+@pytest.mark.fault(21, how="virtual board's faults in a run, stalled and dead pumps among them", times=9)
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [
+        ("estop@4:3", "e-stop"),
+        ("pressure_invalid@4:3", "pressure sensor"),
+        ("beyond_limit@4:70", "over"),
+        ("beyond_limit@4:-60", "under"),
+        ("dead_pump@4:0", "not reached"),
+        ("stall@1:20", "not reached"),
+        ("silent@4:30", "no data"),
+        ("reset@4:1", "restarted (watchdog)"),
+        ("absurd_value@4:3", "5000 kPa"),
+    ],
+)
+def test_a_fault_of_the_board_vents_and_latches(fault: str, word: str) -> None:
+    """Whatever breaks: vented, latched with its reason, one end, and no pressure until it is cleared."""
+    bench = Bench(fault, rate_hz=100).running(dataclasses.replace(QUICK, cycles=5))
+    assert bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
+    bench.run(3.0)
+    latched = bench.control.interlock.latched
+    assert latched is not None and word in latched.cause
+    assert bench.ends == [f"aborted: {latched.cause}"]
+    assert vented(bench) and bench.sent_of(Vent)
+    with pytest.raises(OperatorError):
+        bench.control.set_pressure(10.0)
+
+
+def test_after_the_e_stop_the_operator_clears_and_goes_on() -> None:
+    """While it is pressed clearing is refused; released and cleared, a new run starts."""
+    bench = Bench("estop@4:8").running()
+    bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
+    bench.run(1.0)
+    with pytest.raises(OperatorError, match="e-stop"):
+        bench.control.clear_fault()
+    bench.run(10.0)
+    bench.do(bench.control.clear_fault)
+    assert bench.run(2.0, lambda: bench.state is SessionState.IDLE)
+    assert bench.sent_of(ClearFault)
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
+    assert bench.run(RUN_S, lambda: "finished" in bench.ends)
+
+
+@pytest.mark.fault(20, how="e-stop pressed, or 70 kPa, before the program came", times=2)
+@pytest.mark.parametrize("fault", ["estop@0:60", "beyond_limit@0.02:70"])
+def test_what_stands_at_the_start_is_found(fault: str) -> None:
+    """Levels, not edges: what was so before the program came forbids the start."""
+    bench = Bench(fault).connected()
+    with pytest.raises(OperatorError):
+        bench.control.arm(QUICK)
+    assert not bench.sent_of(SetPressure)
+
+
+@pytest.mark.fault(17, how="SET_PRESSURE refused with status 3", times=1)
+def test_a_refused_pressure_is_not_done() -> None:
+    """The board answers 3: vent and latch, not a run at another pressure than it thinks."""
+    bench = Bench().connected()
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
+    bench.fault("ack_refused", 3)
+    assert bench.run(3.0, lambda: bench.state is SessionState.FAULT)
+    assert "out of its limits" in bench.ends[0]
+
+
+@pytest.mark.parametrize("pressed", ["start", "pressure by hand", "nothing"])
+def test_a_run_that_never_began_has_no_end(pressed: str) -> None:
+    """A fault while the guards of a start, or of a pressure by hand, are not answered yet: nothing to end by it."""
+    bench = Bench("ack_late@0:200").connected()
+    bench.do(lambda: bench.control.arm(QUICK))
+    if pressed == "start":
+        bench.do(bench.control.start)
+    elif pressed == "pressure by hand":
+        bench.do(lambda: bench.control.set_pressure(0.0, 1.0))
+    bench.fault("estop", 1)
+    bench.run(1.0)
+    assert (bench.state, bench.ends, bench.said(["run_started"])) == (SessionState.FAULT, [], [])
+
+
+@pytest.mark.fault(17, how="every answer lost", times=1)
+def test_an_unanswered_pressure_is_sent_three_times_then_vented() -> None:
+    """ACKs lost for good: same seq three times, then vent and latch."""
+    bench = Bench().running()
+    bench.run(5.0)
+    bench.fault("ack_lost", 1000)
+    assert bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
+    assert "did not answer" in bench.ends[0]
+    bench.run(2.0)
+    assert vented(bench)
+    assert len(bench.sent_of(Vent)) > 1, "a vent is repeated until it is acknowledged"
+
+
+@pytest.mark.fault(11, how="the port gone for good, under pressure", times=1)
+def test_unplugged_under_pressure_the_board_vents_by_itself() -> None:
+    """Nothing reaches the board any more: its watchdog vents within its time; the run is in fault, not resumed."""
+    bench = Bench().running()
+    bench.run(3.0)
+    assert abs(bench.pressure_kpa) > 10
+    bench.plugged = False
+    bench.control.link_lost("the port is gone")
+    bench.flush()
+    assert bench.state is SessionState.FAULT
+    bench.run(1.0 + 1.5)
+    assert vented(bench)
+    bench.replug()
+    bench.run(5.0)
+    assert bench.state is SessionState.FAULT and vented(bench)
+
+
+@pytest.mark.fault(18, how="the host stops at instants of a run", times=8)
+def test_a_dead_host_leaves_no_pressure() -> None:
+    """The host stops at 8 instants of a run: 2.5 s later the unit is at rest, every time."""
+    for n in range(8):
+        bench = Bench(seed=n).running(dataclasses.replace(QUICK, cycles=3))
+        bench.run(1.0 + 2.3 * n)
+        bench.host_alive = False
+        bench.run(1.0 + 1.5)
+        assert vented(bench), n
+
+
+@pytest.mark.fault(18, how="a board found vented by its watchdog", times=1)
+def test_the_next_start_says_what_happened() -> None:
+    """A board that vented when its host died is found in FAULT, with the reason in plain words."""
+    bench = Bench().running()
+    bench.run(3.0)
+    bench.host_alive = False
+    bench.run(4.0)
+    later = Bench()
+    later.board = bench.board
+    later.replug()
+    later.run(1.0)
+    assert later.control.interlock.latched is not None
+    assert "host may have died" in later.control.interlock.latched.cause
+    later.do(later.control.clear_fault)
+    later.run(10.0)
+    assert later.state is SessionState.IDLE
+
+
+def test_vent_is_obeyed_in_every_state() -> None:
+    """Idle, armed, running, paused, finishing, aborted, fault: a vent leaves, and the state stays a legal one."""
+    for prepare in (
+        lambda b: None,
+        lambda b: b.control.arm(QUICK),
+        lambda b: b.running(),
+        lambda b: (b.running(), b.control.pause()),
+        lambda b: (b.running(), b.control.stop()),
+        lambda b: (b.running(), b.control.vent()),
+        lambda b: (b.running(), b.fault("estop", 1.0), b.run(1.0)),
+    ):
+        bench = Bench().connected()
+        prepare(bench)
+        bench.flush()
+        before = len(bench.sent_of(Vent))
+        bench.do(bench.control.vent)
+        assert len(bench.sent_of(Vent)) == before + 1
+        bench.run(3.0)
+        assert vented(bench) and len(bench.ends) <= 1
+
+
+def test_a_pressure_by_hand() -> None:
+    """Within limits it is reached and held; outside, or while a run goes on, it is refused; stop vents it."""
+    bench = Bench().connected()
+    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
+    assert bench.run(5.0, lambda: abs(bench.pressure_kpa - 20) < 0.5)
+    with pytest.raises(OperatorError, match="limit"):
+        bench.control.set_pressure(56.0)
+    bench.do(bench.control.stop)
+    bench.run(2.0)
+    assert vented(bench)
+    bench.running()
+    with pytest.raises(OperatorError, match="while the run"):
+        bench.control.set_pressure(10.0)
+
+
+def test_the_zero_of_the_pressure_sensor_is_looked_at() -> None:
+    """A vented unit that reads 10 kPa is not started."""
+    bench = Bench().connected()
+    bench.control.readiness.take([10.0] * ZERO_SAMPLES)
+    bench.control.arm(QUICK)
+    with pytest.raises(OperatorError, match="on a vented unit"):
+        bench.control.start()
+
+
+@pytest.mark.parametrize(("speed", "timeout_ms"), [(1.0, 1000), (100.0, 5000)])
+def test_the_watchdog_is_fed_through_a_run_at_any_speed(speed: float, timeout_ms: int) -> None:
+    """At 1x with 1 s and at 100x with 5 s of the board's time, a healthy host never trips it."""
+    bench = Bench(speed=speed).running(dataclasses.replace(QUICK, cycles=3))
+    assert bench.control.dialogue.feeder.armed_ms == timeout_ms
+    assert bench.run(300, lambda: bench.state is SessionState.IDLE)
+    assert bench.ends == ["finished"]
+
+
+@pytest.mark.fault(26, how="the host stands still for 0.5 s and 5 s", times=2)
+def test_a_stall_of_the_host_is_survived_or_vented() -> None:
+    """Half a second costs nothing; five seconds, and the board has vented by itself."""
+    for stall_s, survives in ((0.5, True), (5.0, False)):
+        bench = Bench().running(dataclasses.replace(QUICK, cycles=3))
+        bench.run(2.0)
+        bench.stalled = True
+        bench.run(stall_s)
+        assert vented(bench) is not survives
+        bench.stalled = False
+        bench.run(1.0)
+        assert (bench.state is SessionState.RUNNING) is survives
+
+
+@pytest.mark.fault(16, how="virtual board's `frozen_channel` in a run", times=1)
+def test_a_frozen_channel_is_told_and_the_run_goes_on() -> None:
+    """An alarm, not a vent: the pressure is safe, the operator decides."""
+    bench = Bench("frozen_channel@2:1").running()
+    bench.run(30, lambda: bool(bench.said(["flat_line"])))
+    assert [note.value for note in bench.said(["flat_line"])] == [1]
+    assert bench.state is SessionState.RUNNING
+
+
+def test_goodbye_leaves_the_board_at_rest() -> None:
+    """Leaving vents, disarms the watchdog and stops the samples: the board does not end in FAULT afterwards."""
+    bench = Bench().running()
+    bench.run(3.0)
+    bench.do(bench.control.leave)
+    bench.run(10.0)
+    assert vented(bench)
+    assert bench.board._control.state is BoardState.VENTED
+    assert bench.ends == ["stopped"] or bench.ends == ["disconnected"]
+
+
+def test_a_listener_sends_nothing_but_start() -> None:
+    """A link that cannot command is refused a plan with the reason, and vents nobody."""
+    bench = Bench()
+    bench.control.dialogue.can_command = False
+    bench.connected()
+    with pytest.raises(OperatorError, match="only listens"):
+        bench.control.arm(QUICK)
+    bench.do(bench.control.vent, bench.control.leave)
+    assert not bench.sent_of(Vent) and not bench.sent_of(Heartbeat) and not bench.sent_of(SetLimits)
+
+
+@pytest.mark.parametrize("commands", [True, False])
+def test_only_a_board_that_takes_commands_is_asked_for_limits(commands: bool) -> None:
+    """A pasted RX8 line, which knows no commands, was told that its board's limits are 0 to 0 kPa."""
+    bench = Bench()
+    bench.control.dialogue.can_command = commands
+    bench.do(lambda: bench.control.readiness.take_limits(0.0, 0.0))
+    assert [note.kind for note in bench.notes] == ["limits"] * commands
+
+
+def test_a_board_that_resets_after_its_first_hello_is_introduced_again() -> None:
+    """It answers, boots for a second, says HELLO once more: limits and START are sent again, and samples come."""
+    bench = Bench()
+    bench.step()
+    bench.board._boot_at_us = bench.board.now_us + 1_000_000
+    bench.board._sampler.stop()
+    bench.connected()
+    assert len(bench.sent_of(SetLimits)) == 2 and bench.state is SessionState.IDLE
+
+
+def test_a_vent_between_start_and_its_acknowledgements_is_the_last_word() -> None:
+    """Start, then vent before limits and watchdog are acknowledged: no pressure ever leaves."""
+    bench = Bench().connected()
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start, bench.control.vent)
+    bench.run(2.0)
+    assert not bench.sent_of(SetPressure) and bench.state is SessionState.IDLE
+
+
+@pytest.mark.fault(4, how="an untrue sample while a pressure set by hand stands", times=1)
+def test_a_trip_vents_a_pressure_set_by_hand() -> None:
+    """Without a run as well: an untrue sample, and the vent leaves although the board sees nothing wrong."""
+    bench = Bench().connected()
+    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
+    bench.run(3.0)
+    bench.fault("absurd_value", 1)
+    bench.run(2.0)
+    assert bench.state is SessionState.FAULT and bench.sent_of(Vent) and vented(bench)
+
+
+@pytest.mark.fault(17, how="every answer lost for five seconds", times=1)
+def test_a_vent_is_repeated_until_it_is_acknowledged() -> None:
+    """Five seconds in which every answer is lost: the vent goes out again and again, and then no more."""
+    bench = Bench().connected()
+    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
+    bench.run(3.0)
+    bench.fault("ack_lost", 12)
+    bench.do(bench.control.vent)
+    bench.run(10.0)
+    sent = len(bench.sent_of(Vent))
+    assert sent > 1 and not bench.control.dialogue.venting
+    bench.run(5.0)
+    assert len(bench.sent_of(Vent)) == sent
+
+
+def test_a_restart_not_yet_seen_leaves_no_unwatched_pressure() -> None:
+    """The board restarts, a pressure is already on its way, and then the host dies: vented all the same."""
+    bench = Bench().connected()
+    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
+    bench.run(3.0)
+    bench.fault("reset", 0)
+    bench.do(lambda: bench.control.set_pressure(40.0, 40.0))
+    bench.host_alive = False
+    bench.run(1.0 + 1.5)
+    assert vented(bench)
+
+
+def answer(bench: Bench, command: object, status: AckStatus) -> None:
+    """The board's answer, as the link tells it."""
+    bench.control.events([CommandDone(command, 0, status)], bench.now_ns)
+    bench.flush()
+
+
+def test_a_refused_start_is_named_with_its_remedy() -> None:
+    """Why no samples come: the refusal and what to do, ready for whoever waits for them; none once they flow."""
+    bench = Bench()
+    bench.control.hold_samples = True
+    bench.run(0.5)
+    answer(bench, Start(100), AckStatus.OUT_OF_LIMITS)
+    assert bench.control.no_samples is not None
+    cause, remedy = bench.control.no_samples
+    assert "refused START" in cause and "100 Hz" in cause and "rate" in remedy
+    bench.do(bench.control.release_samples)
+    bench.connected()
+    assert bench.control.no_samples is None
+
+
+@pytest.mark.parametrize("command", [Heartbeat(1000), SetLimits(-1, 1)])
+def test_a_refused_guard_is_an_error_once_it_matters(command: Heartbeat | SetLimits) -> None:
+    """At the greeting it forbids nothing yet; before a pressure it is an error, once, with its remedy."""
+    bench = Bench().connected()
+    answer(bench, command, AckStatus.OUT_OF_LIMITS)
+    assert [note.level for note in bench.said({"refused"})] == ["info"]
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
+    answer(bench, command, AckStatus.OUT_OF_LIMITS)
+    assert [note.level for note in bench.said({"refused"})] == ["info", "error"]
+    assert bench.said({"refused"})[-1].remedy
+
+
+@pytest.mark.parametrize("by", ["the operator", "`record` before its run"])
+def test_who_cleared_a_fault_is_in_the_recording(by: str) -> None:
+    """A program that clears a fault by itself does not put it down to the operator."""
+    bench = Bench("estop@4:3").running()
+    bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
+    bench.run(5.0)
+    bench.do(lambda: bench.control.clear_fault(by))
+    bench.run(1.0)
+    assert [note.text for note in bench.said({"fault_cleared"})] == [f"fault cleared by {by}"]
+
+
+def test_a_goodbye_answered_late_leaves_the_watchdog_off() -> None:
+    """While the disarming waits for its turn, no heartbeat arms the watchdog again."""
+    bench = Bench("ack_late@3:200").connected()
+    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
+    bench.run(RUN_S, lambda: bench.state is SessionState.IDLE)
+    bench.do(bench.control.leave)
+    bench.run(3.0)
+    assert bench.sent_of(Heartbeat)[-1] == Heartbeat(0)
+    assert bench.board._control.watchdog_us is None
+    bench.run(6.0)
+    assert bench.board._control.state is BoardState.VENTED

@@ -1,0 +1,141 @@
+"""Who is on a port: a board, something else, or nobody; asked without moving anything."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from boat_daq.commands.ports import ports
+from boat_daq.engine.link import discovery
+from boat_daq.engine.link.discovery import ask_port, find_board
+from boat_daq.engine.link.transports import PortInfo, open_transport
+from protocol.link.messages import MessageType
+from protocol.simulator.board import VirtualBoard
+from protocol.simulator.faults import parse_fault
+
+
+@contextmanager
+def served(answer: Callable[[bytes], bytes]) -> Iterator[str]:
+    """A pseudo-terminal whose other end answers with `answer(what came)`, every 5 ms."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    stop = threading.Event()
+
+    def serve():
+        while not stop.wait(0.005):
+            try:
+                came = os.read(master, 4096)
+            except BlockingIOError:
+                came = b""
+            if data := answer(came):
+                os.write(master, data)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield os.ttyname(slave)
+    finally:
+        stop.set()
+        thread.join()
+        os.close(master)
+        os.close(slave)
+
+
+class Board:
+    """A virtual board behind `served`, that keeps what it was asked."""
+
+    def __init__(self, *faults: str) -> None:
+        self.board = VirtualBoard(faults=[parse_fault(fault) for fault in faults])
+        self.asked = b""
+
+    def __call__(self, came: bytes) -> bytes:
+        self.asked += came
+        self.board.receive(came)
+        return self.board.advance(5_000)
+
+
+def test_a_board_is_known_by_its_hello_and_the_port_is_free_again():
+    """Its identity, within a second; afterwards another program can open the port."""
+    board = Board()
+    with served(board) as port:
+        began = time.monotonic()
+        answer = ask_port(port)
+        assert time.monotonic() - began < 1.0
+        assert answer.hello is not None
+        assert "SIM" in answer.hello.board_id
+        open_transport(port).close()
+
+
+def test_asking_presses_nothing():
+    """IDENTIFY is the only command on the wire."""
+    board = Board()
+    with served(board) as port:
+        ask_port(port)
+    from protocol.link.framing import FrameReader
+
+    types = {frame.type for frame in FrameReader().receive(board.asked)}
+    assert types == {MessageType.IDENTIFY}
+
+
+@pytest.mark.fault(14, how="a silent port, another device, another version, while boards are looked for", times=3)
+def test_a_silent_port_another_device_and_another_version_are_told_apart():
+    """Each has its own remark, within little more than a second."""
+    cases = [
+        (lambda _came: b"", "no answer"),
+        (lambda _came: b"$GPGGA,1,2\r\n", "not a BOAT board"),
+        (Board("wrong_protocol@0"), "protocol version 2"),
+    ]
+    for answer, says in cases:
+        with served(answer) as port:
+            began = time.monotonic()
+            told = ask_port(port)
+            assert time.monotonic() - began < 1.5
+            assert told.hello is None
+            assert says in told.remark
+
+
+def test_a_port_that_cannot_be_opened_says_why():
+    """Listing ports never fails because one of them is busy or gone."""
+    with served(Board()) as port:
+        mine = open_transport(port)
+        assert "in use" in ask_port(port).remark
+        mine.close()
+    assert "no port" in ask_port("/dev/ttyNOWHERE").remark
+
+
+@pytest.mark.fault(11, how="a board that comes back under another port's name", times=1)
+def test_a_board_is_found_again_under_another_name(monkeypatch):
+    """After a replug the port has another name; the identity finds it, and finds no other board."""
+    with served(lambda _came: b"") as other, served(Board()) as port:
+        found = [PortInfo(name, "", "", None) for name in (other, port)]
+        monkeypatch.setattr(discovery, "list_ports", lambda: found)
+        board_id = ask_port(port).hello.board_id
+        assert find_board(board_id) == port
+        assert find_board("another") is None
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_the_command_marks_the_board(as_json):
+    """`ports` shows what answered, for readers and for programs."""
+    app = typer.Typer()
+    app.command()(ports)
+    with served(Board()) as port:
+        done = CliRunner().invoke(app, ["--port", port, *(["--json"] if as_json else [])])
+    assert done.exit_code == 0
+    if as_json:
+        row = json.loads(done.stdout)["ports"][0]
+        assert row["boat"] is True
+        assert row["hello"]["n_sensors"] == 2
+    else:
+        assert done.stdout.startswith(f"* {port}")

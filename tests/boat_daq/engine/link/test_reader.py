@@ -1,0 +1,274 @@
+"""The reading thread: every byte to every sink in order, whatever a sink, the board or the port does."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from boat_daq.engine.blocks import Block, PortLost, PortSilent, SinkFailed
+from boat_daq.engine.link.reader import Acquisition
+from boat_daq.errors import DeviceError
+from protocol import CommandDone, CommandLost, Connection, Heartbeat, Identify, Samples, Start, Vent
+from protocol.simulator.board import VirtualBoard
+from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified
+
+
+class FakeClock:
+    """A monotonic clock that moves by 10 ms at every look."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def __call__(self) -> int:
+        self.now_ns += 10_000_000
+        return self.now_ns
+
+
+def test_blocks_are_the_bytes_and_what_they_tell():
+    """The blocks joined are the bytes that came, and their samples those of a link fed with the same bytes."""
+    transport = BoardTransport(VirtualBoard(seed=3), end_us=10_000_000)
+    acquisition, _, seen = identified(transport)
+    acquisition.send(Start(200))
+    assert seen.wait(PortSilent)
+    acquisition.stop()
+    came = [block for block in seen.blocks if block.raw and not block.sent]
+    assert b"".join(block.raw for block in came) == b"".join(transport.received)
+    plain = Connection()
+    again = [event.array for event in plain.receive(b"".join(transport.received), 0) if isinstance(event, Samples)]
+    live = np.concatenate([event.array for event in seen.events(Samples)])
+    for name in ("index", "time_us", "pressure_pa", "lit", "dark"):
+        assert np.array_equal(live[name], np.concatenate(again)[name])
+    assert all(
+        (block.host_ns == event.array["host_ns"]).all()
+        for block in came
+        for event in block.events
+        if isinstance(event, Samples)
+    )
+
+
+def test_a_sink_that_raises_is_told_of_once_and_the_others_go_on():
+    """A page's fault is an event in the stream; recorder and plots see every block."""
+    transport = BoardTransport(VirtualBoard(), end_us=3_000_000)
+    acquisition = Acquisition(transport, Connection())
+    calls, seen = [], Seen()
+
+    def bad(block: Block) -> None:
+        calls.append(block)
+        raise ZeroDivisionError
+
+    acquisition.add_sink(bad)
+    acquisition.add_sink(seen)
+    acquisition.start()
+    acquisition.send(Identify())
+    assert seen.wait(CommandDone)
+    acquisition.send(Start(100))
+    assert seen.wait(PortSilent)
+    acquisition.stop()
+    failures = seen.events(SinkFailed)
+    assert [failure.sink for failure in failures] == [bad.__qualname__]
+    assert isinstance(failures[0].error, ZeroDivisionError)
+    assert sum(map(len, (event.array for event in seen.events(Samples)))) > 200
+    assert [b for b in calls if b.raw] == [b for b in seen.blocks if b.raw]
+
+
+def test_an_unplugged_port_ends_the_reading_with_one_event():
+    """PortLost carries the reason, nothing follows it, and the port is closed by its reader."""
+    transport = BoardTransport(VirtualBoard())
+    acquisition, _, seen = identified(transport)
+    transport.unplug = True
+    assert seen.wait(PortLost)
+    acquisition.stop()
+    assert isinstance(seen.blocks[-1].events[0].error, DeviceError)
+    assert len(seen.events(PortLost)) == 1
+    assert transport.closed
+    assert not acquisition.alive
+
+
+@pytest.mark.fault(12, how="a port that stays open and sends nothing", times=1)
+def test_silence_is_told_once_and_again_after_data():
+    """An open port without data for a second is a state to be said, not an endless alarm."""
+    board = VirtualBoard()
+    transport = BoardTransport(board, end_us=0)
+    seen, acquisition = Seen(), Acquisition(transport, Connection(), clock_ns=FakeClock())
+    acquisition.add_sink(seen)
+    acquisition.start()
+    assert seen.wait(PortSilent)
+    assert not seen.wait(PortSilent, 2, timeout_s=0.3)
+    acquisition.send(Identify())
+    transport.end_us = board.now_us + 200_000
+    assert seen.wait(PortSilent, 2)
+    acquisition.stop()
+    assert all(event.silent_s > 1.0 for event in seen.events(PortSilent))
+
+
+def test_a_command_without_an_answer_goes_out_three_times_and_is_lost():
+    """The reading thread repeats and gives up on the clock it is given."""
+
+    class Deaf(BoardTransport):
+        written: list[bytes] = []  # noqa: RUF012 - one instance
+
+        def write(self, data: bytes) -> None:
+            self.written.append(data)
+
+    transport = Deaf(VirtualBoard(), end_us=0)
+    seen, acquisition = Seen(), Acquisition(transport, Connection(), clock_ns=FakeClock())
+    acquisition.add_sink(seen)
+    acquisition.start()
+    acquisition.send(Vent())
+    assert seen.wait(CommandLost)
+    acquisition.stop()
+    assert len(transport.written) == 3
+    assert len(set(transport.written)) == 1
+    sent = [block.raw for block in seen.blocks if block.sent]
+    assert sent == transport.written
+
+
+def test_an_answer_that_waits_in_the_port_through_a_stall_is_read_before_the_command_is_given_up():
+    """The board answers the last repeat at once; this program sleeps over it for two seconds, behind 100 reads."""
+
+    class Clock:
+        now_ns = 0
+
+        def __call__(self) -> int:
+            return self.now_ns
+
+    clock = Clock()
+
+    class Stalled(BoardTransport):
+        written, backlog = 0, 0
+
+        def read(self) -> bytes:
+            if self.written < 3:
+                clock.now_ns += 50_000_000
+                return b""
+            if self.backlog == 0:
+                clock.now_ns += 2_000_000_000
+            self.backlog += 1
+            clock.now_ns += 1_000_000
+            return super().read() if self.backlog > 100 else b"\0"
+
+        def write(self, data: bytes) -> None:
+            self.written += 1
+            if self.written == 3:
+                super().write(data)
+
+    transport = Stalled(VirtualBoard())
+    seen, acquisition = Seen(), Acquisition(transport, Connection(in_turn=True), clock_ns=clock)
+    acquisition.add_sink(seen)
+    acquisition.send(Heartbeat(5000))
+    acquisition.start()
+    assert seen.wait(CommandDone)
+    acquisition.stop()
+    assert not seen.events(CommandLost)
+
+
+def test_an_answer_behind_a_backlog_that_is_read_slowly_is_waited_for():
+    """Answered at once, behind fifty reads of 20 ms each: no stall, but a program that is behind the port all along."""
+
+    class Clock:
+        now_ns = 0
+
+        def __call__(self) -> int:
+            return self.now_ns
+
+    clock = Clock()
+
+    class Behind(BoardTransport):
+        backlog = 50
+
+        @property
+        def unread(self) -> bool:
+            return self.backlog > 0
+
+        def read(self) -> bytes:
+            clock.now_ns += 20_000_000
+            self.backlog -= 1
+            return super().read() if self.backlog < 0 else b"\0"
+
+    seen, acquisition = Seen(), Acquisition(Behind(VirtualBoard()), Connection(in_turn=True), clock_ns=clock)
+    acquisition.add_sink(seen)
+    acquisition.send(Heartbeat(5000))
+    acquisition.start()
+    assert seen.wait(CommandDone)
+    acquisition.stop()
+    assert not seen.events(CommandLost)
+
+
+def test_commands_from_many_threads_are_all_sent_and_told_in_the_order_sent():
+    """`send` is thread-safe; what the sinks hear as sent is what the port got."""
+    transport = BoardTransport(VirtualBoard())
+    written, plain_write = [], transport.write
+
+    def write(data: bytes) -> None:
+        written.append(data)
+        plain_write(data)
+
+    transport.write = write
+    acquisition, _, seen = identified(transport)
+    threads = [
+        threading.Thread(target=lambda: [acquisition.send(Heartbeat(1000)) for _ in range(20)]) for _ in range(5)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert seen.wait(CommandDone, 101)
+    acquisition.stop()
+    assert [block.raw for block in seen.blocks if block.sent] == written
+
+
+def test_a_recorder_gets_the_decoder_at_the_instant_it_is_added():
+    """State and following blocks together decode to exactly the samples that follow."""
+
+    class Keeper(Seen):
+        state = None
+
+        def attached(self, decoder_state):
+            self.state = decoder_state
+
+    board = VirtualBoard(seed=5)
+    transport = BoardTransport(board, step_us=3_333)
+    acquisition, _, seen = identified(transport)
+    acquisition.send(Start(1000))
+    assert seen.wait(Samples, 50)
+    keeper = Keeper()
+    acquisition.add_recorder(keeper)
+    assert keeper.wait(Samples, 50)
+    acquisition.stop()
+    link = Connection(decoder_state=keeper.state)
+    again = [event for block in keeper.blocks if not block.sent for event in link.receive(block.raw, block.host_ns)]
+    derived = np.concatenate([event.array for event in again if isinstance(event, Samples)])
+    assert derived.tobytes() == np.concatenate([event.array for event in keeper.events(Samples)]).tobytes()
+    assert derived["index"][0] > 0
+
+
+def test_a_removed_sink_hears_no_more_and_stop_may_come_twice():
+    """Sinks come and go while the thread reads; stopping is idempotent, even before the start."""
+    transport = BoardTransport(VirtualBoard())
+    acquisition, _, seen = identified(transport)
+    acquisition.remove_sink(seen)
+    other = Seen()
+    acquisition.add_sink(other)
+    acquisition.send(Start(100))
+    assert other.wait(Samples)
+    assert not seen.events(Samples)
+    acquisition.stop()
+    acquisition.stop()
+    unused = BoardTransport(VirtualBoard())
+    Acquisition(unused, Connection()).stop()
+    assert unused.closed
+
+
+def test_a_command_to_a_port_that_is_gone_raises_at_the_caller():
+    """Whoever sends learns at once that nothing was sent."""
+
+    class Gone(BoardTransport):
+        def write(self, data: bytes) -> None:
+            raise DeviceError("virtual is gone", "Plug it in.")
+
+    acquisition = Acquisition(Gone(VirtualBoard()), Connection())
+    with pytest.raises(DeviceError, match="gone"):
+        acquisition.send(Vent())
+    acquisition.stop()

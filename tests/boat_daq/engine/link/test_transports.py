@@ -1,0 +1,320 @@
+"""Ports: bytes unchanged, and every failure one kind of error with a reason and a remedy."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import pty
+import shutil
+import socket
+import sqlite3
+import termios
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+
+from boat_daq.engine.link import replay, transports
+from boat_daq.engine.link.replay import ReplayEnded
+from boat_daq.engine.link.transports import SerialTransport, list_ports, open_error, open_transport
+from boat_daq.errors import DeviceError
+from protocol.recording import open_recording
+from protocol.simulator.board import VirtualBoard
+from tests.boat_daq.engine.board_link import record_run
+
+EVERY_BYTE = bytes(range(256)) * 4
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[io.FileIO, str]]:
+    """A pseudo-terminal's master and the name of its slave."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    name = os.ttyname(slave)
+    os.close(slave)
+    with os.fdopen(master, "r+b", buffering=0) as file:
+        yield file, name
+
+
+def read_all(transport, n: int, timeout_s: float = 2.0) -> bytes:
+    data, end = b"", time.monotonic() + timeout_s
+    while len(data) < n and time.monotonic() < end:
+        data += transport.read()
+    return data
+
+
+def test_a_pseudo_terminal_carries_every_byte_both_ways(terminal):
+    """NUL, ETX and newlines arrive as they were sent, in both directions."""
+    master, name = terminal
+    port = open_transport(name)
+    master.write(EVERY_BYTE)
+    assert read_all(port, len(EVERY_BYTE)) == EVERY_BYTE
+    port.write(EVERY_BYTE)
+    assert master.read(4096) == EVERY_BYTE
+    port.close()
+
+
+def test_a_read_without_data_returns_soon_and_empty(terminal):
+    """A stop flag is seen in time: 50 ms, not for ever and not at once."""
+    port = open_transport(terminal[1])
+    began = time.monotonic()
+    assert port.read() == b""
+    assert 0.02 < time.monotonic() - began < 0.5
+    port.close()
+
+
+def test_a_frame_that_comes_while_the_reader_waits_is_one_read(terminal):
+    """Its first byte used to come alone: two blocks for each sample, and twice the reader's work."""
+    master, name = terminal
+    port, frame = open_transport(name), bytes(range(40))
+    writer = threading.Timer(0.02, master.write, (frame,))
+    writer.start()
+    reads = [port.read() for _ in range(3)]
+    writer.join()
+    assert [data for data in reads if data] == [frame]
+    port.close()
+
+
+def test_a_second_opener_is_told_that_the_port_is_in_use(terminal):
+    """Two programs on one port would steal each other's bytes."""
+    port = open_transport(terminal[1])
+    with pytest.raises(DeviceError, match="in use") as refusal:
+        open_transport(terminal[1])
+    assert refusal.value.remedy
+    port.close()
+
+
+def test_a_missing_port_names_those_present():
+    """The remedy of a wrong name is the list of right ones."""
+    with pytest.raises(DeviceError, match="no port /dev/ttyNOWHERE") as refusal:
+        open_transport("/dev/ttyNOWHERE")
+    present = [port.port for port in list_ports()]
+    assert refusal.value.remedy == f"Ports present: {', '.join(present) or 'none'}"
+
+
+def test_a_file_is_not_a_port(tmp_path):
+    """What opens but is no terminal is refused by what it is."""
+    file = tmp_path / "file"
+    file.write_bytes(b"x")
+    with pytest.raises(DeviceError, match="is not a serial port"):
+        open_transport(str(file))
+
+
+@pytest.mark.fault(13, how="busy, forbidden and absent, as the system says them", times=6)
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (serial.SerialException(errno.EACCES, "could not open port x: Permission denied"), "no permission"),
+        (serial.SerialException("could not open 'COM3': PermissionError(13, 'Access is denied.')"), "no permission"),
+        (serial.SerialException(errno.EBUSY, "could not open port"), "in use"),
+        (serial.SerialException("could not open 'COM9': FileNotFoundError(2, 'cannot find it')"), "no port"),
+        (OSError(errno.EIO, "Input/output error"), "cannot be opened: Input/output error"),
+        (ValueError("Not a valid baudrate: 0"), "cannot be opened: Not a valid baudrate"),
+    ],
+)  # fmt: skip
+def test_the_reasons_a_port_does_not_open_are_told_apart(error, says):
+    """Busy, forbidden, absent: each has its own words and a remedy, whatever type pyserial raises."""
+    told = open_error("x", error)
+    assert says in told.cause
+    assert told.remedy
+
+
+@pytest.mark.fault(11, how="the other end of a pseudo-terminal closed", times=1)
+def test_an_unplugged_port_is_noticed(terminal):
+    """The other end gone: an error of ours within two seconds, not a silent end of data."""
+    master, name = terminal
+    port = open_transport(name)
+    master.close()
+    began = time.monotonic()
+    with pytest.raises(DeviceError, match="is gone"):
+        read_all(port, 1)
+    assert time.monotonic() - began < 2.0
+    port.close()
+
+
+@pytest.mark.fault(11, how="each type of error that an unplug raises in pyserial", times=4)
+@pytest.mark.parametrize(
+    "error",
+    [OSError(5, "I/O"), termios.error(5, "I/O"), TypeError("NoneType"), serial.SerialException("readiness to read")],
+)
+def test_every_type_that_pyserial_raises_becomes_one(terminal, monkeypatch, error):
+    """An unplug raises four types in pyserial, one of them no OSError."""
+    port = SerialTransport(terminal[1])
+
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(transports, "_read_some", fail)
+    monkeypatch.setattr(transports, "_write_all", fail)
+    with pytest.raises(DeviceError, match="is gone"):
+        port.read()
+    with pytest.raises(DeviceError, match="is gone"):
+        port.write(b"x")
+    port.close()
+
+
+def test_a_port_that_is_ready_and_has_nothing_is_not_gone(terminal, monkeypatch):
+    """A system may call a port ready by mistake: that is no byte, and no unplug."""
+    port = open_transport(terminal[1])
+
+    def nothing_yet(*_):
+        raise BlockingIOError(errno.EAGAIN, "nothing yet")
+
+    with monkeypatch.context() as system:
+        system.setattr(os, "read", nothing_yet)
+        terminal[0].write(b"x")
+        assert port.read() == b""
+    assert port.read() == b"x"
+    port.close()
+
+
+def test_a_stall_behind_a_frame_is_no_port_that_takes_nothing(terminal, monkeypatch):
+    """This program stands still for longer than a write may take, just after its bytes have left: they have left."""
+    master, name = terminal
+    port, plain = open_transport(name), os.write
+
+    def stalled(fd, data):
+        written = plain(fd, data)
+        time.sleep(0.3)
+        return written
+
+    monkeypatch.setattr(os, "write", stalled)
+    port.write(b"command")
+    assert master.read(7) == b"command"
+    port.close()
+
+
+def test_a_port_that_takes_nothing_does_not_hang_the_writer(terminal):
+    """A board that has stopped reading costs a quarter of a second, then an error."""
+    port = open_transport(terminal[1])
+    began = time.monotonic()
+    with pytest.raises(DeviceError, match="takes no bytes"):
+        for _ in range(100):
+            port.write(bytes(4096))
+    assert time.monotonic() - began < 3.0
+    port.close()
+
+
+def test_a_socket_carries_a_megabyte_in_few_reads():
+    """TCP is read in large pieces: pyserial's own socket:// would take a million calls."""
+    server = socket.create_server(("127.0.0.1", 0))
+    data = EVERY_BYTE * 1024
+
+    def serve():
+        connection, _ = server.accept()
+        connection.sendall(data)
+        assert connection.recv(16) == b"command"
+        connection.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    port = open_transport(f"socket://127.0.0.1:{server.getsockname()[1]}")
+    got, reads = b"", 0
+    while len(got) < len(data):
+        got += port.read()
+        reads += 1
+    assert got == data
+    assert reads < len(data) / 1000
+    port.write(b"command")
+    with pytest.raises(DeviceError, match="is gone"):
+        read_all(port, 1)
+    thread.join()
+    port.close()
+    server.close()
+
+
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("socket://192.0.2.1:7777", "not this machine"),
+        ("socket://127.0.0.1:1", "nobody answers"),
+        ("socket://localhost", "not an address"),
+        ("socket://localhost:port", "not an address"),
+    ],
+)
+def test_socket_addresses_are_checked(url, says):
+    """Nothing leaves this machine unasked, and a wrong address says so."""
+    with pytest.raises(DeviceError, match=says):
+        open_transport(url)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("replay") / "run @2 é.boat"
+    record_run(path, VirtualBoard(seed=1), 5.0)
+    return path
+
+
+def raw_of(path: Path) -> bytes:
+    db = open_recording(path)
+    raw = b"".join(row[0] for row in db.execute("SELECT raw FROM chunk WHERE direction = 0 ORDER BY id"))
+    db.close()
+    return raw
+
+
+def test_a_replay_gives_the_bytes_that_came(recording):
+    """All bytes from the board, in order, none of those sent to it; then its end, which is no data loss."""
+    port = open_transport(f"replay:{recording}@max")
+    raw = raw_of(recording)
+    assert read_all(port, len(raw)) == raw
+    with pytest.raises(ReplayEnded):
+        port.read()
+    assert not port.can_write
+    with pytest.raises(DeviceError, match="cannot be commanded"):
+        port.write(b"x")
+
+
+def test_a_replay_keeps_time(recording):
+    """At speed 2 the recording takes half as long as it took."""
+    db = open_recording(recording)
+    first, last = db.execute("SELECT min(host_ns), max(host_ns) FROM chunk WHERE direction = 0").fetchone()
+    db.close()
+    port = open_transport(f"replay:{recording}@2")
+    began = time.monotonic()
+    read_all(port, len(raw_of(recording)))
+    assert time.monotonic() - began >= (last - first) / 2e9
+
+
+def test_a_fast_board_is_replayed_in_board_time(recording, tmp_path):
+    """What came 20 times faster than real time plays in the time that passed on the board, not on the host."""
+    path = tmp_path / "fast.boat"
+    shutil.copy(recording, path)
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("UPDATE chunk SET host_ns = id * (SELECT 250000000 / max(id) FROM chunk)")  # 5 s in 0.25 s
+        db.execute("UPDATE segment SET host_ns = 0")
+        first, last = db.execute("SELECT min(first_time_us), max(last_time_us) FROM block").fetchone()
+    port = open_transport(f"replay:{path}@10")
+    began = time.monotonic()
+    read_all(port, len(raw_of(path)))
+    assert time.monotonic() - began >= 0.9 * (last - first) / 10e6
+
+
+def test_a_fast_board_is_replayed_without_heaps(recording, tmp_path):
+    """What came at once at 100 times real time comes as a board gives it: no silence of a second, no byte lost."""
+    path = tmp_path / "heaps.boat"
+    shutil.copy(recording, path)
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("UPDATE chunk SET host_ns = id / 20 * 20 * (SELECT 250000000 / max(id) FROM chunk)")
+        db.execute("UPDATE segment SET host_ns = 0")
+        first, last = db.execute("SELECT min(first_time_us), max(last_time_us) FROM block").fetchone()
+    played = list(replay._chunks(path))
+    assert b"".join(raw for _, raw in played) == raw_of(path)
+    times = np.array([at for at, _ in played])
+    assert times[-1] == pytest.approx((last - first) / 1e6, rel=0.05)
+    assert 0 <= np.diff(times).min() <= np.diff(times).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("tail", "says"), [("@0", "never moves"), ("@-1", "never moves"), ("@fast", "no speed"), ("@nan", "never moves")]
+)
+def test_a_replay_at_no_speed_is_refused(recording, tail, says):
+    """The speed is a positive number or max."""
+    with pytest.raises(DeviceError, match=says):
+        open_transport(f"replay:{recording}{tail}")

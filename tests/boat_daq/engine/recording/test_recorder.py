@@ -1,0 +1,185 @@
+"""The recorder: what it acknowledges is in the file, bit for bit."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from boat_daq.engine.blocks import Block
+from boat_daq.engine.recording.append import append_reading, append_result
+from boat_daq.engine.recording.recorder import Recorder
+from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.errors import OperatorError, StorageError
+from protocol import CommandDone, Start
+from protocol.recording import APPLICATION_ID, SESSION_KEYS, open_recording, read_session
+from tests.boat_daq.engine.board_link import meta_of
+from tests.boat_daq.engine.recording_source import Source, begin, rows, stored_samples
+
+
+def test_samples_and_bytes_are_in_the_file_as_they_came(recorder, source, path):
+    """The documented reader gives the very samples the link gave, and the chunks are the very bytes."""
+    for _ in range(40):
+        recorder(source.next())
+    recorder.close("finished")
+    assert stored_samples(path) == np.concatenate(source.samples).tobytes()
+    assert b"".join(row[0] for row in rows(path, "SELECT raw FROM chunk ORDER BY id")) == b"".join(source.raw)
+    assert verify_recording(path).identical
+
+
+def test_a_closed_recording_is_one_plain_file_that_names_itself(recorder, source, path):
+    """No -wal, no lock; SQLite's own header says whose it is; every key of the session is there."""
+    recorder(source.next())
+    recorder.close("finished")
+    assert [entry.name for entry in path.parent.iterdir()] == ["run.boat"]
+    db = open_recording(path)
+    assert db.execute("PRAGMA application_id").fetchone() == (APPLICATION_ID,)
+    assert db.execute("PRAGMA journal_mode").fetchone() == ("delete",)
+    assert db.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    meta = read_session(db)
+    db.close()
+    assert set(SESSION_KEYS) <= set(meta)
+    assert (meta["status"], meta["stop_reason"]) == ("closed", "finished")
+    assert meta["ended_host_ns"] > meta["started_host_ns"]
+
+
+def test_acknowledged_is_in_the_file_while_it_is_written(recorder, source, path):
+    """Another program reads, at any time, at least what was acknowledged."""
+    for _ in range(5):
+        recorder(source.next())
+        assert recorder.flush()
+        acknowledged = recorder.acknowledged
+        assert acknowledged.samples == sum(map(len, source.samples)) > 0
+        assert rows(path, "SELECT sum(n) FROM block") == [(acknowledged.samples,)]
+        assert rows(path, "SELECT count(*), sum(length(raw)) FROM chunk") == [(acknowledged.chunks, acknowledged.bytes)]
+    assert recorder.lag_ms < 1000
+
+
+def test_a_commit_is_complete_or_absent(recorder, source, path):
+    """Bytes and the samples decoded from them are in one transaction: no reader ever sees one without the other."""
+    stop = threading.Event()
+
+    def feed():
+        while not stop.is_set():
+            recorder(source.next(20_000))
+            time.sleep(0.002)
+
+    feeder = threading.Thread(target=feed)
+    feeder.start()
+    looks = []
+    for _ in range(60):
+        looks += rows(path, "SELECT (SELECT max(last_chunk) FROM block), (SELECT max(id) FROM chunk)")
+        time.sleep(0.01)
+    stop.set()
+    feeder.join()
+    assert all(block_end == chunk_end for block_end, chunk_end in looks)
+    assert len(set(looks)) > 3
+
+
+def test_the_log_is_on_and_safe(path, source):
+    """WAL with synchronous FULL, read back from the connection that writes."""
+    recorder = Recorder(path, meta_of(source.link))
+    connection = recorder._file._connection
+    assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    assert connection.execute("PRAGMA synchronous").fetchone() == (2,)
+    recorder.close("stopped")
+
+
+def test_segments_begin_with_the_link_at_start_and_by_hand(recorder, source, path):
+    """Each segment says why it began; steps and events carry the segment they belong to."""
+    source._say(Start(100))
+    recorder(source.next())
+    recorder.event("user", "mark", text="before")
+    recorder.new_segment("paused", paused=True)
+    recorder(source.next())
+    recorder.event("user", "mark", text="after")
+    recorder.close("finished")
+    assert rows(path, "SELECT id, reason, paused FROM segment") == [
+        (1, "opened", 0),
+        (2, "started", 0),
+        (3, "paused", 1),
+    ]
+    assert rows(path, "SELECT text, segment FROM event WHERE kind = 'mark'") == [("before", 2), ("after", 3)]
+    assert rows(path, "SELECT DISTINCT segment FROM block WHERE segment > 1") == [(2,), (3,)]
+
+
+def test_a_start_answered_late_begins_its_segment_with_its_first_sample(path):
+    """Samples before their START's answer are of that segment; the stream that ran before it keeps its own."""
+    source = Source()
+    recorder = begin(path, source)
+    recorder(source.next(100_000))  # 10 samples of the stream that runs already
+    start = source.link.send(Start(100), time.monotonic_ns())
+    source.board.receive(start)
+    recorder(Block(time.monotonic_ns(), start, sent=True))
+    late = source.next(100_000)
+    answer = next(event for event in late.events if isinstance(event, CommandDone))
+    recorder(Block(late.host_ns, late.raw, events=tuple(event for event in late.events if event is not answer)))
+    recorder.flush()
+    recorder(Block(late.host_ns, b"", events=(answer,)))
+    recorder(source.next(100_000))
+    recorder.close("finished")
+    acknowledged = recorder.acknowledged.samples
+    assert rows(path, "SELECT id, reason FROM segment") == [(1, "opened"), (2, "started")]
+    assert rows(path, "SELECT segment, sum(n) FROM block GROUP BY segment") == [(1, 10), (2, acknowledged - 10)]
+    assert rows(path, "SELECT count(*) FROM event WHERE kind = 'start_hz'") == [(1,)]
+    assert verify_recording(path).identical
+
+
+def test_steps_grow_and_readings_are_corrected_by_newer_ones(recorder, source, path):
+    """A step keeps what is known of it; a corrected reading stays in the file's history."""
+    recorder(source.next())
+    step = recorder.step_started(1, 1, "unloading", target_kpa=50.0, ramp_kpa_per_s=5.0, started_us=10)
+    recorder.step_updated(step, arrived_us=20)
+    recorder.step_updated(step, settled_us=30, status="reached", detail={"drift": 0.1})
+    recorder.reading(step, 3.5, resolution_mm=0.5, source="typed")
+    recorder.reading(step, 3.0, resolution_mm=0.5, source="typed", note="misread")
+    recorder.result("note", parameters={}, content={"é": 1.5}, seed=3)
+    recorder.update_meta(note="a – note")
+    recorder.close("finished")
+    sql = "SELECT id, segment, number, cycle, branch, arrived_us, settled_us, ended_us, status, detail FROM step"
+    assert rows(path, sql) == [(step, 1, 1, 1, "unloading", 20, 30, None, "reached", '{"drift": 0.1}')]
+    assert rows(path, "SELECT elongation_mm, note FROM reading ORDER BY id") == [(3.5, ""), (3.0, "misread")]
+    assert rows(path, "SELECT content, seed FROM result") == [('{"é": 1.5}', 3)]
+    assert rows(path, "SELECT value FROM session WHERE key = 'note'") == [('"a – note"',)]
+    with pytest.raises(OperatorError, match="branch"):
+        recorder.step_started(1, 1, "sideways", target_kpa=0, ramp_kpa_per_s=0, started_us=0)
+    with pytest.raises(OperatorError, match="no length"):
+        recorder.reading(step, float("nan"), source="typed")
+
+
+def test_a_closed_recording_takes_later_readings_and_results(recorder, source, path):
+    """What is entered afterwards is added, never changed, and leaves one plain file."""
+    recorder(source.next())
+    step = recorder.step_started(1, 1, "loading", target_kpa=0.0, ramp_kpa_per_s=5.0, started_us=10)
+    with pytest.raises(StorageError, match="being written"):
+        append_result(path, "fit", parameters={}, content={})
+    recorder.close("finished")
+    append_reading(path, step, 1.0, source="csv")
+    append_reading(path, step, 1.5, source="csv")
+    append_result(path, "fit", parameters={"degree": 3}, content={"b0": 1.0})
+    assert rows(path, "SELECT elongation_mm FROM reading ORDER BY id") == [(1.0,), (1.5,)]
+    assert rows(path, "SELECT kind, content FROM result") == [("fit", '{"b0": 1.0}')]
+    with pytest.raises(OperatorError, match="no step 99"):
+        append_reading(path, 99, 1.0, source="csv")
+    assert [entry.name for entry in path.parent.iterdir()] == ["run.boat"]
+
+
+def test_health_is_kept_each_second(path, source):
+    """The link's counters stand in the file as they grew."""
+    from boat_daq.engine.link.link_health import LinkHealth
+
+    health = LinkHealth(lambda: source.link.statistics, asked_hz=100)
+    recorder = Recorder(path, meta_of(source.link), health=health.snapshot)
+    end = time.monotonic() + 2.3
+    while time.monotonic() < end:
+        block = source.next(10_000)
+        recorder(block)
+        health(block)
+        time.sleep(0.02)
+    recorder.close("finished")
+    samples = [row[0] for row in rows(path, "SELECT samples FROM health ORDER BY id")]
+    assert 2 <= len(samples) <= 4
+    assert samples == sorted(samples)
+    assert samples[-1] > 50

@@ -1,0 +1,296 @@
+"""Verification: identical for every stream a board can send, and the first difference named for every tampering."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import protocol
+from boat_daq.engine.blocks import Block
+from boat_daq.engine.recording.append import append_result
+from boat_daq.engine.recording.recorder import Recorder
+from boat_daq.engine.recording.verify import open_link, verify_recording
+from protocol import Connection, Start
+from protocol.recording import dtype_from_description, open_recording, read_session
+from protocol.simulator.board import VirtualBoard
+from protocol.simulator.faults import parse_fault
+from protocol.text.connection import TextConnection, load_profile
+from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified, meta_of, record_run
+
+PROFILE = Path(protocol.__file__).parent / "profiles" / "delimited_lines.toml"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    """A hundred seconds with flipped bits, lost bytes and dropped samples."""
+    path = tmp_path_factory.mktemp("verify") / "run.boat"
+    faults = [parse_fault(text) for text in ("bit_flips@2:0.0005", "index_gap@20:300")]
+    record_run(path, VirtualBoard(seed=4, faults=faults), 100.0, rate_hz=200)
+    return path
+
+
+@pytest.fixture
+def copy(recording, tmp_path) -> Path:
+    path = tmp_path / "run.boat"
+    path.write_bytes(recording.read_bytes())
+    return path
+
+
+def change(path: Path, sql: str, values: tuple = ()) -> None:
+    db = sqlite3.connect(path)
+    assert db.execute(sql, values).rowcount > 0
+    db.commit()
+    db.close()
+
+
+def rows(path: Path, sql: str) -> list[tuple]:
+    db = open_recording(path)
+    found = db.execute(sql).fetchall()
+    db.close()
+    return found
+
+
+def test_a_damaged_stream_verifies(recording):
+    """With damaged frames and gaps, what was recorded is still derived again bit for bit."""
+    verdict = verify_recording(recording)
+    assert (verdict.identical, verdict.difference) == (True, "")
+    assert verdict.samples == rows(recording, "SELECT sum(n) FROM block")[0][0] > 10_000
+    assert verdict.chunks == rows(recording, "SELECT max(id) FROM chunk")[0][0]
+    assert rows(recording, "SELECT count(*) > 3, sum(value) > 3 FROM event WHERE kind = 'gap'") == [(1, 1)]
+
+
+def test_a_recording_begun_in_mid_stream_verifies(tmp_path):
+    """Between two bytes of a frame, long after START: the decoder's state in the file makes up for what came before."""
+    for number, before_s in enumerate((0.77, 1.3, 2.01)):
+        path = tmp_path / f"{number}.boat"
+        record_run(path, VirtualBoard(seed=number), 3.0, rate_hz=1000, before_s=before_s)
+        verdict = verify_recording(path)
+        assert verdict.identical, verdict.difference
+        assert rows(path, "SELECT reason FROM segment") == [("opened",)]
+
+
+@pytest.mark.fault(10, how="virtual board's `reset` into a recording", times=1)
+def test_a_board_that_restarts_makes_a_segment_that_verifies(tmp_path):
+    """The restart is a segment of its own, with its reason, and the whole is identical."""
+    path = tmp_path / "run.boat"
+    board = VirtualBoard(seed=1, faults=[parse_fault("reset@3")])
+    transport = BoardTransport(board)
+    acquisition, link, seen = identified(transport)
+    recorder = Recorder(path, meta_of(link))
+    acquisition.add_recorder(recorder)
+    acquisition.send(Start(100))
+    while board.now_us < 6_000_000:
+        assert acquisition.alive
+    acquisition.send(Start(100))
+    transport.end_us = board.now_us + 2_000_000
+    while board.now_us < transport.end_us:
+        assert acquisition.alive
+    acquisition.stop()
+    recorder.close("finished")
+    assert [reason for (reason,) in rows(path, "SELECT reason FROM segment")] == [
+        "opened",
+        "started",
+        "board restarted",
+        "started",
+    ]
+    verdict = verify_recording(path)
+    assert verdict.identical, verdict.difference
+    assert seen.blocks
+
+
+def test_a_reconnection_verifies(tmp_path):
+    """A second link into the same recording begins with its own decoder state."""
+    path = tmp_path / "run.boat"
+    recorder = None
+    for seed in (1, 2):
+        transport = BoardTransport(VirtualBoard(seed=seed))
+        acquisition, link, _ = identified(transport)
+        recorder = recorder or Recorder(path, meta_of(link))
+        seen = Seen()
+        acquisition.add_recorder(recorder)
+        acquisition.add_sink(seen)
+        acquisition.send(Start(100))
+        transport.end_us = transport.board.now_us + 2_000_000
+        while transport.board.now_us < transport.end_us:
+            assert acquisition.alive
+        acquisition.stop()
+    recorder.close("finished")
+    assert [row[0] for row in rows(path, "SELECT reason FROM segment")] == [
+        "opened",
+        "started",
+        "reconnected",
+        "started",
+    ]
+    verdict = verify_recording(path)
+    assert verdict.identical, verdict.difference
+    assert verdict.samples > 350
+
+
+def tampered_sample(path: Path) -> None:
+    db = sqlite3.connect(path)
+    dtype = dtype_from_description(
+        json.loads(db.execute("SELECT value FROM session WHERE key = 'sample_dtype'").fetchone()[0])
+    )
+    samples = np.frombuffer(db.execute("SELECT samples FROM block WHERE id = 2").fetchone()[0], dtype).copy()
+    samples["lit"][5, 1] += 1
+    db.execute("UPDATE block SET samples = ? WHERE id = 2", (samples.tobytes(),))
+    db.commit()
+    db.close()
+
+
+@pytest.mark.fault(32, how="bytes, samples, times, gaps and overview changed", times=8)
+@pytest.mark.parametrize(
+    ("sql", "says"),
+    [
+        ("UPDATE chunk SET crc32 = crc32 + 1 WHERE id = 40", "raw bytes of chunk 40 do not match"),
+        ("DELETE FROM chunk WHERE id = 50", "chunk 50 is missing"),
+        ("DELETE FROM block WHERE id = (SELECT max(id) FROM block)", "the bytes hold more samples than the file"),
+        ("UPDATE block SET n = n + 1 WHERE id = 3", "block 3 says"),
+        ("UPDATE block SET last_time_us = 0 WHERE id = 3", "block 3 names other times"),
+        ("UPDATE overview SET pressure_max_kpa = 99 WHERE id = 2", "row 2 of the overview"),
+        ("DELETE FROM event WHERE kind = 'gap' AND id = (SELECT max(id) FROM event WHERE kind = 'gap')", "gap"),
+        ("UPDATE chunk SET host_ns = host_ns + 1 WHERE id = 60", "host_ns is"),
+    ],
+)
+def test_every_tampering_is_named(copy, sql, says):
+    """Bytes, samples, times, gaps, overview: whatever was changed, the verdict names the first difference."""
+    change(copy, sql)
+    verdict = verify_recording(copy)
+    assert not verdict.identical
+    assert says in verdict.difference
+
+
+def test_a_changed_sample_is_named_with_both_values(copy):
+    """The reader learns which sample, which field, and what it should have been."""
+    tampered_sample(copy)
+    verdict = verify_recording(copy)
+    n_before = rows(copy, "SELECT n FROM block WHERE id = 1")[0][0]
+    assert verdict.difference.startswith(f"sample {n_before + 6}: lit is [")
+
+
+def test_changed_bytes_with_a_mended_checksum_are_found_in_the_samples(copy):
+    """A forger who mends the chunk's checksum meets the frame's own, and then the samples."""
+    sql = "SELECT id, raw FROM chunk WHERE direction = 0 AND id > 1000 AND length(raw) > 100 LIMIT 5"
+    for number, raw in rows(copy, sql):  # five, because one might be in a frame that was damaged already
+        forged = raw[:20] + bytes([raw[20] ^ 4 or 1]) + raw[21:]
+        change(copy, "UPDATE chunk SET raw = ?, crc32 = ? WHERE id = ?", (forged, crc32(forged), number))
+    assert not verify_recording(copy).identical
+
+
+def test_stored_results_are_derived_again(copy):
+    """With a function that analyses, its stored results must come out the same; unknown kinds are passed over."""
+    append_result(copy, "mean", parameters={"of": "n"}, content={"n": 3})
+    append_result(copy, "other", parameters={}, content={})
+    same = verify_recording(copy, reanalyse=lambda _path, r: {"n": 3} if r.kind == "mean" else None)
+    assert same.identical
+    assert same.results == 1
+    other = verify_recording(copy, reanalyse=lambda _path, r: {"n": 4} if r.kind == "mean" else None)
+    assert "result 1 (mean)" in other.difference
+
+
+def test_a_recording_without_bytes_says_so(copy):
+    """An imported recording has nothing to be derived from, and is not called identical."""
+    change(copy, "DELETE FROM chunk")
+    assert "no raw bytes" in verify_recording(copy).difference
+
+
+def test_memory_and_progress_are_bounded(recording):
+    """Progress rises to the whole, and raising from it cancels."""
+    seen: list[tuple[float, float]] = []
+    verify_recording(recording, progress=lambda done, total: seen.append((done, total)))
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert seen[-1][0] == seen[-1][1]
+
+    def cancel(_done: float, _total: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        verify_recording(recording, progress=cancel)
+
+
+def test_a_text_profile_recording_verifies(tmp_path):
+    """Lines of text are derived again with the profile that stands in the recording, from mid-stream too."""
+    profile = PROFILE.read_text()
+    link = TextConnection(load_profile(profile))
+    text = b"".join(b"%d,%d,%.2f,2107,41,1988,37,23.4\n" % (10 * n, n, 0.1 * n) for n in range(400))
+    link.receive(text[:1001], 1)
+    more = {"vref_mv": 3300, "adc_bits": 12, "profile": profile}
+    meta = {"n_sensors": link.n_sensors, "sample_kind": link.sample_kind, "simulated": False, **more}
+    path = tmp_path / "text.boat"
+    recorder = Recorder(path, meta)
+    recorder.attached(link.decoder_state())
+    for at in range(1001, len(text), 97):
+        data = text[at : at + 97]
+        recorder(Block(at, data, events=tuple(link.receive(data, at))))
+    recorder.close("finished")
+    verdict = verify_recording(path)
+    assert verdict.identical, verdict.difference
+    assert 200 < verdict.samples < 400
+
+
+# ---- the commands ----------------------------------------------------------------------------------------------------
+
+
+def run(command, *arguments: str):
+    app = typer.Typer()
+    app.command()(command)
+    return CliRunner().invoke(app, list(arguments))
+
+
+def test_the_command_says_identical_and_exits_0_or_1(copy):
+    """`verify` is for scripts: one word, one JSON object, one exit code."""
+    from boat_daq.commands.verify import verify
+
+    assert run(verify, str(copy)).stdout.strip() == "identical"
+    as_json = run(verify, str(copy), "--json")
+    assert json.loads(as_json.stdout)["identical"] is True
+    change(copy, "DELETE FROM chunk WHERE id = 50")
+    failed = run(verify, str(copy), "--json")
+    assert failed.exit_code == 1
+    assert json.loads(failed.stdout) | {"seconds": 0} == {
+        "identical": False, "difference": "chunk 50 is missing", "samples": 0, "chunks": 49, "results": 0, "seconds": 0,
+    }  # fmt: skip
+
+
+def test_info_sums_a_recording_up(recording):
+    """Times, rate, gaps and segments as they stand in the file."""
+    from boat_daq.commands.info import info
+
+    told = json.loads(run(info, str(recording), "--json").stdout)
+    samples = rows(recording, "SELECT sum(n) FROM block")[0][0]
+    assert told["samples"] == samples
+    assert told["lost_samples"] == rows(recording, "SELECT sum(value) FROM event WHERE kind = 'gap'")[0][0]
+    assert told["rate_hz"] == pytest.approx((samples - 1) / told["duration_s"])
+    assert told["rate_asked_hz"] == 200
+    assert told["status"] == "closed"
+    assert told["simulated"] is True
+    text = run(info, str(recording)).stdout
+    assert "SIMULATED" in text
+    assert f"{samples} in " in text
+
+
+def test_recover_tells_what_it_did(recording):
+    """A closed recording: nothing to do, exit 0."""
+    from boat_daq.commands.recover import recover
+
+    done = run(recover, str(recording), "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["status"] == "closed"
+    assert "nothing to do" in run(recover, str(recording)).stdout
+
+
+def test_a_recording_without_a_decoder_state_is_opened_by_its_description(recording):
+    """The link for a recording's bytes knows its sensors even where no HELLO is among them."""
+    db = open_recording(recording)
+    meta = read_session(db)
+    db.close()
+    link = open_link(meta, None)
+    assert isinstance(link, Connection)
+    assert link.n_sensors == meta["n_sensors"] == 2

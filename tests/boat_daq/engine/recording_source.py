@@ -1,0 +1,69 @@
+"""Blocks of a virtual board without thread, port or clock, a recording of them, and what stands in the file."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from boat_daq.engine.blocks import Block
+from boat_daq.engine.recording.recorder import Recorder
+from protocol import Connection, Identify, Samples, Start
+from protocol.recording import open_recording
+from protocol.simulator.board import VirtualBoard
+from tests.boat_daq.engine.board_link import meta_of
+
+
+class Source:
+    """Blocks of a virtual board, made as they are asked for; no thread, no port."""
+
+    def __init__(self, seed: int = 0, rate_hz: int = 100) -> None:
+        self.board = VirtualBoard(seed=seed)
+        self.link = Connection()
+        self._say(Identify())
+        self.samples: list[np.ndarray] = []
+        self.raw: list[bytes] = []
+        self.next(1)
+        self._say(Start(rate_hz))
+        self.next(1)
+
+    def _say(self, command) -> None:
+        self.board.receive(self.link.send(command, time.monotonic_ns()))
+
+    def next(self, dt_us: int = 50_000) -> Block:
+        data, now_ns = self.board.advance(dt_us), time.monotonic_ns()
+        events = tuple(self.link.receive(data, now_ns))
+        self.samples += [event.array for event in events if isinstance(event, Samples)]
+        self.raw.append(data)
+        return Block(now_ns, data, events=events)
+
+
+def begin(path: Path, source: Source, **options: Any) -> Recorder:
+    """Begin a recording at the source's present state; what the source gave before is forgotten."""
+    recorder = Recorder(path, meta_of(source.link), **options)
+    recorder.attached(source.link.decoder_state())
+    source.samples.clear()
+    source.raw.clear()
+    return recorder
+
+
+def stored_samples(path: Path) -> bytes:
+    """The lines at the head of `protocol/recording/schema.py`, which any language can follow."""
+    db = sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)
+    meta = {key: json.loads(value) for key, value in db.execute("SELECT key, value FROM session")}
+    dtype = np.dtype([(name, code, *([tuple(shape)] if shape else [])) for name, code, shape in meta["sample_dtype"]])
+    rows = db.execute("SELECT samples FROM block ORDER BY id")
+    samples = np.concatenate([np.frombuffer(blob, dtype) for (blob,) in rows])
+    db.close()
+    return samples.tobytes()
+
+
+def rows(path: Path, sql: str) -> list[tuple]:
+    db = open_recording(path)
+    found = db.execute(sql).fetchall()
+    db.close()
+    return found

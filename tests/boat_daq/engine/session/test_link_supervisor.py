@@ -1,0 +1,81 @@
+"""The keeper on a clock of its own: how long it waits for a board, whatever the computer is busy with."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import pytest
+
+from boat_daq.engine.control.controller import Controller
+from boat_daq.engine.session.core import Core
+from boat_daq.engine.session.link_supervisor import TICK_S, Keeper
+from boat_daq.engine.settings import Settings
+from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.engine.snapshot import LinkState
+from protocol.link.messages import SetPressure, Start
+from tests.boat_daq.engine.other_devices import Chatter
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+
+ASKED_S = 3.0
+
+
+class Clock:
+    """Time that passes only as the keeper turns."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@contextmanager
+def port_of(kind: str) -> Iterator[str]:
+    """A port with something on it that is no board of ours."""
+    if kind == "chatter":
+        with closing(Chatter()) as device:
+            yield device.url
+    else:
+        with serve(BoardSettings(faults=(kind,))) as board:
+            yield board.url
+
+
+@pytest.mark.fault(
+    14, how="wrong baud rate, another device, another version and silence, on the keeper's clock", times=4
+)
+@pytest.mark.parametrize(
+    ("kind", "word"),
+    [
+        ("wrong_baud@0:0", "not a BOAT board"),
+        ("chatter", "not a BOAT board"),
+        ("wrong_protocol@0:2", "version 2"),
+        ("silent@0:0", "nothing comes"),
+    ],
+)
+def test_what_is_no_board_is_refused_within_three_seconds(
+    monkeypatch: pytest.MonkeyPatch, kind: str, word: str
+) -> None:
+    """Within 3 s of opening, with half a second to spare; neither samples nor a pressure were asked for."""
+    clock, core, sent = Clock(), Core(), []
+    plain_send = core.send_now
+    monkeypatch.setattr(core, "send_now", lambda command, **more: sent.append(command) or plain_send(command, **more))
+    keeper = Keeper(core, Settings(), end_recording=lambda _: None, clock_s=clock)
+    keeper._ending = True  # no thread: turned by hand
+    with port_of(kind) as url:
+        keeper.open(url, None, Controller())
+        keeper._turn()
+        for _ in range(20):  # what comes at all is there by now
+            time.sleep(0.02)
+            keeper._turn()
+        while keeper.state is LinkState.OPENING and clock.now_s < 100.0 + 2 * ASKED_S:
+            clock.now_s += TICK_S
+            keeper._turn()
+        assert keeper.state is LinkState.FAILED
+        assert clock.now_s - 100.0 <= ASKED_S - 0.4
+        assert keeper.error is not None and word in keeper.error[0] and keeper.error[1]
+        assert not [command for command in sent if isinstance(command, SetPressure | Start)]
+        core.detach()

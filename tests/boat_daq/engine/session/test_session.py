@@ -1,0 +1,409 @@
+"""The session on a real pseudo-terminal: threads, ports, files and the board's own process."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import sqlite3
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from boat_daq.engine.plan import Plan, built_in_plans
+from boat_daq.engine.session.readings import enter_simulated_readings
+from boat_daq.engine.session.session import LinkState, Session, SessionState
+from boat_daq.engine.settings import Settings, Unit, UnitLibrary
+from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.errors import DeviceError, OperatorError, StorageError
+from tests.boat_daq.engine.other_devices import Chatter
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+
+PLAN = Plan("short", "staircase", 1, step_kpa=45.0, ramp_kpa_per_s=20.0)
+OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[Session]:
+    """A session with its own settings and units, closed at the end whatever happened."""
+    found = Session(Settings(), UnitLibrary(tmp_path / "units"))
+    yield found
+    found.close()
+
+
+def begin(session: Session, url: str, path: Path | None = None, plan: Plan = PLAN, **options: Any) -> None:
+    """Connect, record, arm and start."""
+    session.connect(url)
+    session.wait_connected()
+    if path is not None:
+        session.start_recording(path, {"operator": "tester"})
+    session.arm(plan, **options)
+    session.start()
+    assert session.wait(lambda s: s.state is SessionState.RUNNING, 5).state is SessionState.RUNNING
+
+
+def read(path: Path, query: str) -> list[tuple[Any, ...]]:
+    with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as db:
+        return db.execute(query).fetchall()
+
+
+def meta(path: Path) -> dict[str, Any]:
+    return {key: json.loads(value) for key, value in read(path, "SELECT key, value FROM session")}
+
+
+@pytest.mark.fault(54, how="a session on the virtual board", times=1)
+def test_a_whole_session_ends_in_one_closed_file(session: Session, tmp_path: Path) -> None:
+    """Connect, record, run, read, stop at 50x: every step and reading in the file, one end, simulated and said so."""
+    path, truth = tmp_path / "run.boat", tmp_path / "truth.csv"
+    with serve(BoardSettings(speed=50.0, truth=str(truth))) as board:
+        begin(session, board.url, path)
+        seen = session.wait(lambda s: s.state in OVER, 60)
+        assert (seen.state, seen.run_ended, seen.simulated) == (SessionState.IDLE, "finished", True)
+        assert enter_simulated_readings(session, truth) == 5
+        first = session.readings()[0]
+        session.add_reading(first.step_id, 1.0, "typed", note="corrected")
+        assert session.stop_recording() == path
+    assert meta(path)["stop_reason"] == "finished"
+    assert meta(path)["status"] == "closed"
+    assert meta(path)["simulated"] is True
+    assert meta(path)["plan"]["name"] == "short"
+    assert [row[0] for row in read(path, "SELECT branch FROM step ORDER BY id")] == [
+        "start", "unloading", "unloading", "loading", "loading", "end"
+    ]  # fmt: skip
+    assert read(path, "SELECT DISTINCT status FROM step") == [("reached",)]
+    assert read(path, "SELECT count(*) FROM event WHERE kind = 'run_ended'") == [(1,)]
+    readings = read(path, f"SELECT elongation_mm, source FROM reading WHERE step = {first.step_id} ORDER BY id")
+    assert [source for _, source in readings] == ["simulated", "typed"]
+    assert read(path, "SELECT elongation_mm FROM reading WHERE step = 1")[0][0] == pytest.approx(3.8, abs=0.3)
+
+
+@pytest.mark.fault(24, how="eight threads press buttons over a pseudo-terminal", times=320)
+def test_buttons_from_many_threads(session: Session, tmp_path: Path) -> None:
+    """Eight threads press what they like for a while: no error but refusals, one end a run, vented at the end."""
+    path = tmp_path / "run.boat"
+    with serve(BoardSettings(speed=50.0)) as board:
+        begin(session, board.url, path)
+        failures: list[Exception] = []
+
+        def press(button: Any) -> None:
+            for _ in range(40):
+                try:
+                    with contextlib.suppress(OperatorError):  # a refusal is an answer
+                        button()
+                except Exception as error:  # noqa: BLE001 - what the test looks for
+                    failures.append(error)
+                time.sleep(0.002)
+
+        buttons = [session.pause, session.resume, session.stop, session.vent, session.clear_fault, session.start]
+        buttons += [lambda: session.arm(PLAN), lambda: session.set_pressure(10.0)]
+        threads = [threading.Thread(target=press, args=(button,)) for button in buttons]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        session.vent()
+        seen = session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < 1 and s.state in OVER, 10)
+        session.stop_recording()
+    assert failures == []
+    assert seen.state in OVER and seen.last is not None and abs(seen.last.pressure_kpa) < 1
+    begun = read(path, "SELECT count(*) FROM event WHERE kind = 'run_started'")[0][0]
+    assert read(path, "SELECT count(*) FROM event WHERE kind = 'run_ended'") == [(begun,)]
+
+
+def test_vent_waits_for_nobody(session: Session) -> None:
+    """While another thread holds the session's lock the vent leaves all the same."""
+    with serve(BoardSettings(speed=1.0)) as board:
+        session.connect(board.url)
+        session.wait_connected()
+        session.set_pressure(30.0, 40.0)
+        session.wait(lambda s: s.last is not None and s.last.pressure_kpa > 20, 5)
+        venting = threading.Thread(target=session.vent)
+        with session._core.lock:
+            venting.start()
+            time.sleep(0.1)
+            sent = session._core.acquisition.statistics  # type: ignore[union-attr]
+            assert sent.samples > 0
+            time.sleep(1.2)
+        venting.join()
+        seen = session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < 1.0, 0.3)
+    assert seen.last is not None and abs(seen.last.pressure_kpa) < 1.0
+
+
+@pytest.mark.fault(11, how="virtual board's `unplug` on a pseudo-terminal, under pressure", times=1)
+def test_unplugged_and_plugged_again(session: Session, tmp_path: Path) -> None:
+    """The port goes under pressure: fault, data kept; the board comes back by its identity, and nothing moves."""
+    path, link = tmp_path / "run.boat", tmp_path / "port"
+    with serve(BoardSettings(speed=5.0, faults=("unplug@15:10",), link=str(link))):
+        begin(session, str(link), path, dataclasses.replace(PLAN, cycles=5))
+        lost = session.wait(lambda s: s.link is LinkState.LOST, 10)
+        assert (lost.link, lost.state) == (LinkState.LOST, SessionState.FAULT)
+        back = session.wait(lambda s: s.link is LinkState.UP, 15)
+        assert back.link is LinkState.UP
+        time.sleep(0.5)
+        seen = session.snapshot()
+        assert seen.state is SessionState.FAULT and seen.last is not None and abs(seen.last.pressure_kpa) < 1
+        session.stop_recording()
+    assert meta(path)["stop_reason"].startswith("aborted: ")
+    assert [row[0] for row in read(path, "SELECT reason FROM segment ORDER BY id")][:2] == ["opened", "reconnected"]
+    assert read(path, "SELECT count(*) FROM event WHERE kind = 'run_ended'") == [(1,)]
+
+
+@pytest.mark.fault(25, how="pause and resume over a pseudo-terminal", times=1)
+def test_pause_makes_segments(session: Session, tmp_path: Path) -> None:
+    """Paused and resumed: two more segments, the first of them marked as paused, and a second opening plateau."""
+    path = tmp_path / "run.boat"
+    with serve(BoardSettings(speed=50.0)) as board:
+        begin(session, board.url, path)
+        session.wait(lambda s: s.progress is not None and s.progress.cycle == 1, 10)
+        session.pause()
+        session.wait(lambda _: all(check.ok for check in session.preflight()), 5)
+        session.resume()
+        assert session.wait(lambda s: s.state in OVER, 30).run_ended == "finished"
+        session.stop_recording()
+    segments = read(path, "SELECT reason, paused FROM segment ORDER BY id")
+    assert ("paused", 1) in segments and ("resumed", 0) in segments
+    assert read(path, "SELECT count(*) FROM step WHERE branch = 'start'") == [(2,)]
+    assert {row[0] for row in read(path, "SELECT DISTINCT cycle FROM step WHERE status = 'reached'")} >= {0, 2}
+
+
+def test_a_reading_is_waited_for(session: Session) -> None:
+    """The run holds at the plateau until the reading is there; skipped, it goes on without."""
+    with serve(BoardSettings(speed=50.0)) as board:
+        begin(session, board.url, wait_for_reading=True)
+        seen = session.wait(lambda s: s.waiting_for_reading is not None, 10)
+        assert seen.waiting_for_reading is not None and seen.waiting_for_reading.target_kpa == 50.0
+        session.add_reading(seen.waiting_for_reading.step_id, 3.8, "typed")
+        seen = session.wait(lambda s: s.waiting_for_reading is not None and s.waiting_for_reading.step_id == 2, 10)
+        session.skip_reading()
+        seen = session.wait(lambda s: s.progress is not None and s.progress.step == 3, 10)
+        assert seen.progress is not None and seen.progress.step == 3
+        session.stop()
+
+
+def test_readings_that_make_no_sense(session: Session) -> None:
+    """No such step, no length: refused, nothing kept."""
+    for step, value in ((1, 1.0), (99, 2.0)):
+        with pytest.raises(OperatorError, match="no step"):
+            session.add_reading(step, value, "typed")
+    assert session.readings() == ()
+
+
+def test_the_unit_s_limits_hold(session: Session) -> None:
+    """A unit that takes 20 kPa at most: the plan and the hand are refused, naming the unit."""
+    session.units.save(Unit("weak", min_kpa=-10.0, max_kpa=20.0))
+    with serve(BoardSettings(speed=20.0)) as board:
+        session.connect(board.url, unit="weak")
+        session.wait_connected()
+        for action in (lambda: session.arm(PLAN), lambda: session.set_pressure(21.0)):
+            with pytest.raises(OperatorError, match="the unit's limit of 20 kPa"):
+                action()
+
+
+@pytest.mark.fault(14, how="another version and silence on a pseudo-terminal", times=2)
+@pytest.mark.parametrize(
+    ("fault", "word"),
+    [("wrong_protocol@0:2", "version 2"), ("silent@0:0", "nothing comes")],
+)
+def test_what_is_no_board_is_refused(session: Session, fault: str, word: str) -> None:
+    """Another version, silence: refused with the reason (how soon: `test_keeper`)."""
+    with serve(BoardSettings(faults=(fault,))) as board:
+        session.connect(board.url)
+        with pytest.raises(DeviceError) as refusal:
+            session.wait_connected()
+        assert word in refusal.value.cause and refusal.value.remedy
+        assert session.snapshot().link is LinkState.FAILED
+
+
+def test_another_device_is_refused(session: Session) -> None:
+    """A device that prints something else is told apart from silence."""
+    with contextlib.closing(Chatter()) as device:
+        session.connect(device.url)
+        with pytest.raises(DeviceError, match="not a BOAT board"):
+            session.wait_connected()
+        session.close()
+
+
+PROFILE = """
+name = "Printing firmware"
+kind = "lines"
+[device]
+n_sensors = 1
+rate_hz = 100
+pressure_min_kpa = -60
+pressure_max_kpa = 80
+[lines]
+fields = [{ name = "time", unit = "ms" }, { name = "pressure", unit = "kPa" }, { name = "s1_signal", unit = "mV" }]
+"""
+COMMANDS = """
+[commands]
+set_pressure = "P{kpa:.1f}\\n"
+vent = "V\\n"
+"""
+
+
+class PrintingDevice:
+    """Firmware that prints lines and knows two commands; it never says whether it holds. 20 times real time."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        os.set_blocking(self.master, False)
+        self.heard = b""
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        pressure = target = 0.0
+        time_ms = 0
+        while not self._stop.wait(0.005):
+            with contextlib.suppress(BlockingIOError):
+                self.heard += os.read(self.master, 1000)
+            lines = self.heard.split(b"\n")[:-1]
+            target = 0.0 if not lines or lines[-1] == b"V" else float(lines[-1][1:])
+            for _ in range(10):
+                time_ms += 10
+                pressure += max(-0.4, min(0.4, target - pressure))
+                os.write(self.master, b"%d,%.3f,%.3f\n" % (time_ms, pressure, 1650 + pressure + time_ms % 7 / 10))
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def printing(session: Session) -> Iterator[PrintingDevice]:
+    """A device that prints; the session leaves before it does."""
+    device = PrintingDevice()
+    yield device
+    session.close()
+    device.close()
+    os.close(device.master)
+    os.close(device.slave)
+
+
+def test_firmware_that_prints_runs_a_plan(session: Session, printing: PrintingDevice, tmp_path: Path) -> None:
+    """A board without states, limits, watchdog or answers: arrival by measured pressure, and a warning."""
+    path = tmp_path / "run.boat"
+    session.connect(os.ttyname(printing.slave), PROFILE + COMMANDS)
+    assert session.wait_connected().can_command
+    session.start_recording(path)
+    session.arm(PLAN)
+    session.start()
+    seen = session.wait(lambda s: s.state in OVER, 30)
+    assert (seen.state, seen.run_ended) == (SessionState.IDLE, "finished")
+    assert any("no watchdog" in message.cause for message in seen.messages)
+    session.stop_recording()
+    assert read(path, "SELECT DISTINCT status FROM step") == [("reached",)]
+    assert meta(path)["sample_kind"] == "signal" and "Printing firmware" in meta(path)["profile"]
+    assert printing.heard.split(b"\n")[-2] == b"V"
+
+
+def test_a_profile_without_commands_only_listens(session: Session, printing: PrintingDevice) -> None:
+    """It records and plots; the sequence is off and says why; nothing is ever sent."""
+    session.connect(os.ttyname(printing.slave), PROFILE)
+    seen = session.wait_connected()
+    assert not seen.can_command and seen.why_read_only
+    with pytest.raises(OperatorError):
+        session.arm(PLAN)
+    session.vent()
+    session.disconnect()
+    session.wait(lambda s: s.link is LinkState.CLOSED, 5)
+    assert printing.heard == b""
+
+
+def test_no_such_port_is_one_line(session: Session) -> None:
+    """The port's name and the remedy, at once."""
+    session.connect("/dev/ttyNOSUCH")
+    with pytest.raises(DeviceError, match="/dev/ttyNOSUCH"):
+        session.wait_connected()
+
+
+@pytest.mark.fault(15, how="virtual board's `reset_on_open` on a pseudo-terminal", times=1)
+def test_a_board_that_boots_when_its_port_opens_is_waited_for(session: Session) -> None:
+    """Opening resets it and it boots for a second: connected all the same."""
+    with serve(BoardSettings(faults=("reset_on_open@0:1",))) as board:
+        session.connect(board.url)
+        assert session.wait_connected().link is LinkState.UP
+
+
+def test_a_recording_needs_a_board_and_a_folder(session: Session, tmp_path: Path) -> None:
+    """Nothing connected, no such folder, one at a time: refused, each with its reason."""
+    with pytest.raises(OperatorError, match="nothing to record"):
+        session.start_recording(tmp_path / "a.boat")
+    with serve(BoardSettings(speed=20.0)) as board:
+        session.connect(board.url)
+        session.wait_connected()
+        with pytest.raises(StorageError, match="no folder"):
+            session.start_recording(tmp_path / "missing" / "a.boat")
+        session.start_recording(tmp_path / "a.boat")
+        with pytest.raises(OperatorError, match="is being recorded"):
+            session.start_recording(tmp_path / "b.boat")
+
+
+def test_a_recording_replayed_is_read_only(session: Session, tmp_path: Path) -> None:
+    """The bytes of a recording give the same last sample again, and no pressure can be commanded."""
+    path = tmp_path / "a.boat"
+    with serve(BoardSettings(speed=20.0)) as board:
+        session.connect(board.url)
+        session.wait_connected()
+        session.start_recording(path)
+        session.wait(lambda s: s.recorded_s > 20.0, 10)
+        session.disconnect()
+        session.wait(lambda s: s.link is LinkState.CLOSED, 10)
+    session.connect(f"replay:{path}@5")
+    seen = session.wait_connected()
+    assert not seen.can_command and "replayed" in seen.why_read_only and seen.simulated
+    with pytest.raises(OperatorError, match="only listens"):
+        session.arm(built_in_plans()["calibration"])
+    last = session.wait(lambda s: s.link is LinkState.CLOSED, 20).last
+    newest = read(path, "SELECT max(last_time_us) FROM block")[0][0]
+    assert last is not None and last.time_s == pytest.approx(newest / 1e6)
+
+
+@pytest.mark.parametrize("speed", ["20", "max"])
+def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, tmp_path: Path, speed: str) -> None:
+    """However fast it plays, and over before anyone looked: every sample is in the new file, and it is no failure."""
+    path, again = tmp_path / "a.boat", tmp_path / "b.boat"
+    with serve(BoardSettings(speed=20.0)) as board:
+        session.connect(board.url, record_to=path)
+        session.wait_connected()
+        session.wait(lambda s: s.recorded_s > 5.0, 10)
+        session.disconnect()
+        session.wait(lambda s: s.link is LinkState.CLOSED, 10)
+    session.connect(f"replay:{path}@{speed}", record_to=again)
+    assert session.wait_connected().link in (LinkState.UP, LinkState.CLOSED)
+    assert session.wait(lambda s: s.link is LinkState.CLOSED, 10).link_error is None
+    query = "SELECT sum(n) FROM block"
+    assert read(again, query) == read(path, query)
+    assert meta(again)["stop_reason"] == "finished"
+
+
+@pytest.mark.fault(28, how="a recorder that cannot write, in a run over a pseudo-terminal", times=1)
+def test_the_disk_that_fails_stops_the_run(session: Session, tmp_path: Path) -> None:
+    """The recorder cannot write: the run is aborted and vented, and the reason said."""
+    with serve(BoardSettings(speed=5.0)) as board:
+        begin(session, board.url, tmp_path / "a.boat")
+        session._core.storage_failed(StorageError("the disk is full", "make room"))
+        seen = session.wait(lambda s: s.state is SessionState.ABORTED, 5)
+        assert seen.run_ended == "aborted: the disk is full"
+        assert any(m.cause == "the disk is full" and m.remedy for m in seen.messages)
+
+
+def test_connect_and_disconnect_many_times(session: Session) -> None:
+    """Twenty times: always up again, no thread left over."""
+    with serve(BoardSettings(speed=50.0)) as board:
+        for _ in range(20):
+            session.connect(board.url)
+            assert session.wait_connected().link is LinkState.UP
+            session.disconnect()
+            assert session.wait(lambda s: s.link is LinkState.CLOSED, 5).link is LinkState.CLOSED
+    names = [thread.name for thread in threading.enumerate()]
+    assert sum(name.startswith("reader") for name in names) == 0

@@ -1,0 +1,61 @@
+"""A window on a session that only shows; closed after each test, so that no timer outlives it."""
+
+from __future__ import annotations
+
+import gc
+from typing import TYPE_CHECKING
+
+import pytest
+from PySide6.QtCore import QEvent
+from PySide6.QtWidgets import QApplication
+
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, idle, window_on
+
+if TYPE_CHECKING:
+    from boat_daq.gui.main_window import MainWindow
+
+
+@pytest.fixture
+def make(qtbot, tmp_path):
+    """Return a function that opens the window on a recorded session."""
+    from boat_daq.gui.app import make_application
+
+    make_application()
+
+    def build(session: RecordedSession) -> MainWindow:
+        window = window_on(session, tmp_path)
+        windows.append(window)
+        window.show()
+        qtbot.waitExposed(window)
+        return window
+
+    windows: list[MainWindow] = []
+    yield build
+    for window in windows:
+        window.close()
+        window.deleteLater()
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # else each window slows the next one down
+    windows.clear()
+    gc.collect()  # here, not on a helper's thread later: a timer that ends on another thread than its own still fires
+
+
+@pytest.fixture
+def live(make):
+    """A window on a connected board with five minutes of signals."""
+    return make(RecordedSession(connected(), filled_ring(300.0)))
+
+
+@pytest.fixture
+def whole(live):
+    """A window on a connected board with every page made."""
+    from boat_daq.viewmodels.app_model import PAGES
+
+    for name in PAGES:
+        live.open_page(name)
+    return live
+
+
+@pytest.fixture
+def empty(make):
+    """A window with nothing connected."""
+    return make(RecordedSession(idle()))

@@ -1,0 +1,191 @@
+"""The optics page: designs on and off the grid, curves from a file, the search, the sweep's pictures."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPointF
+
+from analysis.fidelity import fidelity
+from boat_daq.gui.models.optics_page import select
+from boat_daq.viewmodels.common.work import Failure, WorkState
+from boat_daq.viewmodels.models import optics
+from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
+from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
+from tests.boat_daq.gui.models.test_tradeoff_page import desk  # noqa: F401 - a fixture
+
+NORMAL = fidelity("normal")
+LINE = np.array([[0.0, 0.0], [75.0, 1.0]])
+
+
+class FakeWork:
+    """Work that ends when told to."""
+
+    made: ClassVar[list[FakeWork]] = []
+
+    def __init__(self, label, function, *args, report):
+        self.label, self.function, self.args = label, function, args
+        self.state, self.result, self.failure, self.fraction = WorkState.RUNNING, None, None, 0.5
+        FakeWork.made.append(self)
+
+    def poll(self):
+        return self.state
+
+    def cancel(self):
+        self.state = WorkState.CANCELLED
+
+    def bring(self, result):
+        """End well with `result`."""
+        self.state, self.result = WorkState.DONE, result
+
+    def fail(self, cause):
+        """End badly."""
+        self.state, self.failure = WorkState.FAILED, Failure(cause, "Choose another.", "")
+
+
+def traced(values=PAPER, face="outer"):
+    """A design with fifteen straight rays."""
+    scene, x = StateScene(LINE, LINE, LINE, LINE), np.linspace(-2.7, 3.8, 15)
+    flat = np.full(15, 100.0)
+    return DesignResult(values, face, (scene,) * 15, x, flat, flat, flat, flat, 1.0, 2.0, 3, 4.0)
+
+
+def swept(rays=250):
+    """A sweep of two designs, the second the paper's."""
+    values = np.array([[5, 0.7, 0.6, 0.8], [*PAPER]])
+    p, flags = np.array([1.0, 0.25]), np.array([True, False])
+    return SweepSummary(
+        values, p, np.array([40.0, 10.0]), np.array([3.0, 6.0]), np.array([2, 7]), flags, flags, 0, 1,
+        np.array([1, 2]), 1.0, 30, 9, rays,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def page(qtbot, desk, monkeypatch):  # noqa: F811 - the fixture above
+    """The page, shown, with the paper's design traced."""
+    from boat_daq.gui.models.optics_page import OpticsPage
+
+    FakeWork.made = []
+    monkeypatch.setattr(optics, "Work", FakeWork)
+    shown = OpticsPage(desk)
+    qtbot.addWidget(shown)
+    shown.resize(1100, 700)
+    shown.show()
+    shown.refresh(desk.snapshot)
+    FakeWork.made[-1].bring(traced())
+    tell(shown)
+    return shown
+
+
+def tell(page):
+    page.desk.bench.poll()
+    page.refresh(page.desk.snapshot)
+
+
+def test_the_search_is_started_stopped_and_says_what_it_gained(page):
+    """The button stops it too; the gain is the ratio to the grid's best; its design can be looked at, off the grid."""
+    page.search_button.click()
+    tell(page)
+    assert page.search_button.text() == "Stop the search"
+    page.search_button.click()
+    tell(page)
+    assert (page.search_button.text(), page.model.optimum) == ("Optimise", None)
+    page.search_button.click()
+    found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, PAPER, 2.5, 0.4, 900, 50.0, 5000, True)
+    FakeWork.made[-1].bring(found)
+    tell(page)
+    assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()
+    page.look.click()
+    assert FakeWork.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
+    tell(page)
+    assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1.23", 7)
+    assert page.face.currentData() == "inner"
+    page.model.choose(PAPER, "outer")
+    tell(page)
+    assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1", 6)
+
+
+def test_a_value_that_is_not_on_offer_stands_at_the_end_while_it_is_selected(page):
+    """Selecting off and on again leaves the offer as it was."""
+    field = page.fields["depth"]
+    before = [field.itemText(i) for i in range(field.count())]
+    select(field, 0.777, "0.777")
+    assert field.currentText() == "0.777"
+    select(field, 0.5, "0.5")
+    assert [field.itemText(i) for i in range(field.count())] == before
+
+
+def test_curves_from_a_file_are_taken_by_name_and_kept_apart(page, tmp_path):
+    """The file's name is shown, the trace asks for it, and a sweep of other curves is not shown as if it were its."""
+    page.model._sweeps["default"] = swept()
+    page.take_file(tmp_path / "mine.csv")
+    tell(page)
+    assert page.curves.currentText() == "mine.csv"
+    assert FakeWork.made[-1].args[2] == str(tmp_path / "mine.csv")
+    assert page.model.sweep is None
+    FakeWork.made[-1].fail("mine.csv has 3 points")
+    tell(page)
+    assert "mine.csv has 3 points" in page.response.readout.text()
+    page.model.set_curves("default")
+    tell(page)
+    assert page.curves.currentData() == "default"
+    assert page.model.sweep is not None
+
+
+def test_a_trace_that_comes_late_is_not_shown_for_another_design(page):
+    """What was asked for before is kept, not drawn in the place of what is asked for now."""
+    page.model.choose((3, 0.5, 0.5, 0.5))
+    late = FakeWork.made[-1]
+    late.bring(traced((3, 0.5, 0.5, 0.5)))
+    page.model.values = PAPER
+    page.model.result = None
+    page.desk.bench.poll()
+    assert page.model.result is None
+    page.model.choose((3, 0.5, 0.5, 0.5))
+    assert page.model.result is late.result
+
+
+def test_a_click_on_a_map_or_on_the_front_looks_at_that_design(page):
+    """The cell under the mouse in the map of its width; the nearest design in the plot of the front."""
+    page.sweep_button.click()
+    assert FakeWork.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
+    FakeWork.made[-1].bring(swept())
+    tell(page)
+    assert page.maps.maps[5].marks["paper"].getData()[0].tolist() == [4.5]
+    assert page.pareto.numbers.texts == ["2"]
+
+    class Click:
+        def scenePos(self):
+            return page.maps.maps[2].item.getViewBox().mapViewToScene(QPointF(3.2, 1.9))
+
+    page.maps._clicked(Click())
+    assert page.model.values == (5, 0.7, 0.6, 0.8)
+
+    class Spot:
+        def pos(self):
+            return QPointF(6.0, 10.0)
+
+    page.pareto._clicked(None, [Spot()])
+    assert page.model.values == PAPER
+    assert page.pareto.columns()["on the front"].tolist() == [1, 0]
+
+
+def test_the_slider_moves_over_the_states_without_tracing(page):
+    """Fifteen states, each drawn from what is there."""
+    before = len(FakeWork.made)
+    page.slider.setValue(0)
+    assert page.response.now.value() == pytest.approx(-2.7)
+    page.slider.setValue(14)
+    assert page.response.now.value() == pytest.approx(3.8)
+    assert "state 14 of 14" in page.scene.readout.text()
+    assert len(FakeWork.made) == before
+
+
+def test_rays_set_by_hand_go_before_the_fidelity(page):
+    """The fidelity says how many rays, until a number is chosen."""
+    model: OpticsModel = page.model
+    assert (model.traced_rays, model.swept_rays) == (NORMAL.rays, NORMAL.ranking_rays)
+    model.set_rays(1000)
+    assert (model.traced_rays, model.swept_rays) == (1000, 1000)

@@ -1,0 +1,203 @@
+"""The trade-off page: the chart drawn, the marks, the maps, the fidelity; what is saved and remembered."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPointF, Qt
+from PySide6.QtGui import QColor
+
+from analysis.fidelity import fidelity
+from boat_daq.gui import style
+from boat_daq.gui.models.tradeoff_chart import spread_bars
+from boat_daq.gui.plotting.log_axis import LogAxis, log_ticks
+from boat_daq.viewmodels.common.work import WorkState
+from boat_daq.viewmodels.models import tradeoff
+from boat_daq.viewmodels.models.tradeoff_report import read_report
+from tests.boat_daq.gui.recorded_session import RecordedSession, idle
+from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import point, report
+
+
+@pytest.fixture
+def desk(qtbot, tmp_path):
+    """A desk on a session that only shows."""
+    from boat_daq.engine.settings import UnitLibrary
+    from boat_daq.gui.app import make_application
+    from boat_daq.viewmodels.app_model import Desk
+
+    make_application()
+    made = Desk(RecordedSession(idle()), tmp_path / "config", tmp_path / "rec", UnitLibrary(tmp_path / "units"))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def page(qtbot, desk):
+    """The page, shown, with one method measured."""
+    from boat_daq.gui.models.tradeoff_page import TradeoffPage
+
+    shown = TradeoffPage(desk)
+    qtbot.addWidget(shown)
+    shown.resize(1100, 700)
+    desk.tradeoff.take(report())
+    desk.tradeoff.show("inverse")
+    shown.show()
+    shown.refresh(desk.snapshot)
+    return shown
+
+
+def test_the_chart_stands_where_the_points_were_measured(page):
+    """Points at the logarithms of time and error; the default's ring on its point; the front in its order; lines."""
+    card = page.chart
+    assert np.allclose(card.settings.x, [0.0, math.log10(2.0)])
+    assert np.allclose(card.settings.y, [-1.0, -3.0])
+    assert (card.default.x.tolist(), card.default.y.tolist()) == ([math.log10(2.0)], [-3.0])
+    assert np.all(np.diff(card.front.x) > 0)
+    assert np.all(np.diff(card.front.y) < 0)
+    assert card.notices.value() == pytest.approx(math.log10(0.02))
+    assert card.enough.value() == pytest.approx(-2.0)
+    assert card.labels.texts == ["1", "2 default, chosen"]
+    assert "cheapest setting with an error below 0.010 mm" in page.words.text()
+    assert page.table.item(1, 1).text() == "fine"
+    assert page.table.item(1, 4).text() == "\u25cb \u25a1"
+
+
+def test_the_spread_of_the_repeats_is_drawn_about_each_point():
+    """Half to either side, as a cross; a spread wider than the value ends a decade below it."""
+    chart = read_report(report(points=[point("wide", 1.0, 0.1, cpu_spread=4.0, error_spread=0.1)]))["inverse"]
+    x, y = spread_bars(chart.points, chart.floor)
+    assert np.allclose(10 ** x[:2], [0.1, 3.0])
+    assert np.allclose(10 ** y[3:5], [0.05, 0.15])
+    assert np.isnan(x[[2, 5]]).all()
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "csv"])
+def test_the_chart_is_saved(page, tmp_path, suffix):
+    """PNG and SVG hold a picture, CSV the settings with their units."""
+    path = tmp_path / f"chart.{suffix}"
+    page.chart.save(path)
+    content = path.read_bytes()
+    start = {"png": b"\x89PNG", "svg": b"<?xml", "csv": b"setting,processor time (s)"}[suffix]
+    assert content.startswith(start)
+    assert suffix != "csv" or b"fine,2.0,0.0,0.001" in content
+
+
+def test_a_measurement_is_started_watched_and_stopped(page, desk, monkeypatch):
+    """The button starts and stops, the bar follows, the result is drawn; a tick takes a method out."""
+
+    class FakeWork:
+        label, state, fraction, failure, permille = "Measuring", WorkState.RUNNING, 0.4, None, 400
+
+        def __init__(self, label, name, methods, quick, report):
+            assert name == "boat_daq.gui.models.tradeoff_measuring:measure_methods"
+            asked.append((methods, quick))
+
+        def poll(self):
+            return self.state
+
+        def cancel(self):
+            self.state = WorkState.CANCELLED
+
+    asked = []
+    monkeypatch.setattr(tradeoff, "Work", FakeWork)
+    page.methods.item(0).setCheckState(Qt.CheckState.Unchecked)
+    page.start.click()
+    page.refresh(desk.snapshot)
+    assert asked == [(tuple(tradeoff.METHODS)[1:], True)]
+    assert (page.start.text(), page.progress.value()) == ("Stop", 400)
+    work = desk.tradeoff.work
+    work.state, work.result = WorkState.DONE, report("tracer")
+    desk.bench.poll()
+    page.refresh(desk.snapshot)
+    assert page.start.text() == "Measure"
+    assert set(desk.tradeoff.charts) == {"inverse", "tracer"}
+    page.start.click()
+    page.start.click()
+    desk.bench.poll()
+    assert desk.tradeoff.work is None
+
+
+def test_a_map_is_told_by_colour_hatching_and_letter(page, desk):
+    """A place that works has the plain ground, a refused one is hatched; pointing at it says what was answered."""
+    axis = {"name": "noise", "unit": "mV", "values": [1.0, 2.0], "labels": []}
+    cells = [
+        [{"outcome": "works", "error": 0.0, "said": ""}, {"outcome": "refused", "error": None, "said": "too much"}]
+    ]
+    desk.atlas.take(
+        {"maps": [{
+            "name": "m", "method": "inverse", "title": "A map", "truth": "t", "unit": "mm", "tolerance": 0.1,
+            "x": axis, "y": axis | {"values": [0.0]}, "cells": cells,
+        }]}
+    )  # fmt: skip
+    page.refresh(desk.snapshot)
+    card = page.atlas
+    item, places = card.items[0]
+    centre = [item.getViewBox().mapViewToScene(QPointF(x, 0.5)) for x in (0.5, 1.5)]
+    card._look(centre[1])
+    assert card.words.text().endswith("refused: too much")
+    image = card.view.grab().toImage()
+    ground = {name: QColor(pair[0]) for name, pair in style.outcome_colours(places.theme).items()}
+    inks = [set() for _ in range(2)]
+    for seen, at in zip(inks, (card.view.mapFromScene(c) for c in centre), strict=True):
+        seen.update(image.pixelColor(at.x() + i, at.y() + k).name() for i in range(-9, 10) for k in range(-9, 10))
+    assert inks[0] == {ground["works"].name()}
+    assert ground["refused"].name() in inks[1]
+    assert len(inks[1]) > 2
+    assert card.columns()["said"] == ["", "too much"]
+
+
+def test_a_method_without_a_chart_shows_its_map_alone(page, desk):
+    """Nothing empty stands above the maps."""
+    desk.tradeoff.show("fit")
+    page.refresh(desk.snapshot)
+    assert not page.upper.isVisible()
+    assert page.atlas.readout.text() == "not mapped yet"
+
+
+def test_the_fidelity_reaches_what_the_window_computes_and_stays(page, desk):
+    """Draft and reference move rays, table, sampler and live points; the choice is there at the next start."""
+    from boat_daq.viewmodels.common.preferences import Preferences
+
+    draft, reference = fidelity("draft"), fidelity("reference")
+    assert draft.rays < reference.rays
+    page.level.setCurrentIndex(page.level.findData("draft"))
+    page.level.activated.emit(page.level.currentIndex())
+    assert (desk.live.points_a_column, desk.optics.traced_rays, desk.calibration.fidelity) == (
+        draft.points_a_column, draft.rays, draft,
+    )  # fmt: skip
+    desk.set_fidelity("reference")
+    page.refresh(desk.snapshot)
+    assert page.level.currentData() == "reference"
+    assert desk.optics.swept_rays == reference.ranking_rays
+    assert Preferences(desk.folder).get("fidelity") == "reference"
+    desk.preferences.set("fidelity", "nonsense")
+    assert desk.fidelity == "normal"
+
+
+@pytest.mark.parametrize(("low", "high", "labels"), [(-1.2, 0.1, ["0.1", "0.2", "0.5", "1"]), (-14.0, 0.0, 8)])
+def test_a_logarithmic_axis_has_round_labels(qtbot, low, high, labels):
+    """1-2-5 over little more than a decade; over many, whole powers of ten and not too many."""
+    ticks = log_ticks(low, high)
+    found = LogAxis("left").tickStrings(ticks, 1.0, 1.0)
+    assert found == labels if isinstance(labels, list) else len(found) <= labels
+    assert all(low <= t <= high for t in ticks)
+
+
+def test_on_a_narrow_page_the_table_stands_under_the_chart(page, qtbot):
+    """Beside each other where there is room; over each other, each with a height of its own, where there is not."""
+    from boat_daq.gui.widgets.page_scroll import Room
+
+    room = Room()
+    qtbot.addWidget(room)
+    room.setWidget(page)
+    room.resize(1100, 700)
+    room.show()
+    qtbot.waitExposed(room)
+    assert page.chart.y() == page.table_card.y()
+    room.resize(868, 420)
+    qtbot.waitUntil(lambda: page.chart.height() >= style.STACKED_HEIGHT)
+    assert page.table_card.y() >= page.chart.y() + page.chart.height()
+    qtbot.waitUntil(lambda: page.height() >= page.minimumSizeHint().height() > 420)
+    room.takeWidget()

@@ -1,0 +1,188 @@
+"""Every plot of every page leaves the window: as a picture, vectors and numbers, by its menu and by the keyboard."""
+
+from __future__ import annotations
+
+import csv
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from PySide6.QtGui import QGuiApplication, QImage
+from PySide6.QtWidgets import QApplication, QToolButton
+
+from boat_daq.engine.session.session import StepMark
+from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.plotting.shadow_pane import ShadowPane
+from boat_daq.viewmodels.app_model import PAGES
+from tests.boat_daq.gui.models.test_optics_page import swept, traced
+from tests.boat_daq.gui.models.test_shadow_page import mark
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.results.test_result_pages import result
+from tests.boat_daq.gui.test_manners import run_shortcut
+from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import report
+from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import swept as mapped
+
+KEYS = {"png": "Ctrl+S", "svg": "Ctrl+Shift+S", "csv": "Ctrl+E"}
+UNIT = re.compile(r"\([^()]+\)$|_(s|kpa|mv|mm)$|, best = 1$")
+NUMBERS = re.compile(  # what is counted, ranked or said has no unit
+    r"(Cycle|Calibration|cycle|cavities|rank|rises n_sign|on the front|setting|marks|state|flags|segment|index|s\d_lit"
+    r"|s\d_dark|map|outcome|said|x|y|x is|y is|error|unit of the error)$"
+)
+SVG = "{http://www.w3.org/2000/svg}"
+SHOWN = {"Live": 2, "Calibrate": 4, "Repeat": 4, "Runs": 2, "Optics": 4, "Shadow": 3, "Trade-off": 2}
+
+
+def fill(window, page: str) -> None:
+    """Give a page what it draws."""
+    desk = window.desk
+    if page == "Calibrate":
+        desk.calibration.show(result())
+    elif page == "Repeat":
+        desk.repeatability.show(result())
+    elif page == "Runs":
+        desk.runs.ages = lambda unit: [(np.arange(1.0, 4.0), np.array([39.0, 39.5, 38.0])), (np.arange(1.0, 4.0),) * 2]
+        desk.runs.unit_lines = lambda: [("SA1", "2026-01-01", "39 / 29", "run.boat")]
+        desk.runs.revision += 1
+    elif page == "Optics":
+        desk.optics.result, desk.optics._sweeps["default"] = traced(), swept()
+        desk.optics.revision += 1
+    elif page == "Shadow":
+        pressure = np.linspace(-45.0, 55.0, 21)
+        desk.shadow.nominal_curve = lambda: (pressure, 0.07 * pressure, 0.06 * pressure, 0.08 * pressure)
+        desk.monitor.marks = [mark(cycle) for cycle in (1, 2, 3)]
+        desk.monitor.revision += 1
+    elif page == "Trade-off":
+        desk.tradeoff.take(report())
+        desk.atlas.take(mapped("inverse"))
+        desk.tradeoff.show("inverse")
+
+
+@pytest.fixture
+def loaded(make, monkeypatch, tmp_path, request):
+    """A window on one page that is full, whose questions for a name are answered at once."""
+    session = RecordedSession(connected(), filled_ring(120.0))
+    session.marks = tuple(
+        StepMark(i, i, "unloading", 0.0, 10.0, int(36e6 * i), ended_us=int(36e6 * (i + 1))) for i in (1, 2)
+    )
+    window = make(session)
+
+    def answer(parent, desk, stem, suffix, then, *, done=None):
+        desk.notices.attempt(lambda: then(tmp_path / f"saved.{suffix}"))
+
+    monkeypatch.setattr("boat_daq.gui.main_window.ask_save", answer)
+    monkeypatch.setattr("boat_daq.gui.plotting.shadow_pane.ask_save", answer)
+    window.resize(1280, 800)
+    fill(window, request.param)
+    window.go(request.param)
+    window.refresh()
+    window.draw()
+    window.pages[request.param].refresh(window.desk.snapshot)
+    QApplication.processEvents()
+    return window
+
+
+def plots_of(window):
+    """The plots that are seen."""
+    found = [*window.findChildren(PlotCard), *window.findChildren(ShadowPane)]
+    return [card for card in found if card.isVisible()]
+
+
+def looked_at(window, page):
+    """The page's plots; the live page's cycles and the comparison stand in the place of others, one after the other."""
+    yield from plots_of(window)
+    if page == "Live":
+        window.live.toggle_overlay()
+    elif page == "Runs":
+        window.desk.runs.comparison = (result(), result(5.0))
+    else:
+        return
+    window.refresh()
+    QApplication.processEvents()
+    yield from (card for card in plots_of(window) if isinstance(card, PlotCard))
+
+
+def button_of(card) -> QToolButton:
+    return next(b for b in card.findChildren(QToolButton) if b.accessibleName().startswith("Copy or save"))
+
+
+def check_picture(image: QImage, what: str) -> None:
+    assert image.width() >= 150 and image.height() >= 100, what
+    small = image.scaled(200, 200).convertToFormat(QImage.Format.Format_RGB32)
+    assert len({small.pixel(x, y) for x in range(0, 200, 2) for y in range(0, 200, 2)}) > 3, f"{what} is blank"
+
+
+def check_vectors(path, what: str) -> None:
+    root = ET.parse(path).getroot()
+    assert root.tag == f"{SVG}svg"
+    drawn = {element.tag for element in root.iter()}
+    assert drawn & {f"{SVG}path", f"{SVG}polyline", f"{SVG}polygon", f"{SVG}rect"}, what
+
+
+def check_numbers(path, card) -> None:
+    with path.open(encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    assert len(head) == len(set(head)) and rows, card.title
+    assert [name for name in head if not (UNIT.search(name) or NUMBERS.search(name))] == [], card.title
+    columns = [[row[k] for row in rows] for k in range(len(head))]
+    for plot in getattr(card, "plots", ()):
+        if getattr(card, "columns_of", None) is None and "columns" not in vars(type(card)):
+            for layer in (layer for layer in plot.layers if layer.x.size and layer.item.isVisible()):
+                for values in (layer.x, layer.y):
+                    written = ["" if value != value else repr(float(value)) for value in values]
+                    assert any(column[: len(written)] == written for column in columns), f"{card.title}: {layer.name}"
+
+
+@pytest.mark.parametrize("loaded", PAGES, indirect=True, ids=PAGES)
+def test_every_plot_leaves_by_menu_and_by_keyboard(loaded, tmp_path, request):
+    """Copy, PNG, SVG and CSV of each plot; the file holds the picture, or the drawn numbers with units."""
+    page, clipboard, seen = loaded.page, QGuiApplication.clipboard(), []
+    for card in looked_at(loaded, page):
+        seen.append(card.title)
+        if not card.columns():
+            assert card.nothing.isVisible() or card.readout.text(), f"{card.title} is empty, and says nothing"
+            continue
+        button = button_of(card)
+        copy, *saves = [action for action in button.menu().actions() if action.text()][:4]
+        deeds = {"copy": (copy.trigger, lambda: run_shortcut(loaded, "Ctrl+Shift+C"))}
+        for suffix, action in zip(KEYS, saves, strict=True):
+            deeds[suffix] = (action.trigger, lambda keys=KEYS[suffix]: run_shortcut(loaded, keys))
+        loaded.activateWindow()
+        button.setFocus()
+        assert card.isAncestorOf(QApplication.focusWidget() or button)
+        for kind, ways in deeds.items():
+            for way in ways:
+                path = tmp_path / f"saved.{kind}"
+                path.unlink(missing_ok=True)
+                clipboard.clear()
+                way()
+                if kind == "copy":
+                    check_picture(clipboard.image(), card.title)
+                    assert loaded.desk.notices.current().cause == f"Copied: {card.title}"
+                elif kind == "png":
+                    check_picture(QImage(str(path)), card.title)
+                elif kind == "svg":
+                    check_vectors(path, card.title)
+                else:
+                    check_numbers(path, card)
+    assert len(seen) >= SHOWN[page], seen
+
+
+def test_what_is_empty_is_not_saved_and_says_what_comes(empty, tmp_path):
+    """A copy was an empty picture, and a CSV an empty file."""
+    empty.go("Shadow")
+    empty.refresh()
+    card = empty.pages["Shadow"].cycles
+    assert card.nothing.isVisible()
+    button_of(card).setFocus()
+    for keys in ("Ctrl+Shift+C", "Ctrl+S", "Ctrl+E"):
+        run_shortcut(empty, keys)
+        assert "nothing is drawn yet" in empty.desk.notices.current().cause
+        assert "accepted calibration" in empty.desk.notices.current().remedy
+        empty.desk.notices.dismiss(empty.desk.notices.current())
+
+
+def test_without_a_plot_the_keys_say_so(empty):
+    """Before the first sample the live page has none; the keys did nothing."""
+    run_shortcut(empty, "Ctrl+S")
+    assert empty.desk.notices.current().cause == "no plot is shown"

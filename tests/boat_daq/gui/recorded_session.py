@@ -1,0 +1,111 @@
+"""A session that only shows: one recorded snapshot and a filled ring, to look at a page without a board."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.session.session import (
+    LastSample,
+    Limits,
+    LinkState,
+    Reading,
+    SessionSnapshot,
+    SessionState,
+    StepMark,
+)
+from protocol.recording import BoardState, SampleFlag, sample_dtype
+
+if TYPE_CHECKING:
+    from boat_daq.gui.main_window import MainWindow
+
+RATE_HZ = 100
+
+
+def filled_ring(seconds: float, *, seed: int = 1) -> RingBuffer:
+    """A ring with a triangle of pressure and two signals that follow it, with noise."""
+    n = round(seconds * RATE_HZ)
+    generator = np.random.default_rng(seed)
+    time_s = np.arange(n) / RATE_HZ
+    samples = np.zeros(n, sample_dtype(2, "signal"))
+    pressure = 50 - 90 * np.abs((time_s / 18) % 2 - 1)
+    x = pressure * 0.072
+    samples["time_us"] = np.round(time_s * 1e6)
+    samples["host_ns"] = np.round(time_s * 1e9)
+    samples["index"] = np.arange(n)
+    samples["pressure_pa"] = 1000 * pressure
+    samples["signal_mv"][:, 0] = 1652 + 46.4 * x - 2.7 * x**2 + generator.normal(0, 1.5, n)
+    samples["signal_mv"][:, 1] = 1624 + 33.4 * x - 2.3 * x**2 + generator.normal(0, 1.0, n)
+    ring = RingBuffer(2, mv_per_count=None)
+    ring.target_kpa = 30.0
+    ring.append(samples)
+    return ring
+
+
+class RecordedSession:
+    """Shows `shown` and `ring`; counts what it is asked to do."""
+
+    def __init__(self, shown: SessionSnapshot, ring: RingBuffer | None = None) -> None:
+        self.shown, self.ring = shown, ring
+        self.asked: list[str] = []
+        self.kept: list[Reading] = []
+        self.marks: tuple[StepMark, ...] = ()
+
+    def snapshot(self) -> SessionSnapshot:
+        return self.shown
+
+    def steps(self) -> tuple[StepMark, ...]:
+        return self.marks
+
+    def readings(self) -> tuple[Reading, ...]:
+        return tuple(self.kept)
+
+    def add_reading(self, step_id: int, elongation_mm: float | None, source: str, **extra: Any) -> Reading:
+        reading = Reading(step_id, elongation_mm, extra.get("resolution_mm", 0.5), source, "2026-01-01T00:00:00+00:00")
+        self.kept.append(reading)
+        return reading
+
+    def change(self, **fields: Any) -> None:
+        """Show another snapshot from now on."""
+        self.shown = dataclasses.replace(self.shown, **fields)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return lambda *args, **kwargs: self.asked.append(name)
+
+
+def window_on(session: RecordedSession, folder: Path) -> MainWindow:
+    """A window on `session`; what it keeps lies in `folder`."""
+    from boat_daq.engine.settings import UnitLibrary
+    from boat_daq.gui.main_window import MainWindow
+    from boat_daq.viewmodels.app_model import Desk
+
+    desk = Desk(session, folder / "config", folder / "recordings", UnitLibrary(folder / "units"))
+    desk.shadow.prepare = lambda: None  # a helper process has no place in these tests
+    return MainWindow(desk)
+
+
+def idle() -> SessionSnapshot:
+    """Nothing connected."""
+    return SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
+
+
+def connected() -> SessionSnapshot:
+    """A simulated board that streams."""
+    last = LastSample(120.0, 30.0, 30.0, (1702.4, 1660.1), BoardState.HOLDING, SampleFlag(0))
+    limits = Limits(-40.0, 50.0, "plan", "plan")
+    return SessionSnapshot(
+        SessionState.IDLE,
+        LinkState.UP,
+        port="/dev/pts/7",
+        simulated=True,
+        can_command=True,
+        last=last,
+        limits=limits,
+        unit="SA1",
+    )

@@ -1,0 +1,328 @@
+"""Commands and answers on a clock that is handed in. Times are in ms here."""
+
+from __future__ import annotations
+
+import pytest
+
+from protocol import (
+    ClearFault,
+    Connection,
+    Heartbeat,
+    Identify,
+    LocalError,
+    SetLimits,
+    SetPressure,
+    Start,
+    Stop,
+    Vent,
+)
+from protocol.link.events import BoardRestarted, CommandDone, CommandLost, HelloReceived, LinkEvent, WrongProtocol
+from protocol.link.framing import FrameReader
+from protocol.link.messages import Ack, AckStatus, Command, Hello, MessageType, decode_command
+from tests.protocol.link.streams import BOOTED, HELLO, START_DONE, sample, stream
+
+MS = 1_000_000
+
+
+class Desk:
+    """A connection, and what its board received."""
+
+    def __init__(self, *, in_turn: bool = False) -> None:
+        self.link = Connection(in_turn=in_turn)
+        self.board = FrameReader()
+
+    def send(self, command: Command, at_ms: int) -> int:
+        """Send and return the seq."""
+        (frame,) = self.board.receive(self.link.send(command, at_ms * MS))
+        assert decode_command(frame) == command
+        return frame.seq
+
+    def poll(self, at_ms: int) -> tuple[list[LinkEvent], list[tuple[Command | AckStatus, int]]]:
+        """Poll and return the events, and what went out again with its seq."""
+        events, data = self.link.poll(at_ms * MS)
+        return events, [(decode_command(frame), frame.seq) for frame in self.board.receive(data)]
+
+    def answer(self, type_: MessageType, seq: int, at_ms: int, status: int = 0) -> list[LinkEvent]:
+        return self.link.receive(stream(Ack(type_, seq, status)), at_ms * MS)
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
+@pytest.fixture
+def in_turn() -> Desk:
+    return Desk(in_turn=True)
+
+
+@pytest.mark.fault(17, how="no answer to a command", times=1)
+def test_a_silent_board_hears_a_command_three_times_with_one_seq(desk: Desk) -> None:
+    """At 0, 250 and 500 ms; lost at 750 ms, and nothing after that."""
+    seq = desk.send(Vent(), 0)
+    assert desk.poll(249) == ([], [])
+    assert desk.poll(250) == ([], [(Vent(), seq)])
+    assert desk.link.next_deadline_ns == 500 * MS
+    assert desk.poll(500) == ([], [(Vent(), seq)])
+    assert desk.poll(749) == ([], [])
+    assert desk.poll(750) == ([CommandLost(Vent(), seq)], [])
+    assert desk.poll(10_000) == ([], [])
+    assert desk.link.next_deadline_ns is None
+    assert desk.link.statistics.resent == 2
+
+
+def test_a_host_that_slept_repeats_before_it_despairs(desk: Desk) -> None:
+    """After a stall of five seconds a command is repeated once and waited for, not given up three times over."""
+    seq = desk.send(Vent(), 0)
+    assert desk.poll(5000) == ([], [(Vent(), seq)])
+    assert desk.poll(5100) == ([], [])
+    assert desk.answer(MessageType.VENT, seq, 5200) == [CommandDone(Vent(), seq, AckStatus.DONE)]
+
+
+@pytest.mark.parametrize("in_turn", [False, True])
+def test_a_stall_of_this_program_is_not_the_boards_silence(*, in_turn: bool) -> None:
+    """Late to the last deadline by more than 100 ms: the answer, which may wait in the port, gets a window more."""
+    desk = Desk(in_turn=in_turn)
+    seq = desk.send(Heartbeat(5000), 0)
+    desk.poll(250)
+    desk.poll(500)
+    assert desk.poll(1500) == ([], [])
+    assert desk.poll(1749) == ([], [])
+    answered = CommandDone(Heartbeat(5000), seq, AckStatus.DONE)
+    assert desk.answer(MessageType.HEARTBEAT, seq, 1749) == [answered]
+    assert desk.poll(10_000) == ([], [])
+
+
+@pytest.mark.parametrize(("late_ms", "lost"), [(100, True), (101, False)])
+def test_both_sides_of_late(desk: Desk, late_ms: int, *, lost: bool) -> None:
+    """A read waits 50 ms; a turn of twice that is a stall."""
+    desk.send(Heartbeat(5000), 0)
+    desk.poll(250)
+    desk.poll(500)
+    assert bool(desk.poll(750 + late_ms)[0]) is lost
+    assert bool(desk.poll(1000 + late_ms)[0]) is not lost
+
+
+def test_a_program_that_stalls_for_ever_still_despairs(desk: Desk) -> None:
+    """Three windows more, and no fourth."""
+    seq = desk.send(Heartbeat(5000), 0)
+    events = [desk.poll(at_ms)[0] for at_ms in range(1000, 9000, 1000)]
+    assert events == [[], [], [], [], [], [CommandLost(Heartbeat(5000), seq)], [], []]
+
+
+def test_nothing_is_given_up_before_what_has_come_by_its_deadline_is_read(desk: Desk) -> None:
+    """The read began at 749 ms and was stalled behind it: bytes of 750 ms may wait in the port."""
+    seq = desk.send(Heartbeat(5000), 0)
+    desk.poll(250)
+    desk.poll(500)
+    assert desk.link.poll(800 * MS, 749 * MS) == ([], b"")
+    assert desk.link.poll(801 * MS, 750 * MS) == ([CommandLost(Heartbeat(5000), seq)], b"")
+
+
+@pytest.mark.parametrize("status", [*AckStatus, 99])
+def test_every_answer_ends_the_waiting_and_carries_its_status(desk: Desk, status: int) -> None:
+    """Refused is not done: the status is handed on, one nobody knows too."""
+    seq = desk.send(SetPressure(50_000, 0), 0)
+    (event,) = desk.answer(MessageType.SET_PRESSURE, seq, 10, status)
+    assert event == CommandDone(SetPressure(50_000, 0), seq, status)
+    assert desk.poll(10_000) == ([], [])
+
+
+def test_an_answer_to_nothing_is_counted_and_changes_nothing(desk: Desk) -> None:
+    """Wrong seq, wrong type, repeated or late: none of them ends a command."""
+    seq = desk.send(Vent(), 0)
+    assert desk.answer(MessageType.VENT, seq + 1, 1) == []
+    assert desk.answer(MessageType.STOP, seq, 2) == []
+    assert len(desk.answer(MessageType.VENT, seq, 3)) == 1
+    assert desk.answer(MessageType.VENT, seq, 4) == []
+    assert desk.link.statistics.late_answers == 3
+
+
+def test_vent_goes_out_at_once_whatever_waits(desk: Desk) -> None:
+    """With 50 commands in flight and none answered, VENT is on the wire when it is asked for."""
+    for timeout_ms in range(100, 150):
+        desk.send(Heartbeat(timeout_ms), 0)
+    desk.send(Vent(), 0)
+    _, again = desk.poll(250)
+    assert [command for command, _ in again] == [Heartbeat(149), Vent()]
+
+
+def test_vent_waits_for_no_turn(in_turn: Desk) -> None:
+    """A command in flight and fifty that wait: VENT is on the wire when it is asked for, and repeated alone."""
+    asked, then = SetLimits(-1, 1), [Heartbeat(500), Stop()]
+    limits = in_turn.send(asked, 0)
+    assert all(in_turn.link.send(command, 0) == b"" for command in then)
+    vent = in_turn.send(Vent(), 10)
+    assert in_turn.poll(260) == ([], [(Vent(), vent)])
+    in_turn.answer(MessageType.VENT, vent, 270)
+    assert in_turn.poll(280) == ([], [(asked, limits)])  # what it overtook, with its own number
+    in_turn.answer(MessageType.SET_LIMITS, limits, 290)
+    assert in_turn.poll(290) == ([], [(then[0], vent + 1)])
+
+
+@pytest.mark.parametrize("command", [Start(100), SetPressure(5, 0), SetLimits(-1, 1), Heartbeat(500), ClearFault()])
+def test_nothing_stands_between_a_command_and_its_repeats(in_turn: Desk, command: Command) -> None:
+    """A board may remember one type and seq only: a heartbeat before the repeat would have it act twice."""
+    seq = in_turn.send(command, 0)
+    other = Heartbeat(500) if isinstance(command, Start) else Start(9)
+    assert in_turn.link.send(other, 240 * MS) == b""
+    assert in_turn.poll(250) == ([], [(command, seq)])
+    assert in_turn.poll(500) == ([], [(command, seq)])
+    in_turn.answer(MessageType(0x81 + [Identify, Start, Stop, SetPressure, Vent, Heartbeat, ClearFault, SetLimits]
+                            .index(type(command))), seq, 510)  # fmt: skip
+    assert in_turn.link.next_deadline_ns == 0  # its turn has come
+    assert in_turn.poll(510) == ([], [(other, seq + 1)])
+
+
+@pytest.mark.parametrize("command", [Start(100), ClearFault()])
+def test_what_must_not_be_done_twice_is_not_repeated_behind_a_vent(in_turn: Desk, command: Command) -> None:
+    """START again would begin the stream anew; it is given up, and said so, where no answer comes."""
+    seq = in_turn.send(command, 0)
+    in_turn.answer(MessageType.VENT, in_turn.send(Vent(), 10), 20)
+    assert in_turn.poll(749) == ([], [])
+    assert in_turn.poll(750) == ([CommandLost(command, seq)], [])
+
+
+def test_a_pressure_that_waited_for_its_turn_never_follows_a_vent(in_turn: Desk) -> None:
+    """Asked for before the VENT, not yet sent: dropped."""
+    first = in_turn.send(Heartbeat(500), 0)
+    assert in_turn.link.send(SetPressure(50_000, 0), 0) == b""
+    vent = in_turn.send(Vent(), 5)
+    in_turn.answer(MessageType.HEARTBEAT, first, 10)
+    in_turn.answer(MessageType.VENT, vent, 10)
+    assert in_turn.poll(10) == ([], [])
+    assert in_turn.poll(10_000) == ([], [])
+
+
+def test_a_fast_boards_watchdog_is_fed_with_the_repeat_itself(in_turn: Desk) -> None:
+    """Where 250 ms are too long for a board's clock, a heartbeat brings the waiting command's repeat forward."""
+    seq = in_turn.send(SetPressure(50_000, 0), 0)
+    (frame,) = in_turn.board.receive(in_turn.link.feed(Heartbeat(5000), 50 * MS))
+    assert (decode_command(frame), frame.seq) == (SetPressure(50_000, 0), seq)
+    assert in_turn.poll(249) == ([], [])
+    assert in_turn.poll(250) == ([], [(SetPressure(50_000, 0), seq)])
+
+
+def test_no_pressure_is_asked_for_again_after_vent(desk: Desk) -> None:
+    """A SET_PRESSURE whose answer was lost is not repeated behind a VENT: it would pressurise a vented rig."""
+    first = desk.send(SetPressure(50_000, 0), 0)
+    vent = desk.send(Vent(), 100)
+    assert desk.poll(260) == ([], [])
+    assert desk.answer(MessageType.VENT, vent, 300) == [CommandDone(Vent(), vent, AckStatus.DONE)]
+    assert desk.poll(10_000) == ([], [])
+    assert desk.answer(MessageType.SET_PRESSURE, first, 10_001) == []
+
+
+@pytest.mark.parametrize(
+    ("older", "newer"),
+    [(SetPressure(1, 0), SetPressure(2, 0)), (Heartbeat(500), Heartbeat(0)), (SetLimits(-1, 1), SetLimits(-2, 2)),
+     (Start(10), Stop()), (Stop(), Start(10))],
+)  # fmt: skip
+def test_a_repetition_never_undoes_what_was_asked_later(desk: Desk, older: Command, newer: Command) -> None:
+    """Only the newer of two that contradict each other goes out again."""
+    desk.send(older, 0)
+    seq = desk.send(newer, 10)
+    assert desk.poll(260) == ([], [(newer, seq)])
+
+
+def test_a_superseded_command_still_gets_its_answer(desk: Desk) -> None:
+    """A refusal that comes late is a refusal."""
+    seq = desk.send(SetPressure(99_000, 0), 0)
+    desk.send(SetPressure(1_000, 0), 1)
+    (event,) = desk.answer(MessageType.SET_PRESSURE, seq, 5, AckStatus.OUT_OF_LIMITS)
+    assert event == CommandDone(SetPressure(99_000, 0), seq, AckStatus.OUT_OF_LIMITS)
+
+
+def test_a_dead_link_is_seen_though_every_command_is_superseded(desk: Desk) -> None:
+    """A ramp that sends a new target every 100 ms learns after 750 ms that nobody listens."""
+    lost: list[LinkEvent] = []
+    for step in range(8):
+        desk.send(SetPressure(step, 0), 100 * step)
+        lost += desk.poll(100 * step + 50)[0]
+    assert lost == [CommandLost(SetPressure(0, 0), 0)]
+
+
+def test_seq_counts_modulo_256_and_a_repeat_keeps_its_own(desk: Desk) -> None:
+    """300 commands: numbers go round, and IDENTIFY begins with a lone 00."""
+    assert [desk.send(Vent(), 0) for _ in range(300)] == [n % 256 for n in range(300)]
+    assert desk.link.send(Identify(), 0).startswith(b"\0")
+
+
+def test_a_hello_answers_identify(desk: Desk) -> None:
+    """HELLO first, then the command that asked for it, with no status."""
+    seq = desk.send(Identify(), 0)
+    desk.poll(250)
+    assert desk.link.receive(stream(HELLO), 300 * MS) == [HelloReceived(HELLO), CommandDone(Identify(), seq, None)]
+    assert desk.link.hello == HELLO
+
+
+def test_the_answer_to_a_repeated_identify_is_no_restart(desk: Desk) -> None:
+    """Two IDENTIFYs went out, two HELLOs come back, with a sample between them: nobody restarted."""
+    desk.send(Identify(), 0)
+    desk.poll(250)
+    events = desk.link.receive(stream(HELLO, sample(0), HELLO), 300 * MS)
+    assert [type(event) for event in events].count(HelloReceived) == 2
+    assert not any(isinstance(event, BoardRestarted) for event in events)
+
+
+def test_a_board_that_resets_as_its_port_is_opened_is_no_restart(desk: Desk) -> None:
+    """The HELLO of its boot and the one asked for: nothing was set on the board, so nothing is lost."""
+    desk.send(Identify(), 0)
+    events = desk.link.receive(stream(HELLO, BOOTED, HELLO), 10 * MS)
+    assert not any(isinstance(event, BoardRestarted) for event in events)
+
+
+@pytest.mark.fault(10, how="HELLO, event or both in a session, with commands unanswered", times=4)
+@pytest.mark.parametrize("boot", [(HELLO,), (BOOTED,), (HELLO, BOOTED), (BOOTED, HELLO)])
+def test_a_restart_is_said_once_and_gives_up_what_the_board_forgot(desk: Desk, boot: tuple) -> None:
+    """An unasked HELLO or a "booted" in a session: pressure is never asked for again, VENT is."""
+    desk.send(Identify(), 0)
+    desk.link.receive(stream(HELLO, START_DONE, sample(0)), 10 * MS)
+    pressure, vent = desk.send(SetPressure(1, 0), 20), desk.send(Vent(), 20)
+    desk.answer(MessageType.VENT, desk.send(Vent(), 21), 22)
+    events = desk.link.receive(stream(*boot), 30 * MS)
+    assert [isinstance(event, BoardRestarted) for event in events].count(True) == 1
+    assert CommandLost(SetPressure(1, 0), pressure) in events
+    assert desk.poll(270) == ([], [(Vent(), vent)])
+
+
+def test_a_late_identify_answer_is_not_awaited_for_ever(desk: Desk) -> None:
+    """An IDENTIFY lost on the way leaves no HELLO owed once a later command was answered: a reboot is a reboot."""
+    desk.send(Identify(), 0)
+    desk.poll(250)
+    desk.link.receive(stream(HELLO), 260 * MS)
+    desk.answer(MessageType.HEARTBEAT, desk.send(Heartbeat(500), 300), 310)
+    (event, *_) = desk.link.receive(stream(HELLO), 400 * MS)
+    assert event == BoardRestarted(HELLO)
+
+
+def test_another_protocol_version_is_named_and_gets_no_start(desk: Desk) -> None:
+    """Both versions are in the event and in the refusal; VENT, STOP and IDENTIFY are still sent."""
+    values = {field: getattr(HELLO, field) for field in Hello.__dataclass_fields__}
+    seq = desk.send(Identify(), 0)
+    newer = stream(Hello(**{**values, "protocol": 2}))
+    assert desk.link.receive(newer, 0) == [WrongProtocol(2, 1), CommandDone(Identify(), seq, None)]
+    for command in (Start(100), SetPressure(0, 0), Heartbeat(500)):
+        with pytest.raises(Exception, match="version 2, this program version 1") as caught:
+            desk.link.send(command, 0)
+        assert type(caught.value).__name__ == "RemoteError"
+    desk.send(Vent(), 0)
+    desk.send(Stop(), 0)
+    assert desk.link.receive(stream(sample(0)), 0) == []
+    assert desk.link.statistics.unknown == 1
+
+
+def test_what_waits_as_another_version_shows_itself_is_never_sent(in_turn: Desk) -> None:
+    """START was asked for before the HELLO that forbids it."""
+    in_turn.send(Identify(), 0)
+    assert in_turn.link.send(Start(100), 0) == b""
+    values = {field: getattr(HELLO, field) for field in Hello.__dataclass_fields__}
+    in_turn.link.receive(stream(Hello(**{**values, "protocol": 2})), 0)
+    assert in_turn.poll(10_000) == ([], [])
+
+
+def test_a_value_that_does_not_fit_is_refused_and_uses_no_seq(desk: Desk) -> None:
+    """What cannot be sent leaves no trace in the numbering."""
+    with pytest.raises(LocalError):
+        desk.link.send(Start(70_000), 0)
+    assert desk.send(Vent(), 0) == 0

@@ -1,0 +1,253 @@
+"""Loss, order, time and flags of samples, told in bytes through a connection."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocol import Connection, SampleFlag, Samples
+from protocol.link.events import BoardEventReceived, BoardRestarted, Gap, LinkEvent
+from protocol.link.messages import BoardEvent, Hello, Sample, encode_message
+from protocol.link.sample_stream import SampleStream, implausible
+from protocol.recording import sample_dtype
+from tests.protocol.link.streams import HELLO, START_DONE, STOP_DONE, hello_and, sample, stream
+
+
+def rows_of(events: list[LinkEvent]) -> np.ndarray:
+    return np.concatenate([event.array for event in events if isinstance(event, Samples)])
+
+
+def gaps_of(events: list[LinkEvent]) -> list[Gap]:
+    return [event for event in events if isinstance(event, Gap)]
+
+
+@pytest.mark.fault(5, how="1, 7, 255, 256 and 70,000 samples missing, across the index's wrap too", times=10)
+@pytest.mark.parametrize("lost", [1, 7, 255, 256, 70_000])
+@pytest.mark.parametrize("before", [3, 2**32 - 3])
+def test_a_gap_is_counted_exactly(lost: int, before: int) -> None:
+    """The event, the counter and the flag say the same number, across the wrap of the index too."""
+    link = Connection()
+    events = link.receive(stream(HELLO, sample(before), sample(before + 1 + lost), sample(before + 2 + lost)), 0)
+    (gap,) = gaps_of(events)
+    assert (gap.lost, gap.before_index) == (lost, (before + 1 + lost) % 2**32)
+    assert link.statistics.lost == lost
+    assert ((rows_of(events)["flags"] & SampleFlag.GAP_BEFORE) != 0).tolist() == [False, True, False]
+    assert gap.time_us == rows_of(events)["time_us"][1]
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=300), st.integers(0, 2**32 - 1))
+def test_what_is_lost_and_what_came_add_up(came: list[bool], first: int) -> None:
+    """Any pattern of loss: samples + lost = what was sent between the first and the last that came."""
+    sent = [sample(first + n, n * 10_000) for n in range(len(came))]
+    delivered = [n for n, here in enumerate(came) if here]
+    link = Connection()
+    link.receive(stream(HELLO, *[sent[n] for n in delivered]), 0)
+    statistics = link.statistics
+    assert statistics.samples == len(delivered)
+    assert statistics.samples + statistics.lost == (delivered[-1] - delivered[0] + 1 if delivered else 0)
+
+
+def test_loss_before_the_first_sample_of_our_stream_counts() -> None:
+    """The index begins at 0 at START: a first sample 5 means five lost."""
+    events = Connection().receive(hello_and(sample(5)), 0)
+    assert [gap.lost for gap in gaps_of(events)] == [5]
+
+
+def test_a_stream_found_running_is_adopted_without_claims() -> None:
+    """Nobody knows what came before: no loss, until an answer to START shows that the stream was ours."""
+    link = Connection()
+    assert gaps_of(link.receive(stream(HELLO, sample(40), sample(41)), 0)) == []
+    assert [gap.lost for gap in gaps_of(link.receive(stream(START_DONE, sample(42)), 0))] == [40]
+    assert link.statistics.lost == 40
+
+
+def test_a_second_start_begins_at_zero_without_loss() -> None:
+    """Old samples end, the index begins again: a new stream, not 41 late samples."""
+    link = Connection()
+    events = link.receive(hello_and(*[sample(n) for n in range(41)]), 0)
+    events += link.receive(stream(STOP_DONE, START_DONE, *[sample(n, 900_000 + n * 10_000) for n in range(5)]), 0)
+    assert gaps_of(events) == []
+    assert rows_of(events)["index"].tolist() == [*range(41), *range(5)]
+    assert (np.diff(rows_of(events)["time_us"]) > 0).all()
+
+
+def test_a_repeated_answer_to_start_changes_nothing() -> None:
+    """The first answer was late, its repeat comes amid samples: the stream goes on."""
+    link = Connection()
+    events = link.receive(hello_and(sample(0), sample(1)) + stream(START_DONE, sample(2)), 0)
+    assert gaps_of(events) == []
+    assert rows_of(events)["index"].tolist() == [0, 1, 2]
+
+
+@settings(max_examples=300)
+@given(
+    indexed=st.booleans(),
+    orders=st.lists(st.integers(0, 255), min_size=1, max_size=40),
+    cuts=st.lists(st.integers(0, 40), max_size=4),
+)
+def test_how_samples_are_cut_in_pieces_changes_nothing(indexed: bool, orders: list[int], cuts: list[int]) -> None:
+    """Wild indices or times, farther apart than half a wrap too: at once or piece by piece, the same is kept."""
+
+    def account(places: list[int]) -> tuple[object, ...]:
+        accounts = SampleStream(index_wrap=256 if indexed else None, time_wrap_us=256, announces_restart=False)
+        rows = np.zeros(len(orders), sample_dtype(2, "counts"))
+        rows["index" if indexed else "time_us"] = orders
+        borders = [0, *sorted(place % (len(orders) + 1) for place in places), len(orders)]
+        events = [event for at, to in pairwise(borders) for event in accounts.accept(rows[at:to].copy())]
+        kept = [row for e in events if isinstance(e, Samples) for row in e.array[["index", "time_us"]].tolist()]
+        told = [event for event in events if not isinstance(event, Samples)]
+        return kept, told, accounts.samples, accounts.lost, accounts.duplicates
+
+    assert account([]) == account(cuts)
+
+
+@pytest.mark.fault(6, how="frames sent twice, swapped and late", times=1)
+def test_repeated_and_reordered_samples_are_dropped_and_counted() -> None:
+    """Each index is delivered once, in order."""
+    link = Connection()
+    order = [0, 1, 1, 2, 4, 3, 5, 5, 5, 6]
+    events = link.receive(hello_and(*[sample(n) for n in order]), 0)
+    assert rows_of(events)["index"].tolist() == [0, 1, 2, 4, 5, 6]
+    assert link.statistics.duplicates == 4
+    assert link.statistics.lost == 1
+
+
+@pytest.mark.fault(6, how="a hundred samples sent twice in one piece", times=1)
+def test_a_replayed_stretch_is_no_restart() -> None:
+    """A hundred samples sent twice in one piece: their clock is old, so they are repeats."""
+    link = Connection()
+    data = [sample(n) for n in range(100)]
+    events = link.receive(hello_and(*data, *data, sample(100)), 0)
+    assert len(rows_of(events)) == 101
+    assert link.statistics.duplicates == 100
+    assert not any(isinstance(event, BoardRestarted) for event in events)
+
+
+def test_an_index_that_was_never_true_costs_no_sample_behind_it() -> None:
+    """A wild index with a good checksum: the samples after it are held, and all delivered behind a restart."""
+    link = Connection()
+    after = [sample(n) for n in range(10, 40)]
+    events = link.receive(hello_and(*[sample(n) for n in range(9)], sample(3_000_000_00, 90_000), *after), 0)
+    assert rows_of(events)["index"].tolist() == [*range(9), 300_000_000, *range(10, 40)]
+    assert [type(event) for event in events].count(BoardRestarted) == 1
+
+
+@pytest.mark.fault(7, how="the 32-bit clock wraps once, and three times", times=2)
+@pytest.mark.parametrize("wraps", [1, 3])
+def test_the_clock_is_unwrapped(wraps: int) -> None:
+    """71.6 minutes and more: time goes on evenly over each wrap of the board's 32 bits."""
+    period = 400_000_000  # 400 s
+    n = wraps * 2**32 // period + 3
+    events = Connection().receive(hello_and(*[sample(k, k * period) for k in range(n)]), 0)
+    assert rows_of(events)["time_us"].tolist() == [k * period for k in range(n)]
+
+
+@pytest.mark.fault(7, how="nine hours lost, with two wraps in them", times=1)
+def test_a_gap_in_which_the_clock_wrapped_twice_keeps_its_length() -> None:
+    """Nine hours lost at 10 Hz: the index says how many wraps of the clock were in them."""
+    lost = 9 * 3600 * 10
+    first = [sample(n, n * 100_000) for n in range(3)]
+    events = Connection().receive(hello_and(*first, sample(3 + lost, (3 + lost) * 100_000)), 0)
+    assert rows_of(events)["time_us"][-1] == (3 + lost) * 100_000
+
+
+def test_a_clock_that_runs_backward_is_kept_and_flagged() -> None:
+    """The board's word stands, but no figure is made of it."""
+    events = Connection().receive(hello_and(sample(0, 50_000), sample(1, 40_000), sample(2, 60_000)), 0)
+    rows = rows_of(events)
+    assert rows["time_us"].tolist() == [50_000, 40_000, 60_000]
+    assert ((rows["flags"] & SampleFlag.IMPLAUSIBLE) != 0).tolist() == [False, True, False]
+
+
+def test_an_event_has_its_time_on_the_samples_clock() -> None:
+    """After a wrap, an event between two samples lies between them."""
+    link = Connection()
+    edge = 2**32
+    events = link.receive(hello_and(sample(0, edge - 5_000), sample(1, edge + 5_000)), 0)
+    (event,) = link.receive(stream(BoardEvent(7_000, 5, 0)), 0)
+    assert event == BoardEventReceived(BoardEvent(7_000, 5, 0), edge + 7_000)
+    assert rows_of(events)["time_us"].tolist() == [edge - 5_000, edge + 5_000]
+
+
+ABSURD = [
+    ({"pressure_pa": 5_000_000}, True),
+    ({"pressure_pa": -120_000}, True),
+    ({"pressure_pa": 250_000}, False),  # too much for the rig, and real: the interlock's business, not an absurdity
+    ({"lit": (65_535, 2100)}, True),
+    ({"lit": (4096, 2100)}, True),
+    ({"lit": (4095, 2100)}, False),
+    ({"dark": (40, 4096)}, True),
+    ({"lit": (100, 2100), "dark": (40, 4000)}, True),
+    ({"lit": (30, 2100), "dark": (40, 50)}, False),  # noise near zero light
+    ({"lit": (30, 2100), "dark": (47, 50)}, True),
+]
+
+
+@pytest.mark.fault(4, how="good frames with absurd values, both sides of each border", times=10)
+@pytest.mark.parametrize(("change", "flagged"), ABSURD)
+def test_absurd_values_are_kept_and_flagged(change: dict, flagged: bool) -> None:
+    """A good checksum does not make 5 MPa, 65535 counts of 12 bits or light that darkens true; nothing is altered."""
+    plain = sample(0)
+    message = Sample(
+        0, 0, change.get("pressure_pa", 0), 2, 0, change.get("lit", plain.lit), change.get("dark", plain.dark)
+    )
+    (row,) = rows_of(Connection().receive(hello_and(message), 0))
+    assert bool(row["flags"] & SampleFlag.IMPLAUSIBLE) == flagged
+    assert (row["pressure_pa"], tuple(row["lit"]), tuple(row["dark"])) == (
+        message.pressure_pa,
+        message.lit,
+        message.dark,
+    )
+
+
+def test_a_signal_that_is_no_number_is_flagged() -> None:
+    """NaN from a text profile, in the pressure or any sensor."""
+    rows = np.zeros(4, sample_dtype(2, "signal"))
+    rows["pressure_pa"][1] = np.nan
+    rows["signal_mv"][2, 1] = np.inf
+    assert implausible(rows, 12).tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_one_to_four_sensors(n: int) -> None:
+    """HELLO says how many; each reading is in its place, and a payload longer than needed gives the same."""
+    values = {field: getattr(HELLO, field) for field in Hello.__dataclass_fields__}
+    lit, dark = tuple(range(1001, 1001 + n)), tuple(range(1, 1 + n))
+    message = Sample(0, 0, -123, 1, 4, lit, dark)
+    events = Connection().receive(stream(Hello(**{**values, "n_sensors": n}), START_DONE, message), 9)
+    (row,) = rows_of(events)
+    assert (tuple(row["lit"]), tuple(row["dark"]), row["host_ns"]) == (lit, dark, 9)
+    assert (row["pressure_pa"], row["state"], row["flags"]) == (-123, 1, 4)
+
+
+def test_samples_longer_than_known_and_shorter_than_needed() -> None:
+    """A newer minor version's longer SAMPLE is used, one too short is malformed, in one batch with plain ones."""
+    link = Connection(n_sensors=1)
+    longer = encode_message(sample(1), 0)  # two sensors: for one, a longer payload
+    plain = [encode_message(Sample(n, n, 0, 0, 0, (5,), (1,)), 0) for n in (0, 2)]
+    short = encode_message(Sample(3, 3, 0, 0, 0, (), ()), 0)
+    events = link.receive(plain[0] + longer + plain[1] + short, 0)
+    assert rows_of(events)["index"].tolist() == [0, 1, 2]
+    assert rows_of(events)["lit"][:, 0].tolist() == [5, 2001, 5]
+    assert link.statistics.malformed == 1
+
+
+def test_samples_before_a_hello_are_counted_as_unknown() -> None:
+    """How many sensors they carry is not known: they are not guessed at."""
+    link = Connection()
+    assert link.receive(stream(sample(0), sample(1)), 0) == []
+    assert link.statistics.unknown == 2
+
+
+def test_samples_come_as_one_block_split_only_by_other_messages() -> None:
+    """Order is kept: what stands between two samples stands between their blocks, and blocks cannot be changed."""
+    event = BoardEvent(15_000, 5, 0)
+    events = Connection().receive(hello_and(sample(0), sample(1), event, sample(2)), 0)
+    assert [type(e).__name__ for e in events] == ["HelloReceived", "Samples", "BoardEventReceived", "Samples"]
+    for block in (e.array for e in events if isinstance(e, Samples)):
+        with pytest.raises(ValueError, match="read-only"):
+            block["index"] = 0

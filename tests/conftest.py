@@ -10,6 +10,7 @@ import pytest
 
 import boat_daq  # noqa: F401  before numpy: it gives the BLAS one thread, as the program does
 
+pytest_plugins = ("tests.outside_writes",)
 ROOT = Path(__file__).resolve().parents[1]
 
 

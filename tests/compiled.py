@@ -16,6 +16,7 @@ from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 from analysis.optics.tracer.simulation import trace
 from analysis.shadow.fem.band import product
 from analysis.shadow.model.frames import Shadow
+from tests.outside_writes import temporary_home
 
 SAMPLE = Path(__file__).resolve().parents[1] / "recordings" / "simulated_SA1_two_cycles.boat"
 
@@ -37,6 +38,7 @@ def shadow() -> None:
 
 
 if __name__ == "__main__":
-    optics()
-    shadow()
-    analyse(SAMPLE, mcmc=False)
+    with temporary_home():  # the shadow's table is stored there
+        optics()
+        shadow()
+        analyse(SAMPLE, mcmc=False)

@@ -8,10 +8,9 @@ where the program keeps its files: deeper down, the other programs of a desktop 
 
 from __future__ import annotations
 
-import os
-import shutil
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TypeAlias
 
@@ -32,6 +31,7 @@ CACHES = {
 HOME_LEVELS = 2
 HOMES = ("HOME", "USERPROFILE", "APPDATA", "LOCALAPPDATA")
 OTHER_HOMES = ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "MPLCONFIGDIR", "BOAT_DAQ_HOME")
+FIXED_IN_TMP = ("XDG_RUNTIME_DIR", "DASK_TEMPORARY_DIRECTORY")  # without them Qt and Dask use a fixed name in /tmp
 
 
 def listing(folder: Path, *, levels: int | None = None, without: Path | None = None) -> Listing:
@@ -61,14 +61,26 @@ def listing(folder: Path, *, levels: int | None = None, without: Path | None = N
 
 def differences(before: Listing, after: Listing) -> list[str]:
     """Return a line for each path that appeared, changed or is gone, sorted by path."""
-    lines = {path: "appeared" for path in after.keys() - before.keys()}
-    lines |= {path: "is gone" for path in before.keys() - after.keys()}
+    lines = dict.fromkeys(after.keys() - before.keys(), "appeared")
+    lines |= dict.fromkeys(before.keys() - after.keys(), "is gone")
     lines |= {path: "changed" for path in before.keys() & after.keys() if before[path] != after[path]}
     return [f"{path} {what}" for path, what in sorted(lines.items())]
 
 
+@contextmanager
+def temporary_home() -> Iterator[None]:
+    """Make an empty folder the home folder, here and for programs started from here."""
+    folder = tempfile.TemporaryDirectory(prefix="boat-daq-home-", ignore_cleanup_errors=True)
+    with folder, pytest.MonkeyPatch.context() as patch:
+        for name in (*HOMES, *FIXED_IN_TMP):
+            patch.setenv(name, folder.name)
+        for name in OTHER_HOMES:
+            patch.delenv(name, raising=False)
+        yield
+
+
 class OutsideWrites:
-    """Moves the home folder away while the tests run, and compares what may not change before and after."""
+    """Compares what tests may not change, before and after."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -85,18 +97,6 @@ class OutsideWrites:
         ]
         self._before: Listing = {}
         self._found: list[str] = []
-        self._home = Path(tempfile.mkdtemp(prefix="boat-daq-home-"))
-        self._patch = pytest.MonkeyPatch()
-        for name in HOMES:
-            self._patch.setenv(name, str(self._home))
-        for name in OTHER_HOMES:
-            self._patch.delenv(name, raising=False)
-        self._patch.setenv("XDG_RUNTIME_DIR", str(self._home))  # without it Qt makes a folder of a fixed name in /tmp
-
-    def close(self) -> None:
-        """Put the home folder back."""
-        self._patch.undo()
-        shutil.rmtree(self._home, ignore_errors=True)
 
     def pytest_sessionstart(self) -> None:
         """List what may not change."""
@@ -114,7 +114,9 @@ class OutsideWrites:
         """Name what has changed."""
         if self._found:
             terminalreporter.section("written outside the tests' folders", red=True)
-            terminalreporter.write_line("By a test, or by another program meanwhile; a test may write in tmp_path only:")
+            terminalreporter.write_line(
+                "By a test, or by another program meanwhile; a test may write in tmp_path only:"
+            )
             for line in self._found:
                 terminalreporter.write_line(f"  {line}")
 
@@ -131,4 +133,6 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
         watch = OutsideWrites(config.rootpath)
         config.pluginmanager.register(watch, "outside writes of this run")
-        config.add_cleanup(watch.close)
+        home = ExitStack()
+        home.enter_context(temporary_home())
+        config.add_cleanup(home.close)

@@ -76,9 +76,16 @@ def has_screen() -> bool:
 
 
 def free_name(folder: Path, stem: str) -> Path:
-    """Return a recording's name in `folder` that is not taken; the folder is made."""
+    """Return the path of a recording in `folder` whose name is not taken; create the folder.
+
+    Raises
+    ------
+    OperatorError : a stem that is no file name. StorageError : the folder cannot be created.
+    """
+    from boat_daq.engine.file_names import check_file_name
     from boat_daq.errors import StorageError
 
+    check_file_name(f"{stem}.boat")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -183,6 +183,8 @@ def change_plan(plan: Plan, *, cycles: int | None, dwell_s: float | None, ramp_k
 
 
 def dated_name(unit: str) -> Path:
-    """Return a free name in this folder: date, time and unit."""
+    """Return a name in the working folder: date, time and unit."""
+    from boat_daq.engine.file_names import path_in
+
     stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H%M%S")
-    return Path(f"{stamp}_{unit}.boat" if unit else f"{stamp}.boat")
+    return path_in(Path(), f"{stamp}_{unit}.boat" if unit else f"{stamp}.boat")

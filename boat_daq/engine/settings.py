@@ -27,6 +27,7 @@ from typing import Any, TypeVar
 import platformdirs
 import tomli_w
 
+from boat_daq.engine.file_names import is_device_name, path_in
 from boat_daq.engine.toml_values import MAX_BYTES, build, parse_toml, read_text, refuse
 from boat_daq.errors import OperatorError, StorageError
 
@@ -36,7 +37,6 @@ VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
 BACKUP = ".bak"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
-_RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class Unit:
     def __post_init__(self) -> None:
         where = f"unit {self.name!r:.60}"
         _check_version(where, self.version)
-        if not _NAME.fullmatch(self.name) or self.name.strip(" .") != self.name or self.name.lower() in _RESERVED:
+        if not _NAME.fullmatch(self.name) or self.name.strip(" .") != self.name or is_device_name(self.name):
             raise refuse(where, "name", "must be 1 to 40 letters, digits, spaces, or any of _ . -")
         if not self.min_kpa <= 0 <= self.max_kpa or not self.min_kpa < self.max_kpa:
             raise refuse(where, "min_kpa", "and 'max_kpa' must lie around 0 kPa, the lower one first", "swap the two?")
@@ -221,7 +221,7 @@ class UnitLibrary:
         return unit
 
     def _path(self, unit: Unit) -> Path:
-        return self.folder / f"{unit.name}.toml"
+        return path_in(self.folder, f"{unit.name}.toml")
 
 
 @dataclass(frozen=True, slots=True)

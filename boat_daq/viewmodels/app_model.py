@@ -15,6 +15,7 @@ from pathlib import Path
 
 from analysis.fidelity import LEVELS as FIDELITY_LEVELS
 from analysis.fidelity import fidelity
+from boat_daq.engine.file_names import path_in
 from boat_daq.engine.session.session import LinkState, Session, SessionSnapshot, SessionState
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import OperatorError
@@ -397,7 +398,7 @@ class Desk:
         """
         self.recordings.mkdir(parents=True, exist_ok=True)
         stamp = datetime.now(UTC).astimezone().strftime("%Y-%m-%d_%H%M%S")
-        path = self.recordings / f"{self.connection.unit}_{stamp}.boat"
+        path = path_in(self.recordings, f"{self.connection.unit}_{stamp}.boat")
         self.session.start_recording(path, {"unit": self.connection.unit, "operator": self.readings.reader})
         return path
 

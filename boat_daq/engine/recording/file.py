@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import shutil
 import sqlite3
 import time
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from boat_daq import __version__
+from boat_daq.engine.file_names import check_file_name
 from boat_daq.engine.recording.file_lock import WriterLock
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import open_recording, refuse_newer, schema
@@ -29,9 +29,7 @@ from protocol.recording.checks import harden
 
 Statement: TypeAlias = tuple[str, tuple[Any, ...]]
 
-NAME_BYTES_MAX = 240  # file systems take 255, and -journal, -wal and -lock must fit behind
 SPACE_FLOOR_BYTES = 32 * 2**20  # below this a recording is ended while there is room to close it
-_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{n}{i}" for n in ("COM", "LPT") for i in range(1, 10))}
 
 
 def now_utc() -> str:
@@ -39,22 +37,18 @@ def now_utc() -> str:
     return datetime.now().astimezone().isoformat(timespec="milliseconds")
 
 
-def check_name(path: Path) -> None:
-    """Refuse a file name that some system of the lab cannot hold.
+def check_recording_name(path: Path) -> None:
+    """Refuse a file name that is not a recording's or that some system of the lab cannot hold.
 
     Raises
     ------
-    OperatorError : wrong ending, reserved, too long, or with characters that Windows refuses.
+    OperatorError : wrong ending, or refused by `check_file_name`.
     """
-    name = path.name
     if path.suffix != schema.SUFFIX:
-        raise OperatorError(f"{name!r} does not end in {schema.SUFFIX}", f"Call it {path.stem or 'run'}{schema.SUFFIX}")
-    if path.stem.split(".")[0].rstrip().upper() in _RESERVED:
-        raise OperatorError(f"{name!r} is a name that Windows keeps for a device", "Choose another name.")
-    if bad := sorted(set(name) & set('<>:"/\\|?*')) + [c for c in name if ord(c) < 32]:
-        raise OperatorError(f"{name!r} has {bad[0]!r} in it, which not every system can hold", "Choose another name.")
-    if len(os.fsencode(name)) > NAME_BYTES_MAX:
-        raise OperatorError(f"the name {name[:40]!r}... is longer than {NAME_BYTES_MAX} bytes", "Choose a shorter one.")
+        raise OperatorError(
+            f"{path.name!r} does not end in {schema.SUFFIX}", f"Call it {path.stem or 'run'}{schema.SUFFIX}"
+        )
+    check_file_name(path.name)
 
 
 def storage_error(path: Path, error: Exception) -> StorageError:
@@ -87,7 +81,7 @@ class RecordingFile:
         OperatorError : the name cannot be used, or a file of that name exists.
         StorageError : the folder cannot be written.
         """
-        check_name(path)
+        check_recording_name(path)
         if not path.parent.is_dir():
             raise StorageError(f"there is no folder {path.parent}", "Create it, or choose another.")
         lock = WriterLock(path)

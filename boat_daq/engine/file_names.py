@@ -1,0 +1,42 @@
+"""File names that every system of a lab can hold, and paths that stay in their folder.
+
+A function that takes a path writes there; one that takes a folder and a name writes in that folder or not at all.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from boat_daq.errors import OperatorError
+
+NAME_BYTES_MAX = 240  # file systems take 255, and -journal, -wal and -lock must fit behind
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{n}" for port in ("COM", "LPT") for n in range(1, 10))}
+
+
+def is_device_name(name: str) -> bool:
+    """Return whether Windows takes a file of this name for a device, whatever its suffix."""
+    return name.split(".")[0].rstrip().upper() in _DEVICES
+
+
+def check_file_name(name: str) -> None:
+    """Refuse a file name that some system of the lab cannot hold, or that is a path.
+
+    Raises
+    ------
+    OperatorError : empty, "." or "..", reserved, too long, or with characters that Windows refuses, separators first.
+    """
+    if name.strip(" .") == "":
+        raise OperatorError(f"{name!r} is not the name of a file", "Choose another name.")
+    if is_device_name(name):
+        raise OperatorError(f"{name!r} is a name that Windows keeps for a device", "Choose another name.")
+    if bad := sorted(set(name) & set('<>:"/\\|?*')) + [c for c in name if ord(c) < 32]:
+        raise OperatorError(f"{name!r} has {bad[0]!r} in it, which not every system can hold", "Choose another name.")
+    if len(os.fsencode(name)) > NAME_BYTES_MAX:
+        raise OperatorError(f"the name {name[:40]!r}... is longer than {NAME_BYTES_MAX} bytes", "Choose a shorter one.")
+
+
+def path_in(folder: Path, name: str) -> Path:
+    """Return the path of a file in `folder`; see `check_file_name` for the names that are refused."""
+    check_file_name(name)
+    return folder / name

@@ -57,14 +57,15 @@ def tradeoff(
 
 def _live_plot() -> Method:
     """The live plot's method with what painting costs, where Qt is there to paint."""
-    from boat_daq.viewmodels.models.tradeoff_decimation import HEIGHT_PX, WIDTH_PX, decimation
+    from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
+    from boat_daq.viewmodels.models.tradeoff_jobs import live_plot
 
     try:
-        from boat_daq.gui.models.tradeoff_painting import painter
+        from boat_daq.gui.models.tradeoff_jobs import painter
     except ImportError:  # a computer without a screen may lack what Qt needs
         say("without Qt the live plot's points are fetched, not painted")
-        return decimation()
-    return decimation(painter(WIDTH_PX, HEIGHT_PX))
+        return live_plot()
+    return live_plot(painter(WIDTH_PX, HEIGHT_PX))
 
 
 def _writable(folder: Path) -> None:

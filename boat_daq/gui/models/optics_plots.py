@@ -111,7 +111,7 @@ class ResponseCard(PlotCard):
         self.plot.fit()
 
 
-class Map:
+class MeritMap:
     """P over spacing and depth for one width; a click looks at that design."""
 
     def __init__(self, card: PlotCard, place: int, model: OpticsModel) -> None:
@@ -189,7 +189,7 @@ class MapsCard(PlotCard):
         self.bar.insertWidget(1, self.cavities)
         steps = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
         self.table = np.array([[c.red(), c.green(), c.blue()] for c in steps], dtype=np.ubyte)
-        self.maps = [Map(self, place, model) for place in range(len(STEPS_MM))]
+        self.maps = [MeritMap(self, place, model) for place in range(len(STEPS_MM))]
         self.scale = self._scale()
         self.view.scene().sigMouseClicked.connect(self._clicked)
         self.columns_of = self._columns

@@ -123,7 +123,7 @@ class TradeoffPage(ReflowingPage):
         super().__init__()
         self.desk, self.model = desk, desk.tradeoff
         self._revision = (-1, -1)
-        self.model.measurer = "boat_daq.gui.models.tradeoff_measuring:measure_methods"
+        self.model.measurer = "boat_daq.gui.models.tradeoff_jobs:measure_methods"
         self.methods = MethodList(desk)
         self.first = self.methods
         self.chart, self.table = TradeoffCard(), SettingsTable()

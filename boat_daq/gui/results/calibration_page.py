@@ -29,9 +29,9 @@ from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.split_view import Divided
 from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.results.analysis_view import LoopSet, SensorResult
 from boat_daq.viewmodels.results.calibration import CalibrationModel, CurveShown, sensor_words
 from boat_daq.viewmodels.results.closed_run import ClosedRun
-from boat_daq.viewmodels.results.results import LoopSet, SensorResult
 
 SENSORS = 2
 SOURCES = {"least squares": "fit", "posterior": "emcee"}  # what the curve and its bands are of

@@ -9,7 +9,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from boat_daq.gui import style
-from boat_daq.viewmodels.results.figures import FigureRow, FigureText
+from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText
 
 
 class FigureTable(QTableWidget):

@@ -18,9 +18,9 @@ from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.split_view import Divided
 from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.results.analysis_view import RunResult
 from boat_daq.viewmodels.results.calibration import sensor_words
 from boat_daq.viewmodels.results.repeatability import GROUPS
-from boat_daq.viewmodels.results.results import RunResult
 
 SENSORS = 2
 NO_FIGURE = "No cycle of this run has this figure; the table says why on hover."
@@ -59,7 +59,7 @@ def known(numbers: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
     return numbers[finite], values[finite]
 
 
-class PerCycle(PlotCard):
+class CycleFigureCard(PlotCard):
     """A figure of every cycle over its number, both sensors."""
 
     def __init__(self, title: str, axis: str, unit: str) -> None:
@@ -86,15 +86,15 @@ class RepeatPage(QWidget):
         self.words = widgets.label("", "subtitle", elide=True)
         self.warm_up = widgets.label("", "muted")
         self.loops = [LoopsByCycle(n) for n in range(1, SENSORS + 1)]
-        self.drift = PerCycle("Drift", "Change", "mV")
+        self.drift = CycleFigureCard("Drift", "Change", "mV")
         self.low_ends = [
             self.drift.plot.points(f"Sensor {n}, lowest", sensor_ink(n), filled=False, symbol=s, size=6)
             for n, s in ((1, "o"), (2, "s"))
         ]
         self.drift.readout.setText("\u25cf\u25a0 high  \u25cb\u25a1 low")
-        self.hysteresis = PerCycle("Hysteresis", "Per cycle", "% FSO")
-        self.sensitivity = PerCycle("Sensitivity", "Per cycle", "mV/mm")
-        self.snr = PerCycle("SNR", "Per cycle", "dB")
+        self.hysteresis = CycleFigureCard("Hysteresis", "Per cycle", "% FSO")
+        self.sensitivity = CycleFigureCard("Sensitivity", "Per cycle", "mV/mm")
+        self.snr = CycleFigureCard("SNR", "Per cycle", "dB")
         self.table = FigureTable()
         self.broken = widgets.label("", "small", wrap=True)
         self.tested = widgets.read_table("Both sides of each break compared", BREAK_HEADINGS)
@@ -105,7 +105,7 @@ class RepeatPage(QWidget):
         self.breaks, inside = QWidget(), widgets.column(self.broken, self.tested, spacing=style.GAP)
         inside.setContentsMargins(0, style.GAP, 0, 0)
         self.breaks.setLayout(inside)
-        self.break_lines: list[tuple[PerCycle, Any]] = []
+        self.break_lines: list[tuple[CycleFigureCard, Any]] = []
         self.stack = Leaves()
         self.missing = EmptyState(*desk.repeatability.missing(), "Choose the plan", desk.choose_repeatability)
         self.stack.addWidget(self.missing)

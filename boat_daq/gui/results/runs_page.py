@@ -46,8 +46,7 @@ from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.tooltips import as_words
 from boat_daq.viewmodels.app_model import Desk
 from boat_daq.viewmodels.results.closed_run import ClosedRun
-from boat_daq.viewmodels.results.run_offers import obstacle, told
-from boat_daq.viewmodels.results.runs import HEADINGS, MOST_COMPARED, Run
+from boat_daq.viewmodels.results.runs import HEADINGS, MOST_COMPARED, RunEntry, obstacle, told
 
 SPEEDS = (1, 5, 20, 100)
 LEAST_LINES = 3  # of the list; a lower window scrolls the page
@@ -70,7 +69,7 @@ class Thumbnail(QStyledItemDelegate):
         """Draw the outline in its cell."""
         super().paint(painter, option, index)
         run = index.data(RUN_ROLE)
-        if not isinstance(run, Run) or not run.outline:
+        if not isinstance(run, RunEntry) or not run.outline:
             return
         room: QRect = option.rect.adjusted(style.GAP, style.STEP + 2, -style.GAP, -style.STEP - 2)
         ink = style.colour(self.theme.pressure)
@@ -234,7 +233,7 @@ class RunsPage(QWidget):
         button = self.buttons[key]
         return button.isEnabled() and not button.isHidden()
 
-    def selected(self) -> list[Run]:
+    def selected(self) -> list[RunEntry]:
         """Return the chosen lines, as they are shown: the model may have a newer list already."""
         rows = sorted({index.row() for index in self.list.selectedIndexes()})
         items = [self.list.item(row, 0) for row in rows]

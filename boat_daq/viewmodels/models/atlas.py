@@ -133,7 +133,7 @@ class AtlasModel(MeasuredResult):
             self.bench.cancel(self.name)
             return
         self._start(
-            Work("Mapping where it works", "boat_daq.viewmodels.models.atlas_jobs:sweep_method", method, report=True)
+            Work("Mapping where it works", "boat_daq.viewmodels.models.tradeoff_jobs:sweep_method", method, report=True)
         )
 
     def _read(self, content: Any) -> None:

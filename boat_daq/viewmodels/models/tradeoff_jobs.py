@@ -1,19 +1,34 @@
-"""What the trade-off page has measured for it, in a process of its own."""
+"""What the trade-off page computes in a helper process: methods measured, and the maps of one method swept."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from analysis.tradeoff import METHODS, Method, measure
-from analysis.tradeoff.report import report_json
-from boat_daq.viewmodels.models.tradeoff_decimation import DECIMATION
+from analysis.arrays import FloatArray
+from analysis.atlas.methods import chosen_studies
+from analysis.atlas.report import atlas_json
+from analysis.atlas.sweep import sweep
+from analysis.tradeoff import METHODS, Method, measure, report_json
+from analysis.tradeoff.decimation import WIDTH_PX, Curve, Paint, decimation
+from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid, fold_columns
 
 Progress = Callable[[float, float], None]
 
 
+def live_plot(paint: Paint | None = None) -> Method:
+    """Return the method of the live plot, with what `paint` takes where it is given."""
+    return decimation(_stored, paint)
+
+
+def _stored(record: FloatArray) -> Curve:
+    pyramid = MinMaxPyramid(*record.shape)
+    pyramid.append(record)
+    return lambda end_s, points: fold_columns(pyramid.draw(0.0, end_s, points), end_s / WIDTH_PX)
+
+
 def measure_methods(
-    names: Sequence[str], quick: bool, live_plot: Method = DECIMATION, *, progress: Progress | None = None
+    names: Sequence[str], quick: bool, paint: Paint | None = None, *, progress: Progress | None = None
 ) -> dict[str, Any]:
     """Measure methods one after the other; return what `boat-daq tradeoff --json` prints.
 
@@ -21,15 +36,41 @@ def measure_methods(
     ----------
     names : of methods, as the command takes them.
     quick : fewer settings and repeats.
-    live_plot : the method of the live plot; by default without its painting, which is the window's.
+    paint : paints a curve of the live plot; without it the curve is fetched only.
+    progress : is called with what is done and the total.
     """
-    known = METHODS | {live_plot.name: live_plot}
-    results = []
-    for done, name in enumerate(names):
-
-        def within(part: float, parts: float, before: int = done) -> None:
-            if progress is not None:
-                progress(before + part / parts, len(names))
-
-        results.append(measure(known[name], quick=quick, progress=within))
+    known = METHODS | {"decimation": live_plot(paint)}
+    results = [
+        measure(known[name], quick=quick, progress=_part(progress, done, len(names))) for done, name in enumerate(names)
+    ]
     return report_json(results, quick=quick)
+
+
+def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, Any]:
+    """Sweep every map of a method; return what `boat-daq atlas --json` prints.
+
+    Raises
+    ------
+    RequestError : there is no such method.
+    """
+    studies = chosen_studies([name])
+    places = [study.places for study in studies]
+    maps = []
+    for i, study in enumerate(studies):
+
+        def within(done: float, total: float, before: int = sum(places[:i])) -> None:
+            if progress is not None:
+                progress(before + done, sum(places))
+
+        maps.append(sweep(study, within))
+    return atlas_json(maps)
+
+
+def _part(progress: Progress | None, before: int, total: int) -> Progress:
+    """Return the progress of one part of `total` equal ones, of which `before` are done."""
+
+    def within(done: float, of: float) -> None:
+        if progress is not None:
+            progress(before + done / of, total)
+
+    return within

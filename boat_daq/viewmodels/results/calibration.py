@@ -24,8 +24,8 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import Change, Changes, History
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.work import Bench, Work, WorkState
-from boat_daq.viewmodels.results.judgement import Missing, missing, poor, remarks, rests_on, sources
-from boat_daq.viewmodels.results.results import Band, PosteriorResult, RunResult, SensorResult
+from boat_daq.viewmodels.results.acceptance import Missing, missing, poor, remarks, rests_on, sources
+from boat_daq.viewmodels.results.analysis_view import Band, PosteriorResult, RunResult, SensorResult
 
 ANALYSIS = "boat_daq.viewmodels.results.calibration_jobs:analyse_run"
 POSTERIOR = "boat_daq.viewmodels.results.calibration_jobs:sample_run"

@@ -24,14 +24,16 @@ from analysis.figures.sensor_analysis import Options
 from analysis.figures.uncertainty import signal_parts
 from analysis.segmentation.loops import Loops
 from boat_daq.viewmodels.common.formatting import NOTHING
-from boat_daq.viewmodels.results.figures import FIGURES, figure_rows, figure_text
-from boat_daq.viewmodels.results.results import (
+from boat_daq.viewmodels.results.analysis_view import (
+    FIGURES,
     BreakResult,
-    CycleFigures,
+    CycleSeries,
     LoopSet,
     PosteriorResult,
     RunResult,
     SensorResult,
+    figure_rows,
+    figure_text,
 )
 
 Progress = Callable[[float, float], None]
@@ -116,10 +118,10 @@ def _sensor(found: Analysis, index: int) -> SensorResult:
     )  # fmt: skip
 
 
-def _cycles(found: Analysis, index: int) -> CycleFigures:
+def _cycles(found: Analysis, index: int) -> CycleSeries:
     each = per_cycle(found, index)
     sensitivity, unit = sensitivity_per_cycle(found, index)
-    return CycleFigures(each.hysteresis_percent_fso, each.snr_db, sensitivity, unit, each.warm_up)
+    return CycleSeries(each.hysteresis_percent_fso, each.snr_db, sensitivity, unit, each.warm_up)
 
 
 def _break(found: Break) -> BreakResult:

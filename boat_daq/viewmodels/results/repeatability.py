@@ -19,7 +19,7 @@ from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.session.session import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.work import Bench, Work, WorkState
-from boat_daq.viewmodels.results.results import CycleFigures, RunResult
+from boat_daq.viewmodels.results.analysis_view import CycleSeries, RunResult
 
 ANALYSIS = "boat_daq.viewmodels.results.calibration_jobs:analyse_run"
 EVERY_S = 20.0  # at the soonest, so that the helper takes a small share of the machine
@@ -135,7 +135,7 @@ class RepeatabilityModel:
         assert self.result is not None
         return np.asarray(self.result.loops.numbers, dtype=float)
 
-    def cycles(self, sensor: int) -> CycleFigures:
+    def cycles(self, sensor: int) -> CycleSeries:
         """Return a sensor's figures cycle by cycle."""
         assert self.result is not None
         return self.result.sensors[sensor].cycles

@@ -10,8 +10,8 @@ from analysis import write_report
 from analysis.data.export import export
 from analysis.data.load import load_recording
 from analysis.figures.pipeline import analyse
+from boat_daq.viewmodels.results.analysis_view import RunResult
 from boat_daq.viewmodels.results.calibration_jobs import analyse_run
-from boat_daq.viewmodels.results.results import RunResult
 
 Progress = Callable[[float, float], None]
 

@@ -7,7 +7,7 @@ its reason, never left out. Exports and reports are made by a helper process.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.work import Bench, Work, WorkState
-from boat_daq.viewmodels.results.results import RunResult
+from boat_daq.viewmodels.results.analysis_view import RunResult
 from protocol.errors import ProtocolError
 from protocol.recording import SUFFIX, open_recording
 
@@ -36,10 +36,12 @@ STATES = {
     "closed": "\u25cf complete", "recovered": "\u25cf recovered", "recording": "\u25b6 recording",
     "interrupted": "\u25b2 interrupted",
 }  # fmt: skip
+ONE, SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
+NONE_CHOSEN = "Choose a recording to calibrate, replay or export it, or two to four to compare them."
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RunEntry:
     """One line of the list; `outline` is the pressure's (time, low, high) in the unit square."""
 
     path: Path
@@ -117,14 +119,14 @@ def _state(status: str, stop_reason: str) -> str:
     return STATES.get(status, status)
 
 
-def read_run(path: Path) -> Run:
+def read_run(path: Path) -> RunEntry:
     """Return one line of the list; never raises for what the file is."""
     try:
-        return Run(path, summarise(path), "", _outline(path))
+        return RunEntry(path, summarise(path), "", _outline(path))
     except (ProtocolError, BoatDaqError) as error:
-        return Run(path, None, error.cause, ())
+        return RunEntry(path, None, error.cause, ())
     except (OSError, sqlite3.Error, KeyError, ValueError) as error:
-        return Run(path, None, f"cannot be read: {error}", ())
+        return RunEntry(path, None, f"cannot be read: {error}", ())
 
 
 def _outline(path: Path) -> tuple[tuple[float, float, float], ...]:
@@ -146,7 +148,7 @@ def _outline(path: Path) -> tuple[tuple[float, float, float], ...]:
     )
 
 
-def _began(run: Run) -> tuple[str, str]:
+def _began(run: RunEntry) -> tuple[str, str]:
     """Return what the list is sorted by: a line keeps its place while its file is written, under the mouse too."""
     return (run.summary.started_utc if run.summary is not None else "", run.path.name)
 
@@ -163,16 +165,16 @@ class RunsModel:
 
     def __init__(self, folder: Path, units: UnitLibrary, bench: Bench) -> None:
         self.folder, self.units, self.bench = folder, units, bench
-        self.runs: list[Run] = []
+        self.runs: list[RunEntry] = []
         self.done: list[str] = []
         self.failures: list[tuple[str, str, str]] = []
         self.comparison: tuple[RunResult, ...] = ()
         self.nothing = (np.zeros(0), np.zeros(0))
         self.revision = 0
         self._looked_at = -LOOK_EVERY_S
-        self._known: dict[tuple[Path, int, int], Run] = {}
+        self._known: dict[tuple[Path, int, int], RunEntry] = {}
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="runs")
-        self._future: Future[list[Run]] | None = None
+        self._future: Future[list[RunEntry]] | None = None
 
     def look(self) -> None:
         """Read the folder again on the helper thread."""
@@ -185,8 +187,8 @@ class RunsModel:
             self._looked_at = monotonic()
             self.look()
 
-    def _read(self) -> list[Run]:
-        found: dict[tuple[Path, int, int], Run] = {}
+    def _read(self) -> list[RunEntry]:
+        found: dict[tuple[Path, int, int], RunEntry] = {}
         for path in self.folder.glob(f"*{SUFFIX}"):
             stat = path.stat()
             key = (path, stat.st_size, stat.st_mtime_ns)
@@ -341,3 +343,38 @@ class RunsModel:
     def close(self) -> None:
         """Let the thread end."""
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def told(chosen: Sequence[RunEntry]) -> str:
+    """Return what stands under the list: what to choose, or what is to be known of what is chosen."""
+    if not chosen:
+        return NONE_CHOSEN
+    if len(chosen) > 1:
+        return f"{count(len(chosen), 'recording')} are chosen: for a report, or to be compared."
+    return " \u00b7 ".join(chosen[0].hover.splitlines())
+
+
+def obstacle(deed: str, chosen: Sequence[RunEntry]) -> str:
+    """Return why `deed` (a button's key) cannot be done with `chosen`."""
+    if deed == "report":
+        return _readable(chosen) if chosen else SOME
+    if deed == "compare":
+        return _comparable(chosen)
+    if not chosen:
+        return ONE
+    if len(chosen) > 1:
+        return f"{count(len(chosen), 'recording')} are chosen; choose only one."
+    if deed == "readings" and chosen[0].summary is not None and not chosen[0].closed:
+        return "Its readings can be corrected once the recording is closed or recovered."
+    return _readable(chosen)
+
+
+def _readable(chosen: Sequence[RunEntry]) -> str:
+    return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")
+
+
+def _comparable(chosen: Sequence[RunEntry]) -> str:
+    if not 2 <= len(chosen) <= MOST_COMPARED:
+        now = f"{count(len(chosen), 'recording')} {'is' if len(chosen) == 1 else 'are'} chosen" if chosen else "none is"
+        return f"Choose two to four recordings (Ctrl and click, or Shift and an arrow); {now}."
+    return _readable(chosen)

@@ -18,11 +18,12 @@ from analysis.fidelity import LEVELS, fidelity
 from analysis.tradeoff import METHODS, Measured, measure, measured_from
 from boat_daq.cli import app
 from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE
-from boat_daq.viewmodels.models.tradeoff_decimation import DECIMATION, decimation, decimation_settings
+from boat_daq.viewmodels.models.tradeoff_jobs import live_plot
 
 ROOT = Path(__file__).resolve().parents[3]
 RECORDED = ROOT / "docs" / "tradeoff" / "tradeoff.json"
-ALL = METHODS | {DECIMATION.name: DECIMATION}
+LIVE_PLOT = live_plot()
+ALL = METHODS | {LIVE_PLOT.name: LIVE_PLOT}
 
 
 def test_one_cheap_method_from_the_command_line(tmp_path: Path) -> None:
@@ -80,12 +81,12 @@ def test_the_page_offers_what_the_command_measures() -> None:
 def test_painting_counts_and_a_spike_of_one_sample_is_drawn() -> None:
     """Every setting paints once a call; the finest loses nothing, the coarsest is wrong by more than the eye sees."""
     painted: list[int] = []
-    settings = decimation_settings(True, lambda points: painted.append(points.shape[1]))
+    settings = live_plot(lambda points: painted.append(points.shape[1])).settings(True)
     errors = [setting.error(setting.call(0)) for setting in settings]
     assert len(painted) == len(settings)
     assert painted == sorted(painted)
-    assert errors[-1] < DECIMATION.tolerance / 10 < DECIMATION.tolerance < errors[0]
-    assert decimation(lambda _: None).per != DECIMATION.per
+    assert errors[-1] < LIVE_PLOT.tolerance / 10 < LIVE_PLOT.tolerance < errors[0]
+    assert live_plot(lambda _: None).per != LIVE_PLOT.per
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QApplication, QLineEdit, QMessageBox, QScrollBar
 from boat_daq.engine.session.session import Phase, Progress, ReadingRequest, SessionState, StepMark
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Level
-from boat_daq.viewmodels.results.figures import FigureRow, FigureText
+from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.results.test_result_pages import result
 from tests.boat_daq.gui.results.test_runs_page import PATIENCE_MS, SAMPLE

@@ -21,11 +21,10 @@ from boat_daq.viewmodels.models import optics_jobs as optics_work
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
 from boat_daq.viewmodels.models.optics_results import SweepSummary
 from boat_daq.viewmodels.results import calibration_jobs as calibration_work
-from boat_daq.viewmodels.results import figures
 from boat_daq.viewmodels.results import run_jobs as run_work
+from boat_daq.viewmodels.results.analysis_view import PosteriorResult, figure_text
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
-from boat_daq.viewmodels.results.results import PosteriorResult
 from boat_daq.viewmodels.results.runs import RunsModel, read_run
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected
 
@@ -252,10 +251,10 @@ def test_figures_say_definition_and_interval():
     """A figure's cell is its value; definition, interval, count and reason are on hover."""
     from analysis.figures.figure import Figure
 
-    cell = figures.figure_text(Figure(39.31, "mV/mm", 5, 39.0, 39.6, definition="end to end"), 1)
+    cell = figure_text(Figure(39.31, "mV/mm", 5, 39.0, 39.6, definition="end to end"), 1)
     assert (cell.text, cell.hover) == ("39.3", "end to end\n95 %: 39.0 to 39.6 mV/mm\nn = 5")
-    assert figures.figure_text(Figure.nothing("dB", "no span"), 1).text == "\u2013"
-    assert figures.figure_text(None, 1).text == "\u2013"
+    assert figure_text(Figure.nothing("dB", "no span"), 1).text == "\u2013"
+    assert figure_text(None, 1).text == "\u2013"
 
 
 # ---- repeatability --------------------------------------------------------------------------------------------------

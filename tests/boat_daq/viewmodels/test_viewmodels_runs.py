@@ -20,8 +20,7 @@ from boat_daq.viewmodels.common.work import Bench
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.results.closed_run import ClosedRun
-from boat_daq.viewmodels.results.run_offers import NONE_CHOSEN, obstacle, told
-from boat_daq.viewmodels.results.runs import Run, RunsModel, read_run
+from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, told
 from boat_daq.viewmodels.resume_run import GoingOn
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 
@@ -65,7 +64,7 @@ def test_which_runs_can_go_on(closed):
     run = read_run(closed)
     assert (run.closed, run.resumable) == (True, False)
 
-    def as_if(**changed: object) -> Run:
+    def as_if(**changed: object) -> RunEntry:
         return dataclasses.replace(run, summary=dataclasses.replace(run.summary, **changed))
 
     assert as_if(stop_reason="aborted: the cable").resumable
@@ -153,7 +152,7 @@ def test_what_cannot_be_done_with_the_chosen_runs_says_why(closed):
     written = dataclasses.replace(good, summary=dataclasses.replace(good.summary, status="recording"))
     deeds = ("open", "repeat", "replay", "export", "readings", "report", "compare")
 
-    def refused(*chosen: Run) -> set[str]:
+    def refused(*chosen: RunEntry) -> set[str]:
         return {deed for deed in deeds if obstacle(deed, chosen)}
 
     assert refused() == set(deeds)

@@ -15,8 +15,7 @@ from analysis.tradeoff import Method, Setting
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.work import Bench, WorkState
-from boat_daq.viewmodels.models import atlas_jobs as atlas_work
-from boat_daq.viewmodels.models import tradeoff_jobs as tradeoff_work
+from boat_daq.viewmodels.models import tradeoff_jobs
 from boat_daq.viewmodels.models.atlas import AtlasModel, read_maps
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel
 from boat_daq.viewmodels.models.tradeoff_report import duration_text, error_text, merged, power_text, read_report
@@ -113,9 +112,9 @@ def test_what_the_helper_measures_is_what_the_page_reads(monkeypatch):
         "fake", "Fake", "truth", True, "reader", 0.1, "mm", "a call",
         lambda level: "bad" if level.level == "draft" else "good", lambda quick: settings,
     )  # fmt: skip
-    monkeypatch.setattr(tradeoff_work, "METHODS", {"fake": fake})
+    monkeypatch.setattr(tradeoff_jobs, "METHODS", {"fake": fake})
     seen = []
-    content = tradeoff_work.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
+    content = tradeoff_jobs.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
     assert seen == sorted(seen)
     assert seen[-1] == 2
     chart = read_report(json.loads(json.dumps(content)))["fake"]
@@ -157,9 +156,9 @@ def study():
 
 def test_a_swept_map_is_read_with_its_words(monkeypatch, tmp_path):
     """Outcome, error and what was said stand at their place; beside the map there are no words."""
-    monkeypatch.setattr(atlas_work, "chosen_studies", lambda names: [study()])
+    monkeypatch.setattr(tradeoff_jobs, "chosen_studies", lambda names: [study()])
     model = AtlasModel(Bench(), tmp_path)
-    model.take(json.loads(json.dumps(atlas_work.sweep_method("fit"))))
+    model.take(json.loads(json.dumps(tradeoff_jobs.sweep_method("fit"))))
     shown = model.maps["fit"][0]
     assert [p.outcome for p in shown.places[0]] == ["works", "degraded", "refused"]
     assert shown.words(1, 0) == "x (mm) 1, y five \u2013 degraded, error 0.50 mm: a flag"

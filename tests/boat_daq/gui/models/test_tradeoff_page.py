@@ -91,7 +91,7 @@ def test_a_measurement_is_started_watched_and_stopped(page, desk, monkeypatch):
         label, state, fraction, failure, permille = "Measuring", WorkState.RUNNING, 0.4, None, 400
 
         def __init__(self, label, name, methods, quick, report):
-            assert name == "boat_daq.gui.models.tradeoff_measuring:measure_methods"
+            assert name == "boat_daq.gui.models.tradeoff_jobs:measure_methods"
             asked.append((methods, quick))
 
         def poll(self):

@@ -17,10 +17,10 @@ from analysis.figures.acceptance import Shortfall
 from boat_daq.gui import style
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.viewmodels.common.work import WorkState
-from boat_daq.viewmodels.results.figures import FigureText
-from boat_daq.viewmodels.results.results import (
+from boat_daq.viewmodels.results.analysis_view import (
     BreakResult,
-    CycleFigures,
+    CycleSeries,
+    FigureText,
     LoopSet,
     PosteriorResult,
     RunResult,
@@ -39,7 +39,7 @@ def sensor(number: int, offset: float = 0.0) -> SensorResult:
     y = 1650 + offset + 40 * X - 2 * X**2 + 0.5 * np.cos(7 * X)
     fit = fit_calibration(X, y)
     each = np.linspace(0.0, 1.0, CYCLES)
-    cycles = CycleFigures(5 + each, 44 + each, 2.8 + 0.01 * each, "mV/kPa", 0)
+    cycles = CycleSeries(5 + each, 44 + each, 2.8 + 0.01 * each, "mV/kPa", 0)
     content = {"name": f"s{number}", "fit": fit.as_json(), "elongation_mm": X.tolist(), "signal_mv": y.tolist()}
     return SensorResult(
         f"s{number}_mv", "", {}, cycles, X, y, fit.residuals, X > 0, np.ones(X.size, np.int64), GRID,

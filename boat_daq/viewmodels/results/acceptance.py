@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from boat_daq.viewmodels.common.formatting import count
-from boat_daq.viewmodels.results.results import PosteriorResult, RunResult
+from boat_daq.viewmodels.results.analysis_view import PosteriorResult, RunResult
 
 LEAST_ELONGATIONS = 4  # of a cubic
 

@@ -1,0 +1,41 @@
+"""The trade-off's measurement with the live plot painted as the window paints it, in a helper process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtGui import QColor, QImage, QPainter, QPen, QTransform
+
+from analysis.arrays import FloatArray
+from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
+from boat_daq.gui import style
+from boat_daq.viewmodels.models import tradeoff_jobs
+
+
+def measure_methods(
+    names: Sequence[str], quick: bool, *, progress: Callable[[float, float], None] | None = None
+) -> dict[str, Any]:
+    """Measure as `viewmodels.models.tradeoff_jobs.measure_methods`; a curve of the live plot is painted too."""
+    return tradeoff_jobs.measure_methods(names, quick, painter(WIDTH_PX, HEIGHT_PX), progress=progress)
+
+
+def painter(width: int, height: int) -> Callable[[FloatArray], None]:
+    """Return what paints points [2, n] into an image of `width` x `height` pixels."""
+    image = QImage(width, height, QImage.Format.Format_RGB32)
+    pen = QPen(QColor(style.LIGHT.sensors[0]))
+    pen.setCosmetic(True)
+
+    def paint(points: FloatArray) -> None:
+        image.fill(QColor(style.LIGHT.surface))
+        low, span = points.min(axis=1), np.ptp(points, axis=1)
+        brush = QPainter(image)
+        scale = QTransform.fromTranslate(-low[0], -low[1]) * QTransform.fromScale(width / span[0], height / span[1])
+        brush.setTransform(scale)
+        brush.setPen(pen)
+        brush.drawPath(pg.arrayToQPath(points[0], points[1], finiteCheck=False))
+        brush.end()
+
+    return paint

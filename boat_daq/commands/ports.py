@@ -23,13 +23,13 @@ def ports(
 
     Example: boat-daq ports --port /dev/pts/3
     """
-    from boat_daq.engine.link.discovery import ask_all, ask_port
+    from boat_daq.engine.link.discovery import identify_all_ports, identify_port
 
     if port:
-        answers = [ask_port(name) for name in port]
+        answers = [identify_port(name) for name in port]
     else:
         with progress_bar("asking") as progress:
-            answers = ask_all(progress=progress)
+            answers = identify_all_ports(progress=progress)
     if as_json:
         rows = [
             {

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from analysis.reports.document import Report, Section
     from boat_daq.engine.qualification.drills import Drill
-    from boat_daq.engine.qualification.test_rig import Outcome
+    from boat_daq.engine.qualification.test_rig import DrillResult
 
 
 def qualify(
@@ -82,7 +82,7 @@ def make_folder(folder: Path) -> None:
         raise StorageError(f"{folder} cannot be made: {error.strerror}", "choose another folder with --out") from None
 
 
-def result(outcomes: Sequence[Outcome], begun: datetime, *, whole: bool, folder: Path = Path()) -> dict[str, Any]:
+def result(outcomes: Sequence[DrillResult], begun: datetime, *, whole: bool, folder: Path = Path()) -> dict[str, Any]:
     """Return the object of `qualify --json`, its files apart."""
     from boat_daq.engine.qualification.installation import disk, machine, program, versions
 
@@ -110,7 +110,7 @@ def result(outcomes: Sequence[Outcome], begun: datetime, *, whole: bool, folder:
     }
 
 
-def drill_json(outcome: Outcome) -> dict[str, Any]:
+def drill_json(outcome: DrillResult) -> dict[str, Any]:
     """Return one drill as `qualify --json` gives it."""
     return {
         "name": outcome.name,
@@ -133,7 +133,7 @@ def port_kind(port: str) -> str:
     return "pseudo-terminal" if port == "pty" else f"TCP on {port.partition(':')[0]}"
 
 
-def write_reports(content: dict[str, Any], outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+def write_reports(content: dict[str, Any], outcomes: Sequence[DrillResult], folder: Path) -> list[Path]:
     """Write the report as HTML, PDF and JSON into the folder."""
     import json
 
@@ -149,7 +149,7 @@ def write_reports(content: dict[str, Any], outcomes: Sequence[Outcome], folder: 
     return paths
 
 
-def build(content: dict[str, Any], outcomes: Sequence[Outcome]) -> Report:
+def build(content: dict[str, Any], outcomes: Sequence[DrillResult]) -> Report:
     """Return the report: verdict, where to sign, what was tried on what, and each drill's criteria."""
     from analysis.reports.document import Report, Section, Table
 
@@ -218,7 +218,7 @@ def board_line(drill: dict[str, Any]) -> str:
     return f"{board['port']}, {board['speed']:g}x real time, {rate}, {board['unit']}, seed {board['seed']}"
 
 
-def drill_section(outcome: Outcome, drill: dict[str, Any]) -> Section:
+def drill_section(outcome: DrillResult, drill: dict[str, Any]) -> Section:
     """Return one drill's criteria with what was seen, its board and its counts."""
     from analysis.reports.document import Section, Table
 
@@ -230,7 +230,7 @@ def drill_section(outcome: Outcome, drill: dict[str, Any]) -> Section:
     return Section(f"{outcome.name}: {'passed' if outcome.passed else 'FAILED'}", (table,))
 
 
-def _line(outcome: Outcome) -> str:
+def _line(outcome: DrillResult) -> str:
     """Return what is said of a drill as soon as it is over."""
     if outcome.passed:
         return f"{outcome.name}: passed, lost {outcome.lost} ({outcome.seconds:.0f} s)"

@@ -16,10 +16,11 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import tomli_w
 
@@ -40,6 +41,23 @@ class PlannedStep:
     branch: Branch
     target_kpa: float
     plateau: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StepMark:
+    """One step of a run as the recording's table `step` keeps it; `number` is its `step_id`. Times are board time."""
+
+    number: int
+    cycle: int
+    branch: str
+    target_kpa: float
+    ramp_kpa_per_s: float
+    started_us: int
+    arrived_us: int | None = None
+    settled_us: int | None = None
+    ended_us: int | None = None
+    status: str = "running"  # running, reached, timeout, aborted
+    detail: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +167,21 @@ class Plan:
     def to_toml(self) -> str:
         """Return the plan as TOML, every key written out."""
         return tomli_w.dumps(dataclasses.asdict(self))
+
+
+def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:
+    """Return (first cycle, complete cycles) with which a broken run goes on: the next number that was never begun.
+
+    Parameters
+    ----------
+    marks : steps of the broken run, in order.
+    """
+    per_cycle = len(plan.targets_kpa)
+    reached: dict[int, int] = {}
+    for mark in marks:
+        if mark.cycle:
+            reached[mark.cycle] = reached.get(mark.cycle, 0) + (mark.status == "reached")
+    return max(reached, default=0) + 1, sum(n == per_cycle for n in reached.values())
 
 
 def _check(plan: Plan) -> None:

@@ -8,13 +8,14 @@ board time unless a name says otherwise.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
+    from boat_daq.engine.plan import Plan
+    from protocol.link.events import LinkStatistics
     from protocol.link.messages import Hello
     from protocol.recording import BoardState, SampleFlag
 
@@ -86,23 +87,6 @@ class LastSample:
 
 
 @dataclass(frozen=True, slots=True)
-class StepMark:
-    """One step of a run as the recording's table `step` keeps it; `number` is its `step_id`. Times are board time."""
-
-    number: int
-    cycle: int
-    branch: str
-    target_kpa: float
-    ramp_kpa_per_s: float
-    started_us: int
-    arrived_us: int | None = None
-    settled_us: int | None = None
-    ended_us: int | None = None
-    status: str = "running"  # running, reached, timeout, aborted
-    detail: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
 class Reading:
     """One reading of the elongation at a plateau; a correction is a newer one for the same step."""
 
@@ -125,6 +109,21 @@ class ReadingRequest:
     target_kpa: float
     pressure_kpa: float
     waits_until_s: float  # board time at which the run goes on without it
+
+
+@dataclass(frozen=True, slots=True)
+class HealthSnapshot:
+    """State of the link at one instant; counters since the link was made."""
+
+    statistics: LinkStatistics
+    rate_hz: float | None  # by the board's clock, lost samples left out, over the last 5 s of it
+    asked_hz: float | None
+    silent_s: float  # since the last byte
+    lag_ms: float  # age of the oldest thing not yet on disk
+    drift_ppm: float | None  # positive: the board's clock is slow; None while unknown, or where time is not real
+    jitter_ms: float | None  # rms about the fit
+    offset_ms: float | None  # host time of board time 0, from the first sample's arrival
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,12 +157,12 @@ class SessionSnapshot:
     simulated: bool = False
     can_command: bool = False
     why_read_only: str = ""
-    health: Any = None  # the link's figures: rate, lost, CRC errors, lag (engine/link_health.py)
+    health: HealthSnapshot | None = None
     speed: float = 1.0  # board time per host time; 1 for a real board
     heartbeat_ms: int = 0  # 0: not armed
     limits: Limits | None = None
     last: LastSample | None = None
-    plan: Any = None  # engine.plan.Plan
+    plan: Plan | None = None
     progress: Progress | None = None
     waiting_for_reading: ReadingRequest | None = None
     latched: str = ""  # why the interlock forbids pressure; empty when it does not

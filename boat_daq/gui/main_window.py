@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from boat_daq.engine.session.session import SessionState
+from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui import style
 from boat_daq.gui.command_list import register
 from boat_daq.gui.connect_panel import ConnectPanel

@@ -16,8 +16,9 @@ from pathlib import Path
 from analysis.fidelity import LEVELS as FIDELITY_LEVELS
 from analysis.fidelity import fidelity
 from boat_daq.engine.file_names import path_in
-from boat_daq.engine.session.session import LinkState, Session, SessionSnapshot, SessionState
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import Change, Changes, History
 from boat_daq.viewmodels.common.formatting import count

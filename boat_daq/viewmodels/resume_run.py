@@ -7,10 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from boat_daq.engine.control.sequencer import resume_point
-from boat_daq.engine.plan import Plan
+from boat_daq.engine.plan import Plan, resume_point
 from boat_daq.engine.recording.resumption import BrokenRun
-from boat_daq.engine.session.session import LinkState, Session, SessionSnapshot, SessionState
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count
 from boat_daq.viewmodels.common.notices import Level, Notice, Notices

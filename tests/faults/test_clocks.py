@@ -103,14 +103,14 @@ print(summarise(path).samples, load_overview(path).samples)
 @pytest.mark.fault(35, how="a day of 8.64 million samples, summed up in 1 GB of address space", times=1)
 def test_a_day_is_summed_up_in_bounded_memory(tmp_path: Path) -> None:
     """Every sample of the day is counted, from the overview, without its samples in memory."""
-    from boat_daq.engine.recording.rows import Overview
+    from boat_daq.engine.recording.rows import OverviewRows
 
     path = tmp_path / "day.boat"
     dtype = sample_dtype(2)
     meta = {"simulated": True, "n_sensors": 2, "sample_kind": "counts", "vref_mv": 3300, "adc_bits": 12, "rate_hz": 100}
     file = RecordingFile.create(path, meta)
     file.commit([("INSERT INTO segment VALUES (1, 0, 1, 'opened', 0, NULL)", ())])
-    overview = Overview(3300 / 4096)
+    overview = OverviewRows(3300 / 4096)
     statements: list[Statement] = []
     for block in range(86_400):
         samples = np.zeros(100, dtype)

@@ -15,14 +15,14 @@ from boat_daq.cli import app
 from boat_daq.commands.qualify import result
 from boat_daq.engine.qualification import drills, installation
 from boat_daq.engine.qualification.drills import available, run_drill
-from boat_daq.engine.qualification.test_rig import Bench, Criterion, Outcome
+from boat_daq.engine.qualification.test_rig import Criterion, DrillResult, DrillRig
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.simulator.server import BoardSettings
 from protocol import Samples
 from protocol.link import framing
 
 
-def broken(outcome: Outcome) -> set[str]:
+def broken(outcome: DrillResult) -> set[str]:
     """The criteria that are not kept."""
     return {criterion.text for criterion in outcome.criteria if not criterion.kept}
 
@@ -69,24 +69,24 @@ class _EqualToAll:
         return False
 
 
-def passing(_bench: Bench) -> Outcome:
+def passing(_bench: DrillRig) -> DrillResult:
     """Kept."""
-    return Outcome("passing", "nothing", (Criterion("is kept", "yes", True),), "nothing")
+    return DrillResult("passing", "nothing", (Criterion("is kept", "yes", True),), "nothing")
 
 
-def failing(_bench: Bench) -> Outcome:
+def failing(_bench: DrillRig) -> DrillResult:
     """Not kept."""
-    return Outcome("failing", "a doctored criterion", (Criterion("is <b>never</b> kept", "no", False),), "all")
+    return DrillResult("failing", "a doctored criterion", (Criterion("is <b>never</b> kept", "no", False),), "all")
 
 
-def breaking(_bench: Bench) -> Outcome:
+def breaking(_bench: DrillRig) -> DrillResult:
     """Raises."""
     raise RuntimeError("the drill itself broke")
 
 
-def empty(_bench: Bench) -> Outcome:
+def empty(_bench: DrillRig) -> DrillResult:
     """States no criterion."""
-    return Outcome("empty", "nothing", (), "nothing")
+    return DrillResult("empty", "nothing", (), "nothing")
 
 
 def test_a_drill_that_fails_makes_exit_1_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,9 +131,9 @@ def test_a_report_names_what_was_qualified(tmp_path: Path, monkeypatch: pytest.M
     """An operator signs for a program, a computer, a disk and a port: each stands in it, above the drills."""
     board = BoardSettings(speed=8.0, seed=0, faults=("index_gap@4:7",))
 
-    def served(bench: Bench) -> Outcome:
+    def served(bench: DrillRig) -> DrillResult:
         bench.served.append(board)
-        return Outcome("served", "7 frames", (Criterion("is kept", "yes", True),), "7 samples")
+        return DrillResult("served", "7 frames", (Criterion("is kept", "yes", True),), "7 samples")
 
     monkeypatch.setattr(drills, "DRILLS", (served,))
     run = CliRunner().invoke(app, ["qualify", "--out", str(tmp_path), "--json"])

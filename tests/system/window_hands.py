@@ -12,7 +12,7 @@ from PySide6.QtCore import QPoint
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QPushButton, QWidget
 
-from boat_daq.engine.session.session import SessionState
+from boat_daq.engine.snapshot import SessionState
 
 SPEED = 20.0
 

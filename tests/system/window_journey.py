@@ -20,7 +20,7 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QPushButton, QWidget
 
-from boat_daq.engine.session.session import SessionState
+from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui.app import make_application, make_window
 from boat_daq.gui.main_window import MainWindow
 from tests.system.window_hands import SPEED, RestartedBoard, by_mouse

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from boat_daq.engine.session.session import SessionState
+from boat_daq.engine.snapshot import SessionState
 from tests.system.window_journey import SPEED, Journey
 
 SAMPLE = Path(__file__).resolve().parents[2] / "recordings" / "simulated_SA1_two_cycles.boat"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from boat_daq.engine.snapshot import StepMark
+from boat_daq.engine.plan import StepMark
 
 
 @dataclass(frozen=True, slots=True)

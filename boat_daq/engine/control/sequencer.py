@@ -23,12 +23,12 @@ import numpy as np
 
 from boat_daq.engine.control.actions import Action, Ended, GoTo, Marked, Noted, SegmentBreak, VentNow
 from boat_daq.engine.control.step_watch import StepWatch
-from boat_daq.engine.plan import Plan, PlannedStep
+from boat_daq.engine.plan import Plan, PlannedStep, StepMark
 from boat_daq.engine.sample_columns import Columns
-from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, SessionState, StepMark
+from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, SessionState
 from boat_daq.errors import OperatorError
 
-__all__ = ["VENTED_KPA", "Ended", "GoTo", "Marked", "Noted", "SegmentBreak", "Sequencer", "VentNow", "resume_point"]
+__all__ = ["VENTED_KPA", "Ended", "GoTo", "Marked", "Noted", "SegmentBreak", "Sequencer", "VentNow"]
 
 VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5
@@ -386,18 +386,3 @@ class Sequencer:
         watch = self._watch
         now_s = max(0.0, each_s - watch.waited_s(self._time_us)) if watch and watch.reading_awaited else 0.0
         return now_s + behind * each_s
-
-
-def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:
-    """Return (first cycle, complete cycles) with which a broken run goes on: the next number that was never begun.
-
-    Parameters
-    ----------
-    marks : steps of the broken run, in order.
-    """
-    per_cycle = len(plan.targets_kpa)
-    reached: dict[int, int] = {}
-    for mark in marks:
-        if mark.cycle:
-            reached[mark.cycle] = reached.get(mark.cycle, 0) + (mark.status == "reached")
-    return max(reached, default=0) + 1, sum(n == per_cycle for n in reached.values())

@@ -9,7 +9,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from boat_daq.engine.link.transports import Transport, list_ports, open_transport
+from boat_daq.engine.link.transport import Transport
+from boat_daq.engine.link.transports import list_ports, open_transport
 from boat_daq.errors import DeviceError
 from protocol.link.connection import Connection
 from protocol.link.events import LinkEvent, WrongProtocol
@@ -19,7 +20,7 @@ ANSWER_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PortIdentity:
     """What came of asking a port; `hello` is None where no board of ours answered, and `remark` says why."""
 
     port: str
@@ -28,41 +29,41 @@ class Answer:
     remark: str
 
 
-def ask_port(url: str, description: str = "", *, timeout_s: float = ANSWER_S) -> Answer:
+def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_S) -> PortIdentity:
     """Open a port, ask who is there, and close it; never raises for what the port does."""
     try:
         transport = open_transport(url)
     except DeviceError as error:
-        return Answer(url, description, None, error.cause)
+        return PortIdentity(url, description, None, error.cause)
     try:
         return _ask(transport, url, description, timeout_s)
     except DeviceError as error:
-        return Answer(url, description, None, error.cause)
+        return PortIdentity(url, description, None, error.cause)
     finally:
         transport.close()
 
 
-def ask_all(*, progress: Callable[[float, float], None] | None = None) -> list[Answer]:
+def identify_all_ports(*, progress: Callable[[float, float], None] | None = None) -> list[PortIdentity]:
     """Ask every serial port of this machine."""
     ports = list_ports()
     answers = []
     for done, port in enumerate(ports):
         if progress is not None:
             progress(done, len(ports))
-        answers.append(ask_port(port.port, port.description))
+        answers.append(identify_port(port.port, port.description))
     return answers
 
 
 def find_board(board_id: str) -> str | None:
     """Return the port on which the board with this identity answers now, None if on none."""
     for port in list_ports():
-        hello = ask_port(port.port).hello
+        hello = identify_port(port.port).hello
         if hello is not None and hello.board_id == board_id:
             return port.port
     return None
 
 
-def _ask(transport: Transport, url: str, description: str, timeout_s: float) -> Answer:
+def _ask(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:
     """IDENTIFY until a HELLO comes or the time is over; a board that boots as its port is opened says it unasked."""
     link = Connection()
     end_s = time.monotonic() + timeout_s
@@ -73,14 +74,14 @@ def _ask(transport: Transport, url: str, description: str, timeout_s: float) -> 
         heard += len(data)
         events = link.receive(data, time.monotonic_ns())
         if link.hello is not None:
-            return Answer(url, description, link.hello, "")
+            return PortIdentity(url, description, link.hello, "")
         if version := _other_version(events):
-            return Answer(url, description, None, f"a BOAT board of protocol version {version}")
+            return PortIdentity(url, description, None, f"a BOAT board of protocol version {version}")
         _, again = link.poll(time.monotonic_ns())
         if again:
             transport.write(again)
     remark = "no answer" if not heard else "something answers that is not a BOAT board (or at another baud rate)"
-    return Answer(url, description, None, remark)
+    return PortIdentity(url, description, None, remark)
 
 
 def _other_version(events: list[LinkEvent]) -> int | None:

@@ -14,30 +14,15 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from boat_daq.engine.blocks import Block
+from boat_daq.engine.snapshot import HealthSnapshot
 from protocol.link.events import LinkStatistics, Samples
 
 WARN_FRACTION = 0.005  # of rate and drift
 RATE_WINDOW_US = 5_000_000  # of board time
 FIT_MIN_S = 10.0  # of host time, before which a drift says nothing
 SILENT_WARN_S = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class HealthSnapshot:
-    """State of the link at one instant; counters since the link was made."""
-
-    statistics: LinkStatistics
-    rate_hz: float | None  # by the board's clock, lost samples left out, over the last 5 s of it
-    asked_hz: float | None
-    silent_s: float  # since the last byte
-    lag_ms: float  # age of the oldest thing not yet on disk
-    drift_ppm: float | None  # positive: the board's clock is slow; None while unknown, or where time is not real
-    jitter_ms: float | None  # rms about the fit
-    offset_ms: float | None  # host time of board time 0, from the first sample's arrival
-    warnings: tuple[str, ...]
 
 
 class ClockFit:

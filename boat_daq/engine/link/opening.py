@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.link.replay import ReplayTransport
-from boat_daq.engine.link.transports import Transport, open_transport
-from boat_daq.engine.recording.verify import open_link
+from boat_daq.engine.link.transport import Transport
+from boat_daq.engine.link.transports import open_transport
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.toml_values import read_text
 from protocol.link.connection import Connection
@@ -63,3 +63,12 @@ def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
         first = db.execute("SELECT decoder FROM segment ORDER BY id LIMIT 1").fetchone()
     state = json.loads(first[0]) if first and first[0] else None
     return OpenPort(transport, open_link(meta, state), meta["profile"], meta)
+
+
+def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Link:
+    """Return the link that decodes a recording's bytes, in the state in which its recording began."""
+    if meta["profile"]:
+        return TextConnection(load_profile(meta["profile"]), decoder_state=decoder_state)
+    if decoder_state is not None:
+        return Connection(decoder_state=decoder_state)
+    return Connection(n_sensors=meta["n_sensors"], adc_bits=meta["adc_bits"] or 16)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from boat_daq.engine.blocks import Block, EngineEvent, PortLost, PortSilent, Sink, SinkFailed
-from boat_daq.engine.link.transports import Transport
+from boat_daq.engine.link.transport import Transport
 from boat_daq.errors import DeviceError
 from protocol.link.events import Link, LinkEvent, LinkStatistics
 from protocol.link.messages import Command, Heartbeat

@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from boat_daq.engine.link.transports import READ_WAIT_S
+from boat_daq.engine.link.transport import READ_WAIT_S
 from boat_daq.errors import DeviceError
 from protocol.recording import open_recording
 

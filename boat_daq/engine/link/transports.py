@@ -17,17 +17,17 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TypeVar
 from urllib.parse import urlsplit
 
 import serial
 from serial.tools import list_ports as system_ports
 
+from boat_daq.engine.link.replay import ReplayTransport
+from boat_daq.engine.link.transport import READ_WAIT_S, WRITE_WAIT_S, Transport
 from boat_daq.errors import DeviceError
 
 DEFAULT_BAUD = 115_200
-READ_WAIT_S = 0.05
-WRITE_WAIT_S = 0.25
 _RECEIVE_BYTES = 65_536
 _T = TypeVar("_T")
 _WINDOWS_BUFFER_BYTES = 65_536  # the driver's own 4 KB is 0.1 s at 1,000 samples/s
@@ -38,46 +38,6 @@ else:
     import termios
 
     _PORT_ERRORS = (OSError, TypeError, AttributeError, serial.SerialException, termios.error)
-
-
-class Transport(Protocol):
-    """An open port, owned by one reading thread; `write` may be called from another."""
-
-    @property
-    def description(self) -> str:
-        """The port as a reader knows it."""
-
-    @property
-    def can_write(self) -> bool:
-        """False for a replay: nobody is there to be commanded."""
-
-    def read(self) -> bytes:
-        """Return what is there, waiting up to 50 ms for the first byte; b"" when nothing came.
-
-        Raises
-        ------
-        DeviceError : the port is gone.
-        """
-
-    @property
-    def unread(self) -> bool:
-        """Whether there is more than `read` has returned.
-
-        Raises
-        ------
-        DeviceError : the port is gone.
-        """
-
-    def write(self, data: bytes) -> None:
-        """Send all of `data`.
-
-        Raises
-        ------
-        DeviceError : the port is gone, or takes nothing for 250 ms.
-        """
-
-    def close(self) -> None:
-        """Close; may be called twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +73,6 @@ def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = F
     if url.startswith("socket://"):
         return SocketTransport(url, allow_remote=allow_remote)
     if url.startswith("replay:"):
-        from boat_daq.engine.link.replay import ReplayTransport
-
         return ReplayTransport.from_url(url)
     return SerialTransport(url, baud)
 

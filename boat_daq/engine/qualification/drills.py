@@ -22,10 +22,10 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.qualification.test_rig import (
     VENTED_KPA,
     WAIT_S,
-    Bench,
-    Comparison,
     Criterion,
-    Outcome,
+    DrillResult,
+    DrillRig,
+    TruthComparison,
     compare,
     counts,
     identical,
@@ -55,7 +55,7 @@ STAIRS = Plan(
 )  # fmt: skip
 
 
-def loss(bench: Bench) -> Outcome:
+def loss(bench: DrillRig) -> DrillResult:
     """Frames that never arrive, and samples that the board itself drops."""
     faults = ("index_gap@4:1", "index_gap@6:7", "index_gap@8:255", "dropped@14:10", "drop_byte@16:0.0005")
     with bench.board(*faults) as board, bench.recording(board) as session:
@@ -63,10 +63,10 @@ def loss(bench: Bench) -> Outcome:
     found = compare(bench)
     criteria = (loss_is_exact(found), nothing_wrong(found), _happened(found.missing >= 273, found), identical(bench))
     injected = "1, 7 and 255 frames, one byte in 2,000, 10 dropped by the board"
-    return Outcome("loss", injected, criteria, lost(found), counts(found))
+    return DrillResult("loss", injected, criteria, lost(found), counts(found))
 
 
-def flips(bench: Bench) -> Outcome:
+def flips(bench: DrillRig) -> DrillResult:
     """One byte in a thousand with a flipped bit."""
     with bench.board("bit_flips@3:1e-3") as board, bench.recording(board) as session:
         session.wait(lambda s: s.last is not None and s.last.time_s > 50, WAIT_S)
@@ -77,10 +77,10 @@ def flips(bench: Bench) -> Outcome:
         _happened(found.summary.crc_errors > 0, found),
         identical(bench),
     )
-    return Outcome("flips", "a bit of one byte in 1,000 flipped", criteria, lost(found), counts(found))
+    return DrillResult("flips", "a bit of one byte in 1,000 flipped", criteria, lost(found), counts(found))
 
 
-def unplug(bench: Bench) -> Outcome:
+def unplug(bench: DrillRig) -> DrillResult:
     """The cable is pulled under pressure and put in again."""
     with bench.board("unplug@14:20") as board, bench.recording(board) as session:
         bench.run_plan(session, dataclasses.replace(PLAN, cycles=20))
@@ -100,10 +100,10 @@ def unplug(bench: Bench) -> Outcome:
         vented(found),
         identical(bench),
     )
-    return Outcome("unplug", "port gone for 20 s of board time, in a run", criteria, lost(found), counts(found))
+    return DrillResult("unplug", "port gone for 20 s of board time, in a run", criteria, lost(found), counts(found))
 
 
-def pump_stall(bench: Bench) -> Outcome:
+def pump_stall(bench: DrillRig) -> DrillResult:
     """Pumps that get no further than 30 kPa."""
     with bench.board("stall@0:30") as board, bench.recording(board) as session:
         bench.run_plan(session, PLAN)
@@ -118,10 +118,10 @@ def pump_stall(bench: Bench) -> Outcome:
         nothing_lost(found),
         identical(bench),
     )
-    return Outcome("stall", "pumps get no further than 30 kPa", criteria, lost(found), counts(found))
+    return DrillResult("stall", "pumps get no further than 30 kPa", criteria, lost(found), counts(found))
 
 
-def leak(bench: Bench) -> Outcome:
+def leak(bench: DrillRig) -> DrillResult:
     """A bladder that leaks behind the gauge: the pressure holds, the elongation does not."""
     with bench.board("leak@0:150") as board, bench.recording(board) as session:
         bench.run_plan(session, STAIRS)
@@ -132,10 +132,10 @@ def leak(bench: Bench) -> Outcome:
         nothing_lost(found),
         identical(bench),
     )
-    return Outcome("leak", "150 % of the bladder lost a minute", criteria, lost(found), counts(found))
+    return DrillResult("leak", "150 % of the bladder lost a minute", criteria, lost(found), counts(found))
 
 
-def ambient_flash(bench: Bench) -> Outcome:
+def ambient_flash(bench: DrillRig) -> DrillResult:
     """A lamp is switched on beside the sensor."""
     lamp_s = 15.0
     with bench.board(f"ambient_step@{lamp_s:g}:300") as board, bench.recording(board) as session:
@@ -156,10 +156,10 @@ def ambient_flash(bench: Bench) -> Outcome:
         nothing_lost(found),
         identical(bench),
     )
-    return Outcome("ambient flash", "a lamp beside the sensors, 300 mV", criteria, lost(found), counts(found))
+    return DrillResult("ambient flash", "a lamp beside the sensors, 300 mV", criteria, lost(found), counts(found))
 
 
-def estop(bench: Bench) -> Outcome:
+def estop(bench: DrillRig) -> DrillResult:
     """The e-stop is pressed in a run."""
     with bench.board("estop@12:30") as board, bench.recording(board) as session:
         bench.run_plan(session, dataclasses.replace(PLAN, cycles=20))
@@ -172,10 +172,10 @@ def estop(bench: Bench) -> Outcome:
         nothing_lost(found),
         identical(bench),
     )
-    return Outcome("e-stop", "pressed in a run", criteria, lost(found), counts(found))
+    return DrillResult("e-stop", "pressed in a run", criteria, lost(found), counts(found))
 
 
-def kill(bench: Bench) -> Outcome:
+def kill(bench: DrillRig) -> DrillResult:
     """The program is killed without a warning, under pressure."""
     with bench.board(speed=4.0) as board, recorder_under_pressure(bench, board) as process:
         process.kill()
@@ -198,10 +198,10 @@ def kill(bench: Bench) -> Outcome:
     )
     cut = f"the last {max(missing_s, 0.0):.2f} s before the kill"
     injected = "the recording program killed without a warning (SIGKILL), under pressure"
-    return Outcome("kill", injected, criteria, cut, counts(found))
+    return DrillResult("kill", injected, criteria, cut, counts(found))
 
 
-def host_stall(bench: Bench) -> Outcome:
+def host_stall(bench: DrillRig) -> DrillResult:
     """The computer stands still for three seconds, under pressure."""
     with bench.board(speed=4.0) as board, recorder_under_pressure(bench, board) as process:
         process.send_signal(signal.SIGSTOP)
@@ -222,10 +222,12 @@ def host_stall(bench: Bench) -> Outcome:
         vented(found),
         identical(bench),
     )
-    return Outcome("host stall", "the program stopped for 3 s, under pressure", criteria, lost(found), counts(found))
+    return DrillResult(
+        "host stall", "the program stopped for 3 s, under pressure", criteria, lost(found), counts(found)
+    )
 
 
-def slow_disk(bench: Bench) -> Outcome:
+def slow_disk(bench: DrillRig) -> DrillResult:
     """Every commit takes 0.7 s."""
     with bench.board() as board, slow_commits(0.7), bench.recording(board) as session:
         session.wait(lambda s: s.last is not None and s.last.time_s > 35, WAIT_S)
@@ -238,10 +240,10 @@ def slow_disk(bench: Bench) -> Outcome:
         nothing_wrong(found),
         identical(bench),
     )
-    return Outcome("slow disk", "0.7 s for each commit", criteria, lost(found), counts(found))
+    return DrillResult("slow disk", "0.7 s for each commit", criteria, lost(found), counts(found))
 
 
-Drill = Callable[[Bench], Outcome]
+Drill = Callable[[DrillRig], DrillResult]
 DRILLS: tuple[Drill, ...] = (loss, flips, unplug, pump_stall, leak, ambient_flash, estop, kill, host_stall, slow_disk)
 
 
@@ -250,23 +252,23 @@ def available() -> tuple[Drill, ...]:
     return tuple(drill for drill in DRILLS if drill is not host_stall or hasattr(signal, "SIGSTOP"))
 
 
-def run_drill(drill: Drill, folder: Path) -> Outcome:
+def run_drill(drill: Drill, folder: Path) -> DrillResult:
     """Run one drill in an empty folder; whatever goes wrong in it is its failure."""
     folder.mkdir(parents=True)
     begun = time.monotonic()
-    bench = Bench(folder)
+    bench = DrillRig(folder)
     try:
         outcome = drill(bench)
     except Exception as error:  # noqa: BLE001 - a drill that breaks has failed, and the next one is run
         name = drill.__name__.replace("_", " ")
         broke = Criterion("the drill comes to its end", f"{type(error).__name__}: {error}", False)
-        outcome = Outcome(name, (drill.__doc__ or "").strip(), (broke,), "unknown")
+        outcome = DrillResult(name, (drill.__doc__ or "").strip(), (broke,), "unknown")
     rate_hz = _rate(bench)
     seconds = time.monotonic() - begun
     return dataclasses.replace(outcome, seconds=seconds, boards=tuple(bench.served), rate_hz=rate_hz)
 
 
-def _rate(bench: Bench) -> float | None:
+def _rate(bench: DrillRig) -> float | None:
     """Return the sampling rate that a drill's recording was asked for; None where none can be read."""
     try:
         return summarise(bench.run).rate_asked_hz
@@ -274,7 +276,7 @@ def _rate(bench: Bench) -> float | None:
         return None
 
 
-def _happened(seen: bool, found: Comparison) -> Criterion:
+def _happened(seen: bool, found: TruthComparison) -> Criterion:
     """A drill in which the fault did not strike says nothing."""
     text = f"{found.missing} missing, {found.summary.damaged_frames} damaged frames"
     return Criterion("the fault has struck", text, seen)

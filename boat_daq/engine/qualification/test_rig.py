@@ -49,7 +49,7 @@ class Criterion:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class DrillResult:
     """What a drill came to, and on which boards; `lost` says in words what is missing from the recording."""
 
     name: str
@@ -68,7 +68,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class DrillRig:
     """Where a drill works: an empty folder of its own; `served` are the boards it had."""
 
     folder: Path
@@ -120,7 +120,7 @@ class Bench:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class TruthComparison:
     """A recording beside the board's truth, by board time.
 
     Attributes
@@ -146,7 +146,7 @@ class Comparison:
         return float(self.truth[-1, 1])
 
 
-def compare(bench: Bench) -> Comparison:
+def compare(bench: DrillRig) -> TruthComparison:
     """Hold the recording against the board's truth."""
     with closing(open_recording(bench.run)) as db:
         meta = read_session(db)
@@ -168,7 +168,7 @@ def compare(bench: Bench) -> Comparison:
         missing += int(inside.sum() - np.isin(times[inside], own).sum())
     between = (times >= samples["time_us"][0]) & (times <= samples["time_us"][-1]) if len(samples) else times < 0
     absent = int(between.sum() - np.isin(times[between], samples["time_us"]).sum()) - missing
-    return Comparison(summarise(bench.run), samples, truth, missing, absent, _wrong(samples, truth, meta), events)
+    return TruthComparison(summarise(bench.run), samples, truth, missing, absent, _wrong(samples, truth, meta), events)
 
 
 def _wrong(samples: npt.NDArray[np.void], truth: npt.NDArray[np.float64], meta: dict[str, Any]) -> int:
@@ -185,7 +185,7 @@ def _wrong(samples: npt.NDArray[np.void], truth: npt.NDArray[np.float64], meta: 
 # ---- criteria that several drills share ----------------------------------------------------------------------------
 
 
-def loss_is_exact(found: Comparison) -> Criterion:
+def loss_is_exact(found: TruthComparison) -> Criterion:
     """What the program says is lost is what the board's truth says is missing."""
     said = found.summary.lost_samples
     return Criterion(
@@ -193,41 +193,41 @@ def loss_is_exact(found: Comparison) -> Criterion:
     )
 
 
-def nothing_lost(found: Comparison) -> Criterion:
+def nothing_lost(found: TruthComparison) -> Criterion:
     """No sample is missing."""
     return Criterion("no sample is lost", f"{found.missing} of {len(found.samples)} missing", found.missing == 0)
 
 
-def nothing_wrong(found: Comparison) -> Criterion:
+def nothing_wrong(found: TruthComparison) -> Criterion:
     """Every recorded sample is one that the board took."""
     return Criterion("no wrong sample", f"{found.wrong} of {len(found.samples)}", found.wrong == 0)
 
 
-def vented(found: Comparison) -> Criterion:
+def vented(found: TruthComparison) -> Criterion:
     """The unit is without pressure at the end."""
     seen = f"{found.vented_kpa:+.2f} kPa at the end"
     return Criterion(f"the unit is vented, within {VENTED_KPA:g} kPa", seen, abs(found.vented_kpa) <= VENTED_KPA)
 
 
-def identical(bench: Bench) -> Criterion:
+def identical(bench: DrillRig) -> Criterion:
     """The recording comes out the same from its raw bytes."""
     verdict = verify_recording(bench.run)
     return Criterion("the recording is identical to its bytes", verdict.difference or "identical", verdict.identical)
 
 
-def said(found: Comparison, kinds: Sequence[str], text: str) -> Criterion:
+def said(found: TruthComparison, kinds: Sequence[str], text: str) -> Criterion:
     """One of these events is in the recording."""
     seen = [kind for kind in kinds if found.events.get(kind)]
     return Criterion(text, ", ".join(seen) or "nothing", bool(seen))
 
 
-def lost(found: Comparison) -> str:
+def lost(found: TruthComparison) -> str:
     """Say in words what the recording lacks."""
     said_lost = f"{found.missing} samples of {found.missing + len(found.samples)}" if found.missing else "nothing"
     return f"{said_lost}; {found.absent} instants without a link" if found.absent else said_lost
 
 
-def counts(found: Comparison) -> dict[str, float]:
+def counts(found: TruthComparison) -> dict[str, float]:
     """Return the counts of both sides."""
     s = found.summary
     return {
@@ -258,7 +258,7 @@ def slow_commits(seconds: float) -> Iterator[None]:
         setattr(RecordingFile, "commit", commit)  # noqa: B010
 
 
-def last_true(bench: Bench) -> tuple[float, float]:
+def last_true(bench: DrillRig) -> tuple[float, float]:
     """Return time (us) and pressure (kPa) of the newest whole line of the truth."""
     lines = bench.truth.read_text(encoding="utf-8").splitlines()[2:-1] if bench.truth.exists() else []
     cells = lines[-1].split(",") if lines else ["0"] * 4
@@ -266,7 +266,7 @@ def last_true(bench: Bench) -> tuple[float, float]:
 
 
 @contextmanager
-def recorder_under_pressure(bench: Bench, board: ServedBoard) -> Iterator[subprocess.Popen[bytes]]:
+def recorder_under_pressure(bench: DrillRig, board: ServedBoard) -> Iterator[subprocess.Popen[bytes]]:
     """Start `boat-daq record` in a process of its own and wait until the unit is under pressure."""
     root = str(Path(__file__).resolve().parents[3])
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))

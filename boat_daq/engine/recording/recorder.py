@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from boat_daq.engine.blocks import Block
-from boat_daq.engine.link.link_health import HealthSnapshot
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, set_meta
 from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
@@ -30,6 +29,7 @@ from boat_daq.engine.recording.rows import (
     reading_row,
     result_row,
 )
+from boat_daq.engine.snapshot import HealthSnapshot
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import BRANCHES, describe_dtype, sample_dtype
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
 from boat_daq.engine.recording.file_lock import WriterLock, is_being_written
-from boat_daq.engine.recording.rows import INSERT_EVENT, Overview, mv_per_count
+from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows, mv_per_count
 from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import RecordingError
 from protocol.recording import (
@@ -211,7 +211,7 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
         "SELECT coalesce(max(id), 0), coalesce(max(last_block), 0) FROM overview"
     ).fetchone()
     dtype = session_dtype(meta)
-    overview = Overview(mv_per_count(meta), next_id=last_row + 1)
+    overview = OverviewRows(mv_per_count(meta), next_id=last_row + 1)
     for number, segment, blob in db.execute(
         "SELECT id, segment, samples FROM block WHERE id > ? AND n > 0 AND length(samples) = n * ? ORDER BY id",
         (last_block, dtype.itemsize),

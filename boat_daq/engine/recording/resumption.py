@@ -18,14 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq import __version__
-from boat_daq.engine.control.sequencer import resume_point
-from boat_daq.engine.plan import Plan
+from boat_daq.engine.plan import Plan, StepMark, resume_point
 from boat_daq.engine.recording.file import RecordingFile, now_utc, set_meta
 from boat_daq.engine.recording.file_lock import is_being_written
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.rows import INSERT_EVENT, Counters
 from boat_daq.engine.recording.upgrade import upgrade
-from boat_daq.engine.snapshot import Reading, StepMark
+from boat_daq.engine.snapshot import Reading
 from boat_daq.engine.toml_values import build
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import (

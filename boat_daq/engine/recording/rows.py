@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from boat_daq import __version__
 from boat_daq.engine.blocks import Block, EngineEvent, PortLost, PortSilent, SinkFailed
-from boat_daq.engine.link.link_health import HealthSnapshot
 from boat_daq.engine.recording.file import Statement, now_utc
 from boat_daq.engine.sample_columns import columns
+from boat_daq.engine.snapshot import HealthSnapshot
 from boat_daq.errors import OperatorError
 from protocol.link import events as link
 from protocol.link.framing import FrameReader
@@ -113,7 +113,7 @@ def _finite(reduce: Callable[[NDArray[np.float64]], float], values: NDArray[np.f
     return float(reduce(finite)) if len(finite) else None
 
 
-class Overview:
+class OverviewRows:
     """Gathers blocks until about a thousand samples are one row of `overview`."""
 
     def __init__(self, scale_mv: float | None, *, next_id: int = 1) -> None:
@@ -168,7 +168,7 @@ class RowMaker:
 
     def __init__(self, meta: Mapping[str, Any], before: Counters = Counters()) -> None:
         self._dtype = dtype_from_description(meta["sample_dtype"])
-        self._overview = Overview(mv_per_count(meta), next_id=before.overview + 1)
+        self._overview = OverviewRows(mv_per_count(meta), next_id=before.overview + 1)
         self._held: list[NDArray[np.void]] = []  # samples of the current segment without a row yet
         self._last_block = before.block
         self._last_event = before.event

@@ -31,15 +31,15 @@ class SegmentSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class Cycles:
-    """Cycles by the sequencer's own marks."""
+class CycleCounts:
+    """CycleCounts by the sequencer's own marks."""
 
     complete: int
     partial: int
 
 
 @dataclass(frozen=True, slots=True)
-class Break:
+class BreakSummary:
     """Where a broken run went on (`resumption`): why it had ended, for how long, and with which cycle it went on."""
 
     utc: str
@@ -81,12 +81,12 @@ class Summary:
     pressure_max_kpa: float | None
     segments: tuple[SegmentSummary, ...]
     steps: int
-    cycles: Cycles
+    cycles: CycleCounts
     readings: int
     results: int
     size_bytes: int
     layout: int  # version of the file's tables
-    breaks: tuple[Break, ...] = ()
+    breaks: tuple[BreakSummary, ...] = ()
 
 
 def summarise(path: Path) -> Summary:
@@ -157,8 +157,8 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     )
 
 
-def _break(entry: dict[str, Any]) -> Break:
-    return Break(**{key: entry.get(key) for key in Break.__dataclass_fields__})  # type: ignore[arg-type]
+def _break(entry: dict[str, Any]) -> BreakSummary:
+    return BreakSummary(**{key: entry.get(key) for key in BreakSummary.__dataclass_fields__})  # type: ignore[arg-type]
 
 
 def _one(db: sqlite3.Connection, sql: str, values: tuple[Any, ...] = ()) -> Any:
@@ -192,7 +192,7 @@ def _rate(samples: int, segments: int, duration_s: float) -> float | None:
     return (samples - segments) / duration_s if duration_s > 0 else None
 
 
-def _cycles(db: sqlite3.Connection) -> Cycles:
+def _cycles(db: sqlite3.Connection) -> CycleCounts:
     """Count cycles: complete are those with as many steps as any, all of them reached, in both branches."""
     sql = """
         SELECT count(*), sum(status = 'reached'), count(DISTINCT branch) FROM step
@@ -200,4 +200,4 @@ def _cycles(db: sqlite3.Connection) -> Cycles:
     cycles = db.execute(sql).fetchall()
     most = max((steps for steps, _, _ in cycles), default=0)
     complete = sum(steps == most == reached and branches == 2 for steps, reached, branches in cycles)
-    return Cycles(complete, len(cycles) - complete)
+    return CycleCounts(complete, len(cycles) - complete)

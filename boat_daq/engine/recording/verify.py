@@ -22,10 +22,10 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.recording.rows import Overview, mv_per_count
+from boat_daq.engine.link.opening import open_link
+from boat_daq.engine.recording.rows import OverviewRows, mv_per_count
 from protocol.errors import ProfileError
 from protocol.link.bulk import decode_chunks
-from protocol.link.connection import Connection
 from protocol.link.events import Gap, Link, LinkEvent, Samples
 from protocol.recording import check_long_tables, open_recording, read_session, session_dtype
 from protocol.recording.checks import DAMAGE
@@ -96,17 +96,6 @@ def verify_recording(
     return Verification(not difference, difference, **tally, seconds=time.monotonic() - started)
 
 
-def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Link:
-    """Return the link that decodes a recording's bytes, in the state in which its recording began."""
-    if meta["profile"]:
-        from protocol.text.connection import TextConnection, load_profile
-
-        return TextConnection(load_profile(meta["profile"]), decoder_state=decoder_state)
-    if decoder_state is not None:
-        return Connection(decoder_state=decoder_state)
-    return Connection(n_sensors=meta["n_sensors"], adc_bits=meta["adc_bits"] or 16)
-
-
 def _resumed_link(meta: dict[str, Any], state: str | None, first: int) -> Link:
     """Return the link as it was before chunk `first`."""
     try:
@@ -123,7 +112,7 @@ def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Prog
         raise _Difference("there are no raw bytes to derive the samples from (the recording was imported)")
     gaps: list[tuple[int, int, int]] = []
     derived = _pieces(_derived(db, meta, tally, gaps))
-    stored = _pieces(_stored(db, dtype, Overview(mv_per_count(meta))))
+    stored = _pieces(_stored(db, dtype, OverviewRows(mv_per_count(meta))))
     for again, kept in _side_by_side(derived, stored):
         if again.dtype != kept.dtype or again.tobytes() != kept.tobytes():
             raise _Difference(_first_difference(kept, again, tally["samples"]))
@@ -183,7 +172,7 @@ def _chunks(db: sqlite3.Connection, first: int, after: int, tally: dict[str, int
             yield host_ns, raw
 
 
-def _stored(db: sqlite3.Connection, dtype: np.dtype[np.void], overview: Overview) -> Iterator[NDArray[np.void]]:
+def _stored(db: sqlite3.Connection, dtype: np.dtype[np.void], overview: OverviewRows) -> Iterator[NDArray[np.void]]:
     """Give the samples that the file has; check what the rows say of them, and the overview, on the way."""
     rows = db.execute("SELECT id, segment, n, first_time_us, last_time_us, samples FROM block ORDER BY id")
     kept = iter(db.execute("SELECT * FROM overview ORDER BY id").fetchall())

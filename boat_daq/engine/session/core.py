@@ -21,11 +21,12 @@ from boat_daq.engine.control.board_commands import Send
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.watchdog import FAST
 from boat_daq.engine.display.ring_buffer import RingBuffer
-from boat_daq.engine.link.link_health import HealthSnapshot, LinkHealth
+from boat_daq.engine.link.link_health import LinkHealth
 from boat_daq.engine.link.opening import OpenPort
 from boat_daq.engine.link.reader import Acquisition
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.session.journal import Journal
+from boat_daq.engine.snapshot import HealthSnapshot
 from boat_daq.errors import DeviceError, StorageError
 from protocol.errors import ProtocolError
 from protocol.link.events import HelloReceived, Samples, WrongProtocol

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from boat_daq.engine.link.link_health import HealthSnapshot
 from boat_daq.engine.log import memory_mb, note, note_failure
+from boat_daq.engine.snapshot import HealthSnapshot
 
 EVERY_S = 1.0
 

@@ -12,9 +12,10 @@ from datetime import UTC, datetime
 
 from boat_daq.engine.control.actions import Ended, Marked, Noted, SegmentBreak
 from boat_daq.engine.log import note
+from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
-from boat_daq.engine.snapshot import Message, Reading, StepMark
+from boat_daq.engine.snapshot import Message, Reading
 from boat_daq.errors import OperatorError
 
 MESSAGES = 50

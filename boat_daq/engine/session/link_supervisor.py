@@ -32,7 +32,7 @@ GOODBYE_S = 1.0
 _BUSY = (LinkState.OPENING, LinkState.UP, LinkState.LOST)
 
 
-class Keeper:
+class LinkSupervisor:
     """Keeps one port."""
 
     def __init__(

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from boat_daq.engine.plan import Plan
-from boat_daq.engine.snapshot import StepMark
+from boat_daq.engine.plan import Plan, StepMark
 from boat_daq.errors import OperatorError
 from protocol.errors import LocalError
 from protocol.recording.elongation_file import ElongationRow as FileReading

@@ -19,47 +19,19 @@ from typing import Any
 
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.preflight import Check
-from boat_daq.engine.control.sequencer import resume_point
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.log import note
-from boat_daq.engine.plan import Plan
+from boat_daq.engine.plan import Plan, StepMark, resume_point
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.active_recording import Recordings
 from boat_daq.engine.session.core import Core, SampleSink
 from boat_daq.engine.session.health_log import HealthLog, Vitals
 from boat_daq.engine.session.journal import now_utc
-from boat_daq.engine.session.link_supervisor import Keeper
+from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_remarks
-from boat_daq.engine.snapshot import (
-    LastSample,
-    Limits,
-    LinkState,
-    Message,
-    Phase,
-    Progress,
-    Reading,
-    ReadingRequest,
-    SessionSnapshot,
-    SessionState,
-    StepMark,
-)
+from boat_daq.engine.snapshot import LinkState, Reading, SessionSnapshot, SessionState
 from boat_daq.errors import DeviceError, OperatorError
 from protocol.link.messages import Vent
-
-__all__ = [
-    "LastSample",
-    "Limits",
-    "LinkState",
-    "Message",
-    "Phase",
-    "Progress",
-    "Reading",
-    "ReadingRequest",
-    "Session",
-    "SessionSnapshot",
-    "SessionState",
-    "StepMark",
-]
 
 VENTING_WAIT_S = 5.0
 POLL_S = 0.01
@@ -79,7 +51,7 @@ class Session:
         self.units = UnitLibrary() if units is None else units
         self._core = Core()
         self._recordings = Recordings(self._core, self.settings, self.units)
-        self._keeper = Keeper(self._core, self.settings, end_recording=self._recordings.end)
+        self._keeper = LinkSupervisor(self._core, self.settings, end_recording=self._recordings.end)
         self._health_log = HealthLog(self._vitals)
         self._tell_remarks()
         self._goes_on: tuple[int, int] | None = None  # first cycle and complete cycles of an armed run that goes on

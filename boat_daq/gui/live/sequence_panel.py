@@ -8,7 +8,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QFrame, QPushButton, QVBoxLayout, QWidget
 
-from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets

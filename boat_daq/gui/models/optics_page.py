@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
 
-from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.models.optics_plots import MapsCard, ParetoCard, ResponseCard, SceneCard
 from boat_daq.gui.widgets import controls as widgets

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.models.atlas_card import NO_LIMIT, AtlasCard
 from boat_daq.gui.models.tradeoff_chart import TradeoffCard

@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QDialog, QVBoxLayout, QWidget
 
-from boat_daq.engine.session.session import LinkState, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.live.readings_panel import ReadingsTable
 from boat_daq.gui.widgets import controls as widgets

@@ -8,7 +8,7 @@ import numpy as np
 from PySide6.QtWidgets import QGridLayout, QTabWidget, QVBoxLayout, QWidget
 
 from analysis.arrays import FloatArray
-from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plotting.plot_card import PlotCard

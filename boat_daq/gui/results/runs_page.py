@@ -32,7 +32,7 @@ from PySide6.QtWidgets import (
 )
 
 from analysis.arrays import FloatArray
-from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, ramp_ink, sensor_ink
 from boat_daq.gui.plotting.plot_card import PlotCard

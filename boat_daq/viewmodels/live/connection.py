@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from boat_daq.engine.link.discovery import Answer, ask_all
+from boat_daq.engine.link.discovery import PortIdentity, identify_all_ports
 from boat_daq.engine.link.transports import list_ports
-from boat_daq.engine.session.session import LinkState, Session, SessionSnapshot
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 from boat_daq.viewmodels.common.preferences import Preferences
@@ -148,7 +149,7 @@ class ConnectionModel:
         self._board_waits = False
         self.boards: dict[str, str] = {}  # port -> identity, as the boards themselves say
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="ports")
-        self._asking: Future[list[Answer]] | None = None
+        self._asking: Future[list[PortIdentity]] | None = None
 
     @property
     def last_port(self) -> str:
@@ -177,7 +178,7 @@ class ConnectionModel:
     def ask_boards(self) -> None:
         """Ask every port who is there, on a helper thread; not while a board is connected, whose port is not ours."""
         if self._asking is None and self.session.snapshot().link is LinkState.CLOSED:
-            self._asking = self._pool.submit(ask_all)
+            self._asking = self._pool.submit(identify_all_ports)
 
     def heard_boards(self) -> bool:
         """Take the answers where they have come; returns whether they have."""

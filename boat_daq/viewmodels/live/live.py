@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.arrays import FloatArray
-from boat_daq.engine.session.session import LinkState, SessionSnapshot
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 

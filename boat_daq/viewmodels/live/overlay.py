@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from analysis.arrays import FloatArray
-from boat_daq.engine.session.session import StepMark
+from boat_daq.engine.plan import StepMark
 from boat_daq.viewmodels.live.live import Ring, sensor_names
 
 KEPT = 5

@@ -14,7 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.session.session import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState, StepMark
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import Change, Changes
 from boat_daq.viewmodels.common.formatting import NOTHING, count, number, plain_number, target

@@ -15,7 +15,8 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
-from boat_daq.engine.session.session import Limits, Phase, Session, SessionSnapshot, SessionState
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.snapshot import Limits, Phase, SessionSnapshot, SessionState
 from boat_daq.engine.toml_values import read_text
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.changes import Change, Changes

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.arrays import FloatArray
-from boat_daq.engine.session.session import SessionSnapshot
+from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.formatting import MINUS, THIN, count, duration, number
 from boat_daq.viewmodels.live.live import Ring, signals
 from boat_daq.viewmodels.live.overlay import OverlayModel

@@ -18,8 +18,9 @@ from analysis.arrays import FloatArray
 from analysis.calibration.compare import Agreement, compare_fits
 from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
-from boat_daq.engine.session.session import Session, SessionState
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import Change, Changes, History
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number

@@ -8,8 +8,9 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
+from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.append import append_reading
-from boat_daq.engine.session.session import Reading, StepMark
+from boat_daq.engine.snapshot import Reading
 from protocol.recording import open_recording
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.fidelity import Fidelity, fidelity
-from boat_daq.engine.session.session import SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.work import Bench, Work, WorkState
 from boat_daq.viewmodels.results.analysis_view import CycleSeries, RunResult

@@ -9,15 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from boat_daq.engine.display.ring_buffer import RingBuffer
-from boat_daq.engine.session.session import (
-    LastSample,
-    Limits,
-    LinkState,
-    Reading,
-    SessionSnapshot,
-    SessionState,
-    StepMark,
-)
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, SessionSnapshot, SessionState
 from protocol.recording import BoardState, SampleFlag, sample_dtype
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QMessageBox, QScrollBar
 
-from boat_daq.engine.session.session import Phase, Progress, ReadingRequest, SessionState, StepMark
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, SessionState
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Level
 from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText

@@ -21,7 +21,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from boat_daq.engine.session.session import LinkState, Message, ReadingRequest, SessionState, StepMark
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import LinkState, Message, ReadingRequest, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.viewmodels.app_model import PAGES

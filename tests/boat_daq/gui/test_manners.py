@@ -22,7 +22,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from boat_daq.engine.session.session import ReadingRequest, SessionState, StepMark
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import ReadingRequest, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.palette import shown
 from boat_daq.viewmodels.app_model import PAGES

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 from PySide6.QtWidgets import QApplication, QScrollArea
 
-from boat_daq.engine.link.link_health import HealthSnapshot
+from boat_daq.engine.snapshot import HealthSnapshot
 from boat_daq.viewmodels.results.runs import HEADINGS, read_run
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.results.test_runs_page import SAMPLE, choose

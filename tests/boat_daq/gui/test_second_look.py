@@ -19,7 +19,8 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from boat_daq.engine.session.session import ReadingRequest, SessionState, StepMark
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import ReadingRequest, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.gui.palette import ALSO
 from boat_daq.gui.style import THUMBNAIL

@@ -11,8 +11,8 @@ import pytest
 from analysis.errors import AnalysisError
 from analysis.optics.scene.curves import parametric_elongations
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.engine.session.session import Progress, SessionState
 from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.snapshot import Progress, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import History
 from boat_daq.viewmodels.common.work import Bench, Work, WorkState

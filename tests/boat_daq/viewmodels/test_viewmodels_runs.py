@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from analysis import load_recording
-from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.recording.resumption import BrokenRun
-from boat_daq.engine.session.session import LinkState, SessionState, StepMark
 from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import History
 from boat_daq.viewmodels.common.notices import Notices

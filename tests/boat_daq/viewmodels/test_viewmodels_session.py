@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from boat_daq.engine.plan import built_in_plans
-from boat_daq.engine.session.session import LinkState, Phase, Progress, ReadingRequest, SessionState, StepMark
+from boat_daq.engine.plan import StepMark, built_in_plans
+from boat_daq.engine.snapshot import LinkState, Phase, Progress, ReadingRequest, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import History
 from boat_daq.viewmodels.live.connection import link_text

@@ -8,7 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from boat_daq.engine.session.session import Phase, Progress, StepMark
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import Phase, Progress
 from boat_daq.viewmodels.common.formatting import number
 from boat_daq.viewmodels.common.work import Bench, Failure, WorkState
 from boat_daq.viewmodels.live import shadow_live

@@ -9,20 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boat_daq.engine.control.sequencer import (
-    READING_S,
-    Ended,
-    GoTo,
-    Marked,
-    SegmentBreak,
-    Sequencer,
-    VentNow,
-    resume_point,
-)
+from boat_daq.engine.control.sequencer import READING_S, Ended, GoTo, Marked, SegmentBreak, Sequencer, VentNow
 from boat_daq.engine.control.step_watch import StepWatch
-from boat_daq.engine.plan import Plan, PlannedStep
+from boat_daq.engine.plan import Plan, PlannedStep, StepMark, resume_point
 from boat_daq.engine.sample_columns import Columns
-from boat_daq.engine.snapshot import Phase, SessionState, StepMark
+from boat_daq.engine.snapshot import Phase, SessionState
 from boat_daq.errors import OperatorError
 from protocol.recording import SampleFlag
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from boat_daq.commands.ports import ports
 from boat_daq.engine.link import discovery
-from boat_daq.engine.link.discovery import ask_port, find_board
+from boat_daq.engine.link.discovery import find_board, identify_port
 from boat_daq.engine.link.transports import PortInfo, open_transport
 from protocol.link.messages import MessageType
 from protocol.simulator.board import VirtualBoard
@@ -70,7 +70,7 @@ def test_a_board_is_known_by_its_hello_and_the_port_is_free_again():
     board = Board()
     with served(board) as port:
         began = time.monotonic()
-        answer = ask_port(port)
+        answer = identify_port(port)
         assert time.monotonic() - began < 1.0
         assert answer.hello is not None
         assert "SIM" in answer.hello.board_id
@@ -81,7 +81,7 @@ def test_asking_presses_nothing():
     """IDENTIFY is the only command on the wire."""
     board = Board()
     with served(board) as port:
-        ask_port(port)
+        identify_port(port)
     from protocol.link.framing import FrameReader
 
     types = {frame.type for frame in FrameReader().receive(board.asked)}
@@ -99,7 +99,7 @@ def test_a_silent_port_another_device_and_another_version_are_told_apart():
     for answer, says in cases:
         with served(answer) as port:
             began = time.monotonic()
-            told = ask_port(port)
+            told = identify_port(port)
             assert time.monotonic() - began < 1.5
             assert told.hello is None
             assert says in told.remark
@@ -109,9 +109,9 @@ def test_a_port_that_cannot_be_opened_says_why():
     """Listing ports never fails because one of them is busy or gone."""
     with served(Board()) as port:
         mine = open_transport(port)
-        assert "in use" in ask_port(port).remark
+        assert "in use" in identify_port(port).remark
         mine.close()
-    assert "no port" in ask_port("/dev/ttyNOWHERE").remark
+    assert "no port" in identify_port("/dev/ttyNOWHERE").remark
 
 
 @pytest.mark.fault(11, how="a board that comes back under another port's name", times=1)
@@ -120,7 +120,7 @@ def test_a_board_is_found_again_under_another_name(monkeypatch):
     with served(lambda _came: b"") as other, served(Board()) as port:
         found = [PortInfo(name, "", "", None) for name in (other, port)]
         monkeypatch.setattr(discovery, "list_ports", lambda: found)
-        board_id = ask_port(port).hello.board_id
+        board_id = identify_port(port).hello.board_id
         assert find_board(board_id) == port
         assert find_board("another") is None
 

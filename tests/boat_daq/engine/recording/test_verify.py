@@ -14,9 +14,10 @@ from typer.testing import CliRunner
 
 import protocol
 from boat_daq.engine.blocks import Block
+from boat_daq.engine.link.opening import open_link
 from boat_daq.engine.recording.append import append_result
 from boat_daq.engine.recording.recorder import Recorder
-from boat_daq.engine.recording.verify import open_link, verify_recording
+from boat_daq.engine.recording.verify import verify_recording
 from protocol import Connection, Start
 from protocol.recording import dtype_from_description, open_recording, read_session
 from protocol.simulator.board import VirtualBoard

@@ -11,7 +11,7 @@ import pytest
 
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.session.core import Core
-from boat_daq.engine.session.link_supervisor import TICK_S, Keeper
+from boat_daq.engine.session.link_supervisor import TICK_S, LinkSupervisor
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState
@@ -63,7 +63,7 @@ def test_what_is_no_board_is_refused_within_three_seconds(
     clock, core, sent = Clock(), Core(), []
     plain_send = core.send_now
     monkeypatch.setattr(core, "send_now", lambda command, **more: sent.append(command) or plain_send(command, **more))
-    keeper = Keeper(core, Settings(), end_recording=lambda _: None, clock_s=clock)
+    keeper = LinkSupervisor(core, Settings(), end_recording=lambda _: None, clock_s=clock)
     keeper._ending = True  # no thread: turned by hand
     with port_of(kind) as url:
         keeper.open(url, None, Controller())

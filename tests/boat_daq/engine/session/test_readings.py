@@ -10,7 +10,7 @@ import pytest
 
 from analysis.errors import FileError
 from analysis.segmentation.plateau_readings import read_elongation_file
-from boat_daq.engine.plan import Plan, built_in_plans
+from boat_daq.engine.plan import Plan, StepMark, built_in_plans
 from boat_daq.engine.session.readings import (
     FileReading,
     check_against_plan,
@@ -19,7 +19,6 @@ from boat_daq.engine.session.readings import (
     simulated_reading,
     truth_at_plateaus,
 )
-from boat_daq.engine.snapshot import StepMark
 from boat_daq.errors import OperatorError
 
 PLAN = dataclasses.replace(built_in_plans()["calibration"], cycles=2)

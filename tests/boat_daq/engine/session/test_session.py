@@ -18,9 +18,10 @@ import pytest
 
 from boat_daq.engine.plan import Plan, built_in_plans
 from boat_daq.engine.session.readings import enter_simulated_readings
-from boat_daq.engine.session.session import LinkState, Session, SessionState
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.errors import DeviceError, OperatorError, StorageError
 from tests.boat_daq.engine.other_devices import Chatter
 

@@ -11,7 +11,7 @@ import pytest
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QApplication, QToolButton
 
-from boat_daq.engine.session.session import StepMark
+from boat_daq.engine.plan import StepMark
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.viewmodels.app_model import PAGES

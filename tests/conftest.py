@@ -5,12 +5,21 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 import boat_daq  # noqa: F401  before numpy: it gives the BLAS one thread, as the program does
 
 pytest_plugins = ("tests.outside_writes",)
+
+if TYPE_CHECKING:
+    from analysis.arrays import FloatArray
+    from analysis.optics.scene.frame import Frame
+    from analysis.shadow.fem.parameters import ActuatorParameters
+    from analysis.shadow.model.full import FullModel
+    from analysis.shadow.model.reduced import ReducedModel
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -37,3 +46,44 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the shared data folder is not beside this checkout")
     return folder
+
+
+@pytest.fixture(scope="session")
+def curves() -> FloatArray:
+    """Return the 15 states of the parametric set, whose lengths are known."""
+    from analysis.optics.scene.curves import parametric_curves
+
+    return parametric_curves()
+
+
+@pytest.fixture(scope="session")
+def frames(curves: FloatArray) -> list[Frame]:
+    """Return the frames of these states with the default guide."""
+    from analysis.optics.scene.curves import frames_of
+    from analysis.optics.scene.parameters import Waveguide
+
+    return frames_of(curves, Waveguide())
+
+
+@pytest.fixture(scope="session")
+def actuator() -> FullModel:
+    """Return the paper's actuator."""
+    from analysis.shadow.model.full import FullModel
+
+    return FullModel()
+
+
+@pytest.fixture(scope="session")
+def table() -> ReducedModel:
+    """Return the reduced model of the paper's actuator, built here and not taken from a cache."""
+    from analysis.shadow.model.table import build_table
+
+    return build_table()
+
+
+@pytest.fixture(scope="session")
+def short() -> ActuatorParameters:
+    """Return two bladders on a coarse mesh: every step at a tenth of the cost."""
+    from analysis.shadow.fem.parameters import ActuatorParameters
+
+    return ActuatorParameters(cells=2, axial_elements=6, wall_elements=1, lattice_elements=3)

@@ -88,8 +88,8 @@ def test_the_offset_stands_in_the_file(
 LOOK = """
 import resource, sys
 from pathlib import Path
-from analysis.overview import load_overview
-from boat_daq.engine.summary import summarise
+from analysis.data.overview import load_overview
+from boat_daq.engine.recording.summary import summarise
 limit = 1 << 30
 resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 path = Path(sys.argv[1])

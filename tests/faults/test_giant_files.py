@@ -22,21 +22,21 @@ from tests.faults.seeds import seeds
 READERS = """
 import resource, sys
 from pathlib import Path
-from analysis.csv_columns import load_profile as load_map
-from analysis.csv_import import import_csv
-from analysis.elongation import read_elongation_file
-from analysis.optics.curve_file import read_curves
+from analysis.data.csv_columns import load_profile as load_map
+from analysis.data.csv_import import import_csv
+from analysis.segmentation.plateau_readings import read_elongation_file
+from analysis.optics.scene.curve_file import read_curves
 from analysis.data.load import load_recording
 from analysis.reports.writing import write_report
-from analysis.shadow.mesh_files import read_mesh
-from analysis.shadow.parameter_files import read_parameters
+from analysis.shadow.fem.mesh_files import read_mesh
+from analysis.shadow.model.parameter_files import read_parameters
 from boat_daq.engine.plan import load_plan
-from boat_daq.engine.readings import read_elongation_csv
-from boat_daq.engine.recovery import recover
+from boat_daq.engine.session.readings import read_elongation_csv
+from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.settings import UnitLibrary, load_settings
-from boat_daq.engine.summary import summarise
-from boat_daq.engine.verify import verify_recording
-from protocol.profile_file import load_profile
+from boat_daq.engine.recording.summary import summarise
+from boat_daq.engine.recording.verify import verify_recording
+from protocol.text.profile import load_profile
 pages = int(Path("/proc/self/statm").read_text().split()[0])
 limit = pages * resource.getpagesize() + (300 << 20)
 resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

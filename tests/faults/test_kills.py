@@ -30,7 +30,7 @@ PRESSED_KPA = 5.0
 HOSTS = """
 import os, sys, time
 from pathlib import Path
-from boat_daq.engine.session import Session
+from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from tests.faults.drill import SHORT
 import dataclasses

@@ -145,7 +145,7 @@ BOUNDED = """
 import os, resource, sys
 from pathlib import Path
 from PySide6.QtWidgets import QApplication
-from boat_daq.gui.picture_file import read_picture
+from boat_daq.gui.live.picture_file import read_picture
 application = QApplication([])
 pages = int(Path("/proc/self/statm").read_text().split()[0])
 limit = pages * resource.getpagesize() + int(sys.argv[2])

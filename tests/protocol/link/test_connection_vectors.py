@@ -16,7 +16,7 @@ from protocol.link.messages import MessageType, decode_command, decode_message, 
 from tests.protocol.link.streams import HELLO, stream
 from tests.vectors.make_vectors import vectors
 
-FOLDER = Path(__file__).resolve().parents[1] / "vectors"
+FOLDER = Path(__file__).resolve().parents[2] / "vectors"
 
 
 def load(name: str) -> Any:

@@ -21,8 +21,8 @@ from tests.boat_daq.engine.recording_source import rows
 FORKS = """
 import os, sys, time
 from pathlib import Path
-from boat_daq.engine.recorder import Recorder
-from tests.boat_daq.recording_source import Source, begin
+from boat_daq.engine.recording.recorder import Recorder
+from tests.boat_daq.engine.recording_source import Source, begin
 
 def record(path, rate_hz):
     source = Source(rate_hz=rate_hz)

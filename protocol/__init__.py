@@ -19,11 +19,11 @@ from protocol.link.events import (
     BoardRestarted,
     CommandDone,
     CommandLost,
-    Gap,
     HelloReceived,
     Link,
     LinkEvent,
     LinkStatistics,
+    SampleGap,
     Samples,
     WrongProtocol,
 )
@@ -45,6 +45,8 @@ from protocol.link.messages import (
 )
 from protocol.recording import BoardState, SampleFlag, sample_dtype
 from protocol.text.connection import TextConnection, TextProfile, load_profile
+
+Gap = SampleGap  # the name that scripts import
 
 __all__ = [
     "AckStatus",
@@ -73,6 +75,7 @@ __all__ = [
     "ProtocolError",
     "RemoteError",
     "SampleFlag",
+    "SampleGap",
     "Samples",
     "SetLimits",
     "SetPressure",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol.link.events import Gap, Link, LinkEvent, LinkStatistics, Samples
+from protocol.link.events import Link, LinkEvent, LinkStatistics, SampleGap, Samples
 from protocol.link.sample_stream import Rows
 from protocol.recording import sample_dtype
 
@@ -24,7 +24,7 @@ class Decoded:
     """What was in the bytes: samples in their order, gaps, every other event, and the link's counters."""
 
     samples: Rows
-    gaps: tuple[Gap, ...]
+    gaps: tuple[SampleGap, ...]
     events: tuple[LinkEvent, ...]
     statistics: LinkStatistics
 
@@ -72,7 +72,7 @@ def decode_samples(chunks: Iterable[tuple[int, bytes]] | bytes, link: Link) -> D
     arrays = [event.array for event in events if isinstance(event, Samples)]
     return Decoded(
         samples=np.concatenate(arrays) if arrays else np.empty(0, sample_dtype(link.n_sensors or 2, link.sample_kind)),
-        gaps=tuple(event for event in events if isinstance(event, Gap)),
-        events=tuple(event for event in events if not isinstance(event, Samples | Gap)),
+        gaps=tuple(event for event in events if isinstance(event, SampleGap)),
+        events=tuple(event for event in events if not isinstance(event, Samples | SampleGap)),
         statistics=link.statistics,
     )

@@ -46,7 +46,7 @@ from protocol.link.messages import (
     Vent,
     decode_message,
 )
-from protocol.link.pending_commands import Exchange
+from protocol.link.pending_commands import PendingCommands
 from protocol.link.sample_stream import Rows, SampleStream, implausible
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
 
@@ -95,7 +95,7 @@ class Connection:
         self._adc_bits = adc_bits
         self._reader = FrameReader()
         self._stream = SampleStream()
-        self._exchange = Exchange(in_turn=in_turn)
+        self._pending_commands = PendingCommands(in_turn=in_turn)
         self._hello: Hello | None = None
         self._wrong_version: int | None = None
         self._something_to_lose = False
@@ -138,14 +138,14 @@ class Connection:
             oversize=self._reader.oversize,
             duplicates=self._stream.duplicates,
             unknown=self._unknown,
-            resent=self._exchange.resent,
-            late_answers=self._exchange.late_answers,
+            resent=self._pending_commands.resent,
+            late_answers=self._pending_commands.late_answers,
         )
 
     @property
     def next_deadline_ns(self) -> int | None:
         """When `poll` has something to do at the latest; None if it waits for nothing."""
-        return self._exchange.next_deadline_ns
+        return self._pending_commands.next_deadline_ns
 
     def send(self, command: Command, now_ns: int) -> bytes:
         """Return the bytes that carry a command; empty where it waits for its turn, and comes from `poll`.
@@ -160,15 +160,15 @@ class Connection:
                 f"the board speaks protocol version {self._wrong_version}, this program version {PROTOCOL_VERSION}",
                 "update the board's firmware or this program, so that both speak the same version",
             )
-        return self._exchange.send(command, now_ns)
+        return self._pending_commands.send(command, now_ns)
 
     def feed(self, command: Heartbeat, now_ns: int) -> bytes:
         """Return bytes that feed a fast virtual board's watchdog at once; see `Link`."""
-        return self._exchange.feed(command, now_ns)
+        return self._pending_commands.feed(command, now_ns)
 
     def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
         """Return the commands that were lost, and the bytes of those to repeat or whose turn has come."""
-        return self._exchange.poll(now_ns, heard_ns)
+        return self._pending_commands.poll(now_ns, heard_ns)
 
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
         """Return what the bytes tell, in their order; samples carry `now_ns` as their `host_ns`.
@@ -247,16 +247,20 @@ class Connection:
     def _take_hello(self, hello: Hello, now_ns: int) -> list[LinkEvent]:
         if hello.protocol != PROTOCOL_VERSION:
             self._wrong_version, self._n_sensors = hello.protocol, None
-            self._exchange.keep_waiting(*_TO_ANY_VERSION)
-            return [WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._exchange.identified(now_ns)]
-        restarted = self._something_to_lose and not self._exchange.hello_expected
+            self._pending_commands.keep_waiting(*_TO_ANY_VERSION)
+            return [WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._pending_commands.identified(now_ns)]
+        restarted = self._something_to_lose and not self._pending_commands.hello_expected
         self._hello, self._wrong_version = hello, None
         self._n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
         self._stream.stream_may_restart()
         if restarted:
             self._something_to_lose = False
-            return [BoardRestarted(hello), *self._exchange.board_restarted(), *self._exchange.identified(now_ns)]
-        return [HelloReceived(hello), *self._exchange.identified(now_ns)]
+            return [
+                BoardRestarted(hello),
+                *self._pending_commands.board_restarted(),
+                *self._pending_commands.identified(now_ns),
+            ]
+        return [HelloReceived(hello), *self._pending_commands.identified(now_ns)]
 
     def _take_ack(self, ack: Ack, now_ns: int) -> list[LinkEvent]:
         if ack.status == AckStatus.DONE:
@@ -264,7 +268,7 @@ class Connection:
                 self._stream.stream_started()
             elif ack.command_type == MessageType.STOP:
                 self._stream.stream_may_restart()
-        events = self._exchange.acknowledge(ack, now_ns)
+        events = self._pending_commands.acknowledge(ack, now_ns)
         self._something_to_lose |= bool(events)
         return events
 
@@ -276,4 +280,4 @@ class Connection:
         if not self._something_to_lose:
             return [received]
         self._something_to_lose = False
-        return [BoardRestarted(None), *self._exchange.board_restarted(), received]
+        return [BoardRestarted(None), *self._pending_commands.board_restarted(), received]

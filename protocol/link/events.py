@@ -25,7 +25,7 @@ class Samples:
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class SampleGap:
     """Exactly `lost` samples are missing before the one with `before_index`, which was taken at `time_us`."""
 
     lost: int
@@ -84,7 +84,14 @@ class CommandLost:
 
 
 LinkEvent = (
-    Samples | Gap | HelloReceived | WrongProtocol | BoardRestarted | BoardEventReceived | CommandDone | CommandLost
+    Samples
+    | SampleGap
+    | HelloReceived
+    | WrongProtocol
+    | BoardRestarted
+    | BoardEventReceived
+    | CommandDone
+    | CommandLost
 )
 
 

@@ -21,6 +21,7 @@ from protocol.link.framing import Frame, encode_frame
 
 PROTOCOL_VERSION = 1
 SENSORS_MAX = 4
+SIMULATED = "SIMULATED-"  # begins the identity of every virtual board, and of no other
 
 
 class MessageType(enum.IntEnum):
@@ -94,6 +95,11 @@ class Hello:
     pressure_min_pa: int
     pressure_max_pa: int
     board_id: str
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the board is a virtual one."""
+        return self.board_id.startswith(SIMULATED)
 
 
 @dataclass(frozen=True, slots=True)

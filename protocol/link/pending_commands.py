@@ -65,7 +65,7 @@ class _Pending:
         self.deadline_ns = self.first_ns + ATTEMPTS * RETRY_NS
 
 
-class Exchange:
+class PendingCommands:
     """The commands that wait for their answer, or for their turn.
 
     Parameters

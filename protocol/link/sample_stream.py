@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from protocol.arrays import BoolArray, IntArray
-from protocol.link.events import BoardRestarted, Gap, LinkEvent, Samples
+from protocol.link.events import BoardRestarted, LinkEvent, SampleGap, Samples
 from protocol.recording import SampleFlag
 
 WRAP = 1 << 32
@@ -208,7 +208,7 @@ class SampleStream:
         if known is not None and _wrapped(order - known, self._order_wrap) > 0:
             if started and self._unclaimed:  # the stream we found was ours: an answer to START came late
                 self.lost += self._unclaimed
-                events.append(Gap(self._unclaimed, self._unclaimed, self._time))
+                events.append(SampleGap(self._unclaimed, self._unclaimed, self._time))
                 self._unclaimed = 0
             return
         self._new_stream(rows)
@@ -254,7 +254,7 @@ class SampleStream:
                 lost = int(steps[at]) - 1
                 self.lost += lost
                 rows["flags"][at] |= SampleFlag.GAP_BEFORE
-                events.append(Gap(lost, int(rows["index"][at]), int(rows["time_us"][at])))
+                events.append(SampleGap(lost, int(rows["index"][at]), int(rows["time_us"][at])))
         self.samples += len(rows)
         if self._indexed:
             self._order = int(rows["index"][-1])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.arrays import FloatArray
-from protocol.simulator.specimens import SensorUnit
+from protocol.simulator.specimens import SpecimenSensor
 
 Counts = NDArray[np.uint16]
 
@@ -72,7 +72,7 @@ class SampleNoise:
 class FrontEnd:
     """Emitter, receiver and converter of each sensor."""
 
-    def __init__(self, sensors: tuple[SensorUnit, ...]) -> None:
+    def __init__(self, sensors: tuple[SpecimenSensor, ...]) -> None:
         quantisation = LSB_MV**2 / 12
         dark = [_DARK_NOISE_MV] * len(sensors)
         lit = [(s.noise_mv**2 - _DARK_NOISE_MV**2 - 2 * quantisation) ** 0.5 for s in sensors]

@@ -40,7 +40,7 @@ from protocol.simulator.board_control import HARD_LIMITS_PA, BoardControl
 from protocol.simulator.faults import FAULTS, Fault, FaultSchedule
 from protocol.simulator.plant import PUMP_REACH_KPA, TICK_US, Body, Pneumatics, Sensors
 from protocol.simulator.sampler import PlantBlock, SampleBlock, Sampler, truth_dtype
-from protocol.simulator.specimens import find_unit
+from protocol.simulator.specimens import find_specimen
 from protocol.simulator.transmitter import Transmitter
 
 RATE_MAX_HZ = 20_000
@@ -55,7 +55,7 @@ class VirtualBoard:
 
     Parameters
     ----------
-    unit : a name of `protocol.simulator.specimens.UNIT_NAMES`.
+    unit : a name of `protocol.simulator.specimens.SPECIMEN_NAMES`.
     seed : of all noise and of damage on the wire.
     faults : what goes wrong, and when (`protocol.simulator.faults`).
     log_truth : keep the noise-free values beside each sample for `take_truth`.
@@ -68,7 +68,7 @@ class VirtualBoard:
     def __init__(
         self, unit: str = "SA1", *, seed: int = 0, faults: Iterable[Fault] = (), log_truth: bool = False
     ) -> None:
-        self.unit = find_unit(unit)
+        self.unit = find_specimen(unit)
         self.now_us = 0  # board time since power-on
         faults = tuple(faults)
         self._true_us = 0

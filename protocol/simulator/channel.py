@@ -12,7 +12,7 @@ import numpy as np
 OTHER_DEVICE = b"T=21.5 C RH=40 %\r\n"
 
 
-class Wire:
+class Channel:
     """Bytes as the board sends them to bytes as they arrive."""
 
     def __init__(self, seed: int) -> None:

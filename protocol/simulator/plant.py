@@ -15,7 +15,7 @@ import numpy as np
 
 from protocol.arrays import FloatArray
 from protocol.simulator.hysteresis import Hysteresis, PlaySum
-from protocol.simulator.specimens import ActuatorUnit, SensorUnit
+from protocol.simulator.specimens import SpecimenActuator, SpecimenSensor
 
 TICK_US = 10_000
 TICK_S = TICK_US / 1e6
@@ -101,7 +101,7 @@ class Pneumatics:
 class Body:
     """Elongation under the bladder's pressure: a generalised Prandtl-Ishlinskii operator, then creep."""
 
-    def __init__(self, unit: ActuatorUnit) -> None:
+    def __init__(self, unit: SpecimenActuator) -> None:
         self._hysteresis = Hysteresis(unit.hysteresis)
         self._creep = [[share, TICK_S / time_s, 0.0] for share, time_s in unit.creep]
 
@@ -130,7 +130,7 @@ class Sensors:
 
     _PLAYS = 8
 
-    def __init__(self, sensors: tuple[SensorUnit, ...], range_mm: tuple[float, float]) -> None:
+    def __init__(self, sensors: tuple[SpecimenSensor, ...], range_mm: tuple[float, float]) -> None:
         self._sensors = sensors
         self._middle = (range_mm[0] + range_mm[1]) / 2
         half = (range_mm[1] - range_mm[0]) / 2

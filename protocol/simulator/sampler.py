@@ -17,7 +17,7 @@ from protocol.recording import SampleFlag
 from protocol.simulator.adc import FULL_SCALE, PRESSURE_NOISE_PA, FrontEnd, SampleNoise
 from protocol.simulator.plant import TICK_US
 from protocol.simulator.sample_frames import body_dtype
-from protocol.simulator.specimens import Unit
+from protocol.simulator.specimens import Specimen
 
 
 def truth_dtype(n_sensors: int) -> np.dtype[np.void]:
@@ -51,10 +51,10 @@ class SampleBlock:
 class Sampler:
     """Makes the samples of a unit, run after run."""
 
-    def __init__(self, unit: Unit, seed: int) -> None:
+    def __init__(self, specimen: Specimen, seed: int) -> None:
         self.run = 0  # STARTs so far
-        self._front_end = FrontEnd(unit.sensors)
-        self._n_sensors = len(unit.sensors)
+        self._front_end = FrontEnd(specimen.sensors)
+        self._n_sensors = len(specimen.sensors)
         self._seed = seed
         self._noise = SampleNoise(seed, 0, self._n_sensors)
         self._rate_hz = 0

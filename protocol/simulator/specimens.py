@@ -12,13 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from protocol.errors import LocalError
+from protocol.link.messages import SIMULATED
 from protocol.simulator.hysteresis import PlaySum
 
 FALLING = "-falling"
 
 
 @dataclass(frozen=True, slots=True)
-class ActuatorUnit:
+class SpecimenActuator:
     """From pressure (kPa) to elongation (mm): hysteresis, then creep.
 
     `creep` holds (share, time constant in s): that share of a change of elongation comes that much later.
@@ -29,7 +30,7 @@ class ActuatorUnit:
 
 
 @dataclass(frozen=True, slots=True)
-class SensorUnit:
+class SpecimenSensor:
     """From elongation (mm) to signal (mV).
 
     Parameters
@@ -43,70 +44,70 @@ class SensorUnit:
     loop_mv: float
     noise_mv: float
 
-    def falling(self) -> SensorUnit:
+    def falling(self) -> SpecimenSensor:
         """Return the sensor behind a stage that does not invert: mirrored about its signal at rest."""
         b0, b1, b2, b3 = self.coefficients
         return replace(self, coefficients=(b0, -b1, -b2, -b3), loop_mv=-self.loop_mv)
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class Specimen:
     """One sensorized actuator. `range_mm` is its elongation at -40 and at +50 kPa."""
 
     name: str
-    actuator: ActuatorUnit
-    sensors: tuple[SensorUnit, ...]
+    actuator: SpecimenActuator
+    sensors: tuple[SpecimenSensor, ...]
     range_mm: tuple[float, float]
 
     @property
     def board_id(self) -> str:
         """The identity in HELLO; 16 characters at most, and it says what it is."""
-        return "SIMULATED-" + self.name.removesuffix(FALLING) + ("-F" if self.name.endswith(FALLING) else "")
+        return SIMULATED + self.name.removesuffix(FALLING) + ("-F" if self.name.endswith(FALLING) else "")
 
 
-def _actuator(elastic: float, hysteretic: float, curvature: float) -> ActuatorUnit:
+def _actuator(elastic: float, hysteretic: float, curvature: float) -> SpecimenActuator:
     """Return an actuator of an elastic term and eight plays of equal weight (mm/kPa), radii up to 40 kPa."""
     radii = (0.0, *(5.0 * n for n in range(1, 9)))
     plays = PlaySum(radii, (elastic, *[hysteretic] * 8), curvature - 1e-4, curvature + 1e-4)
-    return ActuatorUnit(plays, creep=((0.003, 1.0), (0.004, 12.0)))
+    return SpecimenActuator(plays, creep=((0.003, 1.0), (0.004, 12.0)))
 
 
 _UNITS = {
     unit.name: unit
     for unit in (
-        Unit(
+        Specimen(
             "SA1",
             _actuator(0.06733402, 0.001095398, 1.102425e-03),
             (
-                SensorUnit((1651.9842, 46.4413, -2.6934, -0.36251), 1.080306, 1.49),
-                SensorUnit((1624.5567, 33.37911, -2.3102, -0.14139), 0.474745, 1.04),
+                SpecimenSensor((1651.9842, 46.4413, -2.6934, -0.36251), 1.080306, 1.49),
+                SpecimenSensor((1624.5567, 33.37911, -2.3102, -0.14139), 0.474745, 1.04),
             ),
             (-2.70, 3.80),
         ),
-        Unit(
+        Specimen(
             "SA2",
             _actuator(0.06451026, 0.001023766, 1.132803e-03),
             (
-                SensorUnit((1588.40, 43.912, -2.3870, -0.33820), 0.890869, 1.37),
-                SensorUnit((1671.25, 36.084, -2.5145, -0.17205), 0.638972, 1.12),
+                SpecimenSensor((1588.40, 43.912, -2.3870, -0.33820), 0.890869, 1.37),
+                SpecimenSensor((1671.25, 36.084, -2.5145, -0.17205), 0.638972, 1.12),
             ),
             (-2.58, 3.64),
         ),
-        Unit(
+        Specimen(
             "SA3",
             _actuator(0.06991210, 0.001125470, 1.038649e-03),
             (
-                SensorUnit((1703.10, 49.276, -2.9052, -0.31140), 1.466129, 1.58),
-                SensorUnit((1597.80, 31.145, -2.0516, -0.13010), 0.413190, 0.98),
+                SpecimenSensor((1703.10, 49.276, -2.9052, -0.31140), 1.466129, 1.58),
+                SpecimenSensor((1597.80, 31.145, -2.0516, -0.13010), 0.413190, 0.98),
             ),
             (-2.81, 3.93),
         ),
     )
 }
-UNIT_NAMES = (*_UNITS, *(name + FALLING for name in _UNITS))
+SPECIMEN_NAMES = (*_UNITS, *(name + FALLING for name in _UNITS))
 
 
-def find_unit(name: str) -> Unit:
+def find_specimen(name: str) -> Specimen:
     """Return the unit of that name; `-falling` behind it mirrors its sensors.
 
     Raises
@@ -115,7 +116,7 @@ def find_unit(name: str) -> Unit:
     """
     unit = _UNITS.get(name.removesuffix(FALLING))
     if unit is None:
-        raise LocalError(f"there is no unit {name!r}", "use one of " + ", ".join(UNIT_NAMES))
+        raise LocalError(f"there is no unit {name!r}", "use one of " + ", ".join(SPECIMEN_NAMES))
     if name.endswith(FALLING):
         return replace(unit, name=name, sensors=tuple(sensor.falling() for sensor in unit.sensors))
     return unit

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from protocol.link.messages import BoardEvent, BoardMessage, EventCode, encode_message
 from protocol.recording import SampleFlag
-from protocol.simulator.channel import Wire
+from protocol.simulator.channel import Channel
 from protocol.simulator.faults import Countdown, FaultSchedule
 from protocol.simulator.sample_frames import encode_samples, frame_length
 
@@ -33,7 +33,7 @@ class Transmitter:
         self.countdown = Countdown()
         self._schedule = schedule
         self._frame_length = frame_length(n_sensors)
-        self._wire = Wire(seed)
+        self._channel = Channel(seed)
         self._out = bytearray()
         self._absurd = 0
         self._held = np.empty((0, self._frame_length), np.uint8)  # the first of a pair in the wrong order
@@ -54,7 +54,7 @@ class Transmitter:
     def send_raw(self, data: bytes) -> None:
         """Send bytes that are no frame of ours, or frames that are ready."""
         if not self.off:
-            self._out += self._wire.carry(data, self._schedule.active)
+            self._out += self._channel.carry(data, self._schedule.active)
 
     def send(self, message: BoardMessage) -> None:
         """Send one message."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from protocol.arrays import FloatArray
 from protocol.simulator.plant import TICK_S, Body, Pneumatics, Sensors, cubic
-from protocol.simulator.specimens import find_unit
+from protocol.simulator.specimens import find_specimen
 
 CONTINUOUS = (50.0, -40.0, 50.0)
 SETTLED_S = 1.0  # behind the end of a ramp, as `analysis` takes a hold for settled
@@ -77,7 +77,7 @@ def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: f
     ------
     LocalError : no such unit.
     """
-    model = find_unit(unit)
+    model = find_specimen(unit)
     pneumatics = Pneumatics()
     pressure: list[float] = []
     arrivals = []
@@ -105,7 +105,7 @@ def truth_figures(
 
     Parameters
     ----------
-    unit : its name, "SA1" or as in `UNIT_NAMES`.
+    unit : its name, "SA1" or as in `SPECIMEN_NAMES`.
     cycle_kpa : targets of one cycle, first and last the same; `CONTINUOUS` or `STAIRCASE`, or a plan's own.
     ramp_kpa_per_s, dwell_s : how the targets are approached and held; a cycle of more than its two ends is a staircase,
         read from `SETTLED_S` after the arrival on.
@@ -114,7 +114,7 @@ def truth_figures(
     ------
     LocalError : no such unit.
     """
-    model = find_unit(unit)
+    model = find_specimen(unit)
     targets = (*cycle_kpa, *cycle_kpa[1:], *cycle_kpa[1:])
     run = noise_free_run(unit, targets, ramp_kpa_per_s=ramp_kpa_per_s, dwell_s=dwell_s)
     third = slice(-round((run.time_s.size - abs(cycle_kpa[0]) / ramp_kpa_per_s / TICK_S - dwell_s / TICK_S) / 3), None)

@@ -36,7 +36,7 @@ from protocol.link.sample_stream import NO_WRAP, WRAP, Rows, SampleStream, impla
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
 from protocol.text.command_templates import COMMANDS
 from protocol.text.delimited_lines import LineReader
-from protocol.text.profile import Column, TextProfile, load_profile
+from protocol.text.profile import ProfileColumn, TextProfile, load_profile
 from protocol.text.rx8 import PacketFormat, PacketReader
 
 __all__ = ["TextConnection", "TextProfile", "load_profile"]
@@ -214,7 +214,7 @@ class TextConnection:
         return rows
 
 
-def _bounds(column: Column) -> tuple[float, float, bool, bool]:
+def _bounds(column: ProfileColumn) -> tuple[float, float, bool, bool]:
     """Return the least and greatest value a column can have, whether it is whole, and whether all this is waived."""
     if column.name == "time":
         return 0, 2.0**53, False, False

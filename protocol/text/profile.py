@@ -86,7 +86,7 @@ _FIELD: _Rules = {
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class ProfileColumn:
     """One field with a meaning: its value in the unit of the recording is `raw * factor + offset`."""
 
     name: str
@@ -108,12 +108,12 @@ class TextProfile:
     polarity: int
     limits_pa: tuple[int, int] | None
     sample_kind: SampleKind
-    columns: tuple[Column, ...]
+    columns: tuple[ProfileColumn, ...]
     format: LineFormat | PacketFormat
     signed: tuple[bool, ...]  # of the columns; RX8 only
     templates: dict[str, Template] = field(hash=False)
 
-    def column(self, name: str) -> Column | None:
+    def column(self, name: str) -> ProfileColumn | None:
         """Return the column of a name, None if the device does not send it."""
         return next((column for column in self.columns if column.name == name), None)
 
@@ -294,7 +294,7 @@ def _sample_kind(names: list[str], device: dict[str, Any]) -> SampleKind:
     )
 
 
-def _column(entry: dict[str, Any], device: dict[str, Any]) -> Column:
+def _column(entry: dict[str, Any], device: dict[str, Any]) -> ProfileColumn:
     name, unit = entry["name"], entry["unit"]
     if entry["wraps_at"] is not None and (name not in ("time", "index") or entry["wraps_at"] < 256):
         raise ProfileError(f"wraps_at = {entry['wraps_at']} for {name}", "only time and index wrap, at 256 or more")
@@ -314,7 +314,7 @@ def _column(entry: dict[str, Any], device: dict[str, Any]) -> Column:
     measured = name == "pressure" or name.endswith("signal")
     if not measured and (offset or scale <= 0 or (scale != 1 and name != "time")):
         raise ProfileError(f"{name} has scale {scale} and offset {offset}", "time may have a scale, counts neither")
-    return Column(name, scale * units[unit], offset * units[unit], entry["wraps_at"])
+    return ProfileColumn(name, scale * units[unit], offset * units[unit], entry["wraps_at"])
 
 
 def _templates(commands: dict[str, Any]) -> dict[str, Template]:

@@ -19,7 +19,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState, SessionState
-from protocol import Connection, Gap, Samples
+from protocol import Connection, SampleGap, Samples
 from protocol.link.messages import Heartbeat, SetPressure, Stop, Vent
 from protocol.recording import SampleFlag, open_recording
 from tests.faults.drill import OVER, ROOT, SHORT, VOLT_MV, Drill, drill, needs_pty
@@ -55,7 +55,7 @@ def count_losses(frames: int, share: float) -> None:
         ends = stream(sample(start)) if start == 0 else b"", stream(sample(start + 4_999)) if whole and start else b""
         body = stream(*(sample(i) for i in range(start + (start == 0), start + 5_000 - bool(ends[1]))))
         for event in link.receive(ends[0] + damaged(body, share, rng) + b"\0" + ends[1], 0):
-            if isinstance(event, Gap):
+            if isinstance(event, SampleGap):
                 lost += event.lost
             if isinstance(event, Samples):
                 rows, index = event.array, event.array["index"].astype(np.int64)
@@ -96,7 +96,7 @@ def test_every_single_byte_deletion_resynchronises_within_one_frame() -> None:
         hit = int(np.searchsorted(ends, at, side="right")) + 1
         lost = {hit, hit + 1} if at + 1 in ends else {hit}
         assert set(range(33)) - set(got.tolist()) == lost
-        assert sum(event.lost for event in events if isinstance(event, Gap)) == len(lost)
+        assert sum(event.lost for event in events if isinstance(event, SampleGap)) == len(lost)
 
 
 def check_samples(found: Drill, tolerance_mv: float = 12.0) -> int:

@@ -118,7 +118,7 @@ class Dialogue:
         The watchdog of a virtual board, which may run faster than we do, waits until its speed is known.
         """
         self.identifying, self.introduced_ns = False, self.now_ns
-        if "SIMULATED" not in hello.board_id:
+        if not hello.simulated:
             self.send(Heartbeat(LONGEST_MS))
         if limits is not None:
             self.send(limits)

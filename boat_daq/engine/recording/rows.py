@@ -292,7 +292,7 @@ class RowMaker:
                 yield from self.event(host_ns, "board", "refused", status, f"{command}: {status!r}")
             case link.CommandLost(command, _):
                 yield from self.event(host_ns, "host", "command_lost", None, str(command))
-            case link.Gap(lost, before_index, time_us):
+            case link.SampleGap(lost, before_index, time_us):
                 text = f"before index {before_index}"
                 yield from self.event(host_ns, "host", "gap", lost, text, time_us)
             case link.BoardEventReceived(told, time_us):

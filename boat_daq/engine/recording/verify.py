@@ -26,7 +26,7 @@ from boat_daq.engine.link.opening import open_link
 from boat_daq.engine.recording.rows import OverviewRows, mv_per_count
 from protocol.errors import ProfileError
 from protocol.link.bulk import decode_chunks
-from protocol.link.events import Gap, Link, LinkEvent, Samples
+from protocol.link.events import Link, LinkEvent, SampleGap, Samples
 from protocol.recording import check_long_tables, open_recording, read_session, session_dtype
 from protocol.recording.checks import DAMAGE
 
@@ -153,7 +153,7 @@ def _derived(
 def _take(event: LinkEvent, gaps: list[tuple[int, int, int]]) -> Iterator[NDArray[np.void]]:
     if isinstance(event, Samples):
         yield event.array
-    elif isinstance(event, Gap):
+    elif isinstance(event, SampleGap):
         gaps.append((event.lost, event.before_index, event.time_us))
 
 

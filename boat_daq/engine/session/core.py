@@ -59,7 +59,7 @@ class Core:
     def simulated(self) -> bool:
         """Whether what comes is no real unit's."""
         hello, replayed = self.control.hello, self.port.replayed if self.port else None
-        return bool(replayed["simulated"]) if replayed else hello is not None and "SIMULATED" in hello.board_id
+        return bool(replayed["simulated"]) if replayed else hello is not None and hello.simulated
 
     @property
     def good_frames(self) -> bool:

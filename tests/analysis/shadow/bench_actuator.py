@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from protocol.simulator.plant import TICK_S, Body, Pneumatics, Sensors, cubic
-from protocol.simulator.specimens import find_unit
+from protocol.simulator.specimens import find_specimen
 
 PUMP_NOISE = 0.15  # kPa/s a tick, as on the virtual board
 HUM_MV, HUM_S = 0.157, 24.99  # flicker of 5 mV at 100.04 Hz between dark and lit, 50 us apart, sampled at 100 Hz
@@ -44,7 +44,7 @@ def run_actuator(
     calibration knows an elongation.
     """
     ill = illness or Illness()
-    rng, unit, line = np.random.default_rng(seed), find_unit(unit_name), Pneumatics()
+    rng, unit, line = np.random.default_rng(seed), find_specimen(unit_name), Pneumatics()
     levels = [*range(40, -50, -10), *range(-30, 60, 10)] if staircase else [-40, 50]
     gauge: list[float] = []
     bladder: list[float] = []

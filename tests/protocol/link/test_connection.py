@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from protocol import BoardRestarted, Connection, Gap, Samples, decode_samples
+from protocol import BoardRestarted, Connection, SampleGap, Samples, decode_samples
 from tests.protocol.link.plain_decoder import PlainDecoder
 from tests.protocol.link.streams import HELLO, cut, hello_and, sample, stream, troubled_streams
 
@@ -31,7 +31,7 @@ def decoded(events) -> tuple[list[tuple], list[tuple[int, int, int]], int]:
         )
         for r in rows
     ]
-    gaps = [(event.lost, event.before_index, event.time_us) for event in events if isinstance(event, Gap)]
+    gaps = [(event.lost, event.before_index, event.time_us) for event in events if isinstance(event, SampleGap)]
     return samples, gaps, len(rows)
 
 
@@ -77,8 +77,8 @@ def test_bulk_gives_the_same_samples_bit_for_bit(data: bytes, places: list[int])
     bulk = decode_samples(chunks, Connection())
     streamed = [event.array for event in events if isinstance(event, Samples)]
     assert bulk.samples.tobytes() == b"".join(array.tobytes() for array in streamed)
-    assert list(bulk.gaps) == [event for event in events if isinstance(event, Gap)]
-    assert list(bulk.events) == [event for event in events if not isinstance(event, Gap | Samples)]
+    assert list(bulk.gaps) == [event for event in events if isinstance(event, SampleGap)]
+    assert list(bulk.events) == [event for event in events if not isinstance(event, SampleGap | Samples)]
     assert bulk.statistics == link.statistics
 
 

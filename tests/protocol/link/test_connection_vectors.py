@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from cobs import cobs
 
-from protocol import Connection, Gap, Samples
+from protocol import Connection, SampleGap, Samples
 from protocol.link.framing import FrameReader, encode_frame
 from protocol.link.messages import MessageType, decode_command, decode_message, encode_command, encode_message
 from tests.protocol.link.streams import HELLO, stream
@@ -89,6 +89,6 @@ def test_the_sessions_samples_gaps_and_counts() -> None:
     assert rows["index"].tolist() == case["index"]
     assert rows["time_us"].tolist() == case["time_us"]
     assert rows["flags"].tolist() == case["flags"]
-    gaps = [{"lost": e.lost, "before_index": e.before_index} for e in events if isinstance(e, Gap)]
+    gaps = [{"lost": e.lost, "before_index": e.before_index} for e in events if isinstance(e, SampleGap)]
     assert gaps == case["gaps"]
     assert {name: getattr(link.statistics, name) for name in case["counts"]} == case["counts"]

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol import Connection, SampleFlag, Samples
-from protocol.link.events import BoardEventReceived, BoardRestarted, Gap, LinkEvent
+from protocol.link.events import BoardEventReceived, BoardRestarted, LinkEvent, SampleGap
 from protocol.link.messages import BoardEvent, Hello, Sample, encode_message
 from protocol.link.sample_stream import SampleStream, implausible
 from protocol.recording import sample_dtype
@@ -21,8 +21,8 @@ def rows_of(events: list[LinkEvent]) -> np.ndarray:
     return np.concatenate([event.array for event in events if isinstance(event, Samples)])
 
 
-def gaps_of(events: list[LinkEvent]) -> list[Gap]:
-    return [event for event in events if isinstance(event, Gap)]
+def gaps_of(events: list[LinkEvent]) -> list[SampleGap]:
+    return [event for event in events if isinstance(event, SampleGap)]
 
 
 @pytest.mark.fault(5, how="1, 7, 255, 256 and 70,000 samples missing, across the index's wrap too", times=10)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.simulator.adc import AMBIENT_MV, FULL_SCALE, LSB_MV, FrontEnd, SampleNoise
-from protocol.simulator.specimens import find_unit
+from protocol.simulator.specimens import find_specimen
 
-SENSORS = find_unit("SA1").sensors
+SENSORS = find_specimen("SA1").sensors
 N = 40_000
 
 

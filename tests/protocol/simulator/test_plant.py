@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.simulator.plant import PUMP_KPA_PER_S, TICK_S, Body, Pneumatics, Sensors, cubic
-from protocol.simulator.specimens import find_unit
+from protocol.simulator.specimens import find_specimen
 
-SA1 = find_unit("SA1")
+SA1 = find_specimen("SA1")
 
 
 def pressures(pneumatics: Pneumatics, seconds: float) -> np.ndarray:

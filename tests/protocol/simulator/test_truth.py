@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from protocol.errors import LocalError
-from protocol.simulator.specimens import UNIT_NAMES, find_unit
+from protocol.simulator.specimens import SPECIMEN_NAMES, find_specimen
 from protocol.simulator.truth import STAIRCASE, loop_width, noise_free_run, truth_figures
 
 # "What the paper's numbers imply": sensitivity, FSO, SNR, noise, hysteresis over 100 cycles; sensor 1 and 2.
@@ -41,7 +41,7 @@ def test_sa1_moves_as_the_paper_implies():
     assert truth.system_sensitivity_mv_per_mm == pytest.approx(34.2, abs=0.1)
 
 
-@pytest.mark.parametrize("unit", UNIT_NAMES)
+@pytest.mark.parametrize("unit", SPECIMEN_NAMES)
 def test_most_of_each_loop_is_the_actuators(unit):
     """The sensors' own loops are a small part of the system's."""
     truth = truth_figures(unit)
@@ -61,10 +61,10 @@ def test_falling_unit_is_the_mirror(unit):
         assert down.sensitivity_mv_per_mm == up.sensitivity_mv_per_mm
 
 
-@pytest.mark.parametrize("unit", UNIT_NAMES)
+@pytest.mark.parametrize("unit", SPECIMEN_NAMES)
 def test_cubics_are_monotone_over_the_range(unit):
     """dy/dx keeps its sign over the range and a little beyond, or nobody could invert it."""
-    model = find_unit(unit)
+    model = find_specimen(unit)
     x = np.linspace(model.range_mm[0] - 0.3, model.range_mm[1] + 0.3, 500)
     for sensor in model.sensors:
         _, b1, b2, b3 = sensor.coefficients
@@ -79,7 +79,7 @@ def test_a_fit_through_plateaus_finds_the_cubic():
     first, each = round((50 / ramp + dwell_s) * 100), round((10 / ramp + dwell_s) * 100)
     ends = first + each * np.arange(18, 37) - 1
     assert run.pressure_kpa[ends] == pytest.approx(STAIRCASE, abs=0.01)
-    for number, sensor in enumerate(find_unit("SA1").sensors):
+    for number, sensor in enumerate(find_specimen("SA1").sensors):
         x, y = run.elongation_mm[ends], run.signal_mv[ends, number]
         fit = np.polynomial.Polynomial.fit(x, y, 3)
         assert 1.0 - np.var(y - fit(x)) / np.var(y) > 0.999
@@ -96,7 +96,7 @@ def test_unknown_unit_is_refused_with_the_names():
     """The remedy names every unit."""
     with pytest.raises(LocalError, match="SA9") as refusal:
         truth_figures("SA9")
-    assert all(name in refusal.value.remedy for name in UNIT_NAMES)
+    assert all(name in refusal.value.remedy for name in SPECIMEN_NAMES)
 
 
 def test_a_staircases_truth_is_that_of_its_holds():

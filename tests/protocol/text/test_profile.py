@@ -29,7 +29,7 @@ from protocol import (
     Vent,
     load_profile,
 )
-from protocol.link.events import BoardRestarted, CommandDone, CommandLost, Gap, HelloReceived, LinkEvent
+from protocol.link.events import BoardRestarted, CommandDone, CommandLost, HelloReceived, LinkEvent, SampleGap
 from protocol.link.messages import AckStatus
 from tests.protocol.link.streams import cut
 
@@ -139,7 +139,7 @@ def test_the_index_of_a_text_shows_loss() -> None:
     """A gap, a repeat: as with the binary protocol."""
     link = TextConnection(load_profile(LINES))
     events = link.receive(line(0) + line(1) + line(1) + line(9), 0)
-    assert [event.lost for event in events if isinstance(event, Gap)] == [7]
+    assert [event.lost for event in events if isinstance(event, SampleGap)] == [7]
     assert (link.statistics.lost, link.statistics.duplicates) == (7, 1)
 
 

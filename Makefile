@@ -18,7 +18,7 @@ SECONDS ?= 600
 # Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check nightly bench fuzz faults audit setup setup-test system system-test compiled collected clean help
+.PHONY: demo test check nightly bench docs fuzz faults audit setup setup-test system system-test compiled collected clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -52,6 +52,9 @@ bench: setup-test  ## print every benchmark's figure and ratio
 fuzz: setup-test  ## coverage-guided fuzzing of every decoder (Linux); SECONDS=3600 for an hour
 	$(BIN)/python -m pip install -q --disable-pip-version-check --group fuzz
 	$(BIN)/python -m tests.faults.fuzz $(SECONDS)
+
+docs: setup-test  ## the documentation, into out/docs/index.html; warnings are errors
+	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -c docs -d out/doctrees . out/docs
 
 faults: setup-test  ## write docs/FAULTS.md from the tests' marks
 	$(BIN)/python -m tests.faults.table

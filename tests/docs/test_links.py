@@ -1,0 +1,46 @@
+"""Relative links, images and named commands of the documents lead somewhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import typer.main
+
+from boat_daq.cli import app
+from tests.docs.pages import ROOT, markdown
+
+LINK = re.compile(r"\]\((?P<target>[^)\s]+)\)")
+ANCHOR = re.compile(r"[^\w\- ]")
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub and MyST make them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {ANCHOR.sub("", heading.strip().lower()).replace(" ", "-") for heading in headings}
+
+
+def targets(page: Path) -> list[str]:
+    """Return the targets of a page's links and images that stay in the repository."""
+    return [target for target in LINK.findall((ROOT / page).read_text(encoding="utf-8")) if "://" not in target]
+
+
+def leads_somewhere(page: Path, target: str) -> bool:
+    """Whether file and heading of a link exist."""
+    name, _, anchor = target.partition("#")
+    file = (ROOT / page).parent / name if name else ROOT / page
+    return file.exists() and (not anchor or anchor in anchors(file))
+
+
+def test_every_relative_link_leads_to_a_file_and_heading() -> None:
+    dead = [(str(page), target) for page in markdown() for target in targets(page) if not leads_somewhere(page, target)]
+    assert not dead
+
+
+def test_every_command_is_in_the_readme() -> None:
+    commands = getattr(typer.main.get_command(app), "commands").values()  # noqa: B009 - typer's own kind of group
+    table = re.findall(
+        r"^\| (`.+?) \|", (ROOT / "README.md").read_text(encoding="utf-8").replace("\\|", "/"), re.MULTILINE
+    )
+    named = set(re.findall(r"[a-z]+", " ".join(table)))
+    assert {command.name for command in commands} <= named

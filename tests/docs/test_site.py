@@ -1,0 +1,45 @@
+"""The site builds without a warning, and its pages can be followed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import ROOT, runnable, script
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", "docs"]
+    built = subprocess.run(
+        [*command, "-d", str(tmp_path / "doctrees"), ".", str(tmp_path / "site")],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert built.returncode == 0, built.stderr
+    page = (tmp_path / "site" / "docs" / "reference" / "commands.html").read_text(encoding="utf-8")
+    assert 'id="boat-daq-shadow-solve"' in page
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="the pages use pseudo-terminals")
+@pytest.mark.parametrize("page", runnable(), ids=str)
+def test_what_a_page_tells_to_run_succeeds(page: Path, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "recordings", tmp_path / "recordings")
+    programs = Path(sys.executable).parent
+    done = subprocess.run(
+        ["bash", "-c", script((ROOT / page).read_text(encoding="utf-8"))],
+        cwd=tmp_path,
+        env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "BOAT_DAQ_HOME": str(tmp_path / "home")},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr

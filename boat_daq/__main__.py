@@ -6,6 +6,9 @@ import sys
 def main() -> None:
     """Load the command line and run it; exit code 130 after Ctrl-C."""
     try:
+        from boat_daq.own_packages import prefer_own_packages
+
+        prefer_own_packages()
         from boat_daq.cli import main as run
 
         run()

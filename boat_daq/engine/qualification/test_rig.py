@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -28,6 +27,7 @@ from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import DeviceError
+from boat_daq.own_packages import start_module
 from protocol.recording import dtype_from_description, open_recording, read_session
 
 PORT = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"
@@ -268,13 +268,9 @@ def last_true(bench: DrillRig) -> tuple[float, float]:
 @contextmanager
 def recorder_under_pressure(bench: DrillRig, board: ServedBoard) -> Iterator[subprocess.Popen[bytes]]:
     """Start `boat-daq record` in a process of its own and wait until the unit is under pressure."""
-    root = str(Path(__file__).resolve().parents[3])
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    command = [sys.executable, "-m", "boat_daq", "record", "--port", board.url, "--plan", "calibration"]
-    command += ["--out", str(bench.run)]
-    process = subprocess.Popen(
-        command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    options = ["--port", board.url, "--plan", "calibration", "--out", str(bench.run)]
+    nowhere = subprocess.DEVNULL
+    process = start_module("boat_daq", "record", *options, stdout=nowhere, stderr=nowhere)
     try:
         deadline = time.monotonic() + WAIT_S
         while last_true(bench)[1] < 20.0:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -31,6 +30,7 @@ import numpy as np
 
 from boat_daq.engine.simulator.carriers import Carrier, PtyCarrier, TcpCarrier
 from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
+from boat_daq.own_packages import start_module
 from protocol.errors import ProtocolError
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
@@ -271,12 +271,9 @@ def _serve_in_thread(settings: BoardSettings) -> ServedBoard:
 
 
 def _serve_in_process(settings: BoardSettings) -> ServedBoard:
-    root = str(Path(__file__).resolve().parents[3])
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    command = [sys.executable, "-m", "boat_daq.engine.simulator.server", json.dumps(dataclasses.asdict(settings))]
-    process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path}
-    )
+    text = json.dumps(dataclasses.asdict(settings))
+    pipe = subprocess.PIPE
+    process = start_module("boat_daq.engine.simulator.server", text, stdin=pipe, stdout=pipe, text=True)
     assert process.stdin is not None
     assert process.stdout is not None
     url = process.stdout.readline().strip()

@@ -1,0 +1,189 @@
+"""The program and a lab's own `protocol` and `analysis`: real programs, started in real folders."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+RECORDING = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
+NAMES = ("protocol", "analysis")
+ALARM = "raise SystemExit('a file of the lab was imported: ' + __file__)\n"
+SCRIPT = shutil.which("boat-daq", path=str(Path(sys.executable).parent))
+PROGRAMS = {
+    "python -m boat_daq": [sys.executable, "-m", "boat_daq"],
+    "boat-daq": [SCRIPT or "boat-daq"],
+}
+HELPERS = """
+import sys
+from pathlib import Path
+from boat_daq.own_packages import prefer_own_packages
+prefer_own_packages()
+from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.viewmodels.common.work import Work, WorkState
+with serve(BoardSettings()) as board:
+    print("board at", board.url)
+work = Work("outline", "analysis.data.load:load_recording", sys.argv[1])
+while work.poll() is WorkState.RUNNING:
+    pass
+print(work.failure, work.result.n)
+"""
+
+
+def as_files(folder: Path, text: str) -> None:
+    """`protocol.py` and `analysis.py`."""
+    for name in NAMES:
+        (folder / f"{name}.py").write_text(text)
+
+
+def as_packages(folder: Path, text: str) -> None:
+    """`protocol/` and `analysis/` with modules in them."""
+    for name in NAMES:
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").write_text(text)
+
+
+def as_folders(folder: Path, _: str) -> None:
+    """Bare folders, of tables perhaps."""
+    for name in NAMES:
+        (folder / name).mkdir()
+        (folder / name / "run_1.csv").touch()
+
+
+KINDS = {"files": as_files, "packages": as_packages, "folders": as_folders}
+
+
+def run(command: list[str], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in a folder, with this checkout on the path as an installation has it: behind the libraries."""
+    env = {**os.environ, **environment}
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=env, timeout=100)
+
+
+def script(folder: Path, text: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a script that lies in a folder."""
+    (folder / "script.py").write_text(text)
+    return run([sys.executable, "script.py"], folder, **environment)
+
+
+def distribution(folder: Path) -> Path:
+    """A place of installed packages with another distribution, which has its own `protocol`."""
+    place = folder / "site-packages"
+    (place / "protocol").mkdir(parents=True)
+    (place / "protocol" / "__init__.py").write_text(ALARM)
+    (place / "protocol" / "recording.py").write_text(ALARM)
+    return place
+
+
+# ---- the program -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("program", "kind"),
+    [("boat-daq", "files"), *(("python -m boat_daq", kind) for kind in KINDS)],
+)
+def test_program_imports_nothing_from_working_folder(tmp_path: Path, program: str, kind: str) -> None:
+    """Not `protocol` and `analysis`, nor a name of the standard library that the program imports later."""
+    KINDS[kind](tmp_path, ALARM)
+    (tmp_path / "random.py").write_text(ALARM)
+    done = run([*PROGRAMS[program], "export", str(RECORDING), "--format", "csv", "--out", "run.csv"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "run.csv").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_program_prefers_own_packages_to_user_path(tmp_path: Path, program: str) -> None:
+    """A folder on PYTHONPATH with files of these names comes behind the program's; its other modules are there."""
+    (tmp_path / "tools").mkdir()
+    as_files(tmp_path / "tools", ALARM)
+    done = run([*PROGRAMS[program], "info", str(RECORDING)], tmp_path, PYTHONPATH=str(tmp_path / "tools"))
+    assert done.returncode == 0, done.stderr
+    assert "SIMULATED" in done.stdout
+
+
+def test_program_prefers_own_packages_to_another_distribution(tmp_path: Path) -> None:
+    """One that ships `protocol/`, found before the program's."""
+    place = distribution(tmp_path)
+    done = run([*PROGRAMS["boat-daq"], "info", str(RECORDING)], tmp_path, PYTHONPATH=str(place))
+    assert done.returncode == 0, done.stderr
+    assert "SIMULATED" in done.stdout
+
+
+def test_program_runs_in_its_own_checkout() -> None:
+    """The working folder that holds the program itself stays on the path."""
+    done = run([sys.executable, "-m", "boat_daq", "info", str(RECORDING)], ROOT)
+    assert done.returncode == 0, done.stderr
+
+
+def test_helper_processes_import_own_packages(tmp_path: Path) -> None:
+    """The virtual board's process and those that compute, started in that folder."""
+    as_files(tmp_path, ALARM)
+    (tmp_path / "random.py").write_text(ALARM)
+    done = run([sys.executable, "-c", HELPERS, str(RECORDING)], tmp_path)
+    assert done.returncode == 0, done.stderr
+    board, work = done.stdout.splitlines()
+    assert board.startswith("board at tcp:" if sys.platform == "win32" else "board at /dev/")
+    assert work.startswith("None ")
+
+
+# ---- scripts ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["files", "packages"])
+@pytest.mark.parametrize(
+    ("statement", "name"),
+    [
+        ("from analysis import load_recording; load_recording", "protocol"),
+        ("from boat_daq.engine.session.session import Session", "protocol"),
+        ("from boat_daq.viewmodels.app_model import PAGES", "analysis"),
+        ("from boat_daq.cli import main", "analysis"),
+    ],
+)
+def test_script_is_refused_with_cause_and_remedy(tmp_path: Path, kind: str, statement: str, name: str) -> None:
+    """The file found in place of the package, and what to do; the file itself is not run."""
+    KINDS[kind](tmp_path, ALARM)
+    shutil.rmtree(tmp_path / NAMES[name == "protocol"], ignore_errors=True)
+    (tmp_path / f"{NAMES[name == 'protocol']}.py").unlink(missing_ok=True)
+    done = script(tmp_path, statement)
+    last = done.stderr.splitlines()[-1]
+    found = tmp_path / (f"{name}.py" if kind == "files" else f"{name}/__init__.py")
+    assert last.startswith(f"ImportError: {found} would be imported in place of boat-daq's package '{name}'. Rename it")
+
+
+def test_script_runs_beside_bare_folders(tmp_path: Path) -> None:
+    """A folder of tables called `analysis` hides no package."""
+    as_folders(tmp_path, "")
+    done = script(tmp_path, f"from analysis import load_recording; print(load_recording({str(RECORDING)!r}).n)")
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 1000
+
+
+def test_script_runs_with_own_analysis_that_it_means(tmp_path: Path) -> None:
+    """What needs none of our `analysis` is not refused for the sake of the lab's."""
+    (tmp_path / "analysis.py").write_text("own = 5\n")
+    text = "from boat_daq.engine.recording.summary import summarise; from pathlib import Path; from analysis import own"
+    text += f"; print(own, summarise(Path({str(RECORDING)!r})).status)"
+    done = script(tmp_path, text)
+    assert done.stdout == "5 closed\n", done.stderr
+
+
+@pytest.mark.parametrize("needing", ["from analysis import load_recording", "import boat_daq.engine"])
+def test_script_with_another_distribution_before_ours_is_refused(tmp_path: Path, needing: str) -> None:
+    """The remedy is another environment: an installed package cannot be renamed."""
+    done = script(tmp_path, needing, PYTHONPATH=str(distribution(tmp_path)))
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(f"ImportError: {tmp_path}/site-packages/protocol/__init__.py would be imported in place of")
+    assert "environment without" in last
+
+
+def test_script_runs_with_another_distribution_behind_ours(tmp_path: Path) -> None:
+    """Ours is found first."""
+    place = distribution(tmp_path)
+    text = f"import sys; sys.path.append({str(place)!r}); from analysis import load_recording; import boat_daq.engine"
+    done = script(tmp_path, f"{text}; print(load_recording({str(RECORDING)!r}).n)")
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 1000

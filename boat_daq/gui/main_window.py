@@ -233,7 +233,7 @@ class MainWindow(QMainWindow):
 
     def save_plot(self, card: PlotCard | ShadowPane, suffix: str) -> None:
         """Ask where to save a plot."""
-        if self.desk.notices.attempt(card.refuse_empty):
+        if self.desk.notices.attempt(card.require_data):
             ask_save(self, self.desk, card.title, suffix, card.save)
 
     # ---- look ----------------------------------------------------------------------------------------------------

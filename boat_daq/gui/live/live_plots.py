@@ -15,9 +15,8 @@ from PySide6.QtGui import QResizeEvent
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, Plot, sensor_ink
-from boat_daq.gui.plotting.plot_card import PlotCard
-from boat_daq.gui.style import Theme
+from boat_daq.gui.plotting.plot import Curve, Plot, sensor_colour
+from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.viewmodels.live.live import Frame, LiveModel, sensor_names
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
@@ -35,7 +34,6 @@ class LivePlots(PlotCard):
     def __init__(self, model: LiveModel) -> None:
         super().__init__("Live signals", show_title=False)
         self.model = model
-        self.theme: Theme = style.LIGHT
         self.last: Frame | None = None  # drawn whole
         self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
         self.first = self.add("Signal 1", "mV", time=True)
@@ -49,16 +47,15 @@ class LivePlots(PlotCard):
         self._arrange()
         self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
         self._markers: list[tuple[Plot, Any]] = []
-        self.columns_of = lambda: self.model.table(self.last)
         for plot in self.plots:
             box = plot.item.getViewBox()
             box.setMouseEnabled(x=True, y=False)
             box.sigRangeChangedManually.connect(self._moved)  # no lambda: it would keep all this alive
 
     def _curves(self) -> None:
-        self.s1 = self.first.curve("Sensor 1", sensor_ink(1), gaps=True)
-        self.s2_with = self.first.curve("Sensor 2", sensor_ink(2), gaps=True)
-        self.s2 = self.second.curve("Sensor 2", sensor_ink(2), gaps=True)
+        self.s1 = self.first.curve("Sensor 1", sensor_colour(1), gaps=True)
+        self.s2_with = self.first.curve("Sensor 2", sensor_colour(2), gaps=True)
+        self.s2 = self.second.curve("Sensor 2", sensor_colour(2), gaps=True)
         self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
         self.read = self.length.points("Readings", lambda t: t.text, filled=False)
         self.mm = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
@@ -89,9 +86,9 @@ class LivePlots(PlotCard):
         wanted = ("",) * len(self.plots) if each >= style.ROW_FOR_TITLE else ("1, mV", "2, mV", "mm", "kPa")
         if each < style.ROW_FOR_SHORT:
             wanted = ("mV", "mV", "mm", "kPa")
-        if wanted != tuple(plot.short for plot in self.plots):
+        if wanted != tuple(plot.short_title for plot in self.plots):
             for plot, words in zip(self.plots, wanted, strict=True):
-                plot.short = words
+                plot.short_title = words
             self.paint_theme(self.theme)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -103,10 +100,9 @@ class LivePlots(PlotCard):
         """Look again at which rows are shown."""
         self._arrange()
 
-    def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
-        self.theme = theme
-        super().paint_theme(theme)
+    def columns(self) -> Columns:
+        """Return the columns of the CSV: what was recorded over the span that is drawn."""
+        return self.model.table(self.last)
 
     def draw(self) -> bool:
         """Draw one frame; returns whether there was anything to draw."""
@@ -114,7 +110,7 @@ class LivePlots(PlotCard):
         added = self.model.newest(self.last, width) if self.last and now_s < self._whole_until_s else None
         if added is not None:
             for curve, values in self._lines(added):
-                curve.go_on(added.columns["time_s"], values)
+                curve.extend(added.columns["time_s"], values)
         else:
             frame = self.model.frame(width)
             if frame is None:
@@ -129,7 +125,7 @@ class LivePlots(PlotCard):
         for curve, values in self._lines(frame):
             curve.set(time_s, values)
         if frame.elongation is not None:
-            self.band.set(*frame.elongation.band(time_s))
+            self.band.fill(*frame.elongation.band(time_s))
         self.x_range(frame.low_s, frame.high_s)
         self._ranges(frame)
 
@@ -173,7 +169,7 @@ class LivePlots(PlotCard):
         """Put cursor "a" or "b" at a third or two thirds of the picture, or take it away."""
         if self._cursors[which]:
             for plot, line in self._cursors[which]:
-                plot.forget_line(line)
+                plot.remove_line(line)
             self._cursors[which] = []
             self.model.put_cursor(which, None)
             return

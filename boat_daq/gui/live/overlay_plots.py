@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, sensor_ink
+from boat_daq.gui.plotting.plot import Curve, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.viewmodels.live.overlay import KEPT, OverlayModel
 
@@ -21,7 +21,7 @@ class OverlayPlots(PlotCard):
                 f"Signal {number}", "mV", x_title="Time in the cycle" if last else "", x_unit="min:s", time=True
             )
             faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(KEPT - 1, 0, -1)]
-            self.curves.append([*faint, plot.curve("This cycle", sensor_ink(number))])
+            self.curves.append([*faint, plot.curve("This cycle", sensor_colour(number))])
         self.link_x()
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
 

@@ -11,7 +11,8 @@ from PySide6.QtGui import QBrush, QColor, QPainter
 from PySide6.QtWidgets import QVBoxLayout
 
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.plotting.axes import paint_axis
+from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.models.atlas import LEGEND, LETTERS, OUTCOMES, AtlasModel, MapShown
@@ -90,7 +91,6 @@ class AtlasCard(PlotCard):
     def __init__(self, model: AtlasModel, attempt: Any) -> None:
         super().__init__("Where it works, and where it fails")
         self.model, self.method = model, ""
-        self.theme: Theme = style.LIGHT
         self.legend = [widgets.label(words, "small") for words in LEGEND.values()]
         self.sweep = widgets.button("Map it", partial(attempt, self._toggle), name="Map where this method works")
         self.bar.insertWidget(1, self.sweep)
@@ -103,7 +103,6 @@ class AtlasCard(PlotCard):
         self.items: list[tuple[Any, Places]] = []  # those that are shown
         self._made: list[tuple[Any, Places]] = []  # kept for the next method
         self.view.scene().sigMouseMoved.connect(self._look)
-        self.columns_of = self._columns
 
     def _toggle(self) -> None:
         self.model.toggle(self.method)
@@ -152,7 +151,8 @@ class AtlasCard(PlotCard):
                 self.words.setText(places.shown.words(int(here.x()), int(here.y())))
                 self.words.setToolTip(self.words.text())
 
-    def _columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
+        """Return every place of the maps with its outcome and error."""
         rows = [
             (m.title, m.x_title, m.x_ticks[i], m.y_title, m.y_ticks[k], place.outcome, place.error, m.unit, place.said)
             for m in self.model.maps.get(self.method, [])
@@ -164,9 +164,7 @@ class AtlasCard(PlotCard):
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
-        self.theme = theme
         super().paint_theme(theme)
-        look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
         for outcome, label in zip(OUTCOMES, self.legend, strict=True):
             ground, ink = style.outcome_colours(theme)[outcome]
             label.setStyleSheet(style.swatch(ground, ink))
@@ -174,9 +172,5 @@ class AtlasCard(PlotCard):
             places.theme = theme
             places.update()
             for side, words in (("bottom", places.shown.x_title), ("left", places.shown.y_title)):
-                ruler = item.getAxis(side)
-                ruler.setPen(theme.line)
-                ruler.setTextPen(theme.muted)
-                ruler.setStyle(tickFont=style.small_font())
-                ruler.setLabel(words, **look)
+                paint_axis(item, side, theme, words)
             item.setTitle(places.shown.title, color=theme.muted, size=f"{style.FONT_SMALL}px")

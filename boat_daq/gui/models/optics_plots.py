@@ -9,9 +9,9 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import EMPTY, sensor_ink
+from boat_daq.gui.plotting.axes import paint_axis
+from boat_daq.gui.plotting.plot import EMPTY, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
-from boat_daq.gui.plotting.point_labels import PointLabels
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.models.optics import CAVITIES, FACES, STEPS_MM, OpticsModel
@@ -68,7 +68,7 @@ class SceneCard(PlotCard):
     def show_state(self, model: OpticsModel) -> None:
         """Draw the state that the slider is on."""
         scene = model.scene()
-        self.say_empty("" if scene is not None else "The design and its rays come here once it is traced.")
+        self.show_empty("" if scene is not None else "The design and its rays come here once it is traced.")
         self.readout.setText(model.state_text())
         if scene is None:
             return
@@ -90,15 +90,15 @@ class ResponseCard(PlotCard):
         super().__init__("Detected rays over the elongation")
         self.heading.explain(RESPONSE)
         self.plot = self.add("Detected", "of 250", x_title="Elongation", x_unit="mm")
-        self.band = self.plot.band("Detected rays (NDR), one standard deviation about", sensor_ink(1))
+        self.band = self.plot.band("Detected rays (NDR), one standard deviation about", sensor_colour(1))
         self.andr = self.plot.curve("Smooth curve (aNDR)", lambda t: t.accent)
-        self.ndr = self.plot.points("Detected rays (NDR)", sensor_ink(1))
+        self.ndr = self.plot.points("Detected rays (NDR)", sensor_colour(1))
         self.now = self.plot.line(lambda t: t.muted, vertical=True)
 
     def show_result(self, model: OpticsModel) -> None:
         """Draw a design's response."""
         r = model.result
-        self.say_empty(
+        self.show_empty(
             "" if r is not None else "The detected rays over the states come here once the design is traced."
         )
         self.readout.setText(model.design_text())
@@ -106,7 +106,7 @@ class ResponseCard(PlotCard):
             return
         self.ndr.set(r.elongation_mm, r.ndr)
         self.andr.set(r.elongation_mm, r.andr)
-        self.band.set(r.elongation_mm, r.ndr - r.ndr_sd, r.ndr + r.ndr_sd)
+        self.band.fill(r.elongation_mm, r.ndr - r.ndr_sd, r.ndr + r.ndr_sd)
         self.now.setValue(r.elongation_mm[model.state])
         self.plot.fit()
 
@@ -163,16 +163,9 @@ class MeritMap:
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
-        look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
-        for side in ("left", "bottom"):
-            ruler = self.item.getAxis(side)
-            ruler.setPen(theme.line)
-            ruler.setTextPen(theme.muted)
-            ruler.setStyle(tickFont=style.small_font())
-        if self.column == 0:
-            self.item.getAxis("left").setLabel("Depth (mm)", **look)
-        if self.row == (len(STEPS_MM) - 1) // COLUMNS:
-            self.item.getAxis("bottom").setLabel("Spacing (mm)", **look)
+        paint_axis(self.item, "left", theme, "Depth (mm)" if self.column == 0 else "")
+        lowest = self.row == (len(STEPS_MM) - 1) // COLUMNS
+        paint_axis(self.item, "bottom", theme, "Spacing (mm)" if lowest else "")
         self.item.setTitle(f"width {self.width_mm:g} mm", color=theme.muted, size=f"{style.FONT_SMALL}px")
 
 
@@ -192,7 +185,6 @@ class MapsCard(PlotCard):
         self.maps = [MeritMap(self, place, model) for place in range(len(STEPS_MM))]
         self.scale = self._scale()
         self.view.scene().sigMouseClicked.connect(self._clicked)
-        self.columns_of = self._columns
 
     def _scale(self) -> Any:
         """Return the scale of P, from 0 to 1, beside the maps."""
@@ -213,7 +205,8 @@ class MapsCard(PlotCard):
         item.addItem(self.gradient)
         return item
 
-    def _columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
+        """Return every design of the sweep with its merit and rank."""
         sweep = self.model.sweep
         if sweep is None:
             return {}
@@ -235,18 +228,14 @@ class MapsCard(PlotCard):
         for shown in self.maps:
             shown.show_sweep(int(self.cavities.currentData()), self.table)
         swept = self.model.sweep is not None
-        self.say_empty("" if swept else "How good each design is comes here, as maps. Sweep all designs brings them.")
+        self.show_empty("" if swept else "How good each design is comes here, as maps. Sweep all designs brings them.")
         self.cavities.setVisible(swept)
         self.readout.setText("\u2606 best   \u25cb paper's   \u25a1 shown" if swept else "")
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         super().paint_theme(theme)
-        ruler = self.scale.getAxis("right")
-        ruler.setPen(theme.line)
-        ruler.setTextPen(theme.muted)
-        ruler.setStyle(tickFont=style.small_font())
-        ruler.setLabel("Merit (P), best = 1", color=theme.muted, **{"font-size": f"{style.FONT_SMALL}px"})
+        paint_axis(self.scale, "right", theme, "Merit (P), best = 1")
         for shown in self.maps:
             shown.paint_theme(theme)
         self.show_sweep()
@@ -262,8 +251,8 @@ class ParetoCard(PlotCard):
         self.plot = self.add("Range, \u0394", "rays", x_title="Roughness, RMSE", x_unit="rays")
         self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)
         self.front = self.plot.points("Pareto front", lambda t: t.accent)
-        self.paper = self.plot.points("Paper's optimum", sensor_ink(2), symbol="d", size=12)
-        self.numbers = PointLabels(self.plot, (0.5, 1.2))
+        self.paper = self.plot.points("Paper's optimum", sensor_colour(2), symbol="d", size=12)
+        self.numbers = self.plot.labels((0.5, 1.2))
         for layer in (self.all, self.front):
             layer.item.sigClicked.connect(self._clicked)
 
@@ -279,7 +268,7 @@ class ParetoCard(PlotCard):
     def show_sweep(self) -> None:
         """Draw the sweep."""
         s = self.model.sweep
-        self.say_empty("" if s is not None else "Each design comes here as a point. Sweep all designs brings them.")
+        self.show_empty("" if s is not None else "Each design comes here as a point. Sweep all designs brings them.")
         if s is None:
             self.numbers.set([])
             for layer in (self.all, self.front, self.paper):
@@ -303,8 +292,3 @@ class ParetoCard(PlotCard):
         if s is None:
             return {}
         return designs(s) | {"on the front": s.front.astype(int)}
-
-    def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
-        super().paint_theme(theme)
-        self.numbers.paint(theme)

@@ -63,7 +63,7 @@ class NominalCard(PlotCard):
         pressure, mm, low, high = nominal
         if not self._framed:
             self._framed = True
-            self.band.set(pressure, low, high)
+            self.band.fill(pressure, low, high)
             self.nominal.set(pressure, mm)
             self.plot.fit()
         self.trace.set(*desk.shadow.trace())
@@ -95,10 +95,10 @@ class CyclesCard(PlotCard):
         alarmed = np.isin(x, self.monitor.alarm_cycles())
         self.points.set(x, y)
         self.alarms.set(x[alarmed], y[alarmed])
-        self.plot.rename(SERIES[name].axis, SERIES[name].unit)
+        self.plot.set_title(SERIES[name].axis, SERIES[name].unit)
         words = "\u25b3 alarm found here" if alarmed.any() else ""
         self.readout.setText(words)
-        self.say_empty("" if x.size else NO_CYCLES)
+        self.show_empty("" if x.size else NO_CYCLES)
         if x.size:
             self.plot.x_range(0.0, max(10.0, float(x.max()) + 1.0))
             low, high = axis.padded(float(y.min()), float(y.max()), MARGIN)

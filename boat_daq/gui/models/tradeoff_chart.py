@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -16,13 +15,13 @@ from PySide6.QtCore import Qt
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
-from boat_daq.gui.plotting.log_axis import LogAxis
-from boat_daq.gui.plotting.plot import Plot, sensor_ink
-from boat_daq.gui.plotting.plot_card import PlotCard
-from boat_daq.gui.plotting.point_labels import PointLabels
+from boat_daq.gui.plotting.axes import LogAxis
+from boat_daq.gui.plotting.plot import Plot, sensor_colour
+from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.models.tradeoff_report import MethodChart, TradeoffPoint, duration_text
+from boat_daq.viewmodels.common.formatting import duration_text
+from boat_daq.viewmodels.models.tradeoff_report import MethodChart, TradeoffPoint
 
 MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # noise of the clock looks as small as it is
@@ -46,10 +45,10 @@ class TradeoffCard(PlotCard):
         self.plot = Plot(item, "Error", "", x_title="Processor time")
         self.plots.append(self.plot)
         self.spread = self.plot.curve("Spread of the repeats", lambda t: t.muted, gaps=True)
-        self.front = self.plot.curve("Front", sensor_ink(1))
+        self.front = self.plot.curve("Front", sensor_colour(1))
         self.chosen = self.plot.points("Chosen", lambda t: t.pressure, filled=False, symbol="s", size=SQUARE)
-        self.default = self.plot.points("Default", sensor_ink(2), filled=False, size=RING)
-        self.settings = self.plot.points("Settings", sensor_ink(1))
+        self.default = self.plot.points("Default", sensor_colour(2), filled=False, size=RING)
+        self.settings = self.plot.points("Settings", sensor_colour(1))
         self.notices = self.plot.line(lambda t: t.muted, label="noticed from here up")
         self.enough = self.plot.line(lambda t: t.ok, label="good enough from here down")
         for line, side in ((self.notices, 1), (self.enough, 0)):
@@ -58,10 +57,8 @@ class TradeoffCard(PlotCard):
         self.nothing = widgets.label(NOTHING, "muted", wrap=True)
         self.nothing.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.inside.addWidget(self.nothing, 1)
-        self.labels = PointLabels(self.plot, (-0.1, 1.1))
+        self.labels = self.plot.labels((-0.1, 1.1))
         self.shown: MethodChart | None = None
-        self.theme: Theme = style.LIGHT
-        self.columns_of = self._columns
 
     def show_chart(self, chart: MethodChart | None) -> None:
         """Draw a method; None draws nothing."""
@@ -100,13 +97,12 @@ class TradeoffCard(PlotCard):
 
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
-        self.theme = theme
         super().paint_theme(theme)
         for layer in (self.default, self.chosen):
-            layer.item.setPen(pg.mkPen(layer.ink(theme), width=MARK_WIDTH))
-        self.labels.paint(theme)
+            layer.item.setPen(pg.mkPen(layer.colour(theme), width=MARK_WIDTH))
 
-    def _columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
+        """Return every setting of the method with its time, error and marks."""
         chart = self.shown
         if chart is None:
             return {}

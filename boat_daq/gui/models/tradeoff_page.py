@@ -26,8 +26,9 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.reflow import ReflowingPage
 from boat_daq.viewmodels.app_model import FIDELITIES, Desk
+from boat_daq.viewmodels.common.formatting import duration_text
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS
-from boat_daq.viewmodels.models.tradeoff_report import MethodChart, duration_text, error_text
+from boat_daq.viewmodels.models.tradeoff_report import MethodChart, error_text
 
 FIDELITY_WORDS = {
     "draft": "Draft: fast, rough",

@@ -1,14 +1,14 @@
-"""One plot as every page uses it: a thin wrapper around pyqtgraph that keeps its fast paths.
+"""One plot as every page uses it: a thin layer over pyqtgraph that keeps its fast paths.
 
 Rules: width-1 cosmetic pens, no antialiasing, no autorange (a page sets the range, from a view model), fixed axis
 widths so that nothing jumps, ticks at 1-2-5, colours by role so that a change of theme repaints them. What a plot
-shows can be had as columns (`columns`), which is what its CSV is made of.
+shows is available as columns (`columns`), from which its CSV is made.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,47 +18,51 @@ from PySide6.QtWidgets import QGraphicsItem
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
-from boat_daq.gui.plotting.drawn import Drawn
-from boat_daq.gui.plotting.tick_axis import TickAxis
+from boat_daq.gui.plotting.axes import TickAxis, label_style
+from boat_daq.gui.plotting.path_item import PathItem
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import axis
 
-Ink = Callable[[Theme], str]
+ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 EMPTY: FloatArray = np.zeros(0)
-CLOCK = "min:s"  # the unit of an axis whose labels are a clock's
+CLOCK = "min:s"  # the unit of an axis with clock labels
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
 
 
-def sensor_ink(number: int) -> Ink:
+def sensor_colour(number: int) -> ThemeColour:
     """Return the colour role of a sensor, numbered from 1."""
     return lambda theme: theme.sensors[(number - 1) % len(theme.sensors)]
 
 
-def ramp_ink(place: int, of: int) -> Ink:
+def ramp_colour(place: int, of: int) -> ThemeColour:
     """Return the colour role of one of several in a row, on viridis."""
     return lambda theme: style.sequential(theme, place, of)
 
 
 class Layer:
-    """One thing drawn in a plot: its pyqtgraph item, its colour role, its data for the CSV."""
+    """One curve, band or set of points: its pyqtgraph item, its colour role, its data for the CSV."""
 
-    def __init__(self, name: str, item: Any, ink: Ink, paint: Callable[[Any, str], None]) -> None:
+    def __init__(self, name: str, item: Any, colour: ThemeColour, paint: Callable[[Any, str], None]) -> None:
         self.name = name
         self.item = item
-        self.ink = ink
+        self.colour = colour
         self._paint = paint
         self.x: FloatArray = EMPTY
         self.y: FloatArray = EMPTY
 
+    def set(self, x: FloatArray, y: FloatArray) -> None:
+        """Draw `y` over `x` (same length)."""
+        self.x, self.y = x, y
+
     def paint(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
-        self._paint(self.item, self.ink(theme))
+        """Use the colours of `theme`."""
+        self._paint(self.item, self.colour(theme))
 
     def clear(self) -> None:
-        """Draw nothing any more."""
-        self.x = self.y = EMPTY
+        """Remove all data."""
+        self.set(EMPTY, EMPTY)
 
     def show(self, visible: bool) -> None:
         """Show or hide."""
@@ -72,16 +76,12 @@ class Curve(Layer):
 
     def set(self, x: FloatArray, y: FloatArray) -> None:
         """Draw `y` over `x` (same length)."""
-        self.x, self.y = x, y
+        super().set(x, y)
         self.item.draw_line(x, y, gaps=self.gaps)
 
-    def go_on(self, x: FloatArray, y: FloatArray) -> None:
-        """Draw on from the curve's end until it is set anew; `x` begins there."""
-        self.item.go_on(x, y, gaps=self.gaps)
-
-    def clear(self) -> None:
-        """Draw nothing any more."""
-        self.set(EMPTY, EMPTY)
+    def extend(self, x: FloatArray, y: FloatArray) -> None:
+        """Continue the curve behind its end until it is set again; `x` begins there."""
+        self.item.extend_line(x, y, gaps=self.gaps)
 
 
 class Band(Layer):
@@ -89,14 +89,15 @@ class Band(Layer):
 
     low: FloatArray = EMPTY
 
-    def set(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
+    def fill(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
         """Fill between `low` and `high` over `x` (same length, finite)."""
-        self.x, self.low, self.y = x, low, high
+        super().set(x, high)
+        self.low = low
         self.item.fill_between(x, low, high)
 
     def clear(self) -> None:
-        """Draw nothing any more."""
-        self.set(EMPTY, EMPTY, EMPTY)
+        """Remove all data."""
+        self.fill(EMPTY, EMPTY, EMPTY)
 
 
 class Points(Layer):
@@ -104,12 +105,47 @@ class Points(Layer):
 
     def set(self, x: FloatArray, y: FloatArray) -> None:
         """Put a marker at each (x, y)."""
-        self.x, self.y = x, y
+        super().set(x, y)
         self.item.setData(x=x, y=y)
 
-    def clear(self) -> None:
-        """Draw nothing any more."""
-        self.set(EMPTY, EMPTY)
+
+class PointLabels:
+    """Short texts beside points of a plot; a label once made is kept and hidden until it is needed again.
+
+    Parameters
+    ----------
+    item : the plot's pyqtgraph item.
+    anchor : which place of a label is at its point, in widths and heights of the label.
+    ground : whether a label covers what lies under it, as one on a curve must.
+    """
+
+    def __init__(self, item: Any, anchor: tuple[float, float], *, ground: bool = False) -> None:
+        self._plot, self._anchor, self._ground = item, anchor, ground
+        self._theme: Theme = style.LIGHT
+        self._items: list[Any] = []
+        self.texts: list[str] = []
+
+    def set(self, labels: Sequence[tuple[float, float, str]]) -> None:
+        """Show these labels, each at (x, y) of the plot, and no others."""
+        self.texts = [text for _, _, text in labels]
+        while len(self._items) < len(labels):
+            item = pg.TextItem("", anchor=self._anchor)
+            item.setFont(style.small_font())
+            self._plot.addItem(item, ignoreBounds=True)
+            self._items.append(item)
+            self.paint(self._theme)
+        for i, item in enumerate(self._items):
+            item.setVisible(i < len(labels))
+        for item, (x, y, text) in zip(self._items, labels, strict=False):
+            item.setText(text)
+            item.setPos(x, y)
+
+    def paint(self, theme: Theme) -> None:
+        """Use the colours of `theme`."""
+        self._theme = theme
+        for item in self._items:
+            item.setColor(theme.text)
+            item.fill = pg.mkBrush(theme.surface if self._ground else None)
 
 
 class Plot:
@@ -128,8 +164,9 @@ class Plot:
         self.layers: list[Layer] = []
         self._y_shown = (math.nan, math.nan)
         self._theme: Theme | None = None
-        self.short = ""  # what stands beside the vertical axis where there is no room for title and unit
-        self._lines: list[tuple[Any, Ink, Qt.PenStyle]] = []
+        self.short_title = ""  # of the vertical axis, in place of title and unit where the plot is low
+        self._lines: list[tuple[Any, ThemeColour, Qt.PenStyle]] = []
+        self._labels: list[PointLabels] = []
         item.hideButtons()
         item.setMenuEnabled(False)
         item.getViewBox().disableAutoRange()
@@ -140,39 +177,39 @@ class Plot:
         else:
             item.showGrid(x=True, y=True, alpha=1.0)
         for side in ("left", "bottom"):
-            item.getAxis(side).setZValue(-1000)  # the grid belongs behind the data
-        item.getAxis("left").setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # it changes seldom
+            item.getAxis(side).setZValue(-1000)  # the grid is behind the data
+        item.getAxis("left").setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # changes rarely
         for side in ("right", "top"):
-            item.getAxis(side).unlinkFromView()  # hidden, they would still be set anew in every frame
+            item.getAxis(side).unlinkFromView()  # hidden, they would still be updated in every frame
 
-    def curve(self, name: str, ink: Ink, *, gaps: bool = False, dashed: bool = False) -> Curve:
-        """Add a curve; `dashed` is for what is set, not measured."""
+    def curve(self, name: str, colour: ThemeColour, *, gaps: bool = False, dashed: bool = False) -> Curve:
+        """Add a curve; `dashed` for a value that is set, not measured."""
         pen_style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
-        layer = Curve(name, Drawn(), ink, lambda it, colour: it.ink_line(colour, pen_style))
+        layer = Curve(name, PathItem(), colour, lambda it, value: it.set_line_colour(value, pen_style))
         layer.gaps = gaps
         return self._add(layer)
 
-    def band(self, name: str, ink: Ink, *, alpha: int = style.BAND_ALPHA) -> Band:
+    def band(self, name: str, colour: ThemeColour, *, alpha: int = style.BAND_ALPHA) -> Band:
         """Add a translucent fill between two curves, behind the rest."""
-        item = Drawn()
+        item = PathItem()
         item.setZValue(-10)
-        return self._add(Band(name, item, ink, lambda it, colour: it.ink_surface(style.colour(colour, alpha))))
+        return self._add(Band(name, item, colour, lambda it, value: it.set_fill_colour(style.colour(value, alpha))))
 
     def points(
-        self, name: str, ink: Ink, *, filled: bool = True, symbol: str = "o", size: int = style.POINT_SIZE
+        self, name: str, colour: ThemeColour, *, filled: bool = True, symbol: str = "o", size: int = style.POINT_SIZE
     ) -> Points:
         """Add markers: filled for loading, open for unloading."""
         item = pg.ScatterPlotItem(size=size, symbol=symbol, pxMode=True)
 
-        def paint(it: Any, colour: str) -> None:
-            it.setPen(pg.mkPen(colour, width=1))
-            it.setBrush(pg.mkBrush(colour if filled else None))
+        def paint(it: Any, value: str) -> None:
+            it.setPen(pg.mkPen(value, width=1))
+            it.setBrush(pg.mkBrush(value if filled else None))
 
-        return self._add(Points(name, item, ink, paint))
+        return self._add(Points(name, item, colour, paint))
 
     def line(
         self,
-        ink: Ink,
+        colour: ThemeColour,
         *,
         at: float = 0.0,
         vertical: bool = False,
@@ -181,19 +218,24 @@ class Plot:
         label: str = "",
     ) -> Any:
         """Add a straight line over the whole plot."""
-        words = label.replace("{", "{{").replace("}", "}}")  # a note is no format
-        item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=words or None)
+        text = label.replace("{", "{{").replace("}", "}}")  # pyqtgraph formats the label
+        item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=text or None)
         if label:
             item.label.setFont(style.small_font())
-            if vertical:  # its words hang from the upper edge, whole on a low plot too, on the side that has room
+            if vertical:  # below the upper edge, on the side with space: visible on a low plot too
                 item.label.anchors = [(0, 0), (1, 0)]
             item.label.setPosition(1.0 if vertical else 0.94)
-        self._lines.append((item, ink, style_))
+        self._lines.append((item, colour, style_))
         self.item.addItem(item, ignoreBounds=True)
         return item
 
-    def forget_line(self, item: Any) -> None:
-        """Take a line away."""
+    def labels(self, anchor: tuple[float, float], *, ground: bool = False) -> PointLabels:
+        """Add labels beside points; see `PointLabels`."""
+        self._labels.append(PointLabels(self.item, anchor, ground=ground))
+        return self._labels[-1]
+
+    def remove_line(self, item: Any) -> None:
+        """Remove a line."""
         self._lines = [entry for entry in self._lines if entry[0] is not item]
         self.item.removeItem(item)
 
@@ -202,48 +244,48 @@ class Plot:
         self.item.addItem(layer.item, ignoreBounds=True)
         return layer
 
-    def rename(self, title: str, unit: str) -> None:
-        """Measure something else from now on."""
+    def set_title(self, title: str, unit: str) -> None:
+        """Set what the vertical axis measures."""
         if (title, unit) != (self.title, self.unit):
             self.title, self.unit = title, unit
             if self._theme is not None:
                 self._titles(self._theme)
 
     def clear(self) -> None:
-        """Take all data away; what was added stays."""
+        """Remove the data of all layers."""
         for layer in self.layers:
             layer.clear()
 
     def x_range(self, low: float, high: float) -> None:
         """Show [low, high] horizontally."""
         if high > low:
-            # ranges are never automatic here: to switch that off each time costs as much as the range
+            # ranges are never automatic: disabling autorange each time takes as long as the range
             self.item.getViewBox().setRange(xRange=(low, high), padding=0, disableAutoRange=False)
 
     def y_range(self, low: float, high: float) -> None:
-        """Show [low, high] vertically; costs nothing where it is shown already."""
+        """Show [low, high] vertically; nothing is done where it is shown already."""
         if high > low and (low, high) != self._y_shown:
             self._y_shown = (low, high)
             self.item.getViewBox().setYRange(low, high, padding=0)
 
     def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0) -> None:
-        """Frame all that is drawn, at least `smallest` high; for pages that change on request, never in a frame."""
+        """Show all that is drawn, at least `smallest` high; for pages that change on request, not in a frame."""
         layers = [layer for layer in self.layers if layer.item.isVisible() and layer.x.size]
         x_low, x_high = axis.extremes(*(layer.x for layer in layers))
         bands = (layer.low for layer in layers if isinstance(layer, Band))
         y_low, y_high = axis.extremes(*(layer.y for layer in layers), *bands)
         if x_low <= x_high and y_low <= y_high:
             self._y_shown = axis.framed(y_low, y_high, smallest=smallest)
-            box = self.item.getViewBox()  # both at once, or a locked aspect would cut one of them off
+            box = self.item.getViewBox()  # both at once: a locked aspect would cut one of them off
             box.setRange(xRange=axis.padded(x_low, x_high, x_margin), yRange=self._y_shown, padding=0)
 
     @property
     def x_name(self) -> str:
-        """What the lower axis measures, with the unit of its numbers: a clock's are seconds."""
+        """What the lower axis measures, with the unit of its numbers; those of a clock are seconds."""
         return named(self.x_title, "s" if self.x_unit == CLOCK else self.x_unit)
 
     def columns(self, x_name: str = "") -> dict[str, FloatArray]:
-        """Return what is drawn: for each layer its x (called `x_name` where the lower axis says nothing) and y."""
+        """Return what is drawn: for each layer its x (called `x_name` where the lower axis has no title) and y."""
         result: dict[str, FloatArray] = {}
         for layer in self.layers:
             if layer.x.size and layer.item.isVisible():
@@ -256,39 +298,40 @@ class Plot:
         return result
 
     def paint(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
+        """Use the colours of `theme`."""
         self._theme = theme
         for side in ("left", "bottom"):
             ruler = self.item.getAxis(side)
             ruler.setPen(pg.mkPen(theme.grid, width=1))
             ruler.setTickPen(pg.mkPen(theme.grid, width=1))
-            ruler.ground = style.colour(theme.surface)
+            ruler.background = style.colour(theme.surface)
             ruler.setTextPen(pg.mkPen(theme.muted))
             ruler.setStyle(tickFont=style.small_font())
         self._titles(theme)
         for layer in self.layers:
             layer.paint(theme)
-        for item, ink, pen_style in self._lines:
-            item.setPen(pg.mkPen(ink(theme), width=1, style=pen_style))
+        for item, colour, pen_style in self._lines:
+            item.setPen(pg.mkPen(colour(theme), width=1, style=pen_style))
             if hasattr(item, "label"):
-                item.label.setColor(ink(theme))
+                item.label.setColor(colour(theme))
+        for labels in self._labels:
+            labels.paint(theme)
 
     def repaint(self) -> None:
-        """Take the theme's colours again, for what was added since."""
+        """Apply the theme to what was added since."""
         if self._theme is not None:
             self.paint(self._theme)
 
     def _titles(self, theme: Theme) -> None:
-        look = {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}
-        words = self.short or named(self.title, self.unit)
-        self.item.getAxis("left").setLabel(words, **look)
-        self.item.getAxis("left").resizeEvent()  # else the label stays where the middle of the one before it was
+        title = self.short_title or named(self.title, self.unit)
+        self.item.getAxis("left").setLabel(title, **label_style(theme))
+        self.item.getAxis("left").resizeEvent()  # else it is centred with the width of the label before it
         if self.x_title:
-            self.item.getAxis("bottom").setLabel(named(self.x_title, self.x_unit), **look)
+            self.item.getAxis("bottom").setLabel(named(self.x_title, self.x_unit), **label_style(theme))
 
 
 def named(title: str, unit: str) -> str:
-    """Return what is measured with its unit in brackets, where it has one."""
+    """Return a title with its unit in parentheses, where it has one."""
     return f"{title} ({unit})" if unit else title
 
 
@@ -298,6 +341,6 @@ def make_item(*, time: bool = False, whole: bool = False) -> Any:
         axisItems={"left": TickAxis("left"), "bottom": TickAxis("bottom", time=time, whole=whole)}, enableMenu=False
     )
     for frame in (item, item.getViewBox()):
-        frame.setFlag(QGraphicsItem.GraphicsItemFlag.ItemHasNoContents)  # Qt need not ask Python what they look like
+        frame.setFlag(QGraphicsItem.GraphicsItemFlag.ItemHasNoContents)  # Qt does not call their Python paint
     item.getViewBox().borderRect.hide()
     return item

@@ -1,6 +1,6 @@
-"""A framed surface with one or more plots over each other, their title, readout and the menu that takes them away.
+"""A framed surface with one or more plots over each other, their title, readout and the menu to copy and save them.
 
-Every plot of the program sits in one of these, so every plot copies, saves PNG, SVG and CSV the same way.
+Every plot of the program is in one of these, so every plot is copied and saved as PNG, SVG and CSV the same way.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QPoint, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QGuiApplication, QPainter, QPixmap
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QToolButton, QWidget
@@ -33,10 +33,12 @@ class PlotCard(QFrame):
     Parameters
     ----------
     title : what the card shows; also its accessible name and the stem of saved files.
+    show_title : whether the title is also written over the plots.
+    parent : as in Qt.
     """
 
-    copy_wanted = Signal(object)  # the card: the window says that it has it
-    save_wanted = Signal(object, str)  # the card and a suffix: the window asks where to
+    copy_wanted = Signal(object)  # the card; the window copies and confirms
+    save_wanted = Signal(object, str)  # the card and a suffix; the window asks for the file
 
     def __init__(self, title: str, *, show_title: bool = True, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -44,10 +46,10 @@ class PlotCard(QFrame):
         self.setAccessibleName(f"Plot: {title}")
         self.title = title
         self.plots: list[Plot] = []
-        self.columns_of: Callable[[], Columns] | None = None  # what CSV saves; by default what is drawn
+        self.theme: Theme = style.LIGHT
         self.view = pg.GraphicsLayoutWidget()
         self.view.setFrameShape(QFrame.Shape.NoFrame)
-        self.view.setCacheMode(QGraphicsView.CacheModeFlag.CacheNone)  # a ground of one colour is filled, not copied
+        self.view.setCacheMode(QGraphicsView.CacheModeFlag.CacheNone)  # filling one colour is faster than copying
         self.view.ci.setFlag(QGraphicsItem.GraphicsItemFlag.ItemHasNoContents)
         self.view.ci.layout.setContentsMargins(0, style.STEP, style.STEP, 0)
         self.view.ci.layout.setSpacing(style.STEP)
@@ -57,16 +59,21 @@ class PlotCard(QFrame):
         self.heading.setProperty("role", "subtitle")
         self.heading.least = style.HEADING_LEAST
         self.readout = widgets.label("", "small", elide=True)
-        self.menu_button = self._menu_button()
+        self.menu_button = export_button(
+            title,
+            "Copy or save this plot; while this button has the focus, Ctrl+Shift+C, Ctrl+S and Ctrl+E too",
+            partial(self.copy_wanted.emit, self),
+            partial(self.save_wanted.emit, self),
+        )
         layout = widgets.column(spacing=0)
         layout.setContentsMargins(style.GAP, style.STEP, style.STEP, style.STEP)
         self.bar = widgets.row(self.heading, None, self.readout, self.menu_button)
         layout.addLayout(self.bar)
         layout.addWidget(self.view, 1)
-        self.nothing = widgets.label("", "muted", wrap=True)
-        self.nothing.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.nothing.hide()
-        layout.addWidget(self.nothing, 1)
+        self.empty_text = widgets.label("", "muted", wrap=True)
+        self.empty_text.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.empty_text.hide()
+        layout.addWidget(self.empty_text, 1)
         self.setLayout(layout)
         self.inside = layout
 
@@ -81,7 +88,16 @@ class PlotCard(QFrame):
         stretch: int = 1,
         beside: bool = False,
     ) -> Plot:
-        """Add a plot under or `beside` those there are; only one with an x title has labels on its lower axis."""
+        """Add a plot below or `beside` the others; its lower axis has labels only with an x title.
+
+        Parameters
+        ----------
+        title, unit : of the vertical axis.
+        x_title, x_unit : of the lower axis.
+        time : whether the lower axis has clock labels.
+        stretch : share of the height.
+        beside : whether it is added at the right, not below.
+        """
         item = make_item(time=time, whole=bool(x_title) and not x_unit)
         at = 0 if beside else len(self.plots)
         self.view.addItem(item, row=at, col=len(self.plots) if beside else 0)
@@ -98,7 +114,7 @@ class PlotCard(QFrame):
         return plot
 
     def show_only(self, plots: list[Plot]) -> None:
-        """Show only these plots, over each other in this order; the others keep what they hold."""
+        """Show only these plots, one below the other; the others keep their data."""
         for plot in self.plots:
             if plot.item in self.view.ci.items:
                 self.view.ci.removeItem(plot.item)
@@ -106,13 +122,13 @@ class PlotCard(QFrame):
             self.view.ci.addItem(plot.item, row=at, col=0)
 
     def link_x(self) -> None:
-        """Give all plots of the card the first one's horizontal range."""
+        """Link the horizontal ranges of all plots to the first one's."""
         first = self.plots[0].item
         for plot in self.plots[1:]:
             plot.item.setXLink(first)
 
     def x_range(self, low: float, high: float) -> None:
-        """Show [low, high] in all plots; for a frame: each link would ask for two views' places on the screen."""
+        """Show [low, high] in all plots, with the links blocked: each would compute two views' geometry a frame."""
         boxes = [plot.item.getViewBox() for plot in self.plots]
         for box in boxes:
             box.blockLink(True)
@@ -123,29 +139,28 @@ class PlotCard(QFrame):
             for box in boxes:
                 box.blockLink(False)
 
-    def say_empty(self, words: str) -> None:
-        """Say what will be here, in the plots' place, as empty axes look like data; no words show the plots."""
-        widgets.set_text(self.nothing, words)
-        if self.nothing.isHidden() is bool(words):
-            self.nothing.setVisible(bool(words))
-            self.view.setVisible(not words)
+    def show_empty(self, text: str) -> None:
+        """Show `text` in place of the plots, as empty axes look like data; an empty text shows the plots."""
+        widgets.set_text(self.empty_text, text)
+        if self.empty_text.isHidden() is bool(text):
+            self.empty_text.setVisible(bool(text))
+            self.view.setVisible(not text)
 
-    def clear(self, why: str = "") -> None:
-        """Draw nothing any more, and say why."""
+    def clear(self) -> None:
+        """Remove the data of all plots, and the readout."""
         for plot in self.plots:
             plot.clear()
-        self.readout.setText(why)
+        self.readout.setText("")
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
+        """Use the colours of `theme`."""
+        self.theme = theme
         self.view.setBackground(theme.surface)
         for plot in self.plots:
             plot.paint(theme)
 
     def columns(self) -> Columns:
-        """Return what the CSV holds; columns of one name and other numbers are told apart by their plot."""
-        if self.columns_of is not None:
-            return self.columns_of()
+        """Return the columns of the CSV: what is drawn; names with several meanings get the plot's title."""
         merged: dict[str, Any] = {}
         x_name = next((plot.x_name for plot in reversed(self.plots) if plot.x_title), "x")
         for plot in self.plots:
@@ -154,15 +169,15 @@ class PlotCard(QFrame):
                 merged[f"{plot.title}, {name}" if other else name] = values
         return merged
 
-    def refuse_empty(self) -> None:
-        """Let nothing be taken away where nothing is.
+    def require_data(self) -> None:
+        """Check that there is something to copy or save.
 
         Raises
         ------
         OperatorError : nothing is drawn yet.
         """
         if not self.columns():
-            remedy = self.nothing.text() if not self.nothing.isHidden() else ""
+            remedy = self.empty_text.text() if not self.empty_text.isHidden() else ""
             raise OperatorError(f"nothing is drawn yet in \u201c{self.title}\u201d", remedy or "Wait until it is.")
 
     def picture(self, scale: float = 2.0) -> QPixmap:
@@ -182,47 +197,77 @@ class PlotCard(QFrame):
         ------
         OperatorError : nothing is drawn yet.
         """
-        self.refuse_empty()
+        self.require_data()
         QGuiApplication.clipboard().setPixmap(self.picture())
 
     def save(self, path: Path) -> None:
-        """Save as the ending of `path` says: .png, .svg or .csv.
+        """Save as .png, .svg or .csv, by the suffix of `path`.
 
         Raises
         ------
         OSError : the path cannot be written.
         """
-        if path.suffix == ".csv":
-            tables.save_csv(path, self.columns())
-        elif path.suffix == ".svg":
-            self._save_svg(path)
-        elif not self.picture().save(str(path), "PNG"):
-            raise OSError(f"{path} cannot be written")
+        save_export(path, self.title, self.view, self.picture, self.columns)
 
-    def _save_svg(self, path: Path) -> None:
+
+def save_export(
+    path: Path, title: str, view: QWidget, picture: Callable[[], QPixmap], columns: Callable[[], Columns]
+) -> None:
+    """Save a picture or its numbers, by the suffix of `path`.
+
+    Parameters
+    ----------
+    path : .png, .svg or .csv.
+    title : of the drawing.
+    view : renders the SVG.
+    picture : renders the PNG.
+    columns : of the CSV.
+
+    Raises
+    ------
+    OSError : the path cannot be written.
+    """
+    if path.suffix == ".csv":
+        tables.save_csv(path, columns())
+    elif path.suffix == ".svg":
         generator = QSvgGenerator()
         generator.setFileName(str(path))
-        generator.setSize(self.view.size())
-        generator.setViewBox(self.view.viewport().rect())
-        generator.setTitle(self.title)
+        generator.setSize(view.size())
+        generator.setViewBox(view.rect())
+        generator.setTitle(title)
         painter = QPainter(generator)
         if not painter.isActive():
             raise OSError(f"{path} cannot be written")
-        self.view.render(painter)
+        if isinstance(view, QGraphicsView):
+            view.render(painter)
+        else:
+            view.render(painter, QPoint(0, 0))
         painter.end()
+    elif not picture().save(str(path), "PNG"):
+        raise OSError(f"{path} cannot be written")
 
-    def _menu_button(self) -> QToolButton:
-        tool = QToolButton()
-        tool.setText("\u22ef")
-        tool.setToolTip("Copy or save this plot; while this button has the focus, Ctrl+Shift+C, Ctrl+S and Ctrl+E too")
-        tool.setAccessibleName(f"Copy or save: {self.title}")
-        tool.setProperty("role", "quiet")
-        tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
-        tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-        menu = QMenu(tool)
-        menu.addAction("Copy picture", partial(self.copy_wanted.emit, self))
-        for kind in ("PNG", "SVG", "CSV"):
-            menu.addAction(f"Save {kind} \u2026", partial(self.save_wanted.emit, self, kind.lower()))
-        tool.setMenu(menu)
-        tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        return tool
+
+def export_button(title: str, tip: str, copy: Callable[[], object], save: Callable[[str], object]) -> QToolButton:
+    """Return the button with the menu that copies and saves a picture.
+
+    Parameters
+    ----------
+    title : of the picture, for a screen reader.
+    tip : on hover.
+    copy : copies the picture.
+    save : takes the suffix: png, svg or csv.
+    """
+    tool = QToolButton()
+    tool.setText("\u22ef")
+    tool.setToolTip(tip)
+    tool.setAccessibleName(f"Copy or save: {title}")
+    tool.setProperty("role", "quiet")
+    tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
+    tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+    menu = QMenu(tool)
+    menu.addAction("Copy picture", copy)
+    for kind in ("PNG", "SVG", "CSV"):
+        menu.addAction(f"Save {kind} \u2026", partial(save, kind.lower()))
+    tool.setMenu(menu)
+    tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+    return tool

@@ -207,10 +207,10 @@ class ShadowPane(QWidget):
         return tool
 
     def _ask_save(self, suffix: str) -> None:
-        if self.desk.notices.attempt(self.refuse_empty):
+        if self.desk.notices.attempt(self.require_data):
             ask_save(self, self.desk, self.title, suffix, self.save)
 
-    def refuse_empty(self) -> None:
+    def require_data(self) -> None:
         """Let nothing be taken away where nothing is.
 
         Raises
@@ -227,7 +227,7 @@ class ShadowPane(QWidget):
         ------
         OperatorError : the shadow is not there yet.
         """
-        self.refuse_empty()
+        self.require_data()
         QGuiApplication.clipboard().setPixmap(self.view.grab())
 
     def save(self, path: Path) -> None:

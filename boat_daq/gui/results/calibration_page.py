@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import sensor_ink
+from boat_daq.gui.plotting.plot import sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.figure_table import FigureTable
@@ -51,7 +51,7 @@ class CurveCard(PlotCard):
 
     def __init__(self, number: int) -> None:
         super().__init__(f"Sensor {number}")
-        ink = sensor_ink(number)
+        ink = sensor_colour(number)
         self.top = self.add("Signal", "mV", stretch=3)
         self.bottom = self.add("Residual", "mV", x_title="Elongation", x_unit="mm", stretch=1)
         self.link_x()
@@ -76,11 +76,11 @@ class CurveCard(PlotCard):
         self.rest_unloading.set(sensor.x[down], shown.residuals[down])
         self.curve.set(shown.grid, shown.curve)
         for above, below, (low, high) in zip(self.bands, self.rest_bands, (shown.band_95, shown.band_68), strict=True):
-            above.set(shown.grid, low, high)
-            below.set(shown.grid, low - shown.curve, high - shown.curve)
+            above.fill(shown.grid, low, high)
+            below.fill(shown.grid, low - shown.curve, high - shown.curve)
         self.wide.show(shown.new_reading_95 is not None)
         if shown.new_reading_95 is not None:
-            self.wide.set(shown.grid, *shown.new_reading_95)
+            self.wide.fill(shown.grid, *shown.new_reading_95)
         for before in (self.before, self.apart):
             before.show(shown.last is not None)
         if shown.last is not None:
@@ -101,7 +101,7 @@ class LoopCard(PlotCard):
         self.signals = []
         for number in range(1, SENSORS + 1):
             plot = self.add(f"Signal {number}", "mV", x_title="Pressure" if number == SENSORS else "", x_unit="kPa")
-            self.signals.append((plot, plot.curve(f"Sensor {number}", sensor_ink(number), gaps=True)))
+            self.signals.append((plot, plot.curve(f"Sensor {number}", sensor_colour(number), gaps=True)))
         self.link_x()
 
     def show_loops(self, loops: LoopSet) -> None:
@@ -109,7 +109,7 @@ class LoopCard(PlotCard):
         cycles = range(len(loops.numbers))
         if not cycles:
             self.clear()
-            self.say_empty("A loop needs one complete cycle.")
+            self.show_empty("A loop needs one complete cycle.")
             return
         for i, (plot, curve) in enumerate(self.signals[: len(loops.signal_mv)]):
             curve.set(*loops.broken(loops.pressure_kpa, loops.signal_mv[i], cycles))
@@ -129,7 +129,7 @@ class ActuatorCard(PlotCard):
         cycles = range(len(loops.numbers))
         if loops.elongation_mm is None or not cycles:
             self.clear()
-            self.say_empty("Elongation over pressure comes with the readings of a complete cycle.")
+            self.show_empty("Elongation over pressure comes with the readings of a complete cycle.")
             return
         self.curve.set(*loops.broken(loops.pressure_kpa, loops.elongation_mm, cycles))
         self.plot.fit()
@@ -338,13 +338,13 @@ class CalibrationPage(QWidget):
             self._clear()
             return
         for shown in (*self.curves, self.loops, self.actuator):
-            shown.say_empty("")
+            shown.show_empty("")
         for i, (card, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
             if sensor.x.size:
                 card.show_sensor(sensor, self.model.shown(i))
             else:
                 card.clear()
-                card.say_empty(f"No curve: {sensor.void}.")
+                card.show_empty(f"No curve: {sensor.void}.")
         lacking = self.model.missing()
         self.upper.setCurrentIndex(0 if lacking is None else 1)
         if lacking is not None:
@@ -372,7 +372,7 @@ class CalibrationPage(QWidget):
         """Take an earlier run's curves and figures away: none of them is of the run in the head."""
         for card in (*self.curves, self.loops, self.actuator):
             card.clear()
-            card.say_empty("Nothing to show yet." if self.model.working else "Nothing to show.")
+            card.show_empty("Nothing to show yet." if self.model.working else "Nothing to show.")
         self.table.show_rows((), ())
         for words in (self.posterior, self.flags, self.comparison):
             words.clear()

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QGridLayout, QTabWidget, QVBoxLayout, QWidget
 from analysis.arrays import FloatArray
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, ramp_ink, sensor_ink
+from boat_daq.gui.plotting.plot import Curve, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.figure_table import FigureTable
 from boat_daq.gui.widgets import controls as widgets
@@ -39,7 +39,7 @@ class LoopsByCycle(PlotCard):
         self.number = number
         self.plot = self.add("Signal", "mV", x_title="Pressure", x_unit="kPa")
         self.curves: list[Curve] = [
-            self.plot.curve(f"Group {i + 1}", ramp_ink(i, GROUPS), gaps=True) for i in range(GROUPS)
+            self.plot.curve(f"Group {i + 1}", ramp_colour(i, GROUPS), gaps=True) for i in range(GROUPS)
         ]
 
     def show_groups(self, desk: Desk) -> None:
@@ -66,13 +66,13 @@ class CycleFigureCard(PlotCard):
         super().__init__(title)
         self.plot = self.add(axis, unit, x_title="Cycle")
         self.sensors = [
-            self.plot.points(f"Sensor {n}", sensor_ink(n), symbol=s, size=6) for n, s in ((1, "o"), (2, "s"))
+            self.plot.points(f"Sensor {n}", sensor_colour(n), symbol=s, size=6) for n, s in ((1, "o"), (2, "s"))
         ]
         self.readout.setText("\u25cf 1  \u25a0 2")
 
     def frame(self) -> None:
         """Frame what there is; say so where no cycle has this figure."""
-        self.say_empty("" if any(layer.y.size for layer in self.plot.layers) else NO_FIGURE)
+        self.show_empty("" if any(layer.y.size for layer in self.plot.layers) else NO_FIGURE)
         self.plot.fit()
 
 
@@ -88,7 +88,7 @@ class RepeatPage(QWidget):
         self.loops = [LoopsByCycle(n) for n in range(1, SENSORS + 1)]
         self.drift = CycleFigureCard("Drift", "Change", "mV")
         self.low_ends = [
-            self.drift.plot.points(f"Sensor {n}, lowest", sensor_ink(n), filled=False, symbol=s, size=6)
+            self.drift.plot.points(f"Sensor {n}, lowest", sensor_colour(n), filled=False, symbol=s, size=6)
             for n, s in ((1, "o"), (2, "s"))
         ]
         self.drift.readout.setText("\u25cf\u25a0 high  \u25cb\u25a1 low")
@@ -172,7 +172,7 @@ class RepeatPage(QWidget):
                 (self.snr, each.snr_db),
             ):  # fmt: skip
                 shown.sensors[i].set(*known(numbers, values))
-            self.sensitivity.plot.rename("Per cycle", each.sensitivity_unit)
+            self.sensitivity.plot.set_title("Per cycle", each.sensitivity_unit)
         for shown in (self.drift, self.hysteresis, self.sensitivity, self.snr):
             shown.frame()
         self._show_breaks(result)
@@ -181,7 +181,7 @@ class RepeatPage(QWidget):
     def _show_breaks(self, result: RunResult) -> None:
         """Draw a line where the run was broken and went on, and say what the tests on both sides of it found."""
         for card, line in self.break_lines:
-            card.plot.forget_line(line)
+            card.plot.remove_line(line)
         self.break_lines = [
             (card, card.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="break"))
             for found in result.breaks

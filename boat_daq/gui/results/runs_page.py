@@ -34,9 +34,8 @@ from PySide6.QtWidgets import (
 from analysis.arrays import FloatArray
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, ramp_ink, sensor_ink
+from boat_daq.gui.plotting.plot import Curve, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
-from boat_daq.gui.plotting.point_labels import PointLabels
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
@@ -116,7 +115,7 @@ class RunsPage(QWidget):
         self.history = PlotCard("Sensitivity history")
         self.history.heading.explain("The sensitivity of the unit on the bench at each of its accepted calibrations.")
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
-        self.ages = [plot.points(f"Sensor {n}", sensor_ink(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
+        self.ages = [plot.points(f"Sensor {n}", sensor_colour(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
         self.compare_card = PlotCard("Difference from run 1")
         self.compare_card.heading.explain("The curve of each run less the curve of the first one, over elongation.")
         self.differences = self._comparison_plots()
@@ -129,9 +128,9 @@ class RunsPage(QWidget):
         rows = []
         for number in (1, 2):
             plot = self.compare_card.add(f"Sensor {number}", "mV", x_title="Elongation", x_unit="mm", beside=True)
-            rows.append([plot.curve(f"Run {i + 1}", ramp_ink(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
+            rows.append([plot.curve(f"Run {i + 1}", ramp_colour(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
         self.compare_card.link_x()
-        self.numbers = [PointLabels(plot, (0.5, 0.5), ground=True) for plot in self.compare_card.plots]
+        self.numbers = [plot.labels((0.5, 0.5), ground=True) for plot in self.compare_card.plots]
         back = widgets.button("Back to the units", self.desk.runs.forget_comparison)
         self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
         return rows
@@ -310,8 +309,6 @@ class RunsPage(QWidget):
     def paint_theme(self, theme: Theme) -> None:
         """Take the colours of `theme`."""
         self.thumbnail.theme = theme
-        for labels in self.numbers:
-            labels.paint(theme)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the list where it has changed, and have it looked at again."""
@@ -363,7 +360,7 @@ class RunsPage(QWidget):
         for points in self.ages[len(ages) :]:
             points.clear()
         known = any(x.size for x, _ in ages)
-        self.history.say_empty("" if known else f"The sensitivity at each accepted calibration of {unit} comes here.")
+        self.history.show_empty("" if known else f"The sensitivity at each accepted calibration of {unit} comes here.")
         self.history.readout.setText(f"{unit}   \u25cf sensor 1   \u25a0 sensor 2" if known else "")
         if known:
             self.history.plots[0].fit(x_margin=0.1)

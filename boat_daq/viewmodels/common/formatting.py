@@ -10,6 +10,8 @@ import math
 MINUS = "\u2212"
 NOTHING = "\u2013"
 THIN = "\u2009"  # between thousands and before units
+SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
+SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 
 
 def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
@@ -50,6 +52,32 @@ def span(seconds: float) -> str:
     if seconds < 3600:
         return f"{seconds / 60:g} min"
     return f"{seconds / 3600:g} h"
+
+
+def duration_text(seconds: float, digits: int = 3) -> str:
+    """Return a short time with its unit, e.g. `12.3 \u00b5s`."""
+    if not math.isfinite(seconds):
+        return NOTHING
+    scale, unit = next(((s, u) for s, u in SI if abs(seconds) >= s * 0.9995), SI[-1])
+    return f"{float(f'{seconds / scale:.{digits}g}'):g}{THIN}{unit}"
+
+
+def power_text(value: float, digits: int = 1) -> str:
+    """Return a number that spans decades: plain near 1, `2\u00b710\u207b\u2076` far from it."""
+    if value == 0:
+        return "0"
+    value = float(f"{value:.{digits - 1}e}")  # rounded before its decade is taken
+    power = math.floor(math.log10(abs(value)) + 1e-9)
+    if -3 <= power <= 4:
+        return number(value, max(0, digits - 1 - power))
+    mantissa, raised = value / 10.0**power, f"10{str(power).translate(SUPERSCRIPT)}"
+    text = f"{mantissa:.{digits - 1}f}"
+    return raised if digits == 1 and text == "1" else f"{text}\u00b7{raised}"
+
+
+def quantity(value: float, unit: str) -> str:
+    """Return a value of any order of magnitude with its unit, two digits."""
+    return f"{power_text(value, 2)} {unit}".strip()
 
 
 def count(n: int, singular: str, plural: str = "") -> str:

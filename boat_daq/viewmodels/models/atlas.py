@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import count
+from boat_daq.viewmodels.common.formatting import count, quantity
 from boat_daq.viewmodels.common.measured_result import MeasuredResult
 from boat_daq.viewmodels.common.work import Bench, Work
-from boat_daq.viewmodels.models.tradeoff_report import error_text, quantity
+from boat_daq.viewmodels.models.tradeoff_report import error_text
 
 OUTCOMES = ("works", "degraded", "refused", "quiet wrong")
 LETTERS = {"works": "", "degraded": "d", "refused": "r", "quiet wrong": "!"}

@@ -12,10 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, THIN, number
-
-SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
-SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+from boat_daq.viewmodels.common.formatting import power_text, quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,34 +169,8 @@ def report_columns(charts: Mapping[str, MethodChart]) -> dict[str, list[Any]]:
     }
 
 
-def duration_text(seconds: float, digits: int = 3) -> str:
-    """Return a short time with its unit, e.g. `12.3 \u00b5s`."""
-    if not math.isfinite(seconds):
-        return NOTHING
-    scale, unit = next(((s, u) for s, u in SI if abs(seconds) >= s * 0.9995), SI[-1])
-    return f"{float(f'{seconds / scale:.{digits}g}'):g}{THIN}{unit}"
-
-
 def error_text(error: float) -> str:
     """Return an error at two digits; `failed` where the setting gave none."""
     if not math.isfinite(error):
         return "failed"
     return power_text(error, digits=2)
-
-
-def power_text(value: float, digits: int = 1) -> str:
-    """Return a number that spans decades: plain near 1, `2\u00b710\u207b\u2076` far from it."""
-    if value == 0:
-        return "0"
-    value = float(f"{value:.{digits - 1}e}")  # rounded before its decade is asked for
-    power = math.floor(math.log10(abs(value)) + 1e-9)
-    if -3 <= power <= 4:
-        return number(value, max(0, digits - 1 - power))
-    mantissa, raised = value / 10.0**power, f"10{str(power).translate(SUPERSCRIPT)}"
-    words = f"{mantissa:.{digits - 1}f}"
-    return raised if digits == 1 and words == "1" else f"{words}\u00b7{raised}"
-
-
-def quantity(value: float, unit: str) -> str:
-    """Return a tolerance with its unit."""
-    return f"{power_text(value, 2)} {unit}".strip()

@@ -288,7 +288,7 @@ def test_a_method_that_is_not_measured_says_what_will_be_there(whole):
     chart = whole.pages["Trade-off"].chart
     whole.go("Trade-off")
     QApplication.processEvents()
-    assert chart.nothing.isVisible()
+    assert chart.empty_text.isVisible()
     assert chart.heading.geometry().bottom() < chart.height() / 4
 
 

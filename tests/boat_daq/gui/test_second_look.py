@@ -133,10 +133,10 @@ def test_plots_of_the_optics_say_what_comes_before_they_have_it(live, monkeypatc
     page.response.show_result(live.desk.optics)
     for card in (page.scene, page.response, page.pareto):
         assert not card.view.isVisible()
-        assert "here" in card.nothing.text()
-    page.response.say_empty("")
+        assert "here" in card.empty_text.text()
+    page.response.show_empty("")
     assert page.response.view.isVisible()
-    assert not page.response.nothing.isVisible()
+    assert not page.response.empty_text.isVisible()
 
 
 def test_a_slip_on_close_does_not_end_a_run(live):
@@ -164,7 +164,7 @@ def test_what_cannot_be_analysed_says_its_remedy_under_its_cause(live):
     model.revision += 1
     page.refresh(live.desk.snapshot)
     assert (page.verdict.text(), page.headline.text()) == ("\u25a0 x.boat is not a recording", "Choose another one.")
-    assert all(card.nothing.text() == "Nothing to show." for card in page.curves)
+    assert all(card.empty_text.text() == "Nothing to show." for card in page.curves)
 
 
 def test_the_palette_knows_ordinary_words(live):

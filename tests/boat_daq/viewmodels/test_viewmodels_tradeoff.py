@@ -13,12 +13,13 @@ from analysis.atlas.sweep import Answer, Axis, Study
 from analysis.tradeoff import METHODS as MEASURED
 from analysis.tradeoff import Method, Setting
 from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.formatting import duration_text, power_text
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.work import Bench, WorkState
 from boat_daq.viewmodels.models import tradeoff_jobs
 from boat_daq.viewmodels.models.atlas import AtlasModel, read_maps
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel
-from boat_daq.viewmodels.models.tradeoff_report import duration_text, error_text, merged, power_text, read_report
+from boat_daq.viewmodels.models.tradeoff_report import error_text, merged, read_report
 
 
 def point(setting, seconds, error, **more):

@@ -12,7 +12,7 @@ from PySide6.QtGui import QColor
 from analysis.fidelity import fidelity
 from boat_daq.gui import style
 from boat_daq.gui.models.tradeoff_chart import spread_bars
-from boat_daq.gui.plotting.log_axis import LogAxis, log_ticks
+from boat_daq.gui.plotting.axes import LogAxis, log_ticks
 from boat_daq.viewmodels.common.work import WorkState
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff_report import read_report

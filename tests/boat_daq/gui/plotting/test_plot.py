@@ -11,8 +11,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 
 from boat_daq.gui import style
-from boat_daq.gui.plotting.drawn import Drawn
-from boat_daq.gui.plotting.plot import Plot, make_item, sensor_ink
+from boat_daq.gui.plotting.path_item import PathItem
+from boat_daq.gui.plotting.plot import Plot, make_item, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 
 
@@ -31,9 +31,9 @@ def test_a_surface_fills_what_lies_between_its_lines_and_nothing_else(view):
     item = view.addPlot()
     item.setXRange(0, 10, padding=0)
     item.setYRange(-4, 4, padding=0)
-    surface = Drawn()
+    surface = PathItem()
     item.addItem(surface)
-    surface.ink_surface(QColor(255, 0, 0))
+    surface.set_fill_colour(QColor(255, 0, 0))
     x = np.linspace(0.0, 10.0, 101)
     surface.fill_between(x, np.sin(x) - 1.0, np.sin(x) + 1.0)
     view.viewport().repaint()
@@ -54,11 +54,11 @@ def test_a_surface_fills_what_lies_between_its_lines_and_nothing_else(view):
 def test_a_band_of_thousands_of_points_leaves_no_work_for_the_collector(view):
     """A frame used to make an object a point, and the collector stood still for 130 ms every few frames."""
     plot = Plot(view.addPlot(), "Elongation", "mm")
-    band = plot.band("Band", sensor_ink(1))
+    band = plot.band("Band", sensor_colour(1))
     x = np.arange(4000.0)
     before = gc.get_stats()[0]["collections"]
     for shift in range(20):
-        band.set(x, x + shift, x + shift + 1.0)
+        band.fill(x, x + shift, x + shift + 1.0)
         view.viewport().repaint()
     assert gc.get_stats()[0]["collections"] - before < 20
 
@@ -68,9 +68,9 @@ def test_a_line_is_broken_where_a_value_is_missing(view):
     item = view.addPlot()
     item.setXRange(0, 10, padding=0)
     item.setYRange(-1, 1, padding=0)
-    line = Drawn()
+    line = PathItem()
     item.addItem(line)
-    line.ink_line("#ff0000", Qt.PenStyle.SolidLine)
+    line.set_line_colour("#ff0000", Qt.PenStyle.SolidLine)
     x = np.linspace(0.0, 10.0, 101)
     line.draw_line(x, np.where((x > 4.0) & (x < 6.0), np.nan, 0.0), gaps=True)
     view.viewport().repaint()

@@ -126,7 +126,7 @@ def check_numbers(path, card) -> None:
     assert [name for name in head if not (UNIT.search(name) or NUMBERS.search(name))] == [], card.title
     columns = [[row[k] for row in rows] for k in range(len(head))]
     for plot in getattr(card, "plots", ()):
-        if getattr(card, "columns_of", None) is None and "columns" not in vars(type(card)):
+        if "columns" not in vars(type(card)):
             for layer in (layer for layer in plot.layers if layer.x.size and layer.item.isVisible()):
                 for values in (layer.x, layer.y):
                     written = ["" if value != value else repr(float(value)) for value in values]
@@ -140,7 +140,7 @@ def test_every_plot_leaves_by_menu_and_by_keyboard(loaded, tmp_path, request):
     for card in looked_at(loaded, page):
         seen.append(card.title)
         if not card.columns():
-            assert card.nothing.isVisible() or card.readout.text(), f"{card.title} is empty, and says nothing"
+            assert card.empty_text.isVisible() or card.readout.text(), f"{card.title} is empty, and says nothing"
             continue
         button = button_of(card)
         copy, *saves = [action for action in button.menu().actions() if action.text()][:4]
@@ -173,7 +173,7 @@ def test_what_is_empty_is_not_saved_and_says_what_comes(empty, tmp_path):
     empty.go("Shadow")
     empty.refresh()
     card = empty.pages["Shadow"].cycles
-    assert card.nothing.isVisible()
+    assert card.empty_text.isVisible()
     button_of(card).setFocus()
     for keys in ("Ctrl+Shift+C", "Ctrl+S", "Ctrl+E"):
         run_shortcut(empty, keys)

@@ -341,7 +341,7 @@ def test_a_figure_that_no_cycle_has_is_said(live):
     sensors = tuple(dataclasses.replace(s, cycles=none) for s in whole.sensors)
     live.desk.repeatability.show(dataclasses.replace(whole, sensors=sensors))
     live.refresh()
-    assert (page.hysteresis.view.isVisible(), page.hysteresis.nothing.isVisible()) == (False, True)
+    assert (page.hysteresis.view.isVisible(), page.hysteresis.empty_text.isVisible()) == (False, True)
     assert page.snr.view.isVisible()
 
 

@@ -1,0 +1,263 @@
+"""Axes of the plots: ticks at 1-2-5, clock divisions or decades, a typographic minus, the grid behind the data.
+
+pyqtgraph's own axis makes pens, points and boxes for each range and replays them from a QPicture: half the time of a
+scrolling frame. Here lines and labels are drawn directly, and laid-out labels are cached. The lower axis is painted in
+each frame of a scrolling plot and paints the whole grid; the left one paints its labels alone, cached as pixels. The
+grid is opaque: translucent lines take three times as long.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pyqtgraph as pg
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QFont, QPainter, QPen, QStaticText
+
+from boat_daq.gui import style
+from boat_daq.gui.style import Theme
+from boat_daq.viewmodels.common.formatting import power_text
+from boat_daq.viewmodels.live import axis
+
+CACHED_LABELS = 500
+LABEL_SHARE = 0.8  # of a label's height that counts beside others, as in pyqtgraph
+ON_TICK = 1e-9  # of a step
+LOG_LABELS = 7
+LOG_DIGITS = (1, 2, 5)
+FEW_DECADES = 1.6  # over fewer, the 2 and the 5 between are labelled too
+
+
+@dataclass(slots=True)
+class AxisStyle:
+    """Pens, font and laid-out labels, valid until the theme changes."""
+
+    line: QPen
+    tick: QPen
+    text: QPen
+    font: QFont | None
+    labels: dict[str, QStaticText] = field(default_factory=dict)
+
+    def label(self, text: str) -> QStaticText:
+        """Return a laid-out label."""
+        if text not in self.labels:
+            if len(self.labels) >= CACHED_LABELS:
+                self.labels.clear()
+            made = QStaticText(text)
+            made.setTextFormat(Qt.TextFormat.PlainText)
+            if self.font is not None:
+                made.prepare(font=self.font)
+            self.labels[text] = made
+        return self.labels[text]
+
+
+class TickAxis(pg.AxisItem):  # type: ignore[misc]
+    """A left or lower axis; the lower one shows numbers, whole numbers, or a time."""
+
+    background = QColor("white")
+    _cached: AxisStyle | None = None
+    _around: tuple[object, QRectF] | None = None
+    _across: TickAxis | None = None
+    _drawn_by: TickAxis | None = None
+
+    def __init__(self, orientation: str, *, time: bool = False, whole: bool = False) -> None:
+        super().__init__(orientation)
+        self.time, self.whole = time, whole
+        self.enableAutoSIPrefix(False)
+        self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
+
+    def tickSpacing(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, float]]:
+        """Return the one level of ticks."""
+        span = maxVal - minVal
+        if self.whole:
+            return [(max(1.0, axis.tick_step(span)), 0.0)]
+        return [(axis.time_step(span) if self.time else axis.tick_step(span, size), 0.0)]
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return the multiples of the one spacing in the range, its ends included."""
+        step = self.tickSpacing(minVal, maxVal, size)[0][0]
+        first, last = math.ceil(minVal / step - ON_TICK), math.floor(maxVal / step + ON_TICK)
+        return [(step, [n * step for n in range(first, last + 1)])]
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Return the labels of `values`."""
+        if self.time:
+            return [axis.clock(value, spacing) for value in values]
+        return [str(text).replace("-", "\u2212") for text in super().tickStrings(values, scale, spacing)]
+
+    def draw_grid_of(self, other: TickAxis) -> None:
+        """Draw the grid of the perpendicular axis, too."""
+        self._across, other._drawn_by = other, self
+
+    def setRange(self, mn: float, mx: float) -> None:
+        """Set the range; the axis that draws the grid is repainted."""
+        super().setRange(mn, mx)
+        if self._drawn_by is not None:
+            self._drawn_by.update()
+
+    def boundingRect(self) -> QRectF:
+        """Return the area of the axis and of the grid that it draws; computed once for each arrangement."""
+        view = None if self._drawn_by is not None else self.linkedView()
+        arrangement = (self.geometry(), None if view is None else view.geometry())
+        if self._around is None or self._around[0] != arrangement:
+            area = self._area()
+            self._around = (arrangement, area if view is None else area | self._field())
+        return QRectF(self._around[1])
+
+    def paint(self, painter: QPainter, option: Any, widget: Any) -> None:
+        """Draw line, grid and labels."""
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
+        area = self._area()
+        self._draw_line(painter, area)
+        step, values, places = self._ticks()
+        if self._drawn_by is None:
+            field_ = self._field()
+            left, bottom = field_.left(), field_.bottom()
+            self._draw_grid(
+                painter, [QLineF(left + x, field_.top(), left + x, area.top()) for x in places], area.width()
+            )
+            if self._across is not None:
+                heights = self._across._ticks()[2]
+                lines = [QLineF(left, bottom - y, field_.right(), bottom - y) for y in heights]
+                self._draw_grid(painter, lines, field_.height())
+        if self.style["showValues"]:
+            self._draw_labels(painter, area, places, self.tickStrings(values, 1.0, step))
+
+    def _area(self) -> QRectF:
+        area: QRectF = self.mapRectFromParent(self.geometry())
+        return area
+
+    def _field(self) -> QRectF:
+        """Return the area of the data."""
+        view = self.linkedView()
+        area: QRectF = self._area() if view is None else view.mapRectToItem(self, view.rect())
+        return area
+
+    def _ticks(self) -> tuple[float, list[float], list[float]]:
+        """Return the step, the ticks' values, and how far along the axis each is, in pixels."""
+        area, (low, high) = self._area(), self.range
+        length = area.height() if self.orientation == "left" else area.width()
+        if length <= 0 or high <= low:
+            return 1.0, [], []
+        ((step, values),) = self.tickValues(low, high, length)
+        return step, values, [(value - low) / (high - low) * length for value in values]
+
+    def _draw_line(self, painter: QPainter, area: QRectF) -> None:
+        painter.setPen(self._style().line)
+        if self.orientation == "left":
+            painter.drawLine(QLineF(area.right() - 1, area.top() - 1, area.right() - 1, area.bottom() + 1))
+        else:
+            painter.drawLine(QLineF(area.left() - 1, area.top() + 1, area.right() + 1, area.top() + 1))
+
+    def _draw_grid(self, painter: QPainter, lines: list[QLineF], length: float) -> None:
+        """Draw lines of the grid; a dense one is faint."""
+        share = min(1.0, 0.05 * length / (len(lines) + 1))
+        tick, ground = self._style().tick.color(), self.background
+        pairs = ((tick.red(), ground.red()), (tick.green(), ground.green()), (tick.blue(), ground.blue()))
+        mixed = (round(there + (here - there) * share) for here, there in pairs)
+        painter.setPen(QPen(QColor(*mixed), 0))
+        painter.drawLines(lines)
+
+    def _draw_labels(self, painter: QPainter, area: QRectF, places: list[float], words: list[str]) -> None:
+        """Write the labels that lie wholly inside the axis."""
+        look, around = self._style(), self.boundingRect()
+        across, along = (float(offset) for offset in self.style["tickTextOffset"])
+        if look.font is not None:
+            painter.setFont(look.font)
+        painter.setPen(look.text)
+        for place, text in zip(places, words, strict=True):
+            label = look.label(text)
+            width, height = label.size().width(), label.size().height()
+            if self.orientation == "left":
+                x, y = area.right() - across - width, area.bottom() - place - height / 2
+                inside = (
+                    around.top() <= y + (1 - LABEL_SHARE) / 2 * height
+                    and y + (1 + LABEL_SHARE) / 2 * height <= around.bottom()
+                )
+            else:
+                x, y = area.left() + place - width / 2, area.top() + along
+                inside = around.left() <= x and x + width <= around.right()
+            if inside:
+                painter.drawStaticText(QPointF(x, y), label)
+
+    def _style(self) -> AxisStyle:
+        if self._cached is None:
+            self._cached = AxisStyle(self.pen(), self.tickPen(), self.textPen(), self.style["tickFont"])
+        return self._cached
+
+    def setPen(self, *args: Any, **kwargs: Any) -> None:
+        """Set the pen of the line along the axis."""
+        self._cached = None
+        super().setPen(*args, **kwargs)
+
+    def setTickPen(self, *args: Any, **kwargs: Any) -> None:
+        """Set the pen of the grid."""
+        self._cached = None
+        super().setTickPen(*args, **kwargs)
+
+    def setTextPen(self, *args: Any, **kwargs: Any) -> None:
+        """Set the pen of the labels."""
+        self._cached = None
+        super().setTextPen(*args, **kwargs)
+
+    def setStyle(self, **kwargs: Any) -> None:
+        """Set style options as in pyqtgraph."""
+        self._cached = None
+        super().setStyle(**kwargs)
+
+
+class LogAxis(pg.AxisItem):  # type: ignore[misc]
+    """An axis whose data are base-10 logarithms: labels at powers of ten, at 1-2-5 where few decades are shown.
+
+    Parameters
+    ----------
+    text : formats a value (not its logarithm).
+    """
+
+    def __init__(self, orientation: str, text: Callable[[float], str] = power_text) -> None:
+        super().__init__(orientation)
+        self.format_value = text
+        self.enableAutoSIPrefix(False)
+        self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return the one level of ticks, as logarithms."""
+        return [(1.0, log_ticks(minVal, maxVal))]
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Return the labels of `values`."""
+        return [self.format_value(10.0**value) for value in values]
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Return the logarithms of round values between two logarithms, about `LOG_LABELS` of them."""
+    first, last = math.floor(low), math.ceil(high)
+    digits = LOG_DIGITS if high - low <= FEW_DECADES else (1,)
+    step = max(1, math.ceil((last - first) / LOG_LABELS))
+    ticks = [n + math.log10(d) for n in range(first, last + 1, step) for d in digits]
+    return [t for t in ticks if low - 1e-9 <= t <= high + 1e-9]
+
+
+def paint_axis(item: Any, side: str, theme: Theme, title: str = "") -> None:
+    """Give an axis of pyqtgraph's own kind the colours and fonts of the theme, and its title.
+
+    Parameters
+    ----------
+    item : the plot item.
+    side : "left", "right" or "bottom".
+    theme : whose colours are used.
+    title : with its unit; an axis keeps the one it has where this is empty.
+    """
+    ruler = item.getAxis(side)
+    ruler.setPen(theme.line)
+    ruler.setTextPen(theme.muted)
+    ruler.setStyle(tickFont=style.small_font())
+    if title:
+        ruler.setLabel(title, **label_style(theme))
+
+
+def label_style(theme: Theme) -> dict[str, str]:
+    """Return colour and size of an axis's title, as pyqtgraph takes them."""
+    return {"color": theme.muted, "font-size": f"{style.FONT_SMALL}px"}

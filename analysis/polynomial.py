@@ -91,6 +91,15 @@ class LeastSquares:
     condition: float
     weights: FloatArray
 
+    def predict(self, x: npt.ArrayLike) -> FloatArray:
+        """Return y(x), evaluated in the scaled basis."""
+        return np.asarray(legendre.legval(self.basis.scaled(x), self.basis_coefficients), dtype=np.float64)
+
+    def slope(self, x: npt.ArrayLike) -> FloatArray:
+        """Return dy/dx."""
+        derivative = legendre.legder(self.basis_coefficients)
+        return np.asarray(legendre.legval(self.basis.scaled(x), derivative), dtype=np.float64) / self.basis.half_width
+
 
 def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None = None) -> LeastSquares:
     """Fit a polynomial of `degree` through (x, y), minimising sum w (y - f)^2.

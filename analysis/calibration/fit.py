@@ -74,13 +74,15 @@ class Calibration:
 
         `positions` [n] label what was read; points of one label share what the grid rounds alike.
         """
-        return replace(self, reading=gather(self, reading_sd, positions)) if reading_sd > 0 else self
+        return (
+            replace(self, reading=gather(self.fit, self.x, self.y, reading_sd, positions)) if reading_sd > 0 else self
+        )
 
     @property
     def basis_covariance(self) -> FloatArray:
         """Covariance of the coefficients in the scaled basis, the reading of x included."""
         if self.reading is not None:
-            return self.reading.covariance(self)
+            return self.reading.covariance(self.fit)
         return self.residual_sd**2 * self.fit.basis_factor @ self.fit.basis_factor.T
 
     @property
@@ -118,14 +120,11 @@ class Calibration:
 
     def predict(self, x: npt.ArrayLike) -> FloatArray:
         """Return y(x), evaluated in the scaled basis."""
-        basis = self.fit.basis
-        return np.asarray(legendre.legval(basis.scaled(x), self.fit.basis_coefficients), dtype=np.float64)
+        return self.fit.predict(x)
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """Return dy/dx."""
-        basis = self.fit.basis
-        derivative = legendre.legder(self.fit.basis_coefficients)
-        return np.asarray(legendre.legval(basis.scaled(x), derivative), dtype=np.float64) / basis.half_width
+        return self.fit.slope(x)
 
     def curve_sd(self, x: npt.ArrayLike) -> FloatArray:
         """Return the standard error of y(x) from the fit's covariance."""

@@ -132,7 +132,7 @@ class Inverse:
         if calibration.reading is None:
             return np.zeros(at.shape)
         rows = calibration.fit.basis.design(at)
-        excess = np.einsum("...i,ij,...j->...", rows, calibration.reading.beyond_fit(calibration), rows)
+        excess = np.einsum("...i,ij,...j->...", rows, calibration.reading.beyond_fit(calibration.fit), rows)
         return np.asarray(np.sqrt(np.clip(excess, 0.0, None)) / np.abs(calibration.slope(at)), dtype=np.float64)
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> Elongation:

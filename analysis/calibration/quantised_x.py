@@ -19,7 +19,6 @@ over the slope times d. Where they lie closer, or in groups, readings of one val
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -27,10 +26,7 @@ from scipy import optimize, special, stats
 
 from analysis.arrays import FloatArray, IntArray
 from analysis.errors import DataError
-
-if TYPE_CHECKING:
-    from analysis.calibration.fit import Calibration
-
+from analysis.polynomial import LeastSquares
 
 SHARPEST_READER = 0.005  # of the grid: what a reader tells apart at the middle between two marks
 FINE, TAIL = 400, 2e-3  # points that L_p is computed on, and what is cut off at either end of it
@@ -77,41 +73,44 @@ class Positions:
         """Number of positions."""
         return self.count.size
 
-    def covariance(self, calibration: Calibration) -> FloatArray:
+    def covariance(self, fit: LeastSquares) -> FloatArray:
         """Return the covariance of the least-squares coefficients in the scaled basis, [degree + 1, degree + 1].
 
         Every position counts once: sum_p u_p^2 g_p g_p^T, g_p the influence of its mean, u_p of reading, scatter and
         misfit together. Readings that scatter about their position flatten a curve through each of them (attenuation):
         its distance from the curve through the means is an uncertainty of its own.
         """
-        variance = calibration.slope(self.x) ** 2 * self.x_variance + self.mean_variance
+        variance = fit.slope(self.x) ** 2 * self.x_variance + self.mean_variance
         variance = variance + self.misfit_sd**2 * self.relative_variance
-        influence, flattened = self._influence(calibration)
+        influence, flattened = self._influence(fit)
         return np.asarray((influence * variance) @ influence.T + np.outer(flattened, flattened), dtype=np.float64)
 
-    def beyond_fit(self, calibration: Calibration) -> FloatArray:
+    def beyond_fit(self, fit: LeastSquares) -> FloatArray:
         """Return what the reading alone adds to the fit's own covariance, which takes every point's error for its own:
         sum_p (1 - 1 / n_p) f'^2 Var(x_p) g_p g_p^T, and the flattening, [degree + 1, degree + 1].
         """
-        variance = (1.0 - 1.0 / self.count) * calibration.slope(self.x) ** 2 * self.x_variance
-        influence, flattened = self._influence(calibration)
+        variance = (1.0 - 1.0 / self.count) * fit.slope(self.x) ** 2 * self.x_variance
+        influence, flattened = self._influence(fit)
         return np.asarray((influence * variance) @ influence.T + np.outer(flattened, flattened), dtype=np.float64)
 
-    def _influence(self, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
+    def _influence(self, fit: LeastSquares) -> tuple[FloatArray, FloatArray]:
         """Return d coefficients / d y_p of a fit through the positions' means, [degree + 1, positions], and how far its
         coefficients are from those of the fit through all points, [degree + 1].
         """
-        fit = calibration.fit
         root = np.sqrt(np.bincount(self.of_point, fit.weights))
         influence: FloatArray = np.asarray(np.linalg.pinv(fit.basis.design(self.x) * root[:, None]) * root, dtype=float)
         return influence, influence @ self.y - fit.basis_coefficients
 
 
-def gather(calibration: Calibration, reading_sd: float, labels: npt.ArrayLike | None = None) -> Positions:
+def gather(
+    fit: LeastSquares, x: FloatArray, y: FloatArray, reading_sd: float, labels: npt.ArrayLike | None = None
+) -> Positions:
     """Gather the readings of a calibration by position.
 
     Parameters
     ----------
+    fit : polynomial through the points.
+    x, y : [n] readings and signals.
     reading_sd : of one reading to the nearest mark: the grid / sqrt(12).
     labels : [n] anything that names the position of each point; None: each is its own, unless equal readings share
         their error (`share_their_error`).
@@ -120,11 +119,11 @@ def gather(calibration: Calibration, reading_sd: float, labels: npt.ArrayLike | 
     ------
     DataError : there is not one label for each point.
     """
-    x, y, weights = calibration.x, calibration.y, calibration.fit.weights
+    weights = fit.weights
     if labels is not None:
         named = np.asarray(labels)
     else:
-        named = np.round(x, 9) if share_their_error(calibration, reading_sd) else np.arange(x.size)
+        named = np.round(x, 9) if share_their_error(fit, x, y, reading_sd) else np.arange(x.size)
     if named.shape[:1] != x.shape:
         raise DataError(f"{named.shape[0]} positions for {x.size} points", "Give one for each point.")
     _, of_point = np.unique(named, axis=0, return_inverse=True)
@@ -135,7 +134,7 @@ def gather(calibration: Calibration, reading_sd: float, labels: npt.ArrayLike | 
     dx, dy = x - mean_x[of_point], y - mean_y[of_point]
     dof = x.size - count.size
     grid = float(reading_sd * np.sqrt(12.0))
-    slope = calibration.slope(mean_x)[of_point]
+    slope = fit.slope(mean_x)[of_point]
     moved, noise_variance, reader = np.zeros(x.size), 0.0, 0.0
     if dof > 0:
         moved, noise_variance = _movement(dx, dy, slope, weights, dof)
@@ -147,9 +146,9 @@ def gather(calibration: Calibration, reading_sd: float, labels: npt.ArrayLike | 
     edges, shares, variance = _likelihoods(x - moved, mean_x, of_point, count, grid, reader, cells)
     mean_variance = noise_variance / mass
     relative = np.ones(count.size) if noise_variance > 0 else 1.0 / mass  # once each: what misses the curve is noise
-    residual = mean_y - calibration.predict(mean_x)
-    free = count.size - calibration.degree - 1
-    known = calibration.slope(mean_x) ** 2 * variance + mean_variance
+    residual = mean_y - fit.predict(mean_x)
+    free = count.size - fit.basis.degree - 1
+    known = fit.slope(mean_x) ** 2 * variance + mean_variance
     misfit = (
         max(float((residual**2 / relative).sum()) / free - float(np.mean(known / relative)), 0.0) if free > 0 else 0
     )
@@ -159,25 +158,31 @@ def gather(calibration: Calibration, reading_sd: float, labels: npt.ArrayLike | 
     )  # fmt: skip
 
 
-def share_their_error(calibration: Calibration, reading_sd: float) -> bool:
+def share_their_error(fit: LeastSquares, x: FloatArray, y: FloatArray, reading_sd: float) -> bool:
     """Return whether readings of one x cannot have independent errors: their signals lie too close together.
 
     Independent errors spread the signals of one x over f' d. Two tests at 1 %: the pooled variance within equal x
     against (f' s_x)^2, chi-square; and how many neighbours are closer than a tenth of even spacing, binomial, which
     finds the groups that several positions of one x make.
+
+    Parameters
+    ----------
+    fit : polynomial through the points.
+    x, y : [n] readings and signals.
+    reading_sd : of one reading to the nearest mark, in the unit of x.
     """
-    x, weights = calibration.x, calibration.fit.weights
+    weights = fit.weights
     values, of_x, many = np.unique(np.round(x, 9), return_inverse=True, return_counts=True)
     dof = x.size - values.size
     if dof == 0:
         return False
-    steep = np.abs(calibration.slope(values)) * reading_sd
-    mean_y = np.bincount(of_x, weights * calibration.y) / np.bincount(of_x, weights)
-    within = calibration.y - mean_y[of_x]
+    steep = np.abs(fit.slope(values)) * reading_sd
+    mean_y = np.bincount(of_x, weights * y) / np.bincount(of_x, weights)
+    within = y - mean_y[of_x]
     least = float((many - 1) @ steep**2) / dof
-    order = np.lexsort((calibration.y, of_x))
+    order = np.lexsort((y, of_x))
     neighbours = np.diff(of_x[order]) == 0
-    gaps = np.diff(calibration.y[order])[neighbours]
+    gaps = np.diff(y[order])[neighbours]
     even = (steep * np.sqrt(12.0) / (many + 1))[of_x[order][1:]][neighbours]
     close = int((gaps < CLOSE * even).sum())
     return bool(

@@ -19,8 +19,17 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.data.csv_columns import COUNTS, PLAIN, ColumnMap, load_profile, map_columns, recognised
-from analysis.data.csv_hints import listed, map_by_hand, words_in
+from analysis.data.csv_columns import (
+    COUNTS,
+    PLAIN,
+    ColumnMap,
+    listed,
+    load_profile,
+    map_by_hand,
+    map_columns,
+    recognised,
+    words_in,
+)
 from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import Recording
 from analysis.errors import DataError, RequestError

@@ -11,7 +11,8 @@ ones are named by line.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,15 +21,20 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.data.csv_clock import seconds_of
 from analysis.data.csv_dialect import MISSING, Dialect, cells_of, is_comment, number, records, sniff
 from analysis.errors import FileError, RequestError
 
 NAMED_ISSUES = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
+DAY_S = 86_400.0
 SHOWN_WORDS = 100  # cells of a column of words that are tried as grouped numbers
 # pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
 _EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
+
+_TIME = r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?"
+_OF_DAY = re.compile(rf"^{_TIME}$")
+_ISO = re.compile(rf"^\d{{4}}-\d{{2}}-\d{{2}}[T ]{_TIME}(?:Z|[+-]\d{{2}}:?\d{{2}})?$")
+_DOTTED = re.compile(rf"^(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}) ({_TIME})$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,3 +224,40 @@ def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
         if at == row:
             return line_number
     return dialect.data_line + row + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Seconds since the first row [n], and what the cells are, in words."""
+
+    seconds: npt.NDArray[np.float64]
+    said: str
+
+
+def seconds_of(cells: Sequence[str]) -> Clock | None:
+    """Return clock times as seconds since the first; None where any cell is something else."""
+    if not cells:
+        return None
+    if all(_OF_DAY.match(cell) for cell in cells):
+        seconds = np.asarray([_of_day(cell) for cell in cells])
+        midnights = np.cumsum(np.diff(seconds, prepend=seconds[0]) < -DAY_S / 2)
+        over = f", over midnight {midnights[-1]} time{'s' if midnights[-1] > 1 else ''}" if midnights[-1] else ""
+        return Clock(np.round(seconds + DAY_S * midnights - seconds[0], 9), f"times of day{over}")
+    dated = [_two_digits(_DOTTED.sub(r"\3-\2-\1 \4", cell).replace(",", ".")) for cell in cells]
+    if not all(_ISO.match(cell) for cell in dated):
+        return None
+    try:
+        instants = pd.to_datetime(dated, format="ISO8601", utc=True)
+    except (ValueError, OverflowError):
+        return None  # the 31st of February
+    return Clock((instants - instants[0]).total_seconds().to_numpy(dtype=np.float64), "dates and times")
+
+
+def _of_day(cell: str) -> float:
+    hours, minutes, seconds = cell.replace(",", ".").split(":")
+    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
+
+
+def _two_digits(cell: str) -> str:
+    """Write 2026-3-1 9:00:00 as 2026-03-01 09:00:00."""
+    return re.sub(r"(?<=[-T ])(\d)(?=[-: ])", r"0\1", cell)

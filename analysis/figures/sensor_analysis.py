@@ -24,11 +24,16 @@ from analysis.fidelity import Level, fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break
 from analysis.figures.figure import Figure
-from analysis.figures.figure_windows import with_losses
 from analysis.segmentation.cycles import Cycles
-from analysis.segmentation.loops import Loops, cluster_levels, loop_width, sensor_loop_width
+from analysis.segmentation.loops import MAX_DAMAGED_CYCLE, Loops, cluster_levels, loop_width
+from analysis.segmentation.losses import LossCounter, Losses
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau, PlateauSettings
+
+OF_POINTS = (  # figures of the calibration's points; the others are those of the loops
+    "sensitivity_mv_per_mm", "slope_at_rest_mv_per_mm", "least_squares_slope_mv_per_mm",
+    "sensor_hysteresis_percent_fso",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +202,7 @@ def _loop_figures(
     )
     per_cycle: tuple[float, ...] = ()
     if loops.elongation_mm is not None:
-        own = sensor_loop_width(loops, sensor, calibration, run.weights)
+        own = metrics.sensor_loop_width(loops, sensor, calibration, run.weights)
         figures["sensor_hysteresis_percent_fso"] = metrics.hysteresis(
             own, fso, n, "max over x of |loading - unloading| / FSO, mean loop"
         )
@@ -246,3 +251,26 @@ def _percent_per_mm(calibration: Calibration | None, elongation_mm: FloatArray) 
         return 100.0 / calibration.full_scale * float(np.abs(calibration.slope(grid)).max())
     span = float(np.nanmax(elongation_mm) - np.nanmin(elongation_mm)) if np.isfinite(elongation_mm).any() else 0.0
     return 100.0 / span if span > 0 else 0.0
+
+
+def with_losses(run: Run, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    """Say of every figure what its window lost; void it above the limit, or where the losses left it nothing."""
+    counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
+    if run.plateaus:
+        holds = [p for p in run.plateaus if p.cycle in chosen and p.branch]
+        of_loops = counter.of_windows([slice(p.settled_first, p.last + 1) for p in holds])
+        read = set() if run.elongations is None else set(np.flatnonzero(run.elongations.known).tolist())
+        points = [p for i, p in enumerate(run.plateaus) if i in read and p.cycle in chosen and p.branch]
+        of_points = counter.of_windows([slice(p.settled_first, p.last + 1) for p in points])
+    else:
+        of_loops = of_points = counter.of_windows([c.rows for c in run.cycles.used])
+    return {name: _over(figure, of_points if name in OF_POINTS else of_loops) for name, figure in figures.items()}
+
+
+def _over(figure: Figure, window: Losses) -> Figure:
+    void = window.void()
+    if void and not figure.void:
+        return replace(figure, value=float("nan"), low=float("nan"), high=float("nan"), void=void, window=window)
+    if figure.void and window.void(MAX_DAMAGED_CYCLE):
+        return replace(figure, void=f"{figure.void}: {window.void(MAX_DAMAGED_CYCLE)}", window=window)
+    return replace(figure, window=window)

@@ -20,7 +20,7 @@ from analysis.calibration.fit import Calibration
 from analysis.data.recording import Recording
 from analysis.figures.figure import Figure
 from analysis.segmentation.cycles import Cycles
-from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels
+from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
 from analysis.segmentation.plateaus import Plateau
 from analysis.statistics import bootstrap_interval, theil_sen
 
@@ -142,6 +142,21 @@ def sensitivities(calibration: Calibration, resampled: ResampledFit) -> dict[str
     else:
         figures["slope_at_rest_mv_per_mm"] = Figure.nothing("mV/mm", "x = 0 is outside the calibrated range")
     return figures
+
+
+def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None, weights: FloatArray) -> LoopWidth:
+    """Measure the loop of a sensor's signal over elongation, mV; `weights` as `loop_width` takes them.
+
+    The actuator's loop sets the branches' points apart, and a chord between two points is off a curved sensor by
+    y'' d^2 / 8. So what the points leave of the calibration is interpolated: the curve is common to both branches and
+    drops out of their difference. Without a calibration the points themselves are.
+    """
+    assert loops.elongation_mm is not None
+    x, signal = loops.elongation_mm, loops.signal_mv[sensor].copy()
+    if calibration is not None:
+        known = np.isfinite(x)
+        signal[known] -= calibration.predict(x[known])
+    return loop_width(x, signal, weights)
 
 
 def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: str) -> Figure:

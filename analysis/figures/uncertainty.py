@@ -23,7 +23,7 @@ from analysis.calibration.inverse import Fusion, Inverse
 from analysis.errors import DataError
 from analysis.figures.between_runs import between_runs_mm
 from analysis.figures.pipeline import Analysis
-from analysis.segmentation.loops import sensor_loop_width
+from analysis.figures.sensor_figures import sensor_loop_width
 
 COVERAGE_FACTOR = 2.0
 

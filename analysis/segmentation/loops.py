@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.arrays import BoolArray, FloatArray
-from analysis.calibration.fit import Calibration
 from analysis.data.recording import Recording
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.losses import LossCounter
@@ -211,21 +210,6 @@ def loop_width(abscissa: FloatArray, ordinate: FloatArray, weights: FloatArray) 
     shared = float((grid[-1] - grid[0]) / np.ptp(abscissa[known]))
     most = float(np.abs(means[1] - means[0]).max())
     return LoopWidth(per_cycle, most, replicates, grid, means[0], means[1], shared=shared)
-
-
-def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None, weights: FloatArray) -> LoopWidth:
-    """Measure the loop of a sensor's signal over elongation, mV; `weights` as `loop_width` takes them.
-
-    The actuator's loop sets the branches' points apart, and a chord between two points is off a curved sensor by
-    y'' d^2 / 8. So what the points leave of the calibration is interpolated: the curve is common to both branches and
-    drops out of their difference. Without a calibration the points themselves are.
-    """
-    assert loops.elongation_mm is not None
-    x, signal = loops.elongation_mm, loops.signal_mv[sensor].copy()
-    if calibration is not None:
-        known = np.isfinite(x)
-        signal[known] -= calibration.predict(x[known])
-    return loop_width(x, signal, weights)
 
 
 def _shared_grid(abscissa: FloatArray, known: BoolArray) -> FloatArray:

@@ -72,7 +72,7 @@ def fit(
             seed=seed, max_steps=fidelity(level).posterior_steps,
         )  # fmt: skip
         content["posterior"] = posterior.as_json()
-        if labels is None and share_their_error(calibration, reading_sd):
+        if labels is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
             say("signals at equal x scatter less than independent reading errors would: their error is taken for one")
         if not posterior.converged:
             say(f"the posterior is not converged: {posterior.steps} steps, autocorrelation time {posterior.tau:.0f}")

@@ -16,7 +16,7 @@ import pytest
 from scipy import optimize
 
 from analysis import Fusion, Inverse, analyse, fit_calibration, load_recording, sample_posterior, write_report
-from analysis.data.overview import load_overview
+from boat_daq.engine.recording.summary import summarise
 from protocol.recording import dtype_from_description
 from tests.analysis.boat_builder import PAPER, Plant, triangle, write_boat
 
@@ -84,7 +84,7 @@ def test_a_hundred_cycles(hundred_cycles: Path, tmp_path: Path) -> None:
 
 
 def test_a_days_overview(tmp_path: Path) -> None:
-    """8.64 million samples at a glance: the overview's rows against reading the samples' extremes."""
+    """8.64 million samples in short: the overview's rows against reading the samples' extremes."""
     path = write_boat(tmp_path / "day.boat", Plant().run(*triangle(2, 10)))
     row = (1, 1, 1, 1000, 0, 1, -40.0, 50.0, "[1500.0, 1500.0]", "[1770.0, 1700.0]", 0)
     with sqlite3.connect(path) as db:
@@ -93,7 +93,7 @@ def test_a_days_overview(tmp_path: Path) -> None:
             " pressure_max_kpa, signal_min_mv, signal_max_mv, flags) VALUES (?,?,?,?,?,?,?,?,?,?,?)",
             [row] * 8640,
         )
-    seconds, overview = timed(lambda: load_overview(path), 3)
+    seconds, overview = timed(lambda: summarise(path), 3)
     day = np.zeros(8_640_000)
     plain, _ = timed(lambda: (np.minimum.reduceat(day, np.arange(0, day.size, 1000)), day.copy()))
     print(f"\noverview of {overview.samples} samples: {seconds:.3f} s (target 1 s)")

@@ -21,7 +21,6 @@ from analysis.data.boat_writer import write_boat_file
 from analysis.data.csv_columns import load_profile as load_column_map
 from analysis.data.csv_import import import_csv, preview
 from analysis.data.load import load_recording
-from analysis.data.overview import load_overview
 from analysis.data.recording import Recording
 from analysis.errors import AnalysisError
 from analysis.optics.scene.curve_file import read_curves
@@ -177,7 +176,7 @@ def recording(data: bytes) -> None:
     """A file that says it is a recording, through every door that opens one."""
     path = kept(data, "run.boat")
     before = path.read_bytes()
-    for read in (load_recording, load_overview, summarise, verify_recording):
+    for read in (load_recording, summarise, verify_recording):
         attempt(lambda read=read: read(path))
     find_interrupted(path.parent)
     assert path.read_bytes() == before

@@ -109,7 +109,8 @@ def test_the_signals_say_whether_readings_share_their_error(noise_mv: float, cyc
         rng = np.random.default_rng(seed)
         true = np.tile(rng.uniform(-2.7, 3.8, 50 // cycles), cycles)
         y = TRUTH(true) + noise_mv * rng.standard_normal(true.size)
-        told.append(share_their_error(fit_calibration(np.round(true), y), GRID_SD))
+        fitted = fit_calibration(np.round(true), y)
+        told.append(share_their_error(fitted.fit, fitted.x, fitted.y, GRID_SD))
     assert told.count(shared) == 20
 
 

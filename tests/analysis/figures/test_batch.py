@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
-from analysis import AnalysisError, load_recording
-from analysis.data.boat_writer import write_boat_file
-from analysis.data.export import export
-from analysis.data.overview import load_overview
+from analysis import AnalysisError
 from analysis.examples import batch_a_folder, calibrate_a_run, compare_units
 from analysis.figures.batch import batch, write_table
-from tests.analysis.boat_builder import Plant, Staircase, triangle, write_boat
+from tests.analysis.boat_builder import Plant, Staircase, write_boat
 
 
 @pytest.fixture(scope="module")
@@ -66,16 +62,3 @@ def test_the_examples_run(folder: Path, tmp_path: Path) -> None:
     assert compare_units.main(str(tmp_path / "c.html"), runs) == 2
     assert (tmp_path / "c.html").stat().st_size > 10_000
     assert batch_a_folder.main(str(folder), str(tmp_path / "t.csv"), workers=1) == 5
-
-
-@pytest.mark.fault(35, how="the overview against all samples", times=1)
-def test_the_overview_holds_the_extremes(tmp_path: Path) -> None:
-    """Its extremes are those of the samples, its rows a thousandth of them."""
-    recording = Plant().run(*triangle(3, 20))
-    export(recording, tmp_path / "a.csv", "csv")
-    write_boat_file(tmp_path / "a.boat", load_recording(tmp_path / "a.csv"), original=tmp_path / "a.csv")
-    overview = load_overview(tmp_path / "a.boat")
-    assert overview.samples == recording.n
-    assert overview.start_s.size == -(-recording.n // 1000)
-    np.testing.assert_allclose(overview.pressure_max_kpa.max(), recording.pressure_kpa.max())
-    np.testing.assert_allclose(overview.signal_min_mv.min(axis=0), recording.signal_mv.min(axis=0))

@@ -89,7 +89,7 @@ def distribution(folder: Path) -> Path:
 def test_program_imports_nothing_from_working_folder(tmp_path: Path, program: str, kind: str) -> None:
     """Not `protocol` and `analysis`, nor a name of the standard library that the program imports later."""
     KINDS[kind](tmp_path, ALARM)
-    (tmp_path / "random.py").write_text(ALARM)
+    (tmp_path / "signal.py").write_text(ALARM)
     done = run([*PROGRAMS[program], "export", str(RECORDING), "--format", "csv", "--out", "run.csv"], tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run.csv").stat().st_size > 10_000
@@ -122,7 +122,7 @@ def test_program_runs_in_its_own_checkout() -> None:
 def test_helper_processes_import_own_packages(tmp_path: Path) -> None:
     """The virtual board's process and those that compute, started in that folder."""
     as_files(tmp_path, ALARM)
-    (tmp_path / "random.py").write_text(ALARM)
+    (tmp_path / "signal.py").write_text(ALARM)
     done = run([sys.executable, "-c", HELPERS, str(RECORDING)], tmp_path)
     assert done.returncode == 0, done.stderr
     board, work = done.stdout.splitlines()

@@ -102,15 +102,15 @@ FORM_WIDTH = 560
 QUESTION_LEAST = 240
 PANEL_SHARE = 0.9  # of the window, for a panel with a picture
 THUMBNAIL = (168, 44)
-FILE_LEAST = 168  # of a recording's name in the list
 
 # Type, pixels: measured is large and still, set is medium, chrome is small.
 FONT_CHROME = 13
 FONT_SMALL = 12
+FONT_NARROW = 11  # of the table beside narrow plots: four columns have room in the widest of FAMILIES
 FONT_SET = 16
 FONT_TITLE = 18
 FONT_MEASURED = 34
-FONT_MEASURED_NARROW = 24
+FONT_MEASURED_NARROW = 18  # four of them beside the pane at 853 px, in the widest of FAMILIES
 FONT_MEASURED_WIDE = 48
 FAMILIES = ("Inter", "Segoe UI", "SF Pro Text", "Helvetica Neue", "Noto Sans", "Liberation Sans", "DejaVu Sans")
 

@@ -73,10 +73,9 @@ class Figure(QWidget):
 
 def table(rows: Sequence[Sequence[str]], apart: int) -> str:
     """Return rows of cells as rich text, aligned at the right, `apart` pixels between the columns."""
-    lines = (
-        "".join(f"<td align='right' style='padding-right: {apart}px'>{cell}</td>" for cell in cells) for cells in rows
-    )
-    return "<table cellspacing='0'>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+    between = f"</td><td align='right' style='padding-left: {apart}px'>"
+    lines = (f"<tr><td align='right'>{between.join(cells)}</td></tr>" for cells in rows)
+    return f"<table cellspacing='0' cellpadding='0'>{''.join(lines)}</table>"
 
 
 class LivePage(QWidget):
@@ -93,6 +92,7 @@ class LivePage(QWidget):
         self.between = widgets.label("", "small", name="Statistics between the cursors")
         self._before = 0  # the tab that stood there before the statistics
         self.between.setTextFormat(Qt.TextFormat.RichText)
+        self.between.setStyleSheet(f"font-size: {style.FONT_NARROW}px;")
         self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.sequence = SequencePanel(desk)
         self.reading = ReadingBar(desk)

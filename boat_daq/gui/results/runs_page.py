@@ -52,6 +52,7 @@ LEAST_LINES = 3  # of the list; a lower window scrolls the page
 NOTICEABLE_MV = 0.1  # two runs that differ by less look alike
 RUN_ROLE = Qt.ItemDataRole.UserRole
 GIVEN_UP = ("Readings", "Length", "Cycles")  # columns, in this order, where the file's name has no room
+USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
 REPAIRS = ("resume", "recover")
 NO_UNITS = "Each calibration that is accepted on the Calibrate page comes here with its unit."
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
@@ -214,12 +215,16 @@ class RunsPage(QWidget):
         for heading in GIVEN_UP:
             self.list.setColumnHidden(HEADINGS.index(heading), False)  # hidden, it would ask for nothing
         needed = {k: max(self.list.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(1, last)}
-        room = self.list.viewport().width() - self.list.columnWidth(0) - style.FILE_LEAST
+        room = self.list.viewport().width() - self.list.columnWidth(0) - self._file_width()
         for column in map(HEADINGS.index, GIVEN_UP):
             hidden = sum(needed.values()) > room
             self.list.setColumnHidden(column, hidden)
             if hidden:
                 del needed[column]
+
+    def _file_width(self) -> int:
+        """Return the width that a recording's usual name needs, in whichever font the system has."""
+        return style.text_width(self.list.font(), USUAL_NAME) + 2 * style.STEP
 
     def _menu(self, key: str, entries: list[tuple[str, Callable[[], object]]]) -> None:
         menu = QMenu(self.buttons[key])

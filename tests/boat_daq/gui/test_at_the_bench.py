@@ -164,7 +164,7 @@ def test_the_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
 def test_titles_of_low_plots_stand_in_the_middle_of_their_axes(live, qtbot):
     """A title that has become short used to stay where the middle of the long one was."""
     plots = live.live.plots
-    for height, words in ((500, "1, mV"), (1000, "Signal 1 (mV)")):
+    for height, words in ((620, "1, mV"), (1000, "Signal 1 (mV)")):
         live.resize(1280, height)
         QApplication.processEvents()
         live.draw()

@@ -6,7 +6,11 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS / "_ext")]
 
-import boat_daq  # noqa: E402 - found through the path above
+import analysis  # noqa: E402 - found through the path above
+import boat_daq  # noqa: E402
+
+for name in analysis.__all__:  # they are imported when first used, and autodoc lists only what is there
+    setattr(analysis, name, getattr(analysis, name))
 
 project = "boat-daq"
 author = "the boat-daq developers"
@@ -37,10 +41,11 @@ myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 4
 
 autodoc_typehints = "signature"
+autodoc_type_aliases = {alias: alias for alias in ("FloatArray", "IntArray", "BoolArray", "npt.ArrayLike")}
 autodoc_member_order = "bysource"
-autodoc_default_options = {"members": True, "show-inheritance": False}
 napoleon_google_docstring = False
 napoleon_use_rtype = False
+napoleon_use_ivar = True
 toc_object_entries = False
 
 html_theme = "furo"

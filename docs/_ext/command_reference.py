@@ -13,7 +13,7 @@ from sphinx.util.docutils import SphinxDirective
 
 from boat_daq.cli import app
 
-WIDTH = 100
+WIDTH = 88
 
 
 def commands() -> Iterator[tuple[str, str]]:

@@ -1,7 +1,8 @@
 """Turn this project's compact docstrings into what napoleon reads.
 
 Types are annotations here, so a parameter is documented as `name : meaning, unit` on one line. NumPy's form expects a
-type behind the colon: the meaning is moved to a line of its own. An indented block behind a blank line is code.
+type behind the colon: the meaning is moved to a line of its own. An indented block behind a blank line is code. A bar
+is the sign of an absolute value, not of a substitution.
 """
 
 from __future__ import annotations
@@ -12,32 +13,43 @@ from typing import Any
 from sphinx.application import Sphinx
 
 _SECTIONS = ("Parameters", "Attributes", "Raises", "Yields", "Warns")
+_BAR = re.compile(r"(`[^`]*`)|\|")
 _ENTRY = re.compile(r"(?P<names>[\w.*]+(?:, [\w.*]+)*) : (?P<meaning>.+)")
 
 
-def rewrite(lines: list[str]) -> list[str]:
+def rewrite(lines: list[str], *, is_property: bool = False) -> list[str]:
     """Return the lines of a docstring with its entries in NumPy's form and its examples as literal blocks."""
     out: list[str] = []
     section, literal = "", False
-    for number, line in enumerate(lines):
+    names: list[str] = []  # of the entry whose meaning is being read
+    meaning: list[str] = []
+    for number, line in enumerate([*lines, "."]):
         following = lines[number + 1] if number + 1 < len(lines) else ""
+        if names and not line.startswith("    "):
+            out += [text for name in names for text in (name, *meaning)]
+            names = []
+        if names:
+            meaning.append(line)
+            continue
         if following and set(following) == {"-"} and len(following) >= len(line):
             section = line
         entry = _ENTRY.fullmatch(line)
         if entry and section in _SECTIONS:
-            out += [entry["names"], "    " + entry["meaning"]]
+            names, meaning = entry["names"].split(", "), ["    " + entry["meaning"]]
             continue
         if line.startswith("    ") and not literal and not section and out and not out[-1]:
             out += ["::", ""]
             literal = True
         elif line and not line.startswith(" "):
             literal = False
-        out.append(line)
-    return out
+        if is_property and number == 0:  # napoleon takes what stands before a colon for the type
+            line = line.replace(": ", " \N{EN DASH} ", 1)
+        out.append(line if literal else _BAR.sub(lambda found: found[1] or r"\|", line))
+    return out[:-1]
 
 
-def _process(_app: Sphinx, _what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
-    lines[:] = rewrite(lines)
+def _process(_app: Sphinx, what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+    lines[:] = rewrite(lines, is_property=what == "property")
 
 
 def setup(application: Sphinx) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""The board link: frames, messages, the stream of samples, commands and their answers."""
+"""The board link: frames, messages, the sample stream, commands and their answers."""

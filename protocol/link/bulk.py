@@ -1,8 +1,8 @@
-"""Whole recordings at once: the same bytes to the same samples, bit for bit, as fast as the machine goes.
+"""Decode whole recordings: the same bytes to the same samples, bit for bit.
 
-There is one decoder, the link; a recording's chunks are handed to it joined in batches, so that the cost of a call is
-paid once for thousands of samples. What is lost, repeated or flagged comes out as it did while streaming, because
-nothing of it depends on the cutting into chunks.
+There is one decoder, the link; it receives a recording's chunks joined in batches, so that the overhead of a call is
+spread over thousands of samples. Losses, repeats and flags are those of the live stream, because nothing in the decoder
+depends on the division into chunks.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from protocol.link.events import Link, LinkEvent, LinkStatistics, SampleGap, Sam
 from protocol.link.sample_stream import Rows
 from protocol.recording import sample_dtype
 
-BATCH_BYTES = 1 << 18  # past the point where a call's own cost matters, well within the caches
+BATCH_BYTES = 1 << 18  # large enough to hide the overhead of a call, well within the caches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decoded:
-    """What was in the bytes: samples in their order, gaps, every other event, and the link's counters."""
+    """Samples in their order, gaps, every other event, and the link's counters."""
 
     samples: Rows
     gaps: tuple[SampleGap, ...]
@@ -30,11 +30,11 @@ class Decoded:
 
 
 def decode_chunks(chunks: Iterable[tuple[int, bytes]], link: Link) -> Iterator[list[LinkEvent]]:
-    """Give the link's events batch after batch, in bounded memory.
+    """Yield the link's events batch after batch, in bounded memory.
 
     Parameters
     ----------
-    chunks : (host_ns, bytes) as they were recorded, in order.
+    chunks : (host_ns, bytes) as recorded, in order.
     link : a link in the state that the recording's was in before its first chunk.
 
     Yields
@@ -54,11 +54,11 @@ def decode_chunks(chunks: Iterable[tuple[int, bytes]], link: Link) -> Iterator[l
 
 
 def decode_samples(chunks: Iterable[tuple[int, bytes]] | bytes, link: Link) -> Decoded:
-    """Return all that the bytes hold.
+    """Return the samples, gaps and events in recorded bytes.
 
     Parameters
     ----------
-    chunks : (host_ns, bytes) as they were recorded, in order; or bytes alone, whose `host_ns` is then 0.
+    chunks : (host_ns, bytes) as recorded, in order; or bytes alone, whose `host_ns` is then 0.
     link : as for `decode_chunks`.
 
     Returns

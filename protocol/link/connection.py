@@ -1,13 +1,13 @@
 """The host's side of the binary protocol: bytes in, events out; commands in, bytes out (protocol/SPEC.md).
 
-Each part of the work has its own file: `framing` cuts and checks, `messages` names, `samples` keeps the accounts,
-`exchange` numbers and repeats; this one joins them. Rules of this file:
+`framing` finds and checks frames, `messages` decodes them, `sample_stream` counts losses, `pending_commands` repeats
+commands; this module joins them. Rules of this file:
 
-- Samples go from bytes to arrays a chunk at a time, everything else frame by frame. Consecutive samples come as one
-  `Samples`, split only where another message stands between them.
-- A HELLO that no IDENTIFY asked for, or a "booted", is a restart if there was something to lose: a command answered
-  or a sample received since the last HELLO. So neither a board that resets as its port is opened nor an answer that
-  comes twice is taken for one.
+- Samples are converted to arrays a chunk at a time, everything else frame by frame. Consecutive samples form one
+  `Samples`, split only by another message between them.
+- A HELLO without an IDENTIFY, or a "booted", is a restart if the board had state to lose: a command answered or a
+  sample received since the last HELLO. So neither a board that resets when its port is opened nor a repeated answer
+  counts as a restart.
 - With a board of another protocol version only IDENTIFY, VENT and STOP are sent.
 """
 
@@ -72,11 +72,11 @@ class Connection:
 
     Parameters
     ----------
-    n_sensors : number of sensors of a board whose HELLO is not among the bytes (a recording begun later); else the
-        HELLO says it, and samples before it are counted as unknown.
+    n_sensors : number of sensors of a board whose HELLO is not among the bytes (a recording begun later); else it is
+        taken from the HELLO, and samples before it are counted as unknown.
     adc_bits : of the same board.
-    decoder_state : of another connection, to go on where it was taken; overrides the two others.
-    in_turn : a command waits until the one before it is answered, and then comes from `poll`; VENT never waits.
+    decoder_state : of another connection, to continue from it; overrides the two others.
+    in_turn : a command waits until the one before it is answered, and is then returned by `poll`; VENT never waits.
     """
 
     can_command = True
@@ -91,52 +91,35 @@ class Connection:
         decoder_state: dict[str, Any] | None = None,
         in_turn: bool = False,
     ) -> None:
-        self._n_sensors = n_sensors
+        self.n_sensors = n_sensors  # None before the HELLO
+        self.hello: Hello | None = None  # the last one of this protocol version
         self._adc_bits = adc_bits
         self._reader = FrameReader()
         self._stream = SampleStream()
         self._pending_commands = PendingCommands(in_turn=in_turn)
-        self._hello: Hello | None = None
         self._wrong_version: int | None = None
-        self._something_to_lose = False
-        self._malformed = 0
+        self._has_state = False  # whether a restart of the board would lose anything
         self._unknown = 0
         if decoder_state is not None:
-            self._n_sensors, self._adc_bits = decoder_state["n_sensors"], decoder_state["adc_bits"]
+            self.n_sensors, self._adc_bits = decoder_state["n_sensors"], decoder_state["adc_bits"]
             self._reader.restore(decoder_state["frames"])
-            self._stream.restore(decoder_state["samples"], sample_dtype(self._n_sensors or 1))
+            self._stream.restore(decoder_state["samples"], sample_dtype(self.n_sensors or 1))
 
     def decoder_state(self) -> dict[str, Any]:
-        """Return what the decoder remembers of the bytes so far, ready for JSON; see `Link`."""
+        """Return the decoder's memory of the bytes so far, ready for JSON; see `Link`."""
         return {
-            "n_sensors": self._n_sensors,
+            "n_sensors": self.n_sensors,
             "adc_bits": self._adc_bits,
             "frames": self._reader.state(),
             "samples": self._stream.state(),
         }
 
     @property
-    def n_sensors(self) -> int | None:
-        """Number of sensors, None before the HELLO."""
-        return self._n_sensors
-
-    @property
-    def hello(self) -> Hello | None:
-        """The last HELLO of this protocol version, None before the first."""
-        return self._hello
-
-    @property
     def statistics(self) -> LinkStatistics:
         """The counters so far."""
         return LinkStatistics(
-            bytes=self._reader.bytes,
-            frames=self._reader.frames,
-            samples=self._stream.samples,
-            lost=self._stream.lost,
-            crc_errors=self._reader.crc_errors,
-            malformed=self._reader.malformed + self._malformed,
-            oversize=self._reader.oversize,
-            duplicates=self._stream.duplicates,
+            **self._reader.counters,
+            **self._stream.counters,
             unknown=self._unknown,
             resent=self._pending_commands.resent,
             late_answers=self._pending_commands.late_answers,
@@ -144,21 +127,21 @@ class Connection:
 
     @property
     def next_deadline_ns(self) -> int | None:
-        """When `poll` has something to do at the latest; None if it waits for nothing."""
+        """Latest time for the next `poll`; None while nothing is pending."""
         return self._pending_commands.next_deadline_ns
 
     def send(self, command: Command, now_ns: int) -> bytes:
-        """Return the bytes that carry a command; empty where it waits for its turn, and comes from `poll`.
+        """Return the bytes of a command; empty where it waits for its turn and is returned by `poll`.
 
         Raises
         ------
         LocalError : a value that its field cannot hold.
-        RemoteError : the board speaks another protocol version, and the command is not IDENTIFY, VENT or STOP.
+        RemoteError : the board uses another protocol version, and the command is not IDENTIFY, VENT or STOP.
         """
         if self._wrong_version is not None and not isinstance(command, _TO_ANY_VERSION):
             raise RemoteError(
-                f"the board speaks protocol version {self._wrong_version}, this program version {PROTOCOL_VERSION}",
-                "update the board's firmware or this program, so that both speak the same version",
+                f"the board uses protocol version {self._wrong_version}, this program version {PROTOCOL_VERSION}",
+                "update the board's firmware or this program, so that both use the same version",
             )
         return self._pending_commands.send(command, now_ns)
 
@@ -167,11 +150,11 @@ class Connection:
         return self._pending_commands.feed(command, now_ns)
 
     def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
-        """Return the commands that were lost, and the bytes of those to repeat or whose turn has come."""
+        """Return the commands that were lost, and the bytes of those to repeat or send next; see `Link`."""
         return self._pending_commands.poll(now_ns, heard_ns)
 
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
-        """Return what the bytes tell, in their order; samples carry `now_ns` as their `host_ns`.
+        """Return the events in the bytes, in their order; samples carry `now_ns` as their `host_ns`.
 
         Damaged, unknown and repeated frames are counted in `statistics`, never raised.
         """
@@ -179,7 +162,7 @@ class Connection:
         return self._take(bodies, np.full(len(bodies), now_ns, np.int64))
 
     def receive_chunks(self, chunks: Sequence[tuple[int, bytes]]) -> list[LinkEvent]:
-        """Do the same for many chunks (now_ns, data) at once; only the cutting into `Samples` is coarser."""
+        """Return the same for many chunks (now_ns, data) at once; only the division into `Samples` is coarser."""
         ends: list[int] = []
         bodies = self._reader.receive_bodies(b"".join([data for _, data in chunks]), ends)
         chunk_ends = np.cumsum([len(data) for _, data in chunks])
@@ -199,25 +182,25 @@ class Connection:
         return events
 
     def _take_samples(self, bodies: list[bytes], host_ns: IntArray) -> list[LinkEvent]:
-        if self._n_sensors is None:
+        if self.n_sensors is None:
             self._unknown += len(bodies)
             return []
-        needed = _HEAD + 4 * self._n_sensors
+        needed = _HEAD + 4 * self.n_sensors
         lengths = set(map(len, bodies))
-        if len(lengths) > 1 or min(lengths) < needed + 4:  # not all the same: cut to what is known, drop what is short
+        if len(lengths) > 1 or min(lengths) < needed + 4:  # lengths differ: cut to the known head, drop what is short
             long_enough = [len(body) >= needed + 4 for body in bodies]
-            self._malformed += long_enough.count(False)
+            self._reader.malformed += long_enough.count(False)
             bodies = [body[:needed] for body in compress(bodies, long_enough)]
             host_ns = host_ns[long_enough]
         if not bodies:
             return []
-        self._something_to_lose = True
+        self._has_state = True
         return self._stream.accept(self._to_rows(bodies, host_ns))
 
     def _to_rows(self, bodies: list[bytes], host_ns: IntArray) -> Rows:
-        assert self._n_sensors is not None
-        wire: Rows = np.frombuffer(b"".join(bodies), _wire_dtype(self._n_sensors, len(bodies[0])))
-        rows = np.empty(len(bodies), sample_dtype(self._n_sensors))
+        assert self.n_sensors is not None
+        wire: Rows = np.frombuffer(b"".join(bodies), _wire_dtype(self.n_sensors, len(bodies[0])))
+        rows = np.empty(len(bodies), sample_dtype(self.n_sensors))
         for name in ("index", "time_us", "pressure_pa", "state", "flags"):
             rows[name] = wire[name]
         rows["host_ns"] = host_ns
@@ -230,9 +213,9 @@ class Connection:
 
     def _take_message(self, body: bytes, now_ns: int) -> list[LinkEvent]:
         try:
-            message: Any = decode_message(Frame(body[0], body[1], body[2:-4]), self._n_sensors or 1)
+            message: Any = decode_message(Frame(body[0], body[1], body[2:-4]), self.n_sensors or 1)
         except RemoteError:
-            self._malformed += 1
+            self._reader.malformed += 1
             return []
         match message:
             case Hello():
@@ -246,15 +229,15 @@ class Connection:
 
     def _take_hello(self, hello: Hello, now_ns: int) -> list[LinkEvent]:
         if hello.protocol != PROTOCOL_VERSION:
-            self._wrong_version, self._n_sensors = hello.protocol, None
+            self._wrong_version, self.n_sensors = hello.protocol, None
             self._pending_commands.keep_waiting(*_TO_ANY_VERSION)
             return [WrongProtocol(hello.protocol, PROTOCOL_VERSION), *self._pending_commands.identified(now_ns)]
-        restarted = self._something_to_lose and not self._pending_commands.hello_expected
-        self._hello, self._wrong_version = hello, None
-        self._n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
+        restarted = self._has_state and not self._pending_commands.hello_expected
+        self.hello, self._wrong_version = hello, None
+        self.n_sensors, self._adc_bits = hello.n_sensors, hello.adc_bits
         self._stream.stream_may_restart()
         if restarted:
-            self._something_to_lose = False
+            self._has_state = False
             return [
                 BoardRestarted(hello),
                 *self._pending_commands.board_restarted(),
@@ -269,7 +252,7 @@ class Connection:
             elif ack.command_type == MessageType.STOP:
                 self._stream.stream_may_restart()
         events = self._pending_commands.acknowledge(ack, now_ns)
-        self._something_to_lose |= bool(events)
+        self._has_state |= bool(events)
         return events
 
     def _take_event(self, event: BoardEvent) -> list[LinkEvent]:
@@ -277,7 +260,7 @@ class Connection:
         if event.code != EventCode.BOOTED:
             return [received]
         self._stream.stream_may_restart()
-        if not self._something_to_lose:
+        if not self._has_state:
             return [received]
-        self._something_to_lose = False
+        self._has_state = False
         return [BoardRestarted(None), *self._pending_commands.board_restarted(), received]

@@ -1,8 +1,8 @@
-"""What a link tells the program: events, counters, and the interface that every kind of link keeps.
+"""What a link reports: events, counters, and the interface of every kind of link.
 
-`Link` is the one interface; `Connection` (the binary protocol) and `TextConnection` (firmware that prints text) keep
-it, so that nothing above knows which of the two it holds. A link is sans-IO: bytes and the time go in, events and
-bytes come out; it opens no port, reads no clock and starts no thread.
+`Link` is the one interface; `Connection` (the binary protocol) and `TextConnection` (firmware that prints text)
+implement it, so that no caller depends on which of the two it has. A link is sans-IO: bytes and the time go in, events
+and bytes come out; it opens no port, reads no clock and starts no thread.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class SampleGap:
 
 @dataclass(frozen=True, slots=True)
 class HelloReceived:
-    """The board said who it is."""
+    """The board identified itself."""
 
     hello: Hello
 
 
 @dataclass(frozen=True, slots=True)
 class WrongProtocol:
-    """The board speaks another version than this program: name both, and do not START."""
+    """The board uses another protocol version than this program: report both, and do not START."""
 
     board_version: int
     program_version: int
@@ -102,14 +102,14 @@ class LinkStatistics:
     bytes: int = 0  # received
     frames: int = 0  # good ones, whatever their type
     samples: int = 0  # delivered
-    lost: int = 0  # samples that the index says were taken and that never came
+    lost: int = 0  # samples taken, by their index, that never arrived
     crc_errors: int = 0
     malformed: int = 0  # not COBS, impossible length, payload shorter than its type's
     oversize: int = 0  # runs without a delimiter, too long for a frame
     duplicates: int = 0  # samples repeated or out of order, dropped
-    unknown: int = 0  # good frames of a type not known, or samples before a HELLO said how many sensors they carry
+    unknown: int = 0  # good frames of a type not known, or samples before a HELLO gave their number of sensors
     resent: int = 0  # commands sent again
-    late_answers: int = 0  # answers to nothing that waits: repeated, or after the command was given up
+    late_answers: int = 0  # answers to no pending command: repeated, or after the command was given up
 
 
 class Link(Protocol):
@@ -124,7 +124,7 @@ class Link(Protocol):
 
     @property
     def n_sensors(self) -> int | None:
-        """Number of sensors of the samples, None while not known."""
+        """Number of sensors of the samples, None while unknown."""
 
     @property
     def sample_kind(self) -> SampleKind:
@@ -136,32 +136,32 @@ class Link(Protocol):
 
     @property
     def next_deadline_ns(self) -> int | None:
-        """When `poll` has something to do at the latest; None if it waits for nothing."""
+        """Latest time for the next `poll`; None while nothing is pending."""
 
     def decoder_state(self) -> dict[str, Any]:
-        """Return what the decoder remembers of the bytes so far, ready for JSON.
+        """Return the decoder's memory of the bytes so far, ready for JSON.
 
-        A link made with it (`decoder_state=`) makes the same samples of the bytes that follow: a recording begun in
-        the middle of a stream keeps it, so that it can be derived again from its own bytes alone.
+        A link made with it (`decoder_state=`) derives the same samples from the bytes that follow: a recording begun in
+        the middle of a stream stores it, so that it can be derived again from its own bytes alone.
         """
 
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
-        """Return what the bytes tell, in their order."""
+        """Return the events in the bytes, in their order."""
 
     def receive_chunks(self, chunks: Sequence[tuple[int, bytes]]) -> list[LinkEvent]:
-        """Do the same for many chunks (now_ns, data) at once; only the cutting into `Samples` is coarser."""
+        """Return the same for many chunks (now_ns, data) at once; only the division into `Samples` is coarser."""
 
     def send(self, command: Command, now_ns: int) -> bytes:
-        """Return the bytes that carry a command; empty where another waits for its answer: then `poll` gives them."""
+        """Return the bytes of a command; empty while another awaits its answer: then `poll` returns them."""
 
     def feed(self, command: Heartbeat, now_ns: int) -> bytes:
-        """Return bytes that feed the board's watchdog at once, `command` or the repeat of what waits for its answer.
+        """Return bytes that feed the board's watchdog at once: `command`, or the repeat of a pending one.
 
-        For a virtual board that runs faster than its host: in 250 ms of ours, its watchdog's time may be over.
+        For a virtual board that runs faster than real time: its watchdog may expire within 250 ms of the host's.
         """
 
     def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
-        """Return the commands that were lost, and the bytes of those to repeat or whose turn has come.
+        """Return the commands that were lost, and the bytes of those to repeat or send next.
 
-        What had come by `heard_ns` (`now_ns`, where left out) has been received: nothing is lost that was due later.
+        Everything that had arrived by `heard_ns` (default `now_ns`) has been received: no command due later is lost.
         """

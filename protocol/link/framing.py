@@ -1,9 +1,9 @@
 """Frames: COBS with a 00 behind each, a CRC-32 inside (protocol/SPEC.md, "Carrier and framing").
 
-On the wire stands `COBS(body) 00`, body = type, seq, payload, CRC-32 little-endian. Rules of this file:
+The link carries `COBS(body) 00`, body = type, seq, payload, CRC-32 little-endian. Rules of this file:
 
 - A frame ends at a 00 and nowhere else, so that any damage costs the frame it hits (two, if it hits the 00 between).
-- Nothing damaged is an error: it is counted under one of four names, and the stream goes on.
+- Damage is never an error: it is counted under one of four names, and decoding continues.
 - How the bytes are cut into chunks changes neither a frame nor a count.
 - CRC(body with its CRC at the end) is the constant 0x2144DF1C for a good body and no other: one call checks a frame,
   and a whole chunk is split, decoded and checked by C code (`bytes.split`, `cobs`, `zlib`) without a loop in Python.
@@ -36,7 +36,13 @@ class Frame:
 
 
 def encode_frame(type_: int, seq: int, payload: bytes = b"") -> bytes:
-    """Return the bytes on the wire, the closing 00 included; `seq` is taken modulo 256.
+    """Return a frame as transmitted, the closing 00 included; `seq` is taken modulo 256.
+
+    Parameters
+    ----------
+    type_ : 0 to 255.
+    seq : of any size.
+    payload : at most 194 bytes.
 
     Raises
     ------
@@ -48,34 +54,47 @@ def encode_frame(type_: int, seq: int, payload: bytes = b"") -> bytes:
     return bytes(cobs.encode(body + crc32(body).to_bytes(4, "little"))) + b"\0"
 
 
-class FrameReader:
-    """Bytes in, good frames out. The receiving half of either side."""
+class ByteReader:
+    """The incomplete rest of a byte stream and its counters: the base of every reader of frames, lines or packets."""
 
     def __init__(self) -> None:
         self._rest = b""
-        self._skipping = False  # in an oversize run, until its 00
+        self._skipping = False  # in an oversize run, until its end
         self.bytes = 0
         self.frames = 0  # good ones
         self.crc_errors = 0
-        self.malformed = 0  # not COBS, or a body shorter or longer than a body can be
-        self.oversize = 0  # runs of more than 210 bytes without a 00
+        self.malformed = 0
+        self.oversize = 0
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """The counters under their names in `LinkStatistics`."""
+        return {name: getattr(self, name) for name in ("bytes", "frames", "crc_errors", "malformed", "oversize")}
 
     def state(self) -> dict[str, Any]:
-        """Return what is remembered of the bytes so far, without the counters, ready for JSON."""
+        """Return the decoder's memory of the bytes so far, without the counters, ready for JSON."""
         return {"rest": self._rest.hex(), "skipping": self._skipping}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on where another reader's `state` was taken."""
+        """Continue from the `state` of another reader."""
         self._rest, self._skipping = bytes.fromhex(state["rest"]), bool(state["skipping"])
+
+
+class FrameReader(ByteReader):
+    """Bytes in, good frames out: the receiving half of either side.
+
+    Malformed is what is not COBS, or a body shorter or longer than a body can be; oversize a run of more than 210 bytes
+    without a 00.
+    """
 
     def receive(self, data: bytes) -> list[Frame]:
         """Return the frames that `data` completes, in order."""
         return [Frame(body[0], body[1], body[2:-4]) for body in self.receive_bodies(data)]
 
     def receive_bodies(self, data: bytes, ends: list[int] | None = None) -> list[bytes]:
-        """Return the good bodies (type, seq, payload, CRC) that `data` completes: the quick form of `receive`.
+        """Return the good bodies (type, seq, payload, CRC) that `data` completes: the fast form of `receive`.
 
-        To `ends`, if given, is added for each body how many bytes of `data` end with its 00.
+        `ends`, where given, is extended by the end of each body: the number of bytes of `data` up to its 00.
         """
         self.bytes += len(data)
         start = 0
@@ -99,18 +118,18 @@ class FrameReader:
 
     def _good_bodies(self, runs: list[bytes]) -> tuple[list[bool] | list[bytes], list[bytes]]:
         """Return which runs are good frames (as truth values), and the bodies of those."""
-        if runs and all(runs):  # else there are empty frames, which are legal and mean nothing
+        if runs and all(runs):  # else there are empty frames, which are legal and ignored
             try:
                 bodies = list(map(cobs.decode, runs))
             except cobs.DecodeError:
-                return self._sort_out(runs)
+                return self._good_among(runs)
             lengths = set(map(len, bodies))
             if min(lengths) >= BODY_MIN and max(lengths) <= BODY_MAX and set(map(crc32, bodies)) == {RESIDUE}:
                 return runs, bodies
-        return self._sort_out(runs)
+        return self._good_among(runs)
 
-    def _sort_out(self, runs: list[bytes]) -> tuple[list[bool], list[bytes]]:
-        """Do the same for runs that are not all good, and count what is not."""
+    def _good_among(self, runs: list[bytes]) -> tuple[list[bool], list[bytes]]:
+        """Return the same for runs that are not all good, and count the others."""
         tested = [self._test(run) if run else None for run in runs]
         return [body is not None for body in tested], [body for body in tested if body is not None]
 

@@ -1,11 +1,11 @@
 """Messages: payloads of frames to values and back, for both sides of the link (protocol/SPEC.md, "Messages").
 
-One table says which payload belongs to which type; encode and decode walk it. Rules of this file:
+Rules of this file:
 
-- A payload longer than the table says is a newer minor version: its known head is used.
+- A payload longer than its layout is a newer minor version: its known head is used.
 - A shorter one is malformed: `RemoteError` from a board, `AckStatus.WRONG_LENGTH` for a command.
-- A code the page does not know (a newer event, boot reason or status) stays a plain integer; it is never an error.
-- Values are wire values: Pa, counts, microseconds of the board's 32-bit clock as they stand in the frame.
+- An unknown code (a newer event, boot reason or status) remains a plain integer; it is never an error.
+- Values are those of the frame: Pa, counts, microseconds of the board's 32-bit clock.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class AckStatus(enum.IntEnum):
 
 
 class EventCode(enum.IntEnum):
-    """What the board reports of itself; the unit of `value` stands behind each."""
+    """What the board reports of itself; the comment gives the meaning of `value`."""
 
     BOOTED = 1  # boot reason
     OVER_PRESSURE = 2  # Pa; vented
@@ -141,7 +141,7 @@ BoardMessage = Hello | Sample | Ack | BoardEvent
 
 @dataclass(frozen=True, slots=True)
 class Identify:
-    """Ask for HELLO."""
+    """Request a HELLO."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +158,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class SetPressure:
-    """Go to a gauge pressure; ramp 0 is as fast as the pumps go."""
+    """Regulate to a gauge pressure; ramp 0 is as fast as the pumps can."""
 
     target_pa: int
     ramp_pa_per_s: int = 0
@@ -191,27 +191,17 @@ class SetLimits:
 
 Command = Identify | Start | Stop | SetPressure | Vent | Heartbeat | ClearFault | SetLimits
 
-COMMAND_TYPES: dict[type[Command], MessageType] = {
-    Identify: MessageType.IDENTIFY,
-    Start: MessageType.START,
-    Stop: MessageType.STOP,
-    SetPressure: MessageType.SET_PRESSURE,
-    Vent: MessageType.VENT,
-    Heartbeat: MessageType.HEARTBEAT,
-    ClearFault: MessageType.CLEAR_FAULT,
-    SetLimits: MessageType.SET_LIMITS,
+_COMMANDS: dict[int, tuple[type[Command], struct.Struct]] = {
+    MessageType.IDENTIFY: (Identify, struct.Struct("<")),
+    MessageType.START: (Start, struct.Struct("<H")),
+    MessageType.STOP: (Stop, struct.Struct("<")),
+    MessageType.SET_PRESSURE: (SetPressure, struct.Struct("<iI")),
+    MessageType.VENT: (Vent, struct.Struct("<")),
+    MessageType.HEARTBEAT: (Heartbeat, struct.Struct("<H")),
+    MessageType.CLEAR_FAULT: (ClearFault, struct.Struct("<")),
+    MessageType.SET_LIMITS: (SetLimits, struct.Struct("<ii")),
 }
-_COMMANDS = {type_: command for command, type_ in COMMAND_TYPES.items()}
-_COMMAND_PAYLOADS = {
-    MessageType.IDENTIFY: struct.Struct("<"),
-    MessageType.START: struct.Struct("<H"),
-    MessageType.STOP: struct.Struct("<"),
-    MessageType.SET_PRESSURE: struct.Struct("<iI"),
-    MessageType.VENT: struct.Struct("<"),
-    MessageType.HEARTBEAT: struct.Struct("<H"),
-    MessageType.CLEAR_FAULT: struct.Struct("<"),
-    MessageType.SET_LIMITS: struct.Struct("<ii"),
-}
+COMMAND_TYPES = {command: MessageType(type_) for type_, (command, _) in _COMMANDS.items()}
 _HELLO = struct.Struct("<BBBBHBBHii16s")
 _SAMPLE_HEAD = struct.Struct("<IIiBB")
 _ACK = struct.Struct("<BBB")
@@ -228,19 +218,17 @@ def encode_command(command: Command, seq: int) -> bytes:
     LocalError : a value that its field cannot hold.
     """
     type_ = COMMAND_TYPES[type(command)]
-    return _encode(type_, seq, _COMMAND_PAYLOADS[type_].pack, *astuple(command))
+    return _encode(type_, seq, _COMMANDS[type_][1].pack, *astuple(command))
 
 
 def decode_command(frame: Frame) -> Command | AckStatus:
     """Return the command in a frame, or the status that refuses it: unknown, or too short."""
-    try:
-        type_ = MessageType(frame.type)
-        payload = _COMMAND_PAYLOADS[type_]
-    except (ValueError, KeyError):
+    if frame.type not in _COMMANDS:
         return AckStatus.UNKNOWN_COMMAND
+    command, payload = _COMMANDS[frame.type]
     if len(frame.payload) < payload.size:
         return AckStatus.WRONG_LENGTH
-    return _COMMANDS[type_](*payload.unpack_from(frame.payload))
+    return command(*payload.unpack_from(frame.payload))
 
 
 def encode_message(message: BoardMessage, seq: int) -> bytes:
@@ -267,9 +255,9 @@ def encode_message(message: BoardMessage, seq: int) -> bytes:
 
 
 def decode_message(frame: Frame, n_sensors: int) -> BoardMessage | None:
-    """Return the board's message in a frame, None for a type this page does not know.
+    """Return the board's message in a frame, None for an unknown type.
 
-    A HELLO of another protocol version is given with what its first byte says and zeros behind.
+    A HELLO of another protocol version is returned with that version and zeros.
 
     Raises
     ------
@@ -291,7 +279,7 @@ def decode_message(frame: Frame, n_sensors: int) -> BoardMessage | None:
                 time_us, code, value = _EVENT.unpack_from(payload)
                 return BoardEvent(time_us, _known(EventCode, code), value)
     except struct.error:
-        raise RemoteError(f"frame of type 0x{frame.type:02X} with only {len(payload)} bytes") from None
+        raise RemoteError(f"frame of type 0x{frame.type:02X} with only {len(payload)} bytes of payload") from None
     return None
 
 

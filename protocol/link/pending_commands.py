@@ -1,20 +1,20 @@
-"""Commands and their answers: numbering, repetition, and the verdict "lost" (protocol/SPEC.md, "Commands").
+"""Commands and their answers: numbering, repetition, and loss (protocol/SPEC.md, "Commands").
 
-A command without an answer goes out again with the same seq after 250 ms, three times in all; 250 ms after the third
-it is lost. Rules of this file:
+A command without an answer is repeated with the same seq after 250 ms, three transmissions in all; 250 ms after the
+third it is lost. Rules of this file:
 
-- In turn (as a session does it): one command at a time, for a board that remembers nothing but the last type and seq
-  would act twice on a repeat that another command stands before. What is asked for meanwhile waits; the repeats feed
-  the board's watchdog. Otherwise every command leaves as it is asked for.
-- VENT waits for nothing. What it overtook is repeated behind its answer where doing it twice does no harm, and not at
-  all where it would (START, CLEAR_FAULT); a SET_PRESSURE from before it never goes out.
+- In turn (as in a session): one command at a time, because a board that remembers only the last type and seq would act
+  twice on a repeat with another command before it. Commands sent meanwhile wait; the repeats feed the board's watchdog.
+  Otherwise every command is transmitted at once.
+- VENT never waits. A command that it overtook is repeated after its answer where acting twice is harmless, and not at
+  all where it is not (START, CLEAR_FAULT); an earlier SET_PRESSURE is never transmitted after it.
 - An answer belongs to the command with its type *and* seq. Any other answer is counted and changes nothing.
-- A repetition never undoes what was asked later: a command is superseded by one of the same type with other values,
-  SET_PRESSURE by VENT, START and STOP by each other. It is not sent again, so the newer one need not wait; its answer
-  is still reported, its silence only if the board has answered nothing at all since it was sent.
-- After a restart of the board nothing from before goes out but VENT and IDENTIFY.
-- A stall of this program is not the board's silence: nothing is given up before all that had come by its deadline was
-  read, nor by a caller that comes late; behind a backlog the answer may stand. Three windows more are given for that.
+- A repetition never undoes a later command: a command is superseded by one of the same type with other values,
+  SET_PRESSURE by VENT, START and STOP by each other. It is not repeated, so the newer one need not wait; its answer is
+  still reported, its loss only if the board has answered nothing at all since it was sent.
+- After a restart of the board only VENT and IDENTIFY of the earlier commands are transmitted.
+- A stall of this program is not a silent board: no command is given up before everything that had arrived by its
+  deadline was read, nor by a late caller, since the answer may be in the backlog. Three more windows are granted.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from protocol.link.messages import (
 )
 
 RETRY_NS = 250_000_000
-LATE_NS = 100_000_000  # twice as long as a read waits: a caller so late was stalled itself
+LATE_NS = 100_000_000  # twice as long as a read waits: so late a caller was stalled itself
 ATTEMPTS = 3
 _SUPERSEDES: dict[type[Command], type[Command]] = {Vent: SetPressure, Start: Stop, Stop: Start}
-_ONCE_ONLY = (Start, ClearFault)  # done twice, a stream begins anew, or a fault of the meantime is forgotten
+_ONCE_ONLY = (Start, ClearFault)  # repeated, they would restart the stream or clear a newer fault
 
 
 @dataclass(slots=True)
@@ -52,21 +52,21 @@ class _Pending:
     deadline_ns: int
     attempts: int = 1
     superseded: bool = False
-    overtaken: bool = False  # by a VENT, and not to be done twice
-    stalls: int = 0  # deadlines that this program came late to, or was behind the port at
+    overtaken: bool = False  # by a VENT, and not to be repeated
+    stalls: int = 0  # deadlines that this program missed, or had not read the port by
 
     @property
     def live(self) -> bool:
-        """Whether it may still go out again."""
+        """Whether it may still be repeated."""
         return not (self.superseded or self.overtaken)
 
     def give_up(self) -> None:
-        """Wait for its answer only, for as long as its repeats would have taken."""
+        """Await its answer only, for as long as its repeats would have taken."""
         self.deadline_ns = self.first_ns + ATTEMPTS * RETRY_NS
 
 
 class PendingCommands:
-    """The commands that wait for their answer, or for their turn.
+    """The commands that await their answer, or their turn.
 
     Parameters
     ----------
@@ -79,21 +79,21 @@ class PendingCommands:
         self._pending: dict[tuple[int, int], _Pending] = {}
         self._queue: list[Command] = []
         self._last_answer_ns: int | None = None
-        self._hellos_due = 0  # IDENTIFYs sent whose HELLO may still come
-        self._identified_ns = 0  # when the last of them went out
+        self._hellos_due = 0  # IDENTIFYs sent whose HELLO may still arrive
+        self._identified_ns = 0  # when the last of them was sent
         self.resent = 0
         self.late_answers = 0
 
     @property
     def next_deadline_ns(self) -> int | None:
-        """The earliest deadline, 0 if a command's turn has come, None if nothing waits."""
+        """The earliest deadline, 0 if the next command can be sent, None while nothing is pending."""
         if self._queue and not self._in_flight:
             return 0
         return min((pending.deadline_ns for pending in self._due_in_turn()), default=None)
 
     @property
     def hello_expected(self) -> bool:
-        """Whether the next HELLO can be the answer to an IDENTIFY."""
+        """Whether the next HELLO can answer an IDENTIFY."""
         return self._hellos_due > 0
 
     def send(self, command: Command, now_ns: int) -> bytes:
@@ -104,13 +104,13 @@ class PendingCommands:
             return self._put(command, now_ns)
         if not self._in_turn or (self._in_flight is None and not self._queue):
             return self._put(command, now_ns)
-        encode_command(command, 0)  # what cannot be said is refused now
+        encode_command(command, 0)  # an impossible value is refused now
         if command not in self._queue:
             self._queue.append(command)
         return b""
 
     def feed(self, command: Heartbeat, now_ns: int) -> bytes:
-        """Return a frame that leaves now: the heartbeat, or the early repeat of what waits for its answer."""
+        """Return a frame to send now: the heartbeat, or the early repeat of a pending command."""
         waiting = self._in_flight
         if not self._in_turn or waiting is None or isinstance(waiting.command, Identify):
             return self.send(command, now_ns)
@@ -118,7 +118,7 @@ class PendingCommands:
         return waiting.frame
 
     def _supersede(self, command: Command) -> None:
-        """Take back what a newer command contradicts."""
+        """Withdraw the commands that a newer one contradicts."""
 
         def contradicted(other: Command) -> bool:
             same_type = type(other) is type(command) and other != command
@@ -131,14 +131,14 @@ class PendingCommands:
                 pending.give_up()
 
     def _overtake(self) -> None:
-        """Let nothing go out again behind a VENT that must not be done twice."""
+        """Repeat nothing after a VENT that must not be done twice."""
         for pending in self._pending.values():
             if isinstance(pending.command, _ONCE_ONLY):
                 pending.overtaken = True
                 pending.give_up()
 
     def _put(self, command: Command, now_ns: int) -> bytes:
-        """Return the frame of a command whose turn it is; IDENTIFY begins with a lone 00, which flushes the line."""
+        """Return the frame of the next command; IDENTIFY begins with a lone 00, which flushes the line."""
         seq = self._seq
         frame = encode_command(command, seq)
         self._seq = (seq + 1) & 0xFF
@@ -150,11 +150,11 @@ class PendingCommands:
 
     @property
     def _in_flight(self) -> _Pending | None:
-        """The command that may go out again, so that no other may stand before it; the newest, if VENT overtook one."""
+        """The command that may be repeated, so that no other may precede it; the newest, if VENT overtook one."""
         return next((pending for pending in reversed(self._pending.values()) if pending.live), None)
 
     def _due_in_turn(self) -> list[_Pending]:
-        """Return what has a deadline now: while a VENT waits, what it overtook has none."""
+        """Return the commands with a deadline: while a VENT is pending, those it overtook have none."""
         pending = list(self._pending.values())
         venting = self._in_turn and any(isinstance(one.command, Vent) for one in pending)
         return [one for one in pending if not venting or not one.live or isinstance(one.command, Vent)]
@@ -167,7 +167,7 @@ class PendingCommands:
             return []
         self._last_answer_ns = now_ns
         if pending.first_ns > self._identified_ns:
-            self._hellos_due = 0  # answers come in order: no HELLO is on its way any more
+            self._hellos_due = 0  # answers come in order: no HELLO is pending any more
         return [CommandDone(pending.command, pending.seq, ack.status)]
 
     def identified(self, now_ns: int) -> list[LinkEvent]:
@@ -180,18 +180,18 @@ class PendingCommands:
         return [CommandDone(pending.command, pending.seq, None) for pending in answered]
 
     def board_restarted(self) -> list[LinkEvent]:
-        """Give up what the board forgot; VENT and IDENTIFY go on."""
+        """Give up the commands that the board forgot, all but VENT and IDENTIFY."""
         self.keep_waiting(Identify)
         keys = [key for key, pending in self._pending.items() if not isinstance(pending.command, Vent | Identify)]
         forgotten = [self._pending.pop(key) for key in keys]
         return [CommandLost(pending.command, pending.seq) for pending in forgotten]
 
     def keep_waiting(self, *kinds: type[Command]) -> None:
-        """Forget what waits for its turn and is none of these."""
+        """Drop the queued commands that are none of these."""
         self._queue = [command for command in self._queue if isinstance(command, kinds)]
 
     def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
-        """Return what is lost, and the frames to send: repeats, and a command whose turn has come; see `Link`."""
+        """Return the lost commands, and the frames to send: repeats, and the next command; see `Link`."""
         events: list[LinkEvent] = []
         frames = b""
         heard_ns = now_ns if heard_ns is None else heard_ns

@@ -1,21 +1,21 @@
 """Samples in order: exact loss, dropped repeats, one unwrapped board clock, flags of the host.
 
-Both kinds of link bring their samples here as arrays of `recording.sample_dtype` in order of arrival, `index` and
-`time_us` as the board wrote them. Rules of this file (protocol/SPEC.md, "What the host makes of samples"):
+Both kinds of link pass their samples to `SampleStream` as arrays of `recording.sample_dtype` in order of arrival,
+`index` and `time_us` as the board wrote them. Rules of this file (protocol/SPEC.md, "What the host makes of samples"):
 
-- **Loss.** Differences of the index are taken modulo its wrap. A step of 1 + n forward is a gap of n, exactly: the
-  checksum vouches that the board wrote that index. A step back is a repeat or out of order: dropped and counted.
+- **Loss.** Differences of the index are taken modulo its wrap. A step of 1 + n forward is a gap of exactly n: the
+  checksum guarantees that the board wrote that index. A step back is a repeat or out of order: dropped and counted.
 - **A new stream** begins at index 0 after an answered START, or where the index begins again after a HELLO, a
-  "booted" or an answered STOP. Its first sample with index n lost n. The first stream of all may have been running
-  before us: its start is adopted, and counted as loss only if an answered START then shows that it was ours.
-- **An index that went back for good** without any of these (a forward step that was never true, a restart of which no
-  word arrived): 16 samples in a row, each index one above the other, while the clock runs on from the last sample
-  kept. A repeat cannot look like that, its clock is old. They are kept, as a restart; nothing is lost to the wait.
-- **Time** is unwrapped by the shortest way; over a gap so long that the clock may have wrapped in it, by the number of
-  wraps that fits the sampling period best. A clock that runs backward is kept as it is and flagged.
-- **Flags.** GAP_BEFORE, and IMPLAUSIBLE for values that no checksum excuses (`implausible`).
-- All of this depends on the board's bytes alone, never on what was sent or on the host's clock, and not on the cutting
-  into chunks: so the same bytes give the same samples, bit for bit, at any later time.
+  "booted" or an answered STOP. Its first sample with index n lost n. The very first stream may have begun before this
+  link: its start is adopted, and counted as loss only if a later answered START shows that this link began it.
+- **An index that went back for good** without any of these (a forward step that was false, a restart whose messages
+  were lost): 16 samples in a row, each index one above the other, while the clock continues from the last sample
+  kept. Repeats differ, since their clock is old. The 16 are kept, as a restart; none is lost.
+- **Time** is unwrapped by the smallest step; over a gap so long that the clock may have wrapped in it, by the number
+  of wraps that fits the sampling period best. A clock that runs backward is kept as it is and flagged.
+- **Flags.** GAP_BEFORE, and IMPLAUSIBLE for values that are impossible in spite of a good checksum (`implausible`).
+- All of this depends on the board's bytes alone, never on the commands sent or the host's clock, nor on the division
+  into chunks: the same bytes give the same samples, bit for bit, at any later time.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from protocol.recording import SampleFlag
 WRAP = 1 << 32
 NO_WRAP = 1 << 62
 RESTART_RUN = 16  # late samples in a row that prove a new stream
-PRESSURE_MAX_PA = 1_000_000.0  # ten times anything a soft actuator sees
+PRESSURE_MAX_PA = 1_000_000.0  # ten times what a soft actuator is driven with
 PRESSURE_MIN_PA = -110_000.0  # below vacuum: no gauge pressure at all
-DARK_EXCESS = 1 / 256  # of full scale: noise near zero light stays far below
+DARK_EXCESS = 1 / 256  # of full scale: noise near zero signal is far smaller
 _REMEMBERED = (
     "order", "number", "raw_time", "time", "period", "unclaimed", "may_restart", "started", "lost_at_start",
     "no_neighbour",
@@ -43,10 +43,10 @@ Rows = np.ndarray[Any, np.dtype[np.void]]
 
 
 def implausible(rows: Rows, adc_bits: int) -> BoolArray:
-    """Return which samples are absurd: kept, and left out of every figure.
+    """Return which samples are impossible: kept, and left out of every figure.
 
     A pressure above 1 MPa, below vacuum or not a number; counts beyond the converter's; a dark reading more than
-    1/256 of full scale above the lit one (less can be noise near zero light); a signal that is not a number.
+    1/256 of full scale above the lit one (less can be noise near zero signal); a signal that is not a number.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def implausible(rows: Rows, adc_bits: int) -> BoolArray:
 
 
 def _wrapped(difference: Any, wrap: int) -> Any:
-    """Return a difference modulo `wrap` by the shortest way, in -wrap/2 .. wrap/2 - 1."""
+    """Return a difference modulo `wrap`, in -wrap/2 .. wrap/2 - 1."""
     return (difference + wrap // 2) % wrap - wrap // 2
 
 
@@ -82,10 +82,10 @@ def _differences(values: IntArray, before: int) -> IntArray:
 
 
 def _positions(steps: IntArray, wrap: int) -> tuple[IntArray, IntArray]:
-    """Return where rows stand from the last one kept, and the farthest before each, from the steps between them."""
+    """Return the positions of rows from the last one kept, and the farthest before each, from their steps."""
     position = np.cumsum(steps)
     reached = np.maximum.accumulate(np.concatenate(([0], position)))[:-1]
-    if (np.abs(position - reached) >= wrap // 2).any():  # late rows led around: the shortest way is from the farthest
+    if (np.abs(position - reached) >= wrap // 2).any():  # late rows wrapped: the smallest step is from the farthest
         at = farthest = 0
         for n, step in enumerate(steps.tolist()):
             at = farthest + _wrapped(at + step - farthest, wrap)
@@ -95,14 +95,14 @@ def _positions(steps: IntArray, wrap: int) -> tuple[IntArray, IntArray]:
 
 
 class SampleStream:
-    """The accounts of one link's samples.
+    """Order, losses and unwrapped time of one link's samples.
 
     Parameters
     ----------
-    index_wrap, time_wrap_us : where the board's index and clock begin again at 0; a device whose lines carry no index
-        has None: its samples are ordered by their time and numbered as they come, and their loss cannot be seen.
-    announces_restart : whether a restart resets the clock only together with a HELLO. A device without HELLO may
-        begin again at any time; a run of late samples then proves it whatever their clock.
+    index_wrap, time_wrap_us : where the board's index and clock begin again at 0; None for a device whose lines carry
+        no index: its samples are ordered by their time and numbered on arrival, and losses cannot be detected.
+    announces_restart : whether the clock is reset only together with a HELLO. A device without HELLO may restart at
+        any time; a run of late samples then proves it whatever their clock.
     """
 
     def __init__(
@@ -117,39 +117,39 @@ class SampleStream:
         self._raw_time = 0  # of the last sample kept, as the board wrote it
         self._time = 0  # the same, unwrapped
         self._period = 0  # between the last two neighbours, us
-        self._unclaimed = 0  # first index of a stream that was running before we knew
+        self._unclaimed = 0  # first index of a stream that began before this link
         self._may_restart = False
-        self._started = False  # a START was answered, its first sample is still to come
+        self._started = False  # a START was answered, its first sample is pending
         self._held: list[Rows] = []  # late samples that may prove a restart
-        self._no_neighbour = True  # the next sample begins a stream: the time before it is no sampling period
-        self._lost_at_start = 0  # samples of a new stream before the first that came
+        self._no_neighbour = True  # the next sample begins a stream: the time before it is not a sampling period
+        self._lost_at_start = 0  # samples of a new stream before the first that arrived
         self.samples = 0
         self.lost = 0
         self._dropped = 0
 
     def state(self) -> dict[str, Any]:
-        """Return what is remembered of the samples so far, without the counters, ready for JSON."""
+        """Return the memory of the samples so far, without the counters, ready for JSON."""
         held = [row.tobytes().hex() for row in self._held]
         return {**{name: getattr(self, f"_{name}") for name in _REMEMBERED}, "held": held}
 
     def restore(self, state: dict[str, Any], dtype: np.dtype[np.void]) -> None:
-        """Go on where another stream's `state` was taken; `dtype` is that of its samples."""
+        """Continue from the `state` of another stream; `dtype` is that of its samples."""
         for name in _REMEMBERED:
             setattr(self, f"_{name}", state[name])
         self._held = [np.frombuffer(bytes.fromhex(row), dtype) for row in state["held"]]
 
     @property
-    def duplicates(self) -> int:
-        """Samples repeated or out of order, not delivered."""
-        return self._dropped + len(self._held)
+    def counters(self) -> dict[str, int]:
+        """The counters under their names in `LinkStatistics`; duplicates are repeated or out of order, dropped."""
+        return {"samples": self.samples, "lost": self.lost, "duplicates": self._dropped + len(self._held)}
 
     def stream_may_restart(self) -> None:
-        """A HELLO, a "booted" or an answered STOP came: an index that goes back now begins a new stream."""
+        """Note a HELLO, a "booted" or an answered STOP: an index that goes back now begins a new stream."""
         self._may_restart = True
         self._drop_held()
 
     def stream_started(self) -> None:
-        """A START was answered."""
+        """Note an answered START."""
         self.stream_may_restart()
         self._started = True
 
@@ -193,7 +193,7 @@ class SampleStream:
         return rows["index" if self._indexed else "time_us"].astype(np.int64)
 
     def _without_repeats(self, rows: Rows) -> Rows:
-        """Drop repeats of the last sample kept: they say nothing about a new stream."""
+        """Drop repeats of the last sample kept: they do not begin a new stream."""
         if self._order is None:
             return rows
         repeats = (self._orders(rows) == self._order) & (rows["time_us"] == self._raw_time)
@@ -202,11 +202,11 @@ class SampleStream:
         return rows[leading:]
 
     def _begin(self, rows: Rows, events: list[LinkEvent]) -> None:
-        """Decide what the first sample after a START, a HELLO or nothing at all is: the old stream, or a new."""
+        """Decide whether the first sample after a START, a HELLO or at the very beginning starts a new stream."""
         known, started, order = self._order, self._started, int(self._orders(rows)[0])
         self._may_restart = self._started = False
         if known is not None and _wrapped(order - known, self._order_wrap) > 0:
-            if started and self._unclaimed:  # the stream we found was ours: an answer to START came late
+            if started and self._unclaimed:  # this link began the stream: the answer to START came late
                 self.lost += self._unclaimed
                 events.append(SampleGap(self._unclaimed, self._unclaimed, self._time))
                 self._unclaimed = 0
@@ -217,7 +217,7 @@ class SampleStream:
             self._unclaimed, self._lost_at_start = (0, order) if ours else (order, 0)
 
     def _new_stream(self, rows: Rows) -> None:
-        """Put the accounts right before the first of `rows`; the clock goes on unless it began again too."""
+        """Expect the first of `rows` next; the clock continues unless it began again too."""
         raw_time = int(rows["time_us"][0])
         if self._order is None or _wrapped(raw_time - self._raw_time, self._time_wrap) < 0:
             self._time = self._raw_time = raw_time
@@ -262,7 +262,7 @@ class SampleStream:
         events.append(Samples(rows))
 
     def _restart_in(self, rows: Rows, late: BoolArray) -> int | None:
-        """Hold the late samples back; return where the last of a run that proves a restart stands."""
+        """Hold the late samples back; return the row of the last of a run that proves a restart."""
         raw_kept = self._raw_time
         for at in np.flatnonzero(late):
             row = rows[at : at + 1].copy()
@@ -271,8 +271,8 @@ class SampleStream:
                 raw_kept = int(rows["time_us"][at - 1])
             if self._held and not self._follows(self._held[-1], row):
                 self._drop_held()
-            clock_goes_on = _wrapped(int(row["time_us"][0]) - raw_kept, self._time_wrap) > 0
-            if clock_goes_on or not self._announces_restart:
+            clock_continues = _wrapped(int(row["time_us"][0]) - raw_kept, self._time_wrap) > 0
+            if clock_continues or not self._announces_restart:
                 self._held.append(row)
             else:
                 self._drop_held()
@@ -284,7 +284,7 @@ class SampleStream:
         return None
 
     def _follows(self, before: Rows, row: Rows) -> bool:
-        """Return whether a sample is the one right behind another."""
+        """Return whether a sample directly follows another."""
         later: bool = _wrapped(int(row["time_us"][0]) - int(before["time_us"][0]), self._time_wrap) > 0
         step = int(row["index"][0]) - int(before["index"][0])
         return later and (not self._indexed or step % self._order_wrap == 1)
@@ -294,7 +294,7 @@ class SampleStream:
         self._held = []
 
     def _split(self, rows: Rows, late: BoolArray, restart: int) -> list[LinkEvent]:
-        """Deliver what was before the restart, then begin again with the samples held back."""
+        """Deliver the samples before the restart, then begin again with those held back."""
         new = np.concatenate([*self._held, rows[restart + 1 :]])
         self._held = []
         events = self.accept(rows[: restart + 1][~late[: restart + 1]])

@@ -1,10 +1,10 @@
-"""Command templates of a text profile: a value in, a line out, and nothing else.
+"""Command templates of a text profile: a value in, a line out.
 
 A template is text with fields such as `{kpa:.1f}`. Rules of this file:
 
-- A field is one of the names listed for its command and an optional number format. No attribute, no index, no
-  conversion, no nested field: a profile comes from elsewhere and must not reach into the program.
-- A template is rendered once when it is loaded, so that a bad one is found before a session and not in it.
+- A field is one of the names listed for its command and an optional number format. Attributes, indices, conversions
+  and nested fields are refused: a profile is untrusted input.
+- A template is rendered once when it is loaded, so that a faulty one is found before a session and not during it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _ramps(pascal_per_s: int) -> Values:
 
 
 def _values(command: Command) -> Values:
-    """Return what the fields of a command's template may name."""
+    """Return the values of the fields of a command's template."""
     match command:
         case SetPressure():
             return {**_pressures("", command.target_pa), **_ramps(command.ramp_pa_per_s)}
@@ -92,7 +92,7 @@ def _check(key: str, text: str, values: Values) -> None:
             (name, spec, conversion) for _, name, spec, conversion in string.Formatter().parse(text) if name is not None
         ]
     except ValueError as error:
-        raise ProfileError(f"commands.{key}: {error}", "write {{ and }} for braces that stand for themselves") from None
+        raise ProfileError(f"commands.{key}: {error}", "write {{ and }} for literal braces") from None
     for name, spec, conversion in fields:
         if name not in values:
             allowed = ", ".join(values) or "no fields"

@@ -1,13 +1,13 @@
 """The link to firmware that prints text (or RX8 packets): the same interface as `Connection`, described by a profile.
 
-What such firmware cannot say is made up for as far as it honestly can be:
+What such firmware does not send is supplied as follows:
 
-- HELLO comes from the profile. It is given when IDENTIFY was asked and the device has shown that it speaks the
-  profile, by one good line; at once where the profile has a `start` command, since then it is silent until started.
-- There are no answers. A command with a template counts as done when it is sent: whether it was obeyed, the samples
-  show. HEARTBEAT, CLEAR_FAULT and SET_LIMITS without one are answered "not supported"; START and STOP without one
-  have nothing to do. VENT and SET_PRESSURE without one cannot be sent.
-- Without an index, loss cannot be seen; without a time, samples are taken to be evenly spaced.
+- HELLO is made from the profile. It follows IDENTIFY once the device has sent one good line; at once where the profile
+  has a `start` command, since such a device is silent until started.
+- There are no answers. A command with a template counts as done when it is sent: whether it was executed, the samples
+  show. HEARTBEAT, CLEAR_FAULT and SET_LIMITS without one are answered "not supported"; START and STOP without one are
+  done at once. VENT and SET_PRESSURE without one cannot be sent.
+- Without an index, loss cannot be detected; without a time, samples are assumed to be evenly spaced.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from protocol.text.rx8 import PacketFormat, PacketReader
 
 __all__ = ["TextConnection", "TextProfile", "load_profile"]
 
-IDENTIFY_NS = 2_500_000_000  # a device that prints nothing good for so long does not speak the profile
+IDENTIFY_NS = 2_500_000_000  # a device without a good line for so long does not match the profile
 _KEYS = {type(example): key for key, example in COMMANDS.items()}
 
 
@@ -51,20 +51,21 @@ class TextConnection:
     Parameters
     ----------
     profile : from `load_profile`.
-    decoder_state : of another connection with the same profile, to go on where it was taken.
+    decoder_state : of another connection with the same profile, to continue from it.
     """
 
     def __init__(self, profile: TextProfile, *, decoder_state: dict[str, Any] | None = None) -> None:
         self.profile = profile
         self.cannot_command_reason = profile.cannot_command_reason
         self.can_command = not self.cannot_command_reason
+        self.n_sensors = profile.n_sensors
+        self.sample_kind: SampleKind = profile.sample_kind
+        self.hello: Hello | None = None  # made from the profile once the device has sent a good line
         self._dtype = sample_dtype(profile.n_sensors, profile.sample_kind)
         self._reader = _make_reader(profile)
         self._stream = _make_stream(profile)
         self._seq = 0
         self._number = 0
-        self._bytes = 0
-        self._malformed = 0
         self._factors, self._offsets = np.array([(c.factor, c.offset) for c in profile.columns]).T
         self._lows, self._highs, whole, free = np.array([_bounds(column) for column in profile.columns]).T
         self._whole, self._free = whole.astype(bool), free.astype(bool)
@@ -72,7 +73,6 @@ class TextConnection:
             (("signal_mv", "signal"),) if profile.sample_kind == "signal" else (("lit", "lit"), ("dark", "dark"))
         )
         self._start_sent = False
-        self._hello: Hello | None = None
         self._identifying: list[tuple[Identify, int, int]] = []  # command, seq, deadline
         self._answers: list[LinkEvent] = []
         if decoder_state is not None:
@@ -81,47 +81,23 @@ class TextConnection:
             self._number = decoder_state["number"]
 
     @property
-    def hello(self) -> Hello | None:
-        """The HELLO made of the profile, None before the device has shown itself."""
-        return self._hello
-
-    @property
-    def n_sensors(self) -> int | None:
-        """Number of sensors, from the profile."""
-        return self.profile.n_sensors
-
-    @property
-    def sample_kind(self) -> SampleKind:
-        """Counts or signal, from the profile."""
-        return self.profile.sample_kind
-
-    @property
     def statistics(self) -> LinkStatistics:
         """The counters so far."""
-        return LinkStatistics(
-            bytes=self._bytes,
-            frames=self._reader.frames,
-            samples=self._stream.samples,
-            lost=self._stream.lost,
-            crc_errors=self._reader.crc_errors,
-            malformed=self._reader.malformed + self._malformed,
-            oversize=self._reader.oversize,
-            duplicates=self._stream.duplicates,
-        )
+        return LinkStatistics(**self._reader.counters, **self._stream.counters)
 
     @property
     def next_deadline_ns(self) -> int | None:
-        """When `poll` has something to do at the latest; 0 where answers wait, None if there is nothing."""
+        """Latest time for the next `poll`; 0 while answers are pending, None while nothing is."""
         if self._answers:
             return 0
         return min((deadline for _, _, deadline in self._identifying), default=None)
 
     def decoder_state(self) -> dict[str, Any]:
-        """Return what the decoder remembers of the bytes so far, ready for JSON; see `Link`."""
+        """Return the decoder's memory of the bytes so far, ready for JSON; see `Link`."""
         return {"reader": self._reader.state(), "samples": self._stream.state(), "number": self._number}
 
     def send(self, command: Command, now_ns: int) -> bytes:
-        """Return the text that carries a command; empty where the profile needs none.
+        """Return the text of a command; empty where the profile needs none.
 
         Raises
         ------
@@ -130,9 +106,9 @@ class TextConnection:
         seq, self._seq = self._seq, (self._seq + 1) & 0xFF
         template = self.profile.templates.get(_KEYS[type(command)])
         if isinstance(command, SetPressure) and not self.can_command:
-            raise LocalError(self.cannot_command_reason, "add what is missing to the profile, or only record")
+            raise LocalError(self.cannot_command_reason, "add what is missing to the profile, or record without a plan")
         if template is None and isinstance(command, Vent):
-            raise LocalError(f"the profile {self.profile.name!r} has no `commands.vent`", "vent by hand")
+            raise LocalError(f"the profile {self.profile.name!r} has no `commands.vent`", "open the valve manually")
         if isinstance(command, Identify):
             if "start" in self.profile.templates:
                 self._identify([(command, seq)])
@@ -145,19 +121,18 @@ class TextConnection:
         return b"" if template is None else template(command)
 
     def feed(self, command: Heartbeat, now_ns: int) -> bytes:
-        """Return the text that feeds the watchdog, where the firmware has one: nothing here waits for an answer."""
+        """Return the text that feeds the watchdog, where the firmware has one."""
         return self.send(command, now_ns)
 
     def poll(self, now_ns: int, heard_ns: int | None = None) -> tuple[list[LinkEvent], bytes]:
-        """Return the answers that wait, and the IDENTIFYs that nothing good came after; never bytes."""
+        """Return the pending answers, and the IDENTIFYs that no good line followed; never bytes."""
         answers, self._answers = self._answers, []
         late = [entry for entry in self._identifying if now_ns >= entry[2]]
         self._identifying = [entry for entry in self._identifying if now_ns < entry[2]]
         return [*answers, *(CommandLost(command, seq) for command, seq, _ in late)], b""
 
     def receive(self, data: bytes, now_ns: int) -> list[LinkEvent]:
-        """Return what the bytes tell; damaged lines are counted in `statistics`, never raised."""
-        self._bytes += len(data)
+        """Return the events in the bytes; damaged lines are counted in `statistics`, never raised."""
         values = self._reader.receive(data)
         rows = self._to_rows(np.array(values), now_ns) if values else np.empty(0, self._dtype)
         if len(rows) and self._identifying:
@@ -165,18 +140,18 @@ class TextConnection:
             self._identifying = []
         answers, self._answers = self._answers, []
         events = self._stream.accept(rows)
-        if self._start_sent and BoardRestarted(None) in events:  # its samples begin again because we asked for it
+        if self._start_sent and BoardRestarted(None) in events:  # the START of this link restarted its samples
             events.remove(BoardRestarted(None))
             self._start_sent = False
         return [*answers, *events]
 
     def receive_chunks(self, chunks: Sequence[tuple[int, bytes]]) -> list[LinkEvent]:
-        """Do the same for many chunks (now_ns, data)."""
+        """Return the same for many chunks (now_ns, data)."""
         return [event for now_ns, data in chunks for event in self.receive(data, now_ns)]
 
-    def _identify(self, asked: list[tuple[Identify, int]]) -> None:
+    def _identify(self, requests: list[tuple[Identify, int]]) -> None:
         low, high = self.profile.limits_pa or (0, 0)
-        self._hello = Hello(
+        self.hello = Hello(
             protocol=PROTOCOL_VERSION,
             fw_major=0,
             fw_minor=0,
@@ -189,16 +164,16 @@ class TextConnection:
             pressure_max_pa=high,
             board_id=self.profile.name,
         )
-        self._answers.append(HelloReceived(self._hello))
-        self._answers += [CommandDone(command, seq, None) for command, seq in asked]
+        self._answers.append(HelloReceived(self.hello))
+        self._answers += [CommandDone(command, seq, None) for command, seq in requests]
 
     def _to_rows(self, values: np.ndarray[Any, np.dtype[np.float64]], now_ns: int) -> Rows:
-        """Return the samples in lines' values, shape (n, columns); lines with impossible numbers are left out."""
+        """Return the samples in the values of lines, shape (n, columns); lines with impossible numbers are left out."""
         values = values * self._factors + self._offsets
         with np.errstate(invalid="ignore"):
             possible = (values >= self._lows) & (values <= self._highs) & (~self._whole | (values == np.rint(values)))
         possible = (possible | self._free).all(axis=1)
-        self._malformed += int((~possible).sum())
+        self._reader.malformed += int((~possible).sum())
         columns = dict(zip((column.name for column in self.profile.columns), values[possible].T, strict=True))
         rows = np.zeros(int(possible.sum()), self._dtype)
         rows["host_ns"] = now_ns
@@ -215,14 +190,14 @@ class TextConnection:
 
 
 def _bounds(column: ProfileColumn) -> tuple[float, float, bool, bool]:
-    """Return the least and greatest value a column can have, whether it is whole, and whether all this is waived."""
+    """Return the lowest and highest value of a column, whether it is whole, and whether any value is accepted."""
     if column.name == "time":
         return 0, 2.0**53, False, False
     if column.name == "index":
         return 0, WRAP - 1, True, False
     if column.name.endswith(("_lit", "_dark")):
         return 0, 65_535, True, False
-    return 0, 0, False, True  # pressure and signal: kept whatever they are, and flagged where absurd
+    return 0, 0, False, True  # pressure and signal: always kept, and flagged where impossible
 
 
 def _make_reader(profile: TextProfile) -> LineReader | PacketReader:

@@ -2,11 +2,11 @@
 
 Rules of this file:
 
-- A line has exactly the profile's fields. A line that lost or gained one, whose checksum is wrong or whose number is
-  none is counted, never an error: two lines run together must not pass for one.
-- Comments and empty lines mean nothing.
-- A line begun before we listened is not a line: where neither a checksum nor a start command vouches for the first
-  one, it is dropped, since half a number is a number.
+- A line has exactly the profile's fields. A line with one more or less, a wrong checksum or an invalid number is
+  counted, never an error: two lines run together must not pass for one.
+- Comments and empty lines are ignored.
+- The first line may be incomplete: unless a checksum or a start command protects it, it is dropped, since half a number
+  is still a number.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import reduce
 from operator import xor
-from typing import Any
 
-LINE_MAX = 1000  # bytes; a run without a line end beyond this is no text
+from protocol.link.framing import ByteReader
+
+LINE_MAX = 1000  # bytes; a longer run without a line end is not text
 
 
 @dataclass(frozen=True, slots=True)
 class LineFormat:
-    """How a line is written; `columns` says which fields are wanted, in the order of a row."""
+    """The syntax of a line; `columns` are the fields of a row, in its order."""
 
     delimiter: bytes
     line_end: bytes
@@ -32,34 +33,23 @@ class LineFormat:
     columns: tuple[int, ...]
 
 
-class LineReader:
+class LineReader(ByteReader):
     """Bytes in, rows of numbers out.
 
     Parameters
     ----------
     format_ : of the lines.
-    first_is_whole : whether the first line was listened to from its begin.
+    first_is_whole : whether the first line is received from its beginning.
     """
 
     def __init__(self, format_: LineFormat, *, first_is_whole: bool) -> None:
+        super().__init__()
         self._format = format_
-        self._rest = b""
         self._skipping = not (first_is_whole or format_.checksum)
-        self.frames = 0
-        self.malformed = 0
-        self.crc_errors = 0
-        self.oversize = 0
-
-    def state(self) -> dict[str, Any]:
-        """Return what is remembered of the bytes so far, without the counters, ready for JSON."""
-        return {"rest": self._rest.hex(), "skipping": self._skipping}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on where another reader's `state` was taken."""
-        self._rest, self._skipping = bytes.fromhex(state["rest"]), bool(state["skipping"])
 
     def receive(self, data: bytes) -> list[list[float]]:
         """Return the values of the good lines that `data` completes."""
+        self.bytes += len(data)
         lines = (self._rest + data).split(self._format.line_end)
         self._rest = lines.pop()
         if lines and self._skipping:
@@ -95,7 +85,7 @@ class LineReader:
             return None
 
     def _number(self, text: bytes) -> float:
-        """Return a number as a device prints it; Python's own 1_000 is none."""
+        """Return a number as a device prints it; Python's own 1_000 is refused."""
         if b"_" in text:
             raise ValueError
         return float(text.replace(self._format.decimal, b"."))

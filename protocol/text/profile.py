@@ -1,4 +1,4 @@
-"""Text profiles: what a TOML file says about firmware that does not speak the BOAT protocol.
+"""Text profiles: a TOML description of firmware that does not implement the BOAT protocol.
 
     name = "Two sensors over Serial.println"
     kind = "lines"                           # or "rx8"
@@ -23,9 +23,9 @@
     set_pressure = "P{kpa:.1f}\\n"
     vent = "V\\n"
 
-Names with a meaning are time, index, pressure, and for each sensor either sN_lit and sN_dark (counts) or sN_signal;
-every other name is a field to ignore. A value is `field * scale + offset` in `unit`. A profile is user input: an
-unknown key, a wrong type, a missing part is refused by name, and a limit has no default.
+The names used are time, index, pressure, and for each sensor either sN_lit and sN_dark (counts) or sN_signal; fields of
+other names are ignored. A value is `field * scale + offset` in `unit`. A profile is user input: an unknown key, a wrong
+type or a missing part is refused by name, and a limit has no default.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _SENSOR = re.compile(r"s([1-9])_(lit|dark|signal)")
 _FILE_MAX = 100_000  # characters
 _NUMBER = (int, float)
 
-_Rules = dict[str, tuple[type | tuple[type, ...], Any]]  # key -> (type, default); `...` means it must be there
+_Rules = dict[str, tuple[type | tuple[type, ...], Any]]  # key -> (type, default); `...` means required
 _TOP: _Rules = {
     "name": (str, ...),
     "kind": (str, ...),
@@ -87,12 +87,12 @@ _FIELD: _Rules = {
 
 @dataclass(frozen=True, slots=True)
 class ProfileColumn:
-    """One field with a meaning: its value in the unit of the recording is `raw * factor + offset`."""
+    """One field that is used: its value in the unit of the recording is `raw * factor + offset`."""
 
     name: str
     factor: float
     offset: float
-    wraps_at: int | None  # of the raw number: where it begins again at 0
+    wraps_at: int | None  # the raw number at which it begins again at 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,25 +131,25 @@ def load_profile(source: str | Path) -> TextProfile:
 
     Raises
     ------
-    ProfileError : the file cannot be read, is not TOML, or says something that is not allowed; names the key.
+    ProfileError : the file cannot be read, is not TOML, or holds something that is not allowed; names the key.
     """
     text = source if isinstance(source, str) and "\n" in source else _read(Path(source))
     try:
         content = read_toml(text)
     except ValueError as error:
-        raise ProfileError(f"the profile is not TOML: {error}", "mend the line that is named") from None
+        raise ProfileError(f"the profile is not TOML: {error}", "correct that line") from None
     top = _table(content, "", _TOP)
     device = _table(top["device"], "device.", _DEVICE)
     _check_device(device)
     format_: LineFormat | PacketFormat
     match top["kind"]:
         case "lines":
-            names, fields, format_ = _lines(_table(top["lines"], "lines.", _LINES))
+            fields, format_ = _lines(_table(top["lines"], "lines.", _LINES))
         case "rx8":
-            names, fields, format_ = _rx8(_table(top["rx8"], "rx8.", _RX8))
+            fields, format_ = _rx8(_table(top["rx8"], "rx8.", _RX8))
         case kind:
-            raise ProfileError(f"kind = {kind!r:.60} is not known", 'write kind = "lines" or kind = "rx8"')
-    sample_kind = _sample_kind(names, device)
+            raise ProfileError(f"unknown kind = {kind!r:.60}", 'write kind = "lines" or kind = "rx8"')
+    sample_kind = _sample_kind([entry["name"] for entry in fields], device)
     return TextProfile(
         name=top["name"],
         toml=text,
@@ -174,17 +174,17 @@ def _read(path: Path) -> str:
     except (OSError, UnicodeDecodeError) as error:
         raise ProfileError(f"the profile {path} cannot be read: {error}", "give the path of a TOML file") from None
     if len(text) > _FILE_MAX:
-        raise ProfileError(f"the profile {path} is too long to be one", "give the path of a TOML file")
+        raise ProfileError(f"the profile {path} has more than {_FILE_MAX} characters", "give the path of a TOML file")
     return text
 
 
 def _table(content: Any, prefix: str, rules: _Rules) -> dict[str, Any]:
     """Return a table with its defaults filled in; unknown keys, wrong types and missing keys are refused by name."""
     if not isinstance(content, dict):
-        raise ProfileError(f"{prefix.rstrip('.')} is not a table", "see the examples that come with the program")
+        raise ProfileError(f"{prefix.rstrip('.')} is not a table", "see the example profiles of boat-daq")
     for key, value in content.items():
         if key not in rules:
-            raise ProfileError(f"unknown key {prefix}{key:.60}", f"known here: {', '.join(rules)}")
+            raise ProfileError(f"unknown key {prefix}{key:.60}", f"allowed here: {', '.join(rules)}")
         expected = rules[key][0]
         if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
             kinds = expected if isinstance(expected, tuple) else (expected,)
@@ -192,7 +192,7 @@ def _table(content: Any, prefix: str, rules: _Rules) -> dict[str, Any]:
             raise ProfileError(f"{prefix}{key} is {value!r:.60}, not of type {names}", f"write a value of type {names}")
     for key, (_, default) in rules.items():
         if default is ... and key not in content:
-            raise ProfileError(f"the key {prefix}{key} is missing", "add it; the shipped examples show how")
+            raise ProfileError(f"the key {prefix}{key} is missing", "add it; see the example profiles of boat-daq")
     return {key: content.get(key, default) for key, (_, default) in rules.items()}
 
 
@@ -214,17 +214,17 @@ def _limits(device: dict[str, Any]) -> tuple[int, int] | None:
     if low is None or high is None:
         raise ProfileError("only one of device.pressure_min_kpa and pressure_max_kpa is given", "give both, or none")
     if not -101.325 <= low < high <= 1000:
-        raise ProfileError(f"pressure limits of {low} to {high} kPa", "the lower first, between vacuum and 1000 kPa")
+        raise ProfileError(f"pressure limits of {low} to {high} kPa", "give the lower first, from -101.325 to 1000 kPa")
     return round(low * 1000), round(high * 1000)
 
 
-def _lines(table: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], LineFormat]:
+def _lines(table: dict[str, Any]) -> tuple[list[dict[str, Any]], LineFormat]:
     entries = [
         _table({"name": entry} if isinstance(entry, str) else entry, f"lines.fields[{at}].", _FIELD)
         for at, entry in enumerate(table["fields"], 1)
     ]
     if len(table["delimiter"]) != 1 or table["decimal"] not in (".", ",") or table["delimiter"] == table["decimal"]:
-        raise ProfileError("lines.delimiter is one character, lines.decimal another, . or ,", "correct them")
+        raise ProfileError("lines.delimiter must be one character, lines.decimal another one: . or ,", "correct them")
     if table["line_end"] not in ("\n", "\r", "\r\n") or table["checksum"] not in ("none", "nmea"):
         raise ProfileError(
             f"lines.line_end = {table['line_end']!r} with lines.checksum = {table['checksum']!r}",
@@ -233,7 +233,7 @@ def _lines(table: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], Line
     comments = table["comments"]
     if not all(isinstance(comment, str) and comment for comment in comments):
         raise ProfileError(f"lines.comments = {comments!r:.60}", 'write a list of prefixes such as ["#"]')
-    wanted = [at for at, entry in enumerate(entries) if _has_meaning(entry["name"])]
+    wanted = [at for at, entry in enumerate(entries) if _is_used(entry["name"])]
     format_ = LineFormat(
         delimiter=table["delimiter"].encode(),
         line_end=table["line_end"].encode(),
@@ -243,20 +243,19 @@ def _lines(table: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], Line
         n_fields=len(entries),
         columns=tuple(wanted),
     )
-    fields = [entries[at] for at in wanted]
-    return [entry["name"] for entry in fields], fields, format_
+    return [entries[at] for at in wanted], format_
 
 
-def _rx8(table: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], PacketFormat]:
+def _rx8(table: dict[str, Any]) -> tuple[list[dict[str, Any]], PacketFormat]:
     format_ = parse_format(table["format"])
     sizes = {name: len(places) for name, places in format_.variables}
     fields = []
     variables = []
     for variable, entry in table["variables"].items():
         if variable not in sizes:
-            raise ProfileError(f"rx8.variables.{variable} is not in rx8.format", f"there are {', '.join(sizes)}")
+            raise ProfileError(f"rx8.variables.{variable} is not in rx8.format", f"it has {', '.join(sizes)}")
         entry = _table({"name": entry} if isinstance(entry, str) else entry, f"rx8.variables.{variable}.", _FIELD)
-        if _has_meaning(entry["name"]):
+        if _is_used(entry["name"]):
             wraps = entry["name"] in ("time", "index") and entry["wraps_at"] is None
             fields.append({**entry, "wraps_at": 1 << 8 * sizes[variable] if wraps else entry["wraps_at"]})
             variables.append(variable)
@@ -264,10 +263,10 @@ def _rx8(table: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], Packet
     format_ = PacketFormat(
         format_.head, format_.tail, format_.length, tuple((variable, chosen[variable]) for variable in variables)
     )
-    return [entry["name"] for entry in fields], fields, format_
+    return fields, format_
 
 
-def _has_meaning(name: str) -> bool:
+def _is_used(name: str) -> bool:
     return name in ("time", "index", "pressure") or _SENSOR.fullmatch(name) is not None
 
 
@@ -281,7 +280,7 @@ def _sample_kind(names: list[str], device: dict[str, Any]) -> SampleKind:
     signal = {f"s{n}_signal" for n in sensors}
     given = {name for name in names if _SENSOR.fullmatch(name)}
     if "pressure" not in names:
-        raise ProfileError("no field is named pressure", "name the field that carries it")
+        raise ProfileError("no field is named pressure", "name the field that carries the pressure")
     if given == counts:
         if not (device["vref_mv"] and device["adc_bits"]):
             raise ProfileError("device.vref_mv or device.adc_bits is missing", "readings in counts need both")

@@ -6,11 +6,11 @@
 one mark a byte: `@nNAME` is byte n of variable NAME, 0 the lowest, and `x` a byte to skip. A variable may have 1 to 4
 bytes in any order, all of them once. Letters' case matters in names only.
 
-The packets carry no checksum: a byte that was changed on the way shows nowhere, and only a byte lost or added does.
-What can be checked is checked: a packet counts when its header and tail fit and the next packet's header stands right
-behind it, the whole next packet where the stream is not yet in step. So a sample comes one period late, and the very
-last one not at all. After a misfit the search goes on one byte behind the failed start, never behind the whole packet:
-a header byte among the data costs nothing then.
+The packets carry no checksum: a changed byte is not detected, only a lost or added one. So a packet counts when its
+header and tail fit and the next packet's header follows directly, the whole next packet while the stream is not yet
+synchronised. A sample is therefore delivered one period late, and the very last one not at all. After a misfit the
+search continues one byte after the failed start, never after the whole packet, so that a header byte among the data
+costs no packet.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from protocol.errors import ProfileError
+from protocol.link.framing import ByteReader
 
 _FORMAT = re.compile(
     r"\s*rx8\s+(?:\[h=(?P<head>[^\]]*)\])?(?P<body>[^\[\]]*)(?:\[t=(?P<tail>[^\]]*)\])?\s*", re.IGNORECASE
@@ -39,11 +40,11 @@ class PacketFormat:
 
 
 def parse_format(text: str) -> PacketFormat:
-    """Return what an RX8 format string says.
+    """Return the packet that an RX8 format string describes.
 
     Raises
     ------
-    ProfileError : not such a string; no header and no tail; a byte of a variable missing or given twice.
+    ProfileError : not such a string; neither header nor tail; a byte of a variable missing or given twice.
     """
     match = _FORMAT.fullmatch(text)
     if match is None:
@@ -52,7 +53,7 @@ def parse_format(text: str) -> PacketFormat:
         )
     head, tail = _hex("h", match["head"]), _hex("t", match["tail"])
     if not head + tail:
-        raise ProfileError("rx8.format has neither a header nor a tail", "packets without either cannot be found")
+        raise ProfileError("rx8.format has neither a header nor a tail", "add [h=..] or [t=..] to find packets by")
     places: dict[str, dict[int, int]] = {}
     marks = match["body"].split()
     for offset, mark in enumerate(marks, len(head)):
@@ -70,7 +71,10 @@ def parse_format(text: str) -> PacketFormat:
             )
     length = len(head) + len(marks) + len(tail)
     if not places or length > _PACKET_MAX:
-        raise ProfileError("rx8.format has no variable, or more than 200 bytes", "")
+        raise ProfileError(
+            f"rx8.format has no variable, or more than {_PACKET_MAX} bytes",
+            "give one @nNAME or more, in shorter packets",
+        )
     variables = tuple((name, tuple(bytes_[n] for n in sorted(bytes_))) for name, bytes_ in places.items())
     return PacketFormat(head, tail, length, variables)
 
@@ -82,8 +86,8 @@ def _hex(which: str, text: str | None) -> bytes:
         raise ProfileError(f"rx8.format: [{which}={text}] is not hexadecimal", "write bytes like 43 or 0D 0A") from None
 
 
-class PacketReader:
-    """Bytes in, rows of numbers out, one for each packet.
+class PacketReader(ByteReader):
+    """Bytes in, rows of numbers out, one for each packet; malformed are stretches of bytes that are not a packet.
 
     Parameters
     ----------
@@ -92,26 +96,24 @@ class PacketReader:
     """
 
     def __init__(self, format_: PacketFormat, signed: tuple[bool, ...]) -> None:
+        super().__init__()
         self._format = format_
         self._columns = [(places, is_signed) for (_, places), is_signed in zip(format_.variables, signed, strict=True)]
-        self._rest = b""
         self._in_step = False
         self._searching = False
-        self.frames = 0
-        self.malformed = 0  # stretches of bytes that were no packet
-        self.crc_errors = self.oversize = 0  # a packet has no checksum, and one length
 
     def state(self) -> dict[str, Any]:
-        """Return what is remembered of the bytes so far, without the counters, ready for JSON."""
+        """Return the decoder's memory of the bytes so far, without the counters, ready for JSON."""
         return {"rest": self._rest.hex(), "in_step": self._in_step, "searching": self._searching}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on where another reader's `state` was taken."""
+        """Continue from the `state` of another reader."""
         self._rest = bytes.fromhex(state["rest"])
         self._in_step, self._searching = bool(state["in_step"]), bool(state["searching"])
 
     def receive(self, data: bytes) -> list[list[float]]:
         """Return the values of the packets that `data` completes."""
+        self.bytes += len(data)
         data = self._rest + data
         format_, at, rows = self._format, 0, []
         while True:
@@ -132,7 +134,7 @@ class PacketReader:
         return rows
 
     def _confirming_bytes(self) -> int:
-        """Return how many bytes of the next packet must be there to believe this one."""
+        """Return how many bytes of the next packet are needed to accept this one."""
         return len(self._format.head) if self._in_step else self._format.length
 
     def _fits(self, packet: bytes) -> bool:

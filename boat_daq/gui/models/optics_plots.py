@@ -1,4 +1,4 @@
-"""What the optics page draws: the rays of a state, NDR over the states, the maps of P, the Pareto front."""
+"""Plots of the optics page: the rays of a state, NDR over the states, the maps of P, the Pareto front."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
 from boat_daq.gui import style
-from boat_daq.gui.plotting.axes import paint_axis
-from boat_daq.gui.plotting.plot import EMPTY, sensor_colour
+from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
+from boat_daq.gui.plotting.plot import sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
@@ -21,12 +21,13 @@ COLUMNS = 3  # of maps
 SHADES = 64
 SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
-ROOM_FOR_NUMBERS = 0.1  # of the height, over the highest point
-
+LABEL_MARGIN = 0.1  # of the height, over the highest point
+SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
+TRACE_FIRST = "The design is being traced; "
 
 SCENE = (
-    "Light from the emitter at the left, in the plane of the guide. Rays that strike a wall go on as secondary rays; "
-    "those that reach the receiver at the right are counted."
+    "Light from the emitter at the left, in the plane of the light guide. Rays that strike a wall continue as "
+    "secondary rays; those that reach the receiver at the right are counted."
 )
 RESPONSE = (
     "Points: how many of 250 rays reach the receiver in each state (NDR), with one standard deviation of counting. "
@@ -35,12 +36,12 @@ RESPONSE = (
     "line. Merit: P = \u0394 / (rises \u00d7 roughness)."
 )
 MERIT = (
-    "P = range / (rises \u00d7 roughness) of each design, the best one 1: bright designs change much, steadily and "
-    "smoothly over the stroke. Click a place to look at its design."
+    "P = range / (rises \u00d7 roughness) of each design, relative to the best: the signal of a bright design changes "
+    "much, steadily and smoothly over the stroke. Click a cell to show its design."
 )
 FRONT = (
-    "Each point is a design: up is a larger range, left is smoother. Filled ones are beaten by no other in range, "
-    "roughness and rises at once (the Pareto front). Click a point to look at its design."
+    "Each point is a design: up is a larger range, left is smoother. Filled points are Pareto-optimal: no other design "
+    "is better in range, roughness and rises at once. Click a point to show its design."
 )
 
 
@@ -53,7 +54,7 @@ def designs(sweep: SweepSummary) -> dict[str, Any]:
 
 
 class SceneCard(PlotCard):
-    """The resin, the rays and the receiver of one state."""
+    """The light guide, the rays and the receiver of one state."""
 
     def __init__(self) -> None:
         super().__init__("Rays")
@@ -66,9 +67,9 @@ class SceneCard(PlotCard):
         self.receiver = self.plot.curve("Receiver", lambda t: t.pressure)
 
     def show_state(self, model: OpticsModel) -> None:
-        """Draw the state that the slider is on."""
+        """Draw the state that the slider selects."""
         scene = model.scene()
-        self.show_empty("" if scene is not None else "The design and its rays come here once it is traced.")
+        self.show_empty("" if scene is not None else f"{TRACE_FIRST}its light guide and rays are drawn next.")
         self.readout.setText(model.state_text())
         if scene is None:
             return
@@ -79,12 +80,12 @@ class SceneCard(PlotCard):
             curve.set(line[:, 0], line[:, 1])
 
     def frame(self) -> None:
-        """Show the whole guide."""
+        """Show the whole light guide."""
         self.plot.fit()
 
 
 class ResponseCard(PlotCard):
-    """NDR with its standard deviation, the cubic through it, and where the slider is."""
+    """NDR with its standard deviation, the cubic through it, and the state of the slider."""
 
     def __init__(self) -> None:
         super().__init__("Detected rays over the elongation")
@@ -98,9 +99,7 @@ class ResponseCard(PlotCard):
     def show_result(self, model: OpticsModel) -> None:
         """Draw a design's response."""
         r = model.result
-        self.show_empty(
-            "" if r is not None else "The detected rays over the states come here once the design is traced."
-        )
+        self.show_empty("" if r is not None else f"{TRACE_FIRST}its detected rays in each state are drawn next.")
         self.readout.setText(model.design_text())
         if r is None:
             return
@@ -112,15 +111,13 @@ class ResponseCard(PlotCard):
 
 
 class MeritMap:
-    """P over spacing and depth for one width; a click looks at that design."""
+    """P over spacing and depth for one width; a click shows that design."""
 
     def __init__(self, card: PlotCard, place: int, model: OpticsModel) -> None:
         self.model, self.width_mm = model, STEPS_MM[place]
         self.row, self.column = divmod(place, COLUMNS)
-        self.item = card.view.addPlot(row=self.row, col=self.column)
-        self.item.setMenuEnabled(False)
-        self.item.hideButtons()
-        self.item.setMouseEnabled(False, False)
+        self.item = fixed_plot()
+        card.view.addItem(self.item, row=self.row, col=self.column)
         self.image = pg.ImageItem()
         self.item.addItem(self.image)
         marks = [(i + 0.5, f"{step:g}") for i, step in enumerate(STEPS_MM)]
@@ -135,14 +132,14 @@ class MeritMap:
             self.item.addItem(mark)
 
     def clicked(self, event: Any, cavities: int) -> None:
-        """Look at the design under the mouse."""
+        """Show the design under the mouse."""
         box = self.item.getViewBox()
         if box.sceneBoundingRect().contains(event.scenePos()):
             at = box.mapSceneToView(event.scenePos())
             self.model.pick(cavities, self.width_mm, at.x(), at.y())
 
     def show_sweep(self, cavities: int, table: np.ndarray[Any, Any]) -> None:
-        """Draw one map, with the best, the paper's optimum and the design looked at where they are in it."""
+        """Draw one map and mark the best design, the paper's optimum and the one shown, where they are in it."""
         sweep = self.model.sweep
         self.image.setVisible(sweep is not None)
         if sweep is not None:
@@ -155,14 +152,14 @@ class MeritMap:
             self.marks[name].setData(*self._place(cavities, values))
 
     def _place(self, cavities: int, values: Any) -> tuple[list[float], list[float]]:
-        """Return where a design stands in this map; nowhere when it is in another one, or off the grid."""
+        """Return the cell of a design in this map; empty when it is in another one, or off the grid."""
         if values is None or int(values[0]) != cavities or abs(float(values[1]) - self.width_mm) > ON_GRID_MM:
             return [], []
         at = [[i for i, s in enumerate(STEPS_MM) if abs(s - float(values[k])) < ON_GRID_MM] for k in (3, 2)]
         return ([at[0][0] + 0.5], [at[1][0] + 0.5]) if all(at) else ([], [])
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
+        """Use the colours of `theme`."""
         paint_axis(self.item, "left", theme, "Depth (mm)" if self.column == 0 else "")
         lowest = self.row == (len(STEPS_MM) - 1) // COLUMNS
         paint_axis(self.item, "bottom", theme, "Spacing (mm)" if lowest else "")
@@ -188,10 +185,8 @@ class MapsCard(PlotCard):
 
     def _scale(self) -> Any:
         """Return the scale of P, from 0 to 1, beside the maps."""
-        item = self.view.addPlot(row=0, col=COLUMNS, rowspan=2)
-        item.setMenuEnabled(False)
-        item.hideButtons()
-        item.setMouseEnabled(False, False)
+        item = fixed_plot()
+        self.view.addItem(item, row=0, col=COLUMNS, rowspan=2)
         item.hideAxis("bottom")
         item.hideAxis("left")
         item.showAxis("right")
@@ -217,7 +212,7 @@ class MapsCard(PlotCard):
             shown.clicked(event, int(self.cavities.currentData()))
 
     def follow_design(self) -> None:
-        """Show the maps of the number of cavities that is looked at, where there are some."""
+        """Show the maps of the shown design's number of cavities, where there are some."""
         at = self.cavities.findData(self.model.values[0])
         if at >= 0:
             self.cavities.setCurrentIndex(at)
@@ -228,12 +223,12 @@ class MapsCard(PlotCard):
         for shown in self.maps:
             shown.show_sweep(int(self.cavities.currentData()), self.table)
         swept = self.model.sweep is not None
-        self.show_empty("" if swept else "How good each design is comes here, as maps. Sweep all designs brings them.")
+        self.show_empty("" if swept else f"{SWEEP_FIRST}map the merit of each design.")
         self.cavities.setVisible(swept)
         self.readout.setText("\u2606 best   \u25cb paper's   \u25a1 shown" if swept else "")
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
+        """Use the colours of `theme`."""
         super().paint_theme(theme)
         paint_axis(self.scale, "right", theme, "Merit (P), best = 1")
         for shown in self.maps:
@@ -242,7 +237,7 @@ class MapsCard(PlotCard):
 
 
 class ParetoCard(PlotCard):
-    """Delta against RMSE of all designs; the front is filled and says its n_sign, a click looks at a design."""
+    """Delta against RMSE of all designs; the front is filled and labelled with n_sign, a click shows a design."""
 
     def __init__(self, model: OpticsModel) -> None:
         super().__init__("Range against roughness")
@@ -257,7 +252,7 @@ class ParetoCard(PlotCard):
             layer.item.sigClicked.connect(self._clicked)
 
     def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
-        """Look at the design under the mouse."""
+        """Show the design under the mouse."""
         s = self.model.sweep
         if s is not None and len(spots):
             at = spots[0].pos()
@@ -268,12 +263,10 @@ class ParetoCard(PlotCard):
     def show_sweep(self) -> None:
         """Draw the sweep."""
         s = self.model.sweep
-        self.show_empty("" if s is not None else "Each design comes here as a point. Sweep all designs brings them.")
+        self.show_empty("" if s is not None else f"{SWEEP_FIRST}compare the designs, one point each.")
         if s is None:
             self.numbers.set([])
-            for layer in (self.all, self.front, self.paper):
-                layer.set(EMPTY, EMPTY)
-            self.readout.setText("")
+            self.clear()
             return
         self.all.set(s.rmse, s.delta)
         self.front.set(s.rmse[s.front], s.delta[s.front])
@@ -281,10 +274,10 @@ class ParetoCard(PlotCard):
         self.paper.set(s.rmse[chosen], s.delta[chosen])
         front = zip(self.front.x, self.front.y, s.n_sign[s.front], strict=True)
         self.numbers.set([(float(x), float(y), str(int(n_sign))) for x, y, n_sign in front])
-        self.readout.setText("\u25cf not beaten, and how often it rises   \u25c6 paper's")
+        self.readout.setText("\u25cf Pareto-optimal (label: number of rises)   \u25c6 paper's")
         self.plot.fit()
         low, high = self.plot.item.getViewBox().viewRange()[1]
-        self.plot.y_range(low, high + ROOM_FOR_NUMBERS * (high - low))
+        self.plot.y_range(low, high + LABEL_MARGIN * (high - low))
 
     def columns(self) -> Columns:
         """Return every design of the sweep with the three figures and whether it is on the front."""

@@ -1,7 +1,7 @@
-"""Time against error of one method: the front, the default, the rule's choice, and what the consumer notices.
+"""Time against error of one method: the front, the default, the rule's choice, and the consumer's tolerance.
 
-Rules: processor time to the right, error upwards, both logarithmic; lower left is better. Points carry the number of
-their row in the table; the default has a ring and the choice a square, each with its word.
+Rules: processor time across, error up, both logarithmic; lower left is better. Points are labelled with the number of
+their row in the table; the default has a ring and the choice a square, each with a text.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
@@ -19,16 +18,15 @@ from boat_daq.gui.plotting.axes import LogAxis
 from boat_daq.gui.plotting.plot import Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.formatting import duration_text
 from boat_daq.viewmodels.models.tradeoff_report import MethodChart, TradeoffPoint
 
 MARGIN_DECADES = 0.25
-LEAST_DECADES = 1.0  # noise of the clock looks as small as it is
-ROOM_FOR_LABELS = 0.08  # of the height, over the highest point
+LEAST_DECADES = 1.0  # so that timing noise looks small
+LABEL_MARGIN = 0.08  # of the height, over the highest point
 RING, SQUARE, MARK_WIDTH = 18, 26, 2
 AT_RIGHT = 0.99
-NOTHING = "Here stands each setting of the method: its time to the right, its error upwards. Measure brings them."
+NOTHING = "Press Measure to plot each setting: time across, error up."
 
 
 class TradeoffCard(PlotCard):
@@ -49,23 +47,19 @@ class TradeoffCard(PlotCard):
         self.chosen = self.plot.points("Chosen", lambda t: t.pressure, filled=False, symbol="s", size=SQUARE)
         self.default = self.plot.points("Default", sensor_colour(2), filled=False, size=RING)
         self.settings = self.plot.points("Settings", sensor_colour(1))
-        self.notices = self.plot.line(lambda t: t.muted, label="noticed from here up")
-        self.enough = self.plot.line(lambda t: t.ok, label="good enough from here down")
-        for line, side in ((self.notices, 1), (self.enough, 0)):
+        self.notices = self.plot.line(lambda t: t.muted, label="noticeable above")
+        self.sufficient = self.plot.line(lambda t: t.ok, label="sufficient below")
+        for line, side in ((self.notices, 1), (self.sufficient, 0)):
             line.label.setPosition(AT_RIGHT)
             line.label.anchors = [(1, side), (1, side)]
-        self.nothing = widgets.label(NOTHING, "muted", wrap=True)
-        self.nothing.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.inside.addWidget(self.nothing, 1)
         self.labels = self.plot.labels((-0.1, 1.1))
         self.shown: MethodChart | None = None
 
     def show_chart(self, chart: MethodChart | None) -> None:
-        """Draw a method; None draws nothing."""
+        """Draw a method; None removes the plot."""
         self.shown = chart
         points = [p for p in chart.points if p.drawn] if chart is not None else []
-        self.view.setVisible(bool(points))
-        self.nothing.setVisible(not points)
+        self.show_empty("" if points else NOTHING)
         if chart is None or not points:
             return
         self.heading.setText(chart.title)
@@ -84,19 +78,19 @@ class TradeoffCard(PlotCard):
             layer.set(*_columns_of([at[p.number] for p in chosen]))
         self.spread.set(*spread_bars(points, chart.floor))
         self.notices.setValue(math.log10(chart.tolerance))
-        self.enough.setValue(math.log10(chart.enough))
-        self.labels.set([(*at[p.number], f"{p.number} {p.name}".strip()) for p in points])
-        self._frame(x, np.append(y, np.log10([chart.tolerance, chart.enough])))
+        self.sufficient.setValue(math.log10(chart.sufficient))
+        self.labels.set([(*at[p.number], f"{p.number} {', '.join(p.uses)}".strip()) for p in points])
+        self._frame(x, np.append(y, np.log10([chart.tolerance, chart.sufficient])))
         self.paint_theme(self.theme)
 
     def _frame(self, x: FloatArray, y: FloatArray) -> None:
-        for values, show, above in ((x, self.plot.x_range, 0.0), (y, self.plot.y_range, ROOM_FOR_LABELS)):
+        for values, show, above in ((x, self.plot.x_range, 0.0), (y, self.plot.y_range, LABEL_MARGIN)):
             low, high = float(values.min()), float(values.max())
             more = max(0.0, LEAST_DECADES - (high - low)) / 2 + MARGIN_DECADES * max(1.0, 0.3 * (high - low))
             show(low - more, high + more + above * (high - low))
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
+        """Use the colours of `theme`."""
         super().paint_theme(theme)
         for layer in (self.default, self.chosen):
             layer.item.setPen(pg.mkPen(layer.colour(theme), width=MARK_WIDTH))
@@ -112,7 +106,7 @@ class TradeoffCard(PlotCard):
             "spread (s)": [p.spread_s for p in chart.points],
             f"error ({chart.unit})": [p.error for p in chart.points],
             f"error spread ({chart.unit})": [p.error_spread for p in chart.points],
-            "marks": [p.marks for p in chart.points],
+            "marks": [", ".join(p.marks) for p in chart.points],
         }
 
 

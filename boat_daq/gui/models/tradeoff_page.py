@@ -108,7 +108,7 @@ class SettingsTable(QTableWidget):
                 f"{p.setting}: {duration_text(p.seconds)}, {p.repeats} repeats within {duration_text(p.spread_s)}; "
                 f"error {error_text(p.error)} {chart.unit if chart else ''}, within {error_text(p.error_spread)}"
             )
-            cells = (str(p.number), p.setting, duration_text(p.seconds), error_text(p.error), p.signs)
+            cells = (str(p.number), p.setting, duration_text(p.seconds), error_text(p.error), p.symbols)
             for column, text in enumerate(cells):
                 cell = QTableWidgetItem(text)
                 cell.setToolTip(hover)

@@ -240,6 +240,14 @@ def log_ticks(low: float, high: float) -> list[float]:
     return [t for t in ticks if low - 1e-9 <= t <= high + 1e-9]
 
 
+def fixed_plot() -> Any:
+    """Return an empty pyqtgraph plot with its own axes that the mouse does not move."""
+    item = pg.PlotItem(enableMenu=False)
+    item.hideButtons()
+    item.setMouseEnabled(False, False)
+    return item
+
+
 def paint_axis(item: Any, side: str, theme: Theme, title: str = "") -> None:
     """Give an axis of pyqtgraph's own kind the colours and fonts of the theme, and its title.
 

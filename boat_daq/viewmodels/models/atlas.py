@@ -1,6 +1,6 @@
-"""The stability atlas on the trade-off page: where a method works, where only with a reservation, where it refuses.
+"""The stability atlas on the trade-off page: where a method works, where only with a warning, where it refuses.
 
-Rules: maps are swept in a helper process and kept beside the window's preferences, each with the date it was made.
+Rules: maps are swept in a helper process and kept beside the window's preferences, each with its date.
 """
 
 from __future__ import annotations
@@ -16,29 +16,28 @@ from boat_daq.viewmodels.common.measured_result import MeasuredResult
 from boat_daq.viewmodels.common.work import Bench, Work
 from boat_daq.viewmodels.models.tradeoff_report import error_text
 
-OUTCOMES = ("works", "degraded", "refused", "quiet wrong")
-LETTERS = {"works": "", "degraded": "d", "refused": "r", "quiet wrong": "!"}
-LEGEND = {
-    "works": "works",
-    "degraded": "d  with a reservation",
-    "refused": "r  refused",
-    "quiet wrong": "!  wrong and silent",
+# name in `atlas --json` -> letter in a cell, text
+OUTCOMES = {
+    "works": ("", "works"),
+    "degraded": ("d", "works with a warning"),
+    "refused": ("r", "refuses"),
+    "quiet wrong": ("!", "wrong without warning"),
 }
 FILE = "atlas.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """One place of a map: its outcome, its error in the map's unit, what the user was told."""
+class MapCell:
+    """One case of a map: its outcome (a key of `OUTCOMES`), its error in the map's unit, the message to the user."""
 
     outcome: str
     error: float
-    said: str
+    message: str
 
 
 @dataclass(frozen=True, slots=True)
-class MapShown:
-    """One map; `places` [y][x]."""
+class MapView:
+    """One map; `cells` [y][x]."""
 
     name: str
     title: str
@@ -49,59 +48,59 @@ class MapShown:
     y_title: str
     x_ticks: tuple[str, ...]
     y_ticks: tuple[str, ...]
-    places: tuple[tuple[Place, ...], ...]
+    cells: tuple[tuple[MapCell, ...], ...]
 
-    def words(self, column: int, row: int) -> str:
-        """Return a place in words; empty beside the map."""
+    def cell_text(self, column: int, row: int) -> str:
+        """Return a case as text; empty outside the map."""
         if not (0 <= column < len(self.x_ticks) and 0 <= row < len(self.y_ticks)):
             return ""
-        place = self.places[row][column]
-        error = f", error {error_text(place.error)} {self.unit}" if place.error == place.error else ""
-        said = f": {place.said}" if place.said else ""
-        where = f"{self.x_title} {self.x_ticks[column]}, {self.y_title} {self.y_ticks[row]}"
-        return f"{where} \u2013 {place.outcome}{error}{said}"
+        cell = self.cells[row][column]
+        error = f", error {error_text(cell.error)} {self.unit}" if cell.error == cell.error else ""
+        message = f": {cell.message}" if cell.message else ""
+        at = f"{self.x_title} {self.x_ticks[column]}, {self.y_title} {self.y_ticks[row]}"
+        return f"{at} \u2013 {OUTCOMES[cell.outcome][1]}{error}{message}"
 
     @property
     def summary(self) -> str:
-        """Return how many places ended how."""
-        found = [place.outcome for row in self.places for place in row]
-        parts = [f"{name} in {found.count(name)}" for name in OUTCOMES if name in found]
-        return f"{', '.join(parts)} of {count(len(found), 'place')}; tolerance {quantity(self.tolerance, self.unit)}"
+        """The number of cases of each outcome."""
+        found = [cell.outcome for row in self.cells for cell in row]
+        parts = [f"{text} in {found.count(name)}" for name, (_, text) in OUTCOMES.items() if name in found]
+        return f"{', '.join(parts)} of {count(len(found), 'case')}; tolerance {quantity(self.tolerance, self.unit)}"
 
 
-def read_maps(content: Any) -> dict[str, list[MapShown]]:
+def read_maps(content: Any) -> dict[str, list[MapView]]:
     """Return the maps of an atlas, by method.
 
     Raises
     ------
     OperatorError : it is not a result of `boat-daq atlas`.
     """
-    maps: dict[str, list[MapShown]] = {}
+    maps: dict[str, list[MapView]] = {}
     try:
         for m in content["maps"]:
             maps.setdefault(str(m["method"]), []).append(_map(m))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise OperatorError(
-            "this file holds no stability atlas", "Choose an atlas.json that this page or the command wrote."
+            "this file is not a stability atlas", "Choose an atlas.json that this page or the command wrote."
         ) from error
     return maps
 
 
-def _map(m: Mapping[str, Any]) -> MapShown:
+def _map(m: Mapping[str, Any]) -> MapView:
     x, y = m["x"], m["y"]
-    places = tuple(tuple(_place(cell) for cell in row) for row in m["cells"])
-    return MapShown(
+    cells = tuple(tuple(_cell(cell) for cell in row) for row in m["cells"])
+    return MapView(
         str(m["name"]), str(m["title"]), str(m["truth"]), str(m["unit"]), float(m["tolerance"]), _title(x), _title(y),
-        _ticks(x), _ticks(y), places,
+        _ticks(x), _ticks(y), cells,
     )  # fmt: skip
 
 
-def _place(cell: Mapping[str, Any]) -> Place:
+def _cell(cell: Mapping[str, Any]) -> MapCell:
     outcome = str(cell["outcome"])
     if outcome not in OUTCOMES:
         raise ValueError(outcome)
     error = cell["error"]
-    return Place(outcome, float("nan") if error is None else float(error), str(cell["said"]))
+    return MapCell(outcome, float("nan") if error is None else float(error), str(cell["said"]))
 
 
 def _title(axis: Mapping[str, Any]) -> str:
@@ -124,7 +123,7 @@ class AtlasModel(MeasuredResult):
     name, noun, again = "atlas", "maps", "sweep again"
 
     def __init__(self, bench: Bench, folder: Path) -> None:
-        self.maps: dict[str, list[MapShown]] = {}
+        self.maps: dict[str, list[MapView]] = {}
         super().__init__(bench, folder / FILE)
 
     def toggle(self, method: str) -> None:
@@ -145,5 +144,5 @@ class AtlasModel(MeasuredResult):
         return {**fresh, "maps": [*kept, *fresh["maps"]]}
 
     def status(self, method: str) -> str:
-        """Return what is going on, in a line."""
+        """Return the progress of the sweep, or why there is no map, in a line."""
         return self._going_on("mapping") or ("" if self.maps.get(method) else "not mapped yet")

@@ -1,7 +1,7 @@
-"""A measured trade-off as the page shows it: the dictionary of `boat-daq tradeoff --json`, read with care.
+"""A measured trade-off as the page shows it, read and checked from the dictionary of `boat-daq tradeoff --json`.
 
-Rules: a file that is not such a result is refused by name. Points are numbered from the cheapest; an error that is not
-a number (the setting failed) is infinite here and cannot be drawn.
+Rules: a file that is not such a result is refused. Points are numbered from the cheapest; the error of a setting that
+failed is infinite and not drawn.
 """
 
 from __future__ import annotations
@@ -40,33 +40,33 @@ class TradeoffPoint:
         return math.isfinite(self.error) and self.seconds > 0
 
     @property
-    def signs(self) -> str:
-        """Its marks as the chart draws them."""
+    def symbols(self) -> str:
+        """Its marks as in the chart."""
         marks = (("\u25cb", self.default), ("\u25a1", self.chosen))
-        return " ".join([sign for sign, here in marks if here] + [level[0].upper() for level in self.levels])
+        return " ".join([symbol for symbol, applies in marks if applies] + [level[0].upper() for level in self.levels])
 
     @property
-    def name(self) -> str:
-        """What it is to the program, for its label in the chart."""
+    def uses(self) -> tuple[str, ...]:
+        """The program's uses of this setting."""
         marks = (("default", self.default), ("chosen", self.chosen))
-        return ", ".join([*(name for name, here in marks if here), *self.levels])
+        return (*(name for name, applies in marks if applies), *self.levels)
 
     @property
-    def marks(self) -> str:
-        """Its marks in words."""
-        return ", ".join([*filter(None, [self.name]), *(["front"] if self.on_front else [])])
+    def marks(self) -> tuple[str, ...]:
+        """Its uses, and whether it is on the Pareto front."""
+        return (*self.uses, *(("front",) if self.on_front else ()))
 
 
 @dataclass(frozen=True, slots=True)
 class MethodChart:
-    """One method, measured; `enough` is the error below which the rule counts a setting as good enough."""
+    """One measured method; below the error `sufficient` the rule accepts a setting."""
 
     name: str
     title: str
     reference: str
     consumer: str
     tolerance: float
-    enough: float
+    sufficient: float
     unit: str
     per: str
     verdict: str
@@ -77,7 +77,7 @@ class MethodChart:
     @property
     def floor(self) -> float:
         """Where an error of zero is drawn: below everything else."""
-        return min([p.error for p in self.points if p.error > 0 and p.drawn] + [self.enough]) / 3
+        return min([p.error for p in self.points if p.error > 0 and p.drawn] + [self.sufficient]) / 3
 
     @property
     def mark(self) -> str:
@@ -86,11 +86,11 @@ class MethodChart:
 
     @property
     def explanation(self) -> str:
-        """Who notices, the rule, what it chose."""
+        """The tolerance, the rule and its choice."""
         verdict = self.verdict[:1].upper() + self.verdict[1:]
         return (
-            f"Who notices: {self.consumer}, {quantity(self.tolerance, self.unit)}.\n"
-            f"The rule: the cheapest setting with an error below {quantity(self.enough, self.unit)}.\n"
+            f"Tolerance: {self.consumer} ({quantity(self.tolerance, self.unit)}).\n"
+            f"Rule: the cheapest setting with an error below {quantity(self.sufficient, self.unit)}.\n"
             f"{verdict.rstrip('.')}.\n"
             f"Error against: {self.reference}."
         )
@@ -109,7 +109,7 @@ def read_report(content: Any) -> dict[str, MethodChart]:
         return {str(m["name"]): _method(m, margin, machine, bool(content.get("quick"))) for m in content["methods"]}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise OperatorError(
-            "this file holds no measured trade-off", "Choose a tradeoff.json that this page or the command wrote."
+            "this file is not a measured trade-off", "Choose a tradeoff.json that this page or the command wrote."
         ) from error
 
 
@@ -139,7 +139,7 @@ def _point(place: int, p: Mapping[str, Any], m: Mapping[str, Any]) -> TradeoffPo
 
 
 def merged(old: Mapping[str, Any] | None, new: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a new result with the methods that only the old one has; each method keeps its own date and kind."""
+    """Return a new result with the methods that only the old one has; each method keeps its date and kind."""
     fresh = [
         {**m, "measured_utc": m.get("measured_utc", new["machine"].get("date_utc", "")), "quick": new.get("quick")}
         for m in new["methods"]
@@ -170,7 +170,7 @@ def report_columns(charts: Mapping[str, MethodChart]) -> dict[str, list[Any]]:
 
 
 def error_text(error: float) -> str:
-    """Return an error at two digits; `failed` where the setting gave none."""
+    """Return an error at two digits; `failed` where the setting has none."""
     if not math.isfinite(error):
         return "failed"
     return power_text(error, digits=2)

@@ -42,8 +42,8 @@ def test_points_are_numbered_from_the_cheapest_and_keep_their_marks():
     """Order by processor time; default, choice and front stand where the result says; half the tolerance is enough."""
     chart = read_report(report())["inverse"]
     assert [(p.number, p.setting) for p in chart.points] == [(1, "rough"), (2, "fine")]
-    assert [p.marks for p in chart.points] == ["front", "default, chosen, front"]
-    assert chart.enough == 0.01
+    assert [p.marks for p in chart.points] == [("front",), ("default", "chosen", "front")]
+    assert chart.sufficient == 0.01
     assert chart.default_is_chosen
     assert "quick, 2026-01-02" in chart.measured
 
@@ -53,13 +53,13 @@ def test_a_setting_that_failed_is_listed_but_not_drawn():
     chart = read_report(report(points=[point("broken", 1.0, None), point("exact", 2.0, 0.0)]))["inverse"]
     assert [p.drawn for p in chart.points] == [False, True]
     assert error_text(chart.points[0].error) == "failed"
-    assert 0 < chart.floor < chart.enough
+    assert 0 < chart.floor < chart.sufficient
 
 
 @pytest.mark.parametrize("content", [[], {}, {"machine": {}}, report() | {"methods": [{"name": "x"}]}, "text", None])
 def test_what_is_no_result_is_refused_by_name(content):
     """Another file's content is refused with what to choose instead."""
-    with pytest.raises(OperatorError, match="no measured trade-off"):
+    with pytest.raises(OperatorError, match="not a measured trade-off"):
         read_report(content)
 
 
@@ -120,7 +120,7 @@ def test_what_the_helper_measures_is_what_the_page_reads(monkeypatch):
     assert seen[-1] == 2
     chart = read_report(json.loads(json.dumps(content)))["fake"]
     assert {p.setting: p.error for p in chart.points} == {"good": 0.0, "bad": 1.0}
-    assert {p.setting: p.name for p in chart.points} == {"good": "default, chosen, reference", "bad": "draft"}
+    assert {p.setting: p.uses for p in chart.points} == {"good": ("default", "chosen", "reference"), "bad": ("draft",)}
 
 
 @pytest.mark.parametrize(
@@ -161,17 +161,17 @@ def test_a_swept_map_is_read_with_its_words(monkeypatch, tmp_path):
     model = AtlasModel(Bench(), tmp_path)
     model.take(json.loads(json.dumps(tradeoff_jobs.sweep_method("fit"))))
     shown = model.maps["fit"][0]
-    assert [p.outcome for p in shown.places[0]] == ["works", "degraded", "refused"]
-    assert shown.words(1, 0) == "x (mm) 1, y five \u2013 degraded, error 0.50 mm: a flag"
-    assert shown.words(2, 0).endswith("refused: too far")
-    assert shown.words(3, 0) == ""
-    assert shown.summary.startswith("works in 1, degraded in 1, refused in 1 of 3 places")
+    assert [p.outcome for p in shown.cells[0]] == ["works", "degraded", "refused"]
+    assert shown.cell_text(1, 0) == "x (mm) 1, y five \u2013 works with a warning, error 0.50 mm: a flag"
+    assert shown.cell_text(2, 0).endswith("refuses: too far")
+    assert shown.cell_text(3, 0) == ""
+    assert shown.summary.startswith("works in 1, works with a warning in 1, refuses in 1 of 3 cases")
 
 
 @pytest.mark.parametrize("content", [{}, {"maps": [{"name": "x"}]}, None])
 def test_what_is_no_atlas_is_refused(content):
     """Another file's content is refused by name."""
-    with pytest.raises(OperatorError, match="no stability atlas"):
+    with pytest.raises(OperatorError, match="not a stability atlas"):
         read_maps(content)
 
 
@@ -203,7 +203,7 @@ def test_a_new_sweep_replaces_its_method_and_keeps_the_others(tmp_path):
         work.result = result
         model._ended(work)
     again = AtlasModel(Bench(), tmp_path)
-    assert {m: shown[0].places[0][0].outcome for m, shown in again.maps.items()} == {
+    assert {m: shown[0].cells[0][0].outcome for m, shown in again.maps.items()} == {
         "alarms": "works",
         "fit": "refused",
     }

@@ -57,7 +57,7 @@ def test_the_chart_stands_where_the_points_were_measured(page):
     assert np.all(np.diff(card.front.x) > 0)
     assert np.all(np.diff(card.front.y) < 0)
     assert card.notices.value() == pytest.approx(math.log10(0.02))
-    assert card.enough.value() == pytest.approx(-2.0)
+    assert card.sufficient.value() == pytest.approx(-2.0)
     assert card.labels.texts == ["1", "2 default, chosen"]
     assert "cheapest setting with an error below 0.010 mm" in page.words.text()
     assert page.table.item(1, 1).text() == "fine"
@@ -133,19 +133,19 @@ def test_a_map_is_told_by_colour_hatching_and_letter(page, desk):
     )  # fmt: skip
     page.refresh(desk.snapshot)
     card = page.atlas
-    item, places = card.items[0]
+    item, cells = card.items[0]
     centre = [item.getViewBox().mapViewToScene(QPointF(x, 0.5)) for x in (0.5, 1.5)]
     card._look(centre[1])
-    assert card.words.text().endswith("refused: too much")
+    assert card.words.text().endswith("refuses: too much")
     image = card.view.grab().toImage()
-    ground = {name: QColor(pair[0]) for name, pair in style.outcome_colours(places.theme).items()}
+    ground = {name: QColor(pair[0]) for name, pair in style.outcome_colours(cells.theme).items()}
     inks = [set() for _ in range(2)]
     for seen, at in zip(inks, (card.view.mapFromScene(c) for c in centre), strict=True):
         seen.update(image.pixelColor(at.x() + i, at.y() + k).name() for i in range(-9, 10) for k in range(-9, 10))
     assert inks[0] == {ground["works"].name()}
     assert ground["refused"].name() in inks[1]
     assert len(inks[1]) > 2
-    assert card.columns()["said"] == ["", "too much"]
+    assert card.columns()["message"] == ["", "too much"]
 
 
 def test_a_method_without_a_chart_shows_its_map_alone(page, desk):

@@ -1,0 +1,76 @@
+"""The layout of the sources: small folders, no import circle."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+PACKAGES = ("boat_daq", "protocol", "analysis")
+MOST_MODULES = 16
+WITHOUT_LIMIT = {Path("boat_daq/commands")}  # one file for each group of commands
+
+
+def modules(folder: Path) -> list[Path]:
+    """Return the modules of one folder."""
+    return sorted(path for path in folder.glob("*.py") if path.stem != "__init__")
+
+
+def sources() -> list[Path]:
+    """Return every source file of the three packages, relative to the checkout."""
+    return sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def test_no_folder_holds_more_modules_than_a_reader_keeps_in_mind() -> None:
+    """At most about 15 modules a folder."""
+    folders = {path.parent for path in sources()} - WITHOUT_LIMIT
+    counts = {str(folder): len(modules(ROOT / folder)) for folder in folders}
+    assert {name: count for name, count in counts.items() if count > MOST_MODULES} == {}
+
+
+def test_every_folder_says_what_it_holds() -> None:
+    """Each package has a docstring."""
+    packages = [path for path in sources() if path.name == "__init__.py"]
+    assert [str(p) for p in packages if not ast.get_docstring(ast.parse((ROOT / p).read_text(encoding="utf-8")))] == []
+
+
+CIRCLES = {  # the module that gets one more import, the import, the package in which a circle is then reported
+    "for types only": (
+        "analysis/data/recording.py",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from analysis.data.boat_file import read_boat_file\n",
+        "analysis.data",
+    ),
+    "inside a function": (
+        "analysis/data/recording.py",
+        "def late() -> None:\n    from analysis.data.boat_file import read_boat_file\n",
+        "analysis.data",
+    ),
+    "between folders": (
+        "boat_daq/engine/link/reader.py",
+        "from boat_daq.engine.recording.recorder import Recorder\n",
+        "boat_daq.engine",
+    ),
+}
+LINT = "import sys; sys.path.insert(0, ''); from importlinter.cli import lint_imports_command; lint_imports_command()"
+
+
+@pytest.mark.parametrize("kind", CIRCLES)
+def test_a_circle_of_imports_is_found(kind: str, tmp_path: Path) -> None:
+    """The contracts of pyproject.toml fail on a circle that is added to a copy of the sources."""
+    for source in sources():
+        (tmp_path / source).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / source, tmp_path / source)
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    module, imported, package = CIRCLES[kind]
+    with (tmp_path / module).open("a", encoding="utf-8") as file:
+        file.write(f"\n{imported}")
+    command = [sys.executable, "-c", LINT, "--no-cache", "--no-logo"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert f"No cycles are allowed in {package}." in done.stdout

@@ -1,6 +1,7 @@
-"""What the optics page has computed for it, in a process of its own: one design in all states, the sweep, the search.
+"""What the optics page computes in a helper process: one design in all states, the sweep, the search.
 
-Curves go by a word: `default` is the set that ships, `parametric` the one in closed form, anything else a file.
+Deformation curves have a name: `default` is the set that ships, `parametric` the one in closed form, anything else the
+path of a file.
 """
 
 from __future__ import annotations
@@ -67,13 +68,16 @@ def trace_design(
     Parameters
     ----------
     values : cavities, width, depth, spacing (mm).
-    curves : name of the states, see `curves_of`. face : outer or inner.
+    rays : released in each state.
+    curves : name of the states, see `curves_of`.
+    face : outer or inner.
+    progress : is called with the states done and their number.
 
     Raises
     ------
     AnalysisError : the design does not fit, or the curves cannot be read.
     """
-    design = Design(*values, face)  # type: ignore[arg-type]  # the face checks itself
+    design = Design(*values, face)  # type: ignore[arg-type]  # Design checks the face
     guide, light = Waveguide(), proportional(Light(), rays)
     states = curves_of(curves)
     frames = frames_of(states, guide)
@@ -112,7 +116,15 @@ def _joined(lines: Sequence[FloatArray]) -> FloatArray:
 def sweep(
     cavities: tuple[int, ...], rays: int, curves: str = "default", *, progress: Progress | None = None
 ) -> SweepSummary:
-    """Sweep the paper's grid over the states of `curves`; return what the page draws."""
+    """Return the sweep of the paper's grid of designs.
+
+    Parameters
+    ----------
+    cavities : numbers of cavities.
+    rays : released in each simulation.
+    curves : name of the states, see `curves_of`.
+    progress : is called with the designs done and their number.
+    """
     request = SweepRequest(
         designs=tuple(paper_grid(cavities)), light=proportional(Light(), rays), curves=curves_of(curves)
     )
@@ -131,7 +143,13 @@ def sweep(
 
 
 def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress | None = None) -> OptimumSummary:
-    """Search beyond the grid, on detected power, for about `seconds`.
+    """Return the best design found beyond the grid, on detected power.
+
+    Parameters
+    ----------
+    curves : name of the states, see `curves_of`.
+    seconds : about how long to search.
+    progress : is called with what is done and the total.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the optical helper hands to its page: plain arrays, ready to be drawn."""
+"""Results of ray tracing, sweep and search as the optics page shows them: plain arrays."""
 
 from __future__ import annotations
 
@@ -60,17 +60,24 @@ class SweepSummary:
     rays: int
 
     def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> FloatArray:
-        """Return P over [spacing, depth] for one number of cavities and one width; NaN where nothing was simulated."""
+        """Return P over [spacing, depth] for one number of cavities and one width; NaN where nothing was simulated.
+
+        Parameters
+        ----------
+        cavities : their number.
+        width_mm : of a cavity.
+        steps : depths and spacings, mm.
+        """
         out = np.full((len(steps), len(steps)), np.nan)
         chosen = (self.values[:, 0] == cavities) & np.isclose(self.values[:, 1], width_mm)
-        for (_, _, depth, spacing), p in zip(self.values[chosen], self.p[chosen], strict=True):
-            out[int(np.argmin(np.abs(np.array(steps) - spacing))), int(np.argmin(np.abs(np.array(steps) - depth)))] = p
+        depth, spacing = (np.abs(self.values[chosen, k, None] - np.array(steps)).argmin(axis=1) for k in (2, 3))
+        out[spacing, depth] = self.p[chosen]
         return out
 
 
 @dataclass(frozen=True, slots=True)
 class OptimumSummary:
-    """What the search beyond the grid found: P on detected power, judged with ten times the rays of the search."""
+    """Result of the search beyond the grid: P on detected power, with ten times the rays of the search."""
 
     values: tuple[int, float, float, float]
     face: str

@@ -1,4 +1,4 @@
-"""What a helper process hands to a page: plain arrays and texts, ready to be drawn."""
+"""An analysis as the pages show it: plain arrays and texts, made by a helper process."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FIGURES = {
 
 @dataclass(frozen=True, slots=True)
 class FigureText:
-    """One cell of the table of figures: its text, and what is said on hover."""
+    """One cell of the table of figures: its text and its tooltip."""
 
     text: str
     hover: str
@@ -52,7 +52,7 @@ class FigureRow:
 
 
 def figure_text(figure: Any, decimals: int) -> FigureText:
-    """Return a figure of `analysis.statistics` as text; its interval, count and definition on hover."""
+    """Return a figure as text, with definition, interval and count as its tooltip; an en dash without a figure."""
     if figure is None:
         return FigureText(NOTHING, "not computed for this run")
     lines = [figure.definition] if figure.definition else []
@@ -65,7 +65,7 @@ def figure_text(figure: Any, decimals: int) -> FigureText:
 
 
 def figure_rows(sensors: list[Mapping[str, Any]]) -> tuple[FigureRow, ...]:
-    """Return the table of figures of all sensors; a figure that none has is left out."""
+    """Return the table of figures of all sensors, without figures that no sensor has."""
     rows = []
     for key, (name, unit, decimals) in FIGURES.items():
         if any(key in figures for figures in sensors):
@@ -85,18 +85,22 @@ class LoopSet:
     signal_mv: FloatArray
 
     def closed(self, abscissa: FloatArray, ordinate: FloatArray, cycle: int) -> tuple[FloatArray, FloatArray]:
-        """Return one cycle as a way round: down the unloading branch, back up the loading one."""
+        """Return one cycle as a closed line: down the unloading branch, back up the loading one."""
         x = np.concatenate([abscissa[0, cycle][::-1], abscissa[1, cycle]])
         y = np.concatenate([ordinate[0, cycle][::-1], ordinate[1, cycle]])
         keep = np.isfinite(x) & np.isfinite(y)
         return x[keep], y[keep]
 
     def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: range) -> tuple[FloatArray, FloatArray]:
-        """Return several cycles as one line with a NaN between them: one curve item, however many cycles."""
-        parts = [self.closed(abscissa, ordinate, cycle) for cycle in cycles]
-        gap = np.array([np.nan])
-        x = np.concatenate([np.concatenate([part[0], gap]) for part in parts]) if parts else np.zeros(0)
-        y = np.concatenate([np.concatenate([part[1], gap]) for part in parts]) if parts else np.zeros(0)
+        """Return several cycles as one line with a NaN between them, so that one curve draws them all.
+
+        Parameters
+        ----------
+        abscissa, ordinate : [2 branches, cycles, levels].
+        cycles : numbers along the second axis.
+        """
+        parts = [np.pad(self.closed(abscissa, ordinate, k), ((0, 0), (0, 1)), constant_values=np.nan) for k in cycles]
+        x, y = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
         return x, y
 
 
@@ -116,7 +120,7 @@ class CycleSeries:
 
 @dataclass(frozen=True, slots=True)
 class SensorResult:
-    """One sensor: its points, its curve with the 68 % and 95 % bands of the fit, and what is stored when accepted."""
+    """One sensor: its points, its curve with the 68 % and 95 % bands of the fit, and what acceptance stores."""
 
     name: str
     void: str
@@ -138,7 +142,7 @@ class SensorResult:
 
 @dataclass(frozen=True, slots=True)
 class BreakResult:
-    """Where a run was broken and went on: between which cycles, in a sentence, and the tests on both sides of it.
+    """An interruption of a run that was resumed: between which cycles, as a sentence, and the tests across it.
 
     A row has quantity, mean before, mean after, p of t, p of F, as text.
     """
@@ -150,7 +154,7 @@ class BreakResult:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """All a page shows of one run; of its `plateaus`, `read` have an elongation."""
+    """All that a page shows of one run; of its `plateaus`, `read` have an elongation."""
 
     path: str
     unit: str
@@ -190,6 +194,6 @@ class PosteriorResult:
 
     @property
     def verdict(self) -> str:
-        """Return whether it converged, in words."""
-        words = "converged" if self.content["converged"] else "NOT CONVERGED"
-        return f"{words}, {self.content['n_eff']:.0f} independent samples"
+        """Whether it converged, as text."""
+        verdict = "converged" if self.content["converged"] else "NOT CONVERGED"
+        return f"{verdict}, {self.content['n_eff']:.0f} independent samples"

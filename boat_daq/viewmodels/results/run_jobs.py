@@ -1,4 +1,4 @@
-"""Exports and comparisons of recordings, made in a process of their own (`work.Work`)."""
+"""Exports, reports and comparisons of recordings, made in a helper process."""
 
 from __future__ import annotations
 
@@ -21,6 +21,13 @@ def export_run(
 ) -> list[Path]:
     """Write the samples of a recording; returns the files written.
 
+    Parameters
+    ----------
+    path : of the recording.
+    target : where the samples are written.
+    kind : of file.
+    progress : is called with what is done and the total.
+
     Raises
     ------
     AnalysisError : it cannot be read, or the target cannot be written.
@@ -29,7 +36,13 @@ def export_run(
 
 
 def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = None) -> str:
-    """Make the report of one or several recordings; returns its verdict.
+    """Write the report of one or several recordings; returns its verdict.
+
+    Parameters
+    ----------
+    paths : of the recordings.
+    target : .html or .pdf.
+    progress : is called with the recordings done and their number.
 
     Raises
     ------

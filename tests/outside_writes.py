@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -43,20 +43,30 @@ def listing(folder: Path, *, levels: int | None = None, without: Path | None = N
     levels : how deep; names only then. No limit when None.
     without : a folder in it that is left out.
     """
-    try:
-        paths = [path for path in folder.iterdir() if path.name not in CACHES and path != without]
-    except OSError:
-        return {}
     found: Listing = {}
-    for path in paths:
-        if path.is_symlink() or not path.is_dir():
-            status = path.lstat()
-            found[path] = (status.st_size, status.st_mtime_ns) if levels is None else None
-        elif not (path / "pyvenv.cfg").exists():
-            found[path] = None
-            if levels != 1:
-                found |= listing(path, levels=levels and levels - 1, without=without)
+    with suppress(OSError):  # not there, or not to be read by this user
+        paths = list(folder.iterdir())
+        if any(path.name == "pyvenv.cfg" for path in paths):
+            return found
+        for path in paths:
+            if path.name in CACHES or path == without:
+                continue
+            if path.is_symlink() or not path.is_dir():
+                found[path] = _state(path) if levels is None else None
+            else:
+                found[path] = None
+                if levels != 1:
+                    found |= listing(path, levels=levels and levels - 1, without=without)
     return found
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    """Return size and time of the last change; None for a file that went away meanwhile."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return None
+    return (status.st_size, status.st_mtime_ns)
 
 
 def differences(before: Listing, after: Listing) -> list[str]:

@@ -84,12 +84,13 @@ def test_run_passes_whose_tests_write_in_their_folders(tmp_path: Path) -> None:
 
 
 def test_listing_leaves_out_caches_and_environments(tmp_path: Path) -> None:
-    """And nothing else: a file of the same folder is listed."""
+    """What is in them and nothing else: a file of the same folder is listed."""
     for name in (*CACHES, "environment", "package"):
         (tmp_path / name / "sub").mkdir(parents=True)
         (tmp_path / name / "sub" / "file").touch()
     (tmp_path / "environment" / "pyvenv.cfg").touch()
     assert {path.relative_to(tmp_path).as_posix() for path in listing(tmp_path)} == {
+        "environment",
         "package",
         "package/sub",
         "package/sub/file",

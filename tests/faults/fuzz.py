@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
-FOLDER = Path(os.environ.get("BOAT_FUZZ", Path(tempfile.gettempdir()) / "boat-fuzz"))
+import platformdirs
+
+FOLDER = Path(os.environ.get("BOAT_FUZZ") or platformdirs.user_cache_path("boat-daq", appauthor=False) / "fuzz")
 INPUT_MAX = {"recording": 150_000, "sweep": 40_000, "mesh": 60_000, "shadow table": 20_000}
 COMPILED = [  # numba cannot compile what is instrumented
     "analysis.segmentation.cycles", "analysis.calibration.inverse",

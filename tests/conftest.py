@@ -15,7 +15,7 @@ pytest_plugins = ("tests.outside_writes",)
 
 if TYPE_CHECKING:
     from analysis.arrays import FloatArray
-    from analysis.optics.scene.frame import Frame
+    from analysis.optics.scene.frame import SceneFrame
     from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.model.full import FullModel
     from analysis.shadow.model.reduced import ReducedModel
@@ -57,7 +57,7 @@ def curves() -> FloatArray:
 
 
 @pytest.fixture(scope="session")
-def frames(curves: FloatArray) -> list[Frame]:
+def frames(curves: FloatArray) -> list[SceneFrame]:
     """Return the frames of these states with the default guide."""
     from analysis.optics.scene.curves import frames_of
     from analysis.optics.scene.parameters import Waveguide

@@ -15,7 +15,7 @@ from analysis.atlas.sweep import Answer, Axis, Study, joined
 from analysis.optics.scene.arc_spline import ring, straight
 from analysis.optics.scene.frame import one_strip
 from analysis.optics.scene.parameters import Design, Light, Waveguide
-from analysis.optics.tracer.simulation import Outcome, trace
+from analysis.optics.tracer.simulation import TraceResult, trace
 
 LongArray = npt.NDArray[np.longdouble]
 
@@ -26,7 +26,7 @@ GIVEN_UP = ("trapped", "cut", "corner", "dropped")
 RAYS, CAP_MM = 250, 1000.0
 
 
-def given_up(out: Outcome, names: tuple[str, ...] = GIVEN_UP) -> str:
+def given_up(out: TraceResult, names: tuple[str, ...] = GIVEN_UP) -> str:
     """What the ledger says of rays that were not followed to an end."""
     return joined(
         [f"{out.ledger[name]} of {out.ledger['released']} rays: {name}" for name in names if out.ledger[name]]

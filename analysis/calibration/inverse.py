@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from numpy.polynomial import legendre
 
 from analysis.arrays import BoolArray, FloatArray
 from analysis.calibration.fit import Calibration
+from analysis.compiled import compiled
 from analysis.errors import DataError, RequestError
 
 NODES = 257
@@ -215,7 +215,7 @@ class Fusion:
         return found
 
 
-@njit(cache=True)
+@compiled
 def _invert(signal: Any, powers: Any, nodes: Any, clamp: bool) -> Any:  # pragma: no cover - compiled
     """Solve p(u) = signal on -1..1 for every signal; `nodes` are p at equally spaced u, monotone."""
     out = np.empty_like(signal)

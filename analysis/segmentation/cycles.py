@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numba import njit
 from scipy import ndimage
 
 from analysis.arrays import BoolArray, FloatArray
+from analysis.compiled import compiled
 from analysis.data.recording import Recording
 from analysis.statistics import white_noise_sd
 
@@ -219,7 +219,7 @@ def _groups(smooth: FloatArray, span: float) -> list[_Group]:
     return found
 
 
-@njit(cache=True)
+@compiled
 def _turning_points(values: Any, threshold: float) -> Any:  # pragma: no cover - compiled
     """Rows where the values turn by more than `threshold`, begun by the first extreme and ended by the last."""
     rows = []

@@ -17,27 +17,24 @@ from scipy.stats import spearmanr
 
 from analysis.arrays import FloatArray
 from analysis.optics.scene.curves import frames_of
-from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import merit, resolution
-from analysis.optics.sweep.sensitivity import proportional
-from analysis.optics.sweep.sweep import paper_grid, run_item
-from analysis.optics.tracer.rays import DETECTED
-from analysis.optics.tracer.simulation import fan_of, rules_of, stacked, trace
+from analysis.optics.sweep.sweep import common_of, paper_grid, run_item
+from analysis.optics.tracer.simulation import PAPER_RAYS, trace
+from analysis.optics.tracer.tally import DETECTED
 from analysis.tradeoff.measure import Method, Setting
 from analysis.tradeoff.references import load
-from analysis.tradeoff.variants import trace_variant
 
-PAPER_RAYS = 250
 PHASES = (-0.4, -0.27, -0.13, 0.01, 0.12, 0.26, 0.39)
 MANY = 2_500
 MOST_FOR_ALL_STATES = 100_000
-"""More rays are followed in one state only: the others would not tell more for the time."""
+"""More rays are followed in one state only: the others would add time, not information."""
 
 
 @cache
-def _frames() -> tuple[Frame, ...]:
+def _frames() -> tuple[SceneFrame, ...]:
     """The 15 states, built once: a sweep does so too."""
     return tuple(frames_of(np.array(load("tracer")["curves_mm"]), Waveguide()))
 
@@ -49,7 +46,7 @@ def counting_limit() -> float:
 
 
 def tracer_settings(quick: bool) -> list[Setting]:
-    """Rays with secondaries in proportion; then other budgets, chords for arcs, and float32. A call is five states."""
+    """Return rays with secondaries in proportion, then other budgets. A call is five states."""
     table = load("tracer")
     states, truth = table["states"], np.array(table["ndr"])
 
@@ -60,7 +57,7 @@ def tracer_settings(quick: bool) -> list[Setting]:
         return lambda repeat: _ndr(states[:count], replace(light, phase=PHASES[repeat]))
 
     rays = (50, 250, 1_000, 2_500) if quick else (50, 100, 250, 500, 1_000, 2_500, 10_000, 100_000, 1_000_000)
-    lights = [(_rays(n), proportional(Light(), n)) for n in rays]
+    lights = [(_rays(n), Light().with_rays(n)) for n in rays]
     many = replace(Light(), rays=MANY, secondary=0)
     lights.append((f"{_rays(MANY)}, no secondaries", many))
     lights.append((f"{_rays(MANY)}, 100 secondaries", replace(many, secondary=100)))
@@ -68,28 +65,12 @@ def tracer_settings(quick: bool) -> list[Setting]:
     for name, light in lights:
         count = 1 if light.rays > MOST_FOR_ALL_STATES else len(states)
         found.append(Setting(name, sampler(light, count), error, work=count))
-
-    def variant(what: str, chord_mm: float | None, *, single: bool = False) -> Setting:
-        light = proportional(Light(), MANY)
-
-        def call(repeat: int) -> FloatArray:
-            turned = replace(light, phase=PHASES[repeat])
-            return np.array([_variant(s, turned, chord_mm, single) for s in states])
-
-        return Setting(f"{_rays(MANY)}, {what}", call, error, work=len(states))
-
-    found += [variant(f"chords of {mm:g} mm", mm) for mm in ((1.0,) if quick else (1.0, 0.25, 0.06))]
-    return found if quick else [*found, variant("float32", None, single=True)]
+    return found
 
 
 def _ndr(states: Sequence[int], light: Light) -> FloatArray:
     frames = _frames()
     return np.array([trace(frames[s], PAPER_OPTIMUM, Waveguide(), light, threads=1).ndr for s in states])
-
-
-def _variant(state: int, light: Light, chord_mm: float | None, single: bool) -> float:
-    frame = _frames()[state]
-    return trace_variant(frame, PAPER_OPTIMUM, Waveguide(), light, chord_mm=chord_mm, single=single).ndr
 
 
 def _rays(count: int) -> str:
@@ -104,7 +85,7 @@ def ranking_settings(quick: bool) -> list[Setting]:
     patterns = np.array([pattern_of(design) for design in paper_grid()[:: table["every"]][part]])
 
     def ranked(rays: int) -> Callable[[int], FloatArray]:
-        return lambda repeat: _p(patterns, replace(proportional(Light(), rays), phase=PHASES[repeat]))
+        return lambda repeat: _p(patterns, replace(Light().with_rays(rays), phase=PHASES[repeat]))
 
     def error(p: FloatArray) -> float:
         return 1.0 - float(spearmanr(truth, p).statistic)
@@ -114,10 +95,7 @@ def ranking_settings(quick: bool) -> list[Setting]:
 
 
 def _p(patterns: FloatArray, light: Light) -> FloatArray:
-    frame, guide = _frames()[0], Waveguide()
-    counts, _, _ = run_item(
-        stacked(_frames()), rules_of(guide, light, frame), fan_of(light, frame), light.secondary, patterns
-    )
+    counts, _, _ = run_item(common_of(_frames(), Waveguide(), light), patterns)
     return merit(
         np.asarray(PAPER_RAYS / light.rays * counts[..., DETECTED], dtype=np.float64), resolution(light.rays)
     ).p

@@ -18,7 +18,7 @@ from boat_daq.commands.fidelity import OptionalFidelity
 if TYPE_CHECKING:
     from analysis.arrays import FloatArray
     from analysis.fidelity import Fidelity
-    from analysis.optics.scene.frame import Frame
+    from analysis.optics.scene.frame import SceneFrame
     from analysis.optics.scene.parameters import Design, Light, Waveguide
 
 app = typer.Typer(no_args_is_help=True, help="The optical model: trace, scene, sweep, optimise.")
@@ -99,7 +99,7 @@ def _curves(path: Path | None) -> FloatArray:
     return kept_states().curves_mm
 
 
-def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[Frame, int]:
+def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[SceneFrame, int]:
     """The frame of a state, and its number; a file of one state has only that one."""
     from analysis.errors import RequestError
     from analysis.optics.scene.curves import REST, frame_of
@@ -232,7 +232,7 @@ def scene(
     """
     import json as codec
 
-    from analysis.optics.outline import ray_optics_scene
+    from analysis.optics.tracer.ray_optics import ray_optics_scene
 
     design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, 0.0, receiver)
     frame, number = _frame(_curves(curves), state, guide)

@@ -142,7 +142,7 @@ def table(
     import time
 
     from analysis.fidelity import fidelity as at
-    from analysis.shadow.model.charts import basis_chart, states_per_second
+    from analysis.shadow.model.drawing import table_errors_figure
     from analysis.shadow.model.fidelity import table_settings
     from analysis.shadow.model.table import build_table, load_table
 
@@ -160,11 +160,11 @@ def table(
         "error_bound_percent": 100.0 * made.error_bound_mm / float(made.nominal_range_mm[1]),
         "held_out": settings.held_out,
         "critical_pressure_kpa": float(made.critical_kpa),
-        "states_per_s": states_per_second(made),
+        "states_per_s": made.states_per_second(),
         "seconds": seconds,
     }
     if plot is not None:
-        save_figure(basis_chart(chosen), plot)
+        save_figure(table_errors_figure(chosen), plot)
     if as_json:
         emit_json(result)
         return
@@ -188,7 +188,7 @@ def export(
     from analysis.shadow.fem.mesh_files import write_state
 
     model = chosen_model(parameters, None)
-    write_state(model, model.solve(pressure_kpa=pressure), out, file_format)
+    write_state(out, file_format, model.parameters, model.mesh, model.solve(pressure_kpa=pressure))
     if as_json:
         emit_json(
             {

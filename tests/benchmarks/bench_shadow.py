@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.scikit_fem import make_oracle
-from analysis.shadow.fem.solver import factorise
-from analysis.shadow.model.charts import MESHES, mesh_points, solutions_per_second, states_per_second
+from analysis.shadow.fem.solver import Solver, factorise
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.table import build_table
+from analysis.tradeoff.measure import measure
+from analysis.tradeoff.mechanics import MESH
 
 pytestmark = pytest.mark.benchmark_run
 PAPER_FRAMES_PER_S = 2.0
@@ -44,7 +44,7 @@ def test_reduced_states() -> None:
     begun = time.perf_counter()
     table = build_table()
     built = time.perf_counter() - begun
-    batch = max(states_per_second(table) for _ in range(5))
+    batch = max(table.states_per_second() for _ in range(5))
     single = 1.0 / best_seconds(lambda: table.tracked(np.array([20.0]), np.array([1.0])), 500)
     shadow = Shadow(table=table)
     _ = shadow.topology
@@ -56,12 +56,21 @@ def test_reduced_states() -> None:
 
 
 def test_mesh_against_error() -> None:
-    """The chart's points: unknowns, error, time."""
+    """The trade-off's points of the full model: error against CalculiX and time a solution."""
+    measured = measure(MESH, quick=True)
     print()
-    for point in mesh_points(ActuatorParameters(), MESHES):
-        cost = f"{point.unknowns:6} unknowns  {point.error_mm:.4f} mm  {1e3 * point.seconds:6.2f} ms"
-        print(f"  {point.elements!s:12} {cost}")
-        assert point.error_mm < 1.0
+    for point in measured.points:
+        print(f"  {point.setting:28} {point.error:.4f} mm  {1e3 * point.seconds:6.2f} ms")
+    assert min(point.error for point in measured.points) < MESH.tolerance
+
+
+def solutions_per_second(solver: Solver, solutions: int) -> float:
+    """Measure warm-started solutions a second over one slow cycle of -40 .. +50 kPa."""
+    state = solver.solve(pressure_kpa=5.0)
+    begun = time.perf_counter()
+    for k in range(1, solutions + 1):
+        state = solver.solve(pressure_kpa=5.0 + 45.0 * float(np.sin(2.0 * np.pi * k / solutions)), start=state)
+    return solutions / (time.perf_counter() - begun)
 
 
 def best_seconds(work: object, repeats: int) -> float:

@@ -76,7 +76,7 @@ def _meshes() -> list[bytes]:
     model = FullModel(small)
     home = kept(b"", "none").parent
     for kind in ("vtu", "msh"):
-        write_state(model, model.solve(pressure_kpa=0.0), home / f"mesh.{kind}", kind)
+        write_state(home / f"mesh.{kind}", kind, model.parameters, model.mesh, model.solve(pressure_kpa=0.0))
     return [(home / f"mesh.{kind}").read_bytes() for kind in ("vtu", "msh")]
 
 

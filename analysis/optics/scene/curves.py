@@ -16,7 +16,7 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.errors import DataError
 from analysis.optics.scene.arc_spline import biarcs, smooth
-from analysis.optics.scene.frame import Frame, two_guides
+from analysis.optics.scene.frame import SceneFrame, two_guides
 from analysis.optics.scene.parameters import Waveguide
 
 STATES = 15
@@ -104,7 +104,7 @@ def checked_curves(curves: FloatArray) -> FloatArray:
     return curves
 
 
-def frames_of(curves: FloatArray, guide: Waveguide) -> list[Frame]:
+def frames_of(curves: FloatArray, guide: Waveguide) -> list[SceneFrame]:
     """One frame for each state.
 
     Raises
@@ -114,12 +114,12 @@ def frames_of(curves: FloatArray, guide: Waveguide) -> list[Frame]:
     return [_frame(pair, guide, f"state {state}") for state, pair in enumerate(checked_curves(curves))]
 
 
-def frame_of(curves: FloatArray, state: int, guide: Waveguide) -> Frame:
+def frame_of(curves: FloatArray, state: int, guide: Waveguide) -> SceneFrame:
     """The frame of one state."""
     return _frame(checked_curves(curves)[state], guide, f"state {state}")
 
 
-def _frame(pair: FloatArray, guide: Waveguide, name: str) -> Frame:
+def _frame(pair: FloatArray, guide: Waveguide, name: str) -> SceneFrame:
     a, b = pair
     if _squares(a[-1] - b[-1], a[0] - b[0]) > _squares(a[-1] - b[0], a[0] - b[-1]):
         b = b[::-1]

@@ -1,6 +1,6 @@
 """What all designs share in one state: two guides between two junctions, with stems, emitter and receiver.
 
-Strategy: all that does not depend on the cavities is worked out once a state, in plain numpy, and refused here by name
+Strategy: all that does not depend on the cavities is computed once a state, in plain numpy, and rejected here by name
 where it cannot be built. The compiled part (`geometry.py`) then only cuts the guides into cells.
 
 A **surface** is one row of 16 numbers, the same for arcs and lines. With q = x - P0, it lies where
@@ -11,7 +11,7 @@ k, level, the sign of f's slope on the way out of the resin, 1 / |grad f|, Pa, T
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -23,18 +23,18 @@ from analysis.optics.scene.parameters import Waveguide
 
 NOTHING, INTERFACE, RECEIVER = 0, 1, 2
 CORNER_A, CORNER_B, FREE = 1, 2, 4
-FORK_START, FORK_END, NO_CELL = -1, -2, -3
+JUNCTION_START, JUNCTION_END, NO_CELL = -1, -2, -3
 _SAMPLES = 1500
 _TIGHTEST = 0.98
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """One state without its cavities; arrays only, so that it travels to a cluster's worker as it is.
+class SceneFrame(NamedTuple):
+    """One state without its cavities: what the compiled part and a cluster's workers take as it is.
 
     Parameters
     ----------
-    nodes : (g, m + 1, 5) joints of each guide's centreline, as in `ArcSpline`; guide 0 is on the left of the way.
+    nodes : (g, m + 1, 5) joints of each guide's centreline, as in `ArcSpline`; guide 0 is on the left of the direction
+        from emitter to receiver.
     curvature : (g, m), 1/mm.
     ends : (g, 2) arc lengths between which a guide is its own, beyond them it is part of a junction.
     outer : (g,) +1 where the outer face is the left one, -1 where it is the right one.
@@ -43,8 +43,8 @@ class Frame:
         light leaving there meets nothing more.
     surfaces : (j, 16) of the two junctions with their stems; a single strip has none.
     kinds, owners, corners : (j,) what a surface is, which junction it bounds, which of its ends are corners.
-    emitter : x, y of the point, unit direction of the fan's middle.
-    receiver_way : unit vector along which light must arrive to be counted.
+    emitter : (4,) x, y of the point, unit direction of the fan's middle.
+    receiver_direction : (2,) unit vector along which light must arrive to be counted.
     source_cell : cell in which the rays start.
     """
 
@@ -59,40 +59,53 @@ class Frame:
     owners: IntArray
     corners: IntArray
     emitter: FloatArray
-    receiver_way: FloatArray
+    receiver_direction: FloatArray
     source_cell: int
 
     @property
     def free_mm(self) -> float:
-        """Longest centred row of cavities that fits both guides, mm."""
+        """Return the longest centred row of cavities that fits both guides, mm."""
         middle = self.nodes[:, -1, 4] / 2
         return float(2 * np.min(np.minimum(middle - self.ends[:, 0], self.ends[:, 1] - middle)))
 
     def guide(self, number: int) -> ArcSpline:
-        """The centreline of guide 0 or 1."""
+        """Return the centreline of guide 0 or 1."""
         return ArcSpline(self.nodes[number], self.curvature[number])
 
 
 def line_surface(start: FloatArray, end: FloatArray) -> FloatArray:
-    """A straight surface from `start` to `end` with the resin on its left."""
-    way = (end - start) / np.hypot(*(end - start))
-    normal = np.array([-way[1], way[0]])
-    return np.concatenate([start, normal, [0.0, 0.0, 1.0, 1.0], start, way, end, way])
+    """Return a straight surface from `start` to `end` with the resin on its left, (16,)."""
+    tangent = (end - start) / np.hypot(*(end - start))
+    normal = np.array([-tangent[1], tangent[0]])
+    return np.concatenate([start, normal, [0.0, 0.0, 1.0, 1.0], start, tangent, end, tangent])
 
 
 def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float]) -> FloatArray:
-    """The offset at `u` of one arc between two arc lengths, the resin on the centreline's side."""
+    """Return the offset of one arc as a surface, the resin on the centreline's side, (16,).
+
+    Parameters
+    ----------
+    curve, arc : centreline, and number of its arc.
+    u : offset to the left, mm.
+    span : arc lengths between which the surface reaches, mm.
+    """
     node, k = curve.nodes[arc], curve.curvature[arc]
-    (start, end), (way_a, way_b) = curve.offset(np.array(span), u), curve.frame(np.array(span))[1]
+    (start, end), (tangent_a, tangent_b) = curve.offset(np.array(span), u), curve.frame(np.array(span))[1]
     return np.concatenate(
-        [node[:2], [-node[3], node[2]], [k, -u + k * u * u / 2, -np.sign(u), 1 / (1 - k * u)], start, way_a, end, way_b]
+        [
+            node[:2],
+            [-node[3], node[2]],
+            [k, -u + k * u * u / 2, -np.sign(u), 1 / (1 - k * u)],
+            start,
+            tangent_a,
+            end,
+            tangent_b,
+        ]
     )
 
 
 def offset_of(curve: ArcSpline, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distance u and arc length s of the nearest foot of each point (n, 2) on the curve; u is inf beyond its
-    ends.
-    """
+    """Return signed distance u and arc length s of each point's (n, 2) nearest foot; u is inf beyond the ends."""
     xy, t, k = curve.nodes[:, :2], curve.nodes[:, 2:4], curve.curvature
     q = points[:, None, :] - xy[None]
     ahead = np.sum(q * t[None], axis=2)
@@ -109,60 +122,78 @@ def offset_of(curve: ArcSpline, points: FloatArray) -> tuple[FloatArray, FloatAr
     return u[row, best], curve.nodes[best, 4] + step
 
 
-def _hull(a: FloatArray, way_a: FloatArray, b: FloatArray, way_b: FloatArray) -> FloatArray:
-    """Triangles (n, 3, 2) that enclose arcs: both ends and where the tangents there meet."""
-    cross = way_a[:, 0] * way_b[:, 1] - way_a[:, 1] * way_b[:, 0]
+Edges = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Start, tangent there, end, tangent there of several arcs, (n, 2) each."""
+
+
+def _hull(edges: Edges) -> FloatArray:
+    """Return triangles (n, 3, 2) that enclose arcs: both ends and the point where the tangents there meet."""
+    a, tangent_a, b, tangent_b = edges
+    cross = tangent_a[:, 0] * tangent_b[:, 1] - tangent_a[:, 1] * tangent_b[:, 0]
     chord = b - a
-    along = chord[:, 0] * way_b[:, 1] - chord[:, 1] * way_b[:, 0]
+    along = chord[:, 0] * tangent_b[:, 1] - chord[:, 1] * tangent_b[:, 0]
     flat = np.abs(cross) < 1e-9
     step = np.where(flat, 0.5 * np.hypot(*chord.T), along / np.where(flat, 1.0, cross))
-    return np.stack([a, a + step[:, None] * way_a, b], axis=1)
+    return np.stack([a, a + step[:, None] * tangent_a, b], axis=1)
 
 
-def free_edges(guides: list[ArcSpline], half: float, fork: FloatArray) -> IntArray:
-    """(g, m, 2) 1 where all of the scene lies behind the tangents and the chord of an arc's left or right edge.
+def free_edges(guides: list[ArcSpline], half: float, junction: FloatArray) -> IntArray:
+    """Return (g, m, 2): 1 where the whole scene lies behind the tangents and the chord of an arc's left or right edge.
 
-    Light that leaves there, or through the mouth of a cavity cut there, meets nothing more. Cavities only take resin
-    away, so that it holds for every design.
+    Light that leaves there, or through the mouth of a cavity cut there, meets nothing more. Cavities only remove resin,
+    so this holds for every design.
+
+    Parameters
+    ----------
+    guides : centrelines.
+    half : half the thickness, mm.
+    junction : (j, 16) surfaces of the junctions.
     """
     edges = [[_edges(curve, side * half) for side in (1.0, -1.0)] for curve in guides]
-    points = np.concatenate([_hull(*e).reshape(-1, 2) for pair in edges for e in pair])
-    if len(fork):
-        points = np.concatenate(
-            [points, _hull(fork[:, 8:10], fork[:, 10:12], fork[:, 12:14], fork[:, 14:16]).reshape(-1, 2)]
-        )
+    hulls = [_hull(e) for pair in edges for e in pair]
+    if len(junction):
+        hulls.append(_hull((junction[:, 8:10], junction[:, 10:12], junction[:, 12:14], junction[:, 14:16])))
+    points = np.concatenate([hull.reshape(-1, 2) for hull in hulls])
     slack = 1e-10 * float(np.max(np.ptp(points, axis=0)))
     return np.stack(
-        [np.stack([_behind(points, *e, s, slack) for e, s in zip(pair, (1.0, -1.0), strict=True)], 1) for pair in edges]
+        [np.stack([_behind(points, e, s, slack) for e, s in zip(pair, (1.0, -1.0), strict=True)], 1) for pair in edges]
     )
 
 
-def _edges(curve: ArcSpline, u: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Start, tangent there, end, tangent there of each arc's offset."""
+def _edges(curve: ArcSpline, u: float) -> Edges:
+    """Return each arc's offset."""
     xy = curve.nodes[:, :2] + u * np.stack([-curve.nodes[:, 3], curve.nodes[:, 2]], axis=1)
     return xy[:-1], curve.nodes[:-1, 2:4], xy[1:], curve.nodes[1:, 2:4]
 
 
-def _behind(
-    points: FloatArray, a: FloatArray, way_a: FloatArray, b: FloatArray, way_b: FloatArray, side: float, slack: float
-) -> IntArray:
-    """Whether no point lies on the outer side (left for +1) of the tangents at both ends nor of the chord.
+def _behind(points: FloatArray, edges: Edges, side: float, slack: float) -> IntArray:
+    """Return whether no point lies on the outer side (left for +1) of the tangents at both ends nor of the chord.
 
     An arc's own points may lie beyond its chord, by its bulge.
     """
+    a, tangent_a, b, tangent_b = edges
     out = np.ones(len(a), dtype=bool)
     chord = (b - a) / np.hypot(*(b - a).T)[:, None]
-    bulge = _hull(a, way_a, b, way_b)[:, 1]
-    for start, way, own in ((a, way_a, 0.0), (b, way_b, 0.0), (a, chord, 1.0)):
+    bulge = _hull(edges)[:, 1]
+    for start, tangent, own in ((a, tangent_a, 0.0), (b, tangent_b, 0.0), (a, chord, 1.0)):
         q = points[None] - start[:, None]
-        above = side * (way[:, None, 0] * q[..., 1] - way[:, None, 1] * q[..., 0])
+        above = side * (tangent[:, None, 0] * q[..., 1] - tangent[:, None, 1] * q[..., 0])
         mine = np.hypot(*(points[None] - bulge[:, None]).transpose(2, 0, 1)) == 0.0
         out &= np.all((above <= slack) | (mine & (own > 0)), axis=1)
     return out.astype(np.int32)
 
 
 def check_bends(curve: ArcSpline, half: float, name: str) -> None:
-    """Refuse a guide whose edge would fold over in a bend."""
+    """Reject a guide whose edge would fold over in a bend.
+
+    Parameters
+    ----------
+    curve : centreline. half : half the thickness, mm. name : of the guide, in the message.
+
+    Raises
+    ------
+    DataError : the radius is too small.
+    """
     tightest = float(np.max(np.abs(curve.curvature)))
     if tightest * half > _TIGHTEST:
         raise DataError(
@@ -171,7 +202,7 @@ def check_bends(curve: ArcSpline, half: float, name: str) -> None:
         )
 
 
-def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = "the guides") -> Frame:
+def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = "the guides") -> SceneFrame:
     """Join two centrelines that share both ends into stems, junctions and guides.
 
     Parameters
@@ -192,12 +223,12 @@ def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = 
     ends = np.array([[start[0], left.length - end_left], [start[1], right.length - end_right]])
     _check_apart(left, right, ends, half, name)
     parts = [
-        _fork(left, right, ends[:, 0], guide, FORK_START, name),
-        _fork(right.reversed(), left.reversed(), np.array([end_right, end_left]), guide, FORK_END, name),
+        _junction(left, right, ends[:, 0], guide, JUNCTION_START, name),
+        _junction(right.reversed(), left.reversed(), np.array([end_right, end_left]), guide, JUNCTION_END, name),
     ]
-    surfaces, kinds, corners, ways = zip(*parts, strict=True)
-    emitter = np.concatenate([left.nodes[0, :2] + ways[0] * guide.stem_mm, -ways[0]])
-    return Frame(
+    surfaces, kinds, corners, outward = zip(*parts, strict=True)
+    emitter = np.concatenate([left.nodes[0, :2] + outward[0] * guide.stem_mm, -outward[0]])
+    return SceneFrame(
         np.stack([left.nodes, right.nodes]),
         np.stack([left.curvature, right.curvature]),
         ends,
@@ -206,16 +237,16 @@ def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = 
         free_edges([left, right], half, np.concatenate(surfaces)),
         np.concatenate(surfaces),
         np.concatenate(kinds),
-        np.repeat([FORK_START, FORK_END], [len(k) for k in kinds]),
+        np.repeat([JUNCTION_START, JUNCTION_END], [len(k) for k in kinds]),
         np.concatenate(corners),
         emitter,
-        ways[1],
-        FORK_START,
+        outward[1],
+        JUNCTION_START,
     )
 
 
-def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = None) -> Frame:
-    """A single guide with square ends: its end face is the receiver. The scene of the closed forms.
+def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = None) -> SceneFrame:
+    """Return a single guide with square ends, its end face the receiver: the scene of the closed forms.
 
     Parameters
     ----------
@@ -231,7 +262,7 @@ def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = N
     _, s = offset_of(curve, emitter[None, :2])
     cell = int(np.searchsorted(curve.nodes[:, 4], s[0], side="right") - 1)
     none = np.zeros(0, dtype=np.int64)
-    return Frame(
+    return SceneFrame(
         curve.nodes[None],
         curve.curvature[None],
         np.array([[0.0, curve.length]]),
@@ -249,7 +280,7 @@ def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = N
 
 
 def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[float, float]:
-    """Arc lengths on both guides at which their inner edges part, seen from the start."""
+    """Return the arc lengths on both guides at which their inner edges part, seen from the start."""
 
     def gap(s: float) -> float:
         u, _ = offset_of(right, left.offset(np.array([s]), -half))
@@ -273,7 +304,7 @@ def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[
 
 
 def _check_apart(left: ArcSpline, right: ArcSpline, ends: FloatArray, half: float, name: str) -> None:
-    """Refuse guides that touch between their junctions, and guides that cross themselves."""
+    """Reject guides that touch between their junctions, and guides that cross themselves."""
     margin = 1e-6 * half
     for number, (a, b, u) in enumerate(((left, right, -half), (right, left, half))):
         s = np.linspace(ends[number, 0], ends[number, 1], _SAMPLES)[1:-1]
@@ -289,11 +320,11 @@ def _check_apart(left: ArcSpline, right: ArcSpline, ends: FloatArray, half: floa
             raise DataError(f"{name}: guide {number + 1} runs into itself", "check the order of its points")
 
 
-def _fork(
+def _junction(
     left: ArcSpline, right: ArcSpline, crotch: FloatArray, guide: Waveguide, end: int, name: str
 ) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
-    """Surfaces of one junction with its stem, resin on the left of each; and the way out along the stem."""
-    half, junction = guide.thickness_mm / 2, left.nodes[0, :2]
+    """Return surfaces, kinds and corners of one junction with its stem, and the direction outwards along the stem."""
+    half, centre = guide.thickness_mm / 2, left.nodes[0, :2]
     both = left.nodes[0, 2:4] + right.nodes[0, 2:4]
     if np.hypot(*both) < 0.35:
         raise DataError(
@@ -302,8 +333,8 @@ def _fork(
         )
     out = -both / np.hypot(*both)
     across = np.array([out[1], -out[0]])
-    far = guide.stem_mm + (guide.backing_mm if end == FORK_START else 0.0)
-    rim = [junction + far * out + side * half * across for side in (1.0, -1.0)]
+    far = guide.stem_mm + (guide.backing_mm if end == JUNCTION_START else 0.0)
+    rim = [centre + far * out + side * half * across for side in (1.0, -1.0)]
     rows, corners = [], []
     foot = []
     for curve, s_crotch, side in ((left, crotch[0], 1.0), (right, crotch[1], -1.0)):
@@ -321,12 +352,12 @@ def _fork(
 
 
 def _end_face(rim: list[FloatArray], guide: Waveguide, end: int) -> tuple[list[FloatArray], list[int]]:
-    """The stem's end from its left rim to its right one; at the receiver's end with the receiver in its middle."""
-    if end == FORK_START or guide.receiver_mm == 0.0:
+    """Return the stem's end from left rim to right rim; at the receiver's end the receiver is its middle."""
+    if end == JUNCTION_START or guide.receiver_mm == 0.0:
         return [line_surface(rim[0], rim[1])], [INTERFACE]
     width = guide.thickness_mm if guide.receiver_mm is None else guide.receiver_mm
-    middle, way = (rim[0] + rim[1]) / 2, (rim[1] - rim[0]) / guide.thickness_mm
-    edge = [middle - width / 2 * way, middle + width / 2 * way]
+    middle, along = (rim[0] + rim[1]) / 2, (rim[1] - rim[0]) / guide.thickness_mm
+    edge = [middle - width / 2 * along, middle + width / 2 * along]
     if width >= guide.thickness_mm * (1 - 1e-9):
         return [line_surface(*(edge if width > guide.thickness_mm else rim))], [RECEIVER]
     return (
@@ -336,7 +367,7 @@ def _end_face(rim: list[FloatArray], guide: Waveguide, end: int) -> tuple[list[F
 
 
 def _leaves_stem(curve: ArcSpline, s_crotch: float, half: float, side: float, across: FloatArray, name: str) -> float:
-    """Arc length at which a guide's outer edge comes out of the stem's edge."""
+    """Return the arc length at which a guide's outer edge leaves the stem's edge."""
 
     def height(s: float) -> float:
         return float((curve.offset(np.array([s]), side * half)[0] - curve.nodes[0, :2]) @ across * side - half)
@@ -360,8 +391,17 @@ def _pieces(curve: ArcSpline, s0: float, s1: float) -> list[tuple[int, tuple[flo
     ]
 
 
-def check_row(frame: Frame, row_mm: float, depth_mm: float, name: str) -> None:
-    """Refuse cavities that cut through the guide or do not fit between the junctions."""
+def check_row(frame: SceneFrame, row_mm: float, depth_mm: float, name: str) -> None:
+    """Reject cavities that cut through the guide or do not fit between the junctions.
+
+    Parameters
+    ----------
+    frame : one state. row_mm, depth_mm : length of the row and depth of its cavities. name : of the state.
+
+    Raises
+    ------
+    RequestError : with the length that is free, or the guide's thickness.
+    """
     thickness = 2 * frame.half_mm
     if depth_mm >= thickness * (1 - 1e-6):
         raise RequestError(

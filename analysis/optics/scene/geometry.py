@@ -2,8 +2,8 @@
 
 Strategy: a guide is a row of **cells** between straight cross-sections, cut at the joints of its arcs and at the
 cavities' walls. In a cell both edges are concentric arcs (or parallel lines), so that a ray inside meets one of two
-edges or goes on to the next cell: no search. A cavity is a run of cells with one edge moved inwards; its walls lie in
-the cross-sections. Rays in the air search a tree of boxes over all surfaces.
+edges or enters the next cell: no search. A cavity is a run of cells with one edge moved inwards; its walls lie in the
+cross-sections. Rays in the air search a BVH over all surfaces.
 
 Surfaces are numbered 4 c + 0, 1, 2, 3 for cell c's left edge, right edge, start wall and end wall (absent ones have
 kind 0), then the junctions' surfaces from `frame.py`, whose row of 16 numbers they share.
@@ -17,9 +17,20 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.optics.compiled import compiled, pointer
-from analysis.optics.scene.bvh import plant
-from analysis.optics.scene.frame import CORNER_A, CORNER_B, FREE, INTERFACE, NO_CELL, NOTHING, RECEIVER, Frame
+from analysis.compiled import compiled, pointer
+from analysis.optics.scene.bvh import build_bvh
+from analysis.optics.scene.frame import (
+    CORNER_A,
+    CORNER_B,
+    FREE,
+    INTERFACE,
+    JUNCTION_END,
+    JUNCTION_START,
+    NO_CELL,
+    NOTHING,
+    RECEIVER,
+    SceneFrame,
+)
 from analysis.optics.scene.parameters import Design
 
 # columns of a cell: reference point and normal of its arc, curvature, levels of both edges, the two cross-sections
@@ -29,15 +40,24 @@ SURFACE_COLUMNS = 16
 # columns of a cell's links: cell before, cell after, wall before, wall after (0 or 1), arc it lies on
 BEFORE, AFTER, WALL_BEFORE, WALL_AFTER, ARC, LINK_COLUMNS = range(6)
 # columns of a cavity: its first and last cell, its side (0 left, 1 right), 1 if its mouth is free
-POCKET_COLUMNS, NO_POCKET = 4, -1
+CAVITY_COLUMNS, NO_CAVITY = 4, -1
 _SLIVER = 1e-9
 
 
 class Geometry(NamedTuple):
-    """Arrays of one scene: cells (c, 19), links (c, 5), surfaces (n, 16), kinds, owners, corners (n,), pockets (p, 4),
-    doors (2, 2), boxes (t, 4) as centre and half size, branches (t, 3), leaves (n,), and the lengths c, n and t.
+    """Arrays of one scene.
 
-    A surface's owner is the cavity it bounds or NO_POCKET; that of a junction's surface is the junction.
+    Parameters
+    ----------
+    cells, links : (c, 19) and (c, 5), columns as above.
+    surfaces, kinds, owners, corners : (n, 16) and (n,). The owner of a surface is the cavity it bounds or NO_CAVITY,
+        that of a junction's surface is the junction.
+    cavities : (p, 4), columns as above.
+    end_cells : (2, 2) first and last cell of each guide.
+    bvh_boxes, bvh_nodes, bvh_order : (2 n + 2, 4), (2 n + 2, 3) and (n,) of the BVH, see `bvh.py`.
+    emitter, receiver_direction : (4,) and (2,) as in `SceneFrame`.
+    source_cell : cell in which the rays start.
+    cell_count, surface_count : c and n.
     """
 
     cells: FloatArray
@@ -46,14 +66,16 @@ class Geometry(NamedTuple):
     kinds: IntArray
     owners: IntArray
     corners: IntArray
-    pockets: IntArray
-    doors: IntArray
-    boxes: FloatArray
-    branches: IntArray
-    leaves: IntArray
-    most_cells: int
-    all_surfaces: int
-    tree_nodes: int
+    cavities: IntArray
+    end_cells: IntArray
+    bvh_boxes: FloatArray
+    bvh_nodes: IntArray
+    bvh_order: IntArray
+    emitter: FloatArray
+    receiver_direction: FloatArray
+    source_cell: int
+    cell_count: int
+    surface_count: int
 
 
 @compiled
@@ -95,7 +117,16 @@ def _cut_guide(
     deep: float,
     on_left: bool,
 ) -> int:
-    """Fill cells from `first` on, cut at `walls` (arc lengths, rising); returns the number after the last one."""
+    """Fill cells from `first` on; return the number after the last one.
+
+    Parameters
+    ----------
+    g : the scene. first : number of the guide's first cell.
+    nodes, curvature, ends : of the guide, as in `SceneFrame`.
+    walls : arc lengths of the cavities' walls, rising.
+    half, deep : half the thickness and the cavities' depth, mm.
+    on_left : whether the cavities are cut into the left face.
+    """
     cells, arc, wall, c, s, last = g.cells, 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
         arc += 1
@@ -137,7 +168,7 @@ def _edge(row: FloatArray, cell: FloatArray, left: bool) -> None:
 
 @compiled
 def _wall(row: FloatArray, section: FloatArray, low: float, high: float, at_end: bool) -> None:
-    """A wall across a cross-section from offset `low` to `high`; the resin lies before it (at_end) or behind it."""
+    """Write a wall across a cross-section from offset `low` to `high`, the resin before it (at_end) or behind it."""
     x, y, tx, ty = section[0], section[1], section[2], section[3]
     row[0], row[1], row[2], row[3], row[4], row[5] = x, y, tx, ty, 0.0, 0.0
     row[6], row[7] = -1.0 if at_end else 1.0, 1.0
@@ -147,7 +178,7 @@ def _wall(row: FloatArray, section: FloatArray, low: float, high: float, at_end:
 
 @compiled
 def _step_in(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
-    """The wall between a full cell and its shallower neighbour, and the corners at both its ends."""
+    """Write the wall between a full cell and its shallower neighbour, and mark the corners at both its ends."""
     cells = g.cells
     left = cells[thin, C_LEFT] < cells[thick, C_LEFT]
     low = cells[thin, C_LEFT] if left else cells[thick, C_RIGHT]
@@ -178,14 +209,14 @@ def _end_wall(g: Geometry, cell: int, at_end: bool, kind: int) -> None:
 
 
 @compiled
-def _link(g: Geometry, guide: int, first: int, after: int, forked: bool) -> None:
-    """Edges, walls and neighbours of the cells of one guide."""
+def _link(g: Geometry, guide: int, first: int, after: int, joined: bool) -> None:
+    """Write edges, walls and neighbours of the cells of one guide."""
     for c in range(first, after):
         for side in range(2):
             _edge(g.surfaces[4 * c + side], g.cells[c], side == 0)
             g.kinds[4 * c + side] = INTERFACE
         g.links[c, BEFORE], g.links[c, AFTER] = c - 1, c + 1
-    g.links[first, BEFORE], g.links[after - 1, AFTER] = (-1, -2) if forked else (NO_CELL, NO_CELL)
+    g.links[first, BEFORE], g.links[after - 1, AFTER] = (JUNCTION_START, JUNCTION_END) if joined else (NO_CELL, NO_CELL)
     for c in range(first, after - 1):
         now = g.cells[c, C_LEFT] - g.cells[c, C_RIGHT]
         then = g.cells[c + 1, C_LEFT] - g.cells[c + 1, C_RIGHT]
@@ -193,22 +224,25 @@ def _link(g: Geometry, guide: int, first: int, after: int, forked: bool) -> None
             _step_in(g, c, c + 1, True)
         elif then > now:
             _step_in(g, c + 1, c, False)
-    g.doors[guide, 0], g.doors[guide, 1] = first, after - 1
+    g.end_cells[guide, 0], g.end_cells[guide, 1] = first, after - 1
     for side in range(2):
         g.corners[4 * first + side] |= CORNER_A
         g.corners[4 * (after - 1) + side] |= CORNER_B
-    if not forked:
+    if not joined:
         _end_wall(g, first, False, INTERFACE)
         _end_wall(g, after - 1, True, RECEIVER)
 
 
 @compiled
-def _mark(g: Geometry, first: int, after: int, free: IntArray, pocket: int) -> None:
-    """Mark edges that are free, and the surfaces of each cavity with its number, counted from `pocket`.
+def _mark(g: Geometry, first: int, after: int, free: IntArray, cavity: int) -> None:
+    """Mark edges that are free, and the surfaces of each cavity with its number, counted from `cavity`.
 
     Parameters
     ----------
+    g : the scene, its cells linked.
+    first, after : number of the guide's first cell, and of the cell after its last.
     free : (arcs, 2) whether the uncut edge of an arc has the whole scene behind its tangents.
+    cavity : number of the guide's first cavity.
     """
     start = NO_CELL
     for c in range(first, after):
@@ -217,8 +251,8 @@ def _mark(g: Geometry, first: int, after: int, free: IntArray, pocket: int) -> N
         if thickness < before:
             start = c
         elif thickness > before and start != NO_CELL:
-            _mark_pocket(g, start, c - 1, free, pocket)
-            pocket, start = pocket + 1, NO_CELL
+            _mark_cavity(g, start, c - 1, free, cavity)
+            cavity, start = cavity + 1, NO_CELL
         if start == NO_CELL:
             for side in range(2):
                 g.corners[4 * c + side] |= FREE if free[g.links[c, ARC], side] else 0
@@ -228,39 +262,49 @@ def _mark(g: Geometry, first: int, after: int, free: IntArray, pocket: int) -> N
 
 
 @compiled
-def _mark_pocket(g: Geometry, start: int, end: int, free: IntArray, pocket: int) -> None:
-    """Number the floor and the walls of the cavity in cells `start` to `end`."""
+def _mark_cavity(g: Geometry, start: int, end: int, free: IntArray, cavity: int) -> None:
+    """Number the bottom and the walls of the cavity in cells `start` to `end`."""
     side = 0 if g.cells[start, C_LEFT] < g.cells[start - 1, C_LEFT] else 1
     mouth = 1
     for c in range(start, end + 1):
-        g.owners[4 * c + side] = pocket
+        g.owners[4 * c + side] = cavity
         mouth = min(mouth, free[g.links[c, ARC], side])
-    g.owners[4 * start - 1], g.owners[4 * end + 6] = pocket, pocket
-    g.pockets[pocket, 0], g.pockets[pocket, 1], g.pockets[pocket, 2], g.pockets[pocket, 3] = start, end, side, mouth
+    g.owners[4 * start - 1], g.owners[4 * end + 6] = cavity, cavity
+    row = g.cavities[cavity]
+    row[0], row[1], row[2], row[3] = start, end, side, mouth
 
 
 @compiled
-def _in_order(g: Geometry, cells: IntArray) -> int:
-    """Write the numbers of all surfaces in the order of the outline; returns how many there are."""
+def _write_order(g: Geometry, first: IntArray) -> int:
+    """Write the numbers of all surfaces in the order of the outline; return how many there are."""
     n = 0
-    for guide in range(len(cells) - 1):
+    for guide in range(len(first) - 1):
         for side in range(2):
-            for c in range(cells[guide], cells[guide + 1]):
+            for c in range(first[guide], first[guide + 1]):
                 for number in (4 * c + side, 4 * c + 2 + side):
                     if g.kinds[number] != NOTHING:
-                        g.leaves[n] = number
+                        g.bvh_order[n] = number
                         n += 1
     for number in range(4 * len(g.cells), len(g.kinds)):
         if g.kinds[number] != NOTHING:
-            g.leaves[n] = number
+            g.bvh_order[n] = number
             n += 1
     return n
 
 
 @compiled
-def allocate(cells: int, fork: int, cavities: int) -> Geometry:
-    """Room for a scene of so many cells, junctions' surfaces and cavities; `build` fills it, again and again."""
-    n = 4 * cells + fork
+def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_cell: int) -> Geometry:
+    """Return unfilled arrays for guides of so many arcs with up to so many cavities each; `build` fills them.
+
+    Parameters
+    ----------
+    guides, arcs : number of guides, and of arcs of each.
+    junction : surfaces of the junctions.
+    most_cavities : of one guide.
+    source_cell : cell in which the rays start.
+    """
+    cells = guides * (arcs + 2 * most_cavities + 2)
+    n = 4 * cells + junction
     return Geometry(
         np.empty((cells, CELL_COLUMNS)),
         np.empty((cells, LINK_COLUMNS), dtype=np.int32),
@@ -268,28 +312,17 @@ def allocate(cells: int, fork: int, cavities: int) -> Geometry:
         np.empty(n, dtype=np.int32),
         np.empty(n, dtype=np.int32),
         np.empty(n, dtype=np.int32),
-        np.empty((cavities, POCKET_COLUMNS), dtype=np.int32),
+        np.empty((guides * most_cavities, CAVITY_COLUMNS), dtype=np.int32),
         np.empty((2, 2), dtype=np.int32),
         np.empty((2 * n + 2, 4)),
         np.empty((2 * n + 2, 3), dtype=np.int32),
         np.empty(n, dtype=np.int32),
+        np.empty(4),
+        np.empty(2),
+        source_cell,
         cells,
         n,
-        0,
     )
-
-
-@compiled
-def room_for(nodes: FloatArray, fork: FloatArray, cavities: int) -> Geometry:
-    """Room for a frame's guides with up to so many cavities each."""
-    guides = len(nodes)
-    return allocate(guides * (nodes.shape[1] + 2 * cavities + 1), len(fork), guides * cavities)
-
-
-@compiled
-def _clear(g: Geometry) -> None:
-    g.kinds[:], g.corners[:], g.owners[:] = NOTHING, 0, NO_POCKET
-    g.links[:, WALL_BEFORE], g.links[:, WALL_AFTER] = 0, 0
 
 
 @compiled
@@ -302,55 +335,38 @@ def _place_walls(walls: FloatArray, middle: float, pattern: FloatArray) -> None:
 
 
 @compiled
-def _with_tree(g: Geometry, tree_nodes: int) -> Geometry:
-    return Geometry(
-        g.cells, g.links, g.surfaces, g.kinds, g.owners, g.corners, g.pockets, g.doors, g.boxes, g.branches, g.leaves,
-        g.most_cells, g.all_surfaces, tree_nodes,
-    )  # fmt: skip
-
-
-@compiled
-def build(
-    room: Geometry,
-    nodes: FloatArray,
-    curvature: FloatArray,
-    ends: FloatArray,
-    outer: FloatArray,
-    half: float,
-    free: IntArray,
-    fork: FloatArray,
-    fork_kinds: IntArray,
-    fork_owners: IntArray,
-    fork_corners: IntArray,
-    pattern: FloatArray,
-) -> Geometry:
+def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     """Cut the guides of a frame by a pattern of cavities.
 
     Parameters
     ----------
-    room : from `room_for`; it is filled, and part of the result.
-    nodes ... fork_corners : the arrays of a `Frame`.
+    g : from `allocate`; it is filled.
+    frame : one state without its cavities.
     pattern : cavities, width, depth, spacing (mm), +1 for the outer face or -1 for the inner one.
     """
-    g, guides, n = room, len(nodes), int(pattern[0])
-    _clear(g)
+    guides, n = len(frame.nodes), int(pattern[0])
+    g.kinds[:], g.corners[:], g.owners[:] = NOTHING, 0, NO_CAVITY
+    g.links[:, WALL_BEFORE], g.links[:, WALL_AFTER] = 0, 0
+    g.emitter[:], g.receiver_direction[:] = frame.emitter, frame.receiver_direction
     walls, first = np.empty(2 * n), np.zeros(guides + 1, dtype=np.int64)
     for i in range(guides):
-        _place_walls(walls, nodes[i, -1, 4] / 2, pattern)
-        on_left = outer[i] * pattern[4] > 0
+        nodes, curvature, ends = frame.nodes[i], frame.curvature[i], frame.ends[i]
+        _place_walls(walls, nodes[-1, 4] / 2, pattern)
+        on_left = frame.outer[i] * pattern[4] > 0
         start = first[i]
-        after = _cut_guide(g, start, nodes[i], curvature[i], ends[i], walls, half, pattern[2], on_left)
-        _link(g, i, start, after, len(fork) > 0)
-        _mark(g, start, after, free[i], i * n)
+        after = _cut_guide(g, start, nodes, curvature, ends, walls, frame.half_mm, pattern[2], on_left)
+        _link(g, i, start, after, len(frame.surfaces) > 0)
+        _mark(g, start, after, frame.free[i], i * n)
         first[i + 1] = after
     base = 4 * len(g.cells)
-    g.surfaces[base:], g.kinds[base:], g.owners[base:], g.corners[base:] = fork, fork_kinds, fork_owners, fork_corners
-    return _with_tree(g, plant(g.surfaces, g.leaves, _in_order(g, first), g.boxes, g.branches))
+    g.surfaces[base:], g.kinds[base:] = frame.surfaces, frame.kinds
+    g.owners[base:], g.corners[base:] = frame.owners, frame.corners
+    build_bvh(g.surfaces, g.bvh_order, _write_order(g, first), g.bvh_boxes, g.bvh_nodes)
 
 
 @compiled
-def tables_of(g: Geometry) -> Geometry:
-    """The same scene with pointers for its arrays."""
+def geometry_pointers(g: Geometry) -> Geometry:
+    """Return the same scene with pointers for its arrays."""
     return Geometry(
         pointer(g.cells),
         pointer(g.links),
@@ -358,41 +374,27 @@ def tables_of(g: Geometry) -> Geometry:
         pointer(g.kinds),
         pointer(g.owners),
         pointer(g.corners),
-        pointer(g.pockets),
-        pointer(g.doors),
-        pointer(g.boxes),
-        pointer(g.branches),
-        pointer(g.leaves),
-        g.most_cells,
-        g.all_surfaces,
-        g.tree_nodes,
+        pointer(g.cavities),
+        pointer(g.end_cells),
+        pointer(g.bvh_boxes),
+        pointer(g.bvh_nodes),
+        pointer(g.bvh_order),
+        pointer(g.emitter),
+        pointer(g.receiver_direction),
+        g.source_cell,
+        g.cell_count,
+        g.surface_count,
     )
 
 
-def geometry_of(frame: Frame, design: Design) -> Geometry:
-    """The compiled geometry of one frame and design."""
-    room = room_for(frame.nodes, frame.surfaces, design.cavities)
-    return build(room, *frame_arrays(frame), pattern_of(design))
-
-
-def frame_arrays(
-    frame: Frame,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float, IntArray, FloatArray, IntArray, IntArray, IntArray]:
-    """The part of a frame that `build` reads, in its order."""
-    return (
-        frame.nodes,
-        frame.curvature,
-        frame.ends,
-        frame.outer,
-        frame.half_mm,
-        frame.free,
-        frame.surfaces,
-        frame.kinds,
-        frame.owners,
-        frame.corners,
-    )
+def geometry_of(frame: SceneFrame, design: Design) -> Geometry:
+    """Return the geometry of one frame and design."""
+    guides, arcs = frame.curvature.shape
+    g = allocate(guides, arcs, len(frame.surfaces), design.cavities, frame.source_cell)
+    build(g, frame, pattern_of(design))
+    return g
 
 
 def pattern_of(design: Design) -> FloatArray:
-    """A design as the five numbers `build` reads."""
+    """Return a design as the five numbers that `build` reads."""
     return np.array([*design.values, 1.0 if design.face == "outer" else -1.0])

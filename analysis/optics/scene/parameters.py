@@ -1,14 +1,13 @@
-"""What a simulation is asked: the pattern, the guide, the light. Every number that the paper leaves out has a name
-here.
+"""Parameters of a simulation: cavities, waveguide, light. Every number that the paper leaves out has a name here.
 
-Each value checks itself when it is made: a number outside its physical range is refused with its cause and remedy
+Each value checks itself when it is created: a number outside its physical range is rejected with cause and remedy
 before any geometry is built. Lengths are in mm, angles in degrees.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from analysis.errors import RequestError
@@ -17,7 +16,7 @@ Face = Literal["outer", "inner"]
 Order = Literal["time", "bounce", "index"]
 Emission = Literal["uniform", "lambertian"]
 MOST_RAYS = 10_000_000
-"""More would be felt in memory, 8 bytes each and thread, before it is in any figure."""
+"""More costs memory, 8 bytes each and thread, and changes no figure."""
 ORDERS: tuple[Order, ...] = ("time", "bounce", "index")
 
 
@@ -74,12 +73,12 @@ class Design:
 
     @property
     def row_mm(self) -> float:
-        """Length of the whole row along the centreline, mm."""
+        """Return the length of the whole row along the centreline, mm."""
         return self.cavities * self.width_mm + max(self.cavities - 1, 0) * self.spacing_mm
 
     @property
     def values(self) -> tuple[float, float, float, float]:
-        """cavities, width_mm, depth_mm, spacing_mm: the order used in tables and files."""
+        """Return cavities, width_mm, depth_mm, spacing_mm: the order used in tables and files."""
         return (float(self.cavities), self.width_mm, self.depth_mm, self.spacing_mm)
 
 
@@ -88,7 +87,7 @@ PAPER_OPTIMUM = Design(5, 1.0, 0.5, 0.9)
 
 @dataclass(frozen=True, slots=True)
 class Waveguide:
-    """What the paper leaves out of the guide, with the default of each.
+    """The guide: what the paper leaves out, with the default of each.
 
     Parameters
     ----------
@@ -123,7 +122,7 @@ class Waveguide:
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """The rays and the rules of their following.
+    """The released rays and how far they are followed.
 
     Parameters
     ----------
@@ -131,8 +130,8 @@ class Light:
     cone_deg : full aperture of the fan, 120 (paper).
     emission : 'uniform' in angle, or 'lambertian' (as many rays in each equal step of sine).
     secondary : budget of reflected rays for the whole simulation, 100 (paper).
-    order : in which the budget is spent: by 'time' of flight, by 'bounce' or by 'index' of the released ray.
-    path_cap_mm : a ray is given up after this way, 1000.
+    order : in which secondaries are followed: by 'time' of flight, by 'bounce' or by 'index' of the released ray.
+    path_cap_mm : a ray is given up after this path length, 1000.
     faintest : a ray whose power falls below this part of a released one's is dropped, 1e-12.
     phase : shift of the fan in steps of its own angle, -0.5..0.5; a repeat with another phase is an independent sample.
     """
@@ -157,3 +156,7 @@ class Light:
         _between("path cap", self.path_cap_mm, 1.0, 1e7, " mm")
         _between("faintest power", self.faintest, 0.0, 0.1)
         _between("phase of the fan", self.phase, -0.5, 0.5)
+
+    def with_rays(self, rays: int) -> Light:
+        """Return the same light with other rays and a budget of secondaries in proportion: the same model, sampled."""
+        return replace(self, rays=rays, secondary=round(self.secondary * rays / self.rays))

@@ -17,11 +17,10 @@ from matplotlib.path import Path as Outline
 
 from analysis.arrays import FloatArray
 from analysis.errors import FileError
-from analysis.optics.outline import outline
-from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.frame import SceneFrame
+from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import pareto
-from analysis.optics.sweep.sensitivity import Case
 from analysis.optics.sweep.sweep import STEPS_MM, SweepResult
 from analysis.optics.tracer.simulation import ray_paths
 
@@ -66,19 +65,19 @@ def _dress(axes: object, x: str, y: str) -> None:
     axes.spines[["top", "right"]].set_visible(False)  # type: ignore[attr-defined]
 
 
-def laid(frame: Frame, points: FloatArray) -> FloatArray:
+def laid(frame: SceneFrame, points: FloatArray) -> FloatArray:
     """Points (n, 2) turned so that the actuator lies along x from the emitter at 0, mm."""
     way = frame.emitter[2:]
     moved = points - frame.emitter[:2]
     return np.stack([moved @ way, moved @ np.array([-way[1], way[0]])], axis=1)
 
 
-def draw_scene(frame: Frame, design: Design, guide: Waveguide, light: Light, title: str = "") -> Figure:
+def draw_scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light, title: str = "") -> Figure:
     """The resin, the emitter, the receiver and the rays of one design in one state; secondaries in another colour."""
     figure = _figure(9.0, 3.9)
     axes = figure.add_subplot()
     shape = outline(frame, design)
-    rings = [laid(frame, loop.sampled()) for loop in shape.loops]
+    rings = [laid(frame, contour.sampled()) for contour in shape.contours]
     codes = np.concatenate([[Outline.MOVETO, *[Outline.LINETO] * (len(r) - 1), Outline.CLOSEPOLY] for r in rings])
     ring = np.concatenate([np.concatenate([r, r[:1]]) for r in _opposed(rings)])
     axes.add_patch(PathPatch(Outline(ring, codes), facecolor=RESIN, edgecolor=GREY, linewidth=0.6))
@@ -213,25 +212,4 @@ def draw_pareto(result: SweepResult) -> Figure:
     bar.ax.tick_params(labelsize=SMALL_PT)
     _dress(axes, "RMSE about aNDR, rays of 250", "Delta, rays of 250")
     axes.legend(fontsize=SMALL_PT, frameon=False)
-    return figure
-
-
-def draw_convergence(cases: Sequence[Case]) -> Figure:
-    """How the scatter of NDR, the rank of the paper's optimum and the number of ties settle with the number of rays."""
-    chosen = [case for case in cases if case.name == f"{case.light.rays} rays"]
-    rays = [case.light.rays for case in chosen]
-    figure = _figure(9.0, 3.0)
-    panels = figure.subplots(1, 3)
-    shown = (
-        ("standard deviation of NDR, of 250", [c.noise for c in chosen], BLUE),
-        ("designs that tie with the best", [c.tied for c in chosen], GREEN),
-        ("rank of the paper's optimum", [c.paper_rank for c in chosen], VERMILLION),
-    )
-    for axes, (label, values, colour) in zip(panels, shown, strict=True):
-        axes.plot(rays, values, "o-", color=colour, linewidth=LINE_PT, markersize=4)
-        axes.set_xscale("log")
-        _dress(axes, "rays", label)
-    panels[0].set_yscale("log")
-    panels[1].set_ylim(bottom=0)
-    panels[2].set_ylim(bottom=0)
     return figure

@@ -23,18 +23,19 @@ from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 from analysis.arrays import FloatArray
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import frames_of
-from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Face, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import merit, resolution
-from analysis.optics.sweep.sweep import Progress, paper_grid, run_item
-from analysis.optics.tracer.simulation import fan_of, rules_of, stacked
+from analysis.optics.sweep.sweep import common_of, paper_grid, run_item
+from analysis.optics.tracer.simulation import PAPER_RAYS
+from analysis.progress import Progress
 
 POPULATION = 16
 FOLLOWED = 4
 """Budget of secondaries for each released ray: with this many practically none is refused."""
 FAINTEST = 1e-3
-FLOOR = float(resolution(250))
+FLOOR = float(resolution(PAPER_RAYS))
 """RMSE below what the paper's 250 rays resolve wins nothing."""
 BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
 PATIENCE, BETTER = 8, 0.01
@@ -85,10 +86,10 @@ class Optimum:
 class PowerMerit:
     """P on detected power of designs over the given states; safe to call from several threads."""
 
-    def __init__(self, frames: Sequence[Frame], guide: Waveguide, rays: int, phase: float = 0.0) -> None:
+    def __init__(self, frames: Sequence[SceneFrame], guide: Waveguide, rays: int, phase: float = 0.0) -> None:
         light = Light(rays=rays, secondary=FOLLOWED * rays, faintest=FAINTEST, order="index", phase=phase)
         self.thickness_mm = guide.thickness_mm
-        self._common = stacked(frames), rules_of(guide, light, frames[0]), fan_of(light, frames[0]), light.secondary
+        self._common = common_of(frames, guide, light)
         self._free = min(f.free_mm for f in frames)
 
     def fits(self, design: Design) -> bool:
@@ -97,12 +98,12 @@ class PowerMerit:
 
     def power(self, design: Design) -> FloatArray:
         """Detected power over the states, emitted = 1."""
-        _, energy, _ = run_item(*self._common, pattern_of(design)[None])
+        _, energy, _ = run_item(self._common, pattern_of(design)[None])
         return np.asarray(energy[0, :, 0])
 
     def p(self, design: Design) -> float:
         """P on power scaled to 250 rays; -inf for a design that cannot be built."""
-        return float(merit(250.0 * self.power(design), FLOOR).p) if self.fits(design) else -np.inf
+        return float(merit(PAPER_RAYS * self.power(design), FLOOR).p) if self.fits(design) else -np.inf
 
 
 def design_at(x: FloatArray) -> Design:
@@ -170,7 +171,7 @@ class _Search:
 
     def __init__(
         self,
-        frames: Sequence[Frame],
+        frames: Sequence[SceneFrame],
         guide: Waveguide,
         rays: int,
         pool: ThreadPoolExecutor,
@@ -257,7 +258,7 @@ def _judged(search: _Search, grid: Sequence[Scored], found: OptimizeResult, bega
     finalists = dict.fromkeys([*(d for _, d in grid), *(d for _, d in searched), last, PAPER_OPTIMUM])
     able = [design for design in finalists if careful.fits(design)]
     power = dict(zip(able, search.pool.map(careful.power, able), strict=True))
-    p = {design: float(merit(250.0 * each, FLOOR).p) for design, each in power.items()}
+    p = {design: float(merit(PAPER_RAYS * each, FLOOR).p) for design, each in power.items()}
     start = max((design for _, design in grid), key=lambda design: p[design])
     best = max((design for design in able if design != PAPER_OPTIMUM or design == start), key=lambda design: p[design])
     turned = [PowerMerit(search.frames, search.guide, rays, phase) for phase in PHASES]

@@ -1,8 +1,8 @@
 """All designs in all states: in threads here, or on a cluster, with the same bits.
 
-Strategy: the frames of the states are worked out once, then a work item is a few designs in all states, one compiled
-call. A simulation's result does not depend on which item, thread or machine it fell to. Results are written as they
-come; a sweep that was stopped takes the finished designs from its file.
+Strategy: the frames of the states are computed once, then a work item is a few designs in all states, one compiled
+call. A simulation's result does not depend on which item, thread or machine computed it. Results are written as they
+arrive; a sweep that was stopped reads the finished designs from its file.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hashlib
 import importlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -23,25 +23,26 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.dask_address import check_scheduler
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves, frames_of
-from analysis.optics.scene.frame import Frame, check_row
+from analysis.optics.scene.frame import SceneFrame, check_row
 from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Face, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, resolution, uncertainty
 from analysis.optics.sweep.sweep_file import SweepFile
-from analysis.optics.tracer.rays import DETECTED, ENERGIES, HITS, TALLIES, Rules
-from analysis.optics.tracer.simulation import Fan, Stack, fan_of, rules_of, simulate_many, stacked
+from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of
+from analysis.optics.tracer.simulation import PAPER_RAYS, simulate_many, stacked
+from analysis.optics.tracer.tally import COUNTS, DETECTED, ENERGIES, HITS
+from analysis.progress import Progress
 
-Progress = Callable[[float, float], None]
 Results = tuple[IntArray, FloatArray, FloatArray]
-Common = tuple[Stack, Rules, Fan, int]
+Common = tuple[SceneFrame, Rules, Fan, int]
 STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 FILE_NAME = "sweep.sqlite"
-_RAYS_AN_ITEM = 60_000
+_RAYS_PER_ITEM = 60_000
 _CONNECT_S = 10.0
 
 
 def paper_grid(cavities: Sequence[int] = (3, 5, 7), face: Face = "outer") -> list[Design]:
-    """The paper's designs: width, depth and spacing 0.5 to 1.0 mm by 0.1, for each number of cavities."""
+    """Return the paper's designs: width, depth and spacing 0.5 to 1.0 mm by 0.1, for each number of cavities."""
     return [
         Design(n, width, depth, spacing, face)
         for n in cavities
@@ -53,13 +54,13 @@ def paper_grid(cavities: Sequence[int] = (3, 5, 7), face: Face = "outer") -> lis
 
 @dataclass(frozen=True, slots=True)
 class SweepRequest:
-    """Everything that decides a sweep's result.
+    """Everything that determines a sweep's result.
 
     Parameters
     ----------
-    designs : what is simulated.
+    designs : are simulated.
     guide, light : see `parameters.py`.
-    curves : [15][2][points][2] in mm; the shadow's states by default.
+    curves : (15, 2, points, 2) in mm; the shadow's states by default.
     """
 
     designs: tuple[Design, ...] = field(default_factory=lambda: tuple(paper_grid()))
@@ -68,7 +69,7 @@ class SweepRequest:
     curves: FloatArray = field(default_factory=default_curves)
 
     def described(self) -> dict[str, object]:
-        """What a results file records and compares: all but the designs."""
+        """Return what a results file records and compares: all but the designs."""
         shape = np.ascontiguousarray(self.curves)
         return {
             "guide": asdict(self.guide),
@@ -80,14 +81,15 @@ class SweepRequest:
 
 @dataclass(frozen=True, slots=True)
 class SweepResult:
-    """What a sweep found; first axis the designs, second the states.
+    """Results of a sweep; first axis the designs (n), second the states (s).
 
     Parameters
     ----------
-    ndr, ndr_sd : rays that reach the receiver scaled to 250, and their standard deviation.
-    power : detected power, emitted = 1.
-    counts, energy : ledgers, see `sweep_file.COUNTS` and `simulation.ENERGY`.
-    seconds : taken by what was simulated now; `simulated` says how many.
+    request : what was simulated.
+    ndr, ndr_sd : (n, s) rays that reach the receiver scaled to 250, and their standard deviation.
+    power : (n, s) detected power, emitted = 1.
+    counts, energy : (n, s, 10) and (n, s, 4) ledgers, see `sweep_file.COUNT_NAMES` and `tally.ENERGY`.
+    seconds, simulated : time taken by, and number of, the simulations of this run.
     """
 
     request: SweepRequest
@@ -101,47 +103,62 @@ class SweepResult:
 
     @property
     def designs(self) -> tuple[Design, ...]:
-        """The designs, in the order of the arrays."""
+        """Return the designs, in the order of the arrays."""
         return self.request.designs
 
     @property
     def hits(self) -> int:
-        """Surfaces met in the whole sweep."""
+        """Return the number of surfaces met in the whole sweep."""
         return int(self.counts[..., HITS].sum())
 
     @property
     def floor(self) -> float:
-        """Smallest RMSE that this number of rays resolves."""
+        """Return the smallest RMSE that this number of rays resolves."""
         return float(resolution(self.request.light.rays))
 
     def merit(self) -> Merit:
-        """Figures of merit of all designs on counted rays."""
+        """Return figures of merit of all designs on counted rays."""
         return merit(self.ndr, self.floor)
 
     def merit_of_power(self) -> Merit:
-        """The same on detected power, scaled to 250 rays of power 1."""
-        return merit(250.0 * self.power, self.floor)
+        """Return the same on detected power, scaled to 250 rays of power 1."""
+        return merit(PAPER_RAYS * self.power, self.floor)
 
     def uncertainty(self) -> Uncertainty:
-        """Intervals of P and the designs that tie with the best."""
+        """Return intervals of P and the designs that tie with the best."""
         return uncertainty(self.ndr, self.ndr_sd, self.floor)
 
     def ranks(self) -> IntArray:
-        """(n,) rank of each design by P, 1 the best; equal P share the better rank."""
+        """Return (n,) the rank of each design by P, 1 the best; equal P share the better rank."""
         p = self.merit().p
         return np.asarray(1 + np.sum(p[None, :] > p[:, None], axis=1))
 
     def find(self, design: Design = PAPER_OPTIMUM) -> int | None:
-        """Index of a design, or None."""
+        """Return the index of a design, or None."""
         return self.designs.index(design) if design in self.designs else None
 
 
-def run_item(stack: Stack, rules: Rules, fan: Fan, budget: int, patterns: FloatArray) -> Results:
-    """Simulate a few patterns in all states: what a thread or a cluster's worker is given."""
-    shape = (len(patterns), len(stack.nodes))
-    counts = np.zeros((*shape, TALLIES), dtype=np.int64)
+def common_of(frames: Sequence[SceneFrame], guide: Waveguide, light: Light) -> Common:
+    """Return what all work items of a sweep share: stacked frames, rules of tracing, fan, budget of secondaries."""
+    return stacked(frames), rules_of(guide, light), fan_of(light), light.secondary
+
+
+def run_item(common: Common, patterns: FloatArray) -> Results:
+    """Simulate a few patterns in all states: the work item of a thread or of a cluster's worker.
+
+    Parameters
+    ----------
+    common : from `common_of`. patterns : (p, 5) from `geometry.pattern_of`.
+
+    Returns
+    -------
+    counts (p, s, 10), energy (p, s, 4), changes (p, s) along the fan.
+    """
+    frames, rules, fan, budget = common
+    shape = (len(patterns), len(frames.nodes))
+    counts = np.zeros((*shape, COUNTS), dtype=np.int64)
     energy, changes = np.zeros((*shape, ENERGIES)), np.zeros(shape)
-    simulate_many(stack, patterns, rules, fan, budget, counts, energy, changes)
+    simulate_many(frames, patterns, rules, fan, budget, counts, energy, changes)
     return counts, energy, changes
 
 
@@ -159,11 +176,11 @@ def run_sweep(
     Parameters
     ----------
     request : what to simulate.
-    file : results file, written as results come; finished designs in it are not simulated again.
+    file : results file, written as results arrive; finished designs in it are not simulated again.
     scheduler : address of a Dask scheduler; None runs here.
     allow_remote : whether the scheduler may be on another computer; see `analysis.dask_address`.
     threads : how many cores to use here; all by default.
-    progress : called with (simulations done, all); raising from it stops the sweep, what is finished stays in the file.
+    progress : called with (simulations done, all); raising from it stops the sweep; finished designs stay in the file.
 
     Raises
     ------
@@ -188,15 +205,15 @@ def run_sweep(
     return _result(request, done, time.perf_counter() - started, len(todo) * len(frames))
 
 
-def check_designs(designs: Sequence[Design], frames: Sequence[Frame]) -> None:
-    """Refuse, by name, a design that does not fit one of the states.
+def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> None:
+    """Reject, by name, a design that does not fit one of the states.
 
     Raises
     ------
     RequestError : there are no designs, or one cuts through the guide or does not fit it.
     """
     if not designs:
-        raise RequestError("a sweep without designs", "name at least one number of cavities")
+        raise RequestError("a sweep without designs", "give at least one number of cavities")
     tightest = min(range(len(frames)), key=lambda s: frames[s].free_mm)
     for design in designs:
         if design.cavities:
@@ -208,23 +225,22 @@ def _result(request: SweepRequest, done: dict[Design, Results], seconds: float, 
     energy = np.stack([done[d][1] for d in request.designs])
     changes = np.stack([done[d][2] for d in request.designs])
     rays = request.light.rays
-    scale = 250.0 / rays
+    scale = PAPER_RAYS / rays
     sd = np.asarray(scale * np.sqrt(changes * rays / (2 * max(rays - 1, 1))), dtype=np.float64)
     ndr = np.asarray(scale * counts[..., DETECTED], dtype=np.float64)
     return SweepResult(request, ndr, sd, energy[..., 0], counts, energy, seconds, simulated)
 
 
 def _work(
-    request: SweepRequest, frames: Sequence[Frame], todo: Sequence[Design], scheduler: str | None, threads: int | None
+    request: SweepRequest,
+    frames: Sequence[SceneFrame],
+    todo: Sequence[Design],
+    scheduler: str | None,
+    threads: int | None,
 ) -> Iterator[tuple[Sequence[Design], Results]]:
     """Yield finished work items in the order in which they finish."""
-    common = (
-        stacked(frames),
-        rules_of(request.guide, request.light, frames[0]),
-        fan_of(request.light, frames[0]),
-        request.light.secondary,
-    )
-    size = max(1, min(16, _RAYS_AN_ITEM // (request.light.rays * len(frames))))
+    common = common_of(frames, request.guide, request.light)
+    size = max(1, min(16, _RAYS_PER_ITEM // (request.light.rays * len(frames))))
     items = [todo[i : i + size] for i in range(0, len(todo), size)]
     patterns = [np.array([pattern_of(d) for d in item]) for item in items]
     if scheduler is None:
@@ -237,7 +253,7 @@ def _in_threads(
     common: Common, items: list[Sequence[Design]], patterns: list[FloatArray], threads: int
 ) -> Iterator[tuple[Sequence[Design], Results]]:
     pool = ThreadPoolExecutor(threads)
-    futures: dict[Future[Results], int] = {pool.submit(run_item, *common, p): i for i, p in enumerate(patterns)}
+    futures: dict[Future[Results], int] = {pool.submit(run_item, common, p): i for i, p in enumerate(patterns)}
     try:
         for future in as_completed(futures):
             yield items[futures[future]], future.result()
@@ -261,13 +277,9 @@ def _on_cluster(
         ) from error
     with client:
         shared = client.scatter(common, broadcast=True)
-        futures = {client.submit(_on_worker, shared, p, pure=False): i for i, p in enumerate(patterns)}
+        futures = {client.submit(run_item, shared, p, pure=False): i for i, p in enumerate(patterns)}
         try:
             for future in distributed.as_completed(list(futures)):
                 yield items[futures[future]], future.result()
         finally:
             client.cancel(list(futures))
-
-
-def _on_worker(common: Common, patterns: FloatArray) -> Results:
-    return run_item(*common, patterns)

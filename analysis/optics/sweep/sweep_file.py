@@ -20,13 +20,12 @@ import numpy as np
 from analysis.arrays import FloatArray, IntArray
 from analysis.errors import FileError, RequestError
 from analysis.optics.scene.parameters import Design
-from analysis.optics.tracer.rays import TALLIES
-from analysis.optics.tracer.simulation import ENERGY, LEDGER
+from analysis.optics.tracer.tally import COUNTS, ENERGY, LEDGER
 
 USER_VERSION = 1
-COUNTS = (*LEDGER, "hits", "secondaries", "refused")
+COUNT_NAMES = (*LEDGER, "hits", "secondaries", "refused")
 _KEYS = ("cavities", "width_mm", "depth_mm", "spacing_mm", "face", "state")
-_COLUMNS = (*_KEYS, *COUNTS, *(f"{name}_power" for name in ENERGY), "changes")
+_COLUMNS = (*_KEYS, *COUNT_NAMES, *(f"{name}_power" for name in ENERGY), "changes")
 _INSERT = f"insert or ignore into simulation values ({','.join('?' * len(_COLUMNS))})"  # noqa: S608
 _SCHEMA = f"""
 create table meta (key text primary key, value text not null);
@@ -134,4 +133,4 @@ class SweepFile:
 
 def _arrays(rows: list[tuple[float, ...]]) -> tuple[IntArray, FloatArray, FloatArray]:
     table = np.array(rows, dtype=float)
-    return table[:, :TALLIES].astype(np.int64), table[:, TALLIES:-1], table[:, -1]
+    return table[:, :COUNTS].astype(np.int64), table[:, COUNTS:-1], table[:, -1]

@@ -1,10 +1,11 @@
 """The budget of secondary rays: which reflected rays are followed, and in which order.
 
 Strategy: secondaries rank by key, then by the released ray they stem from, then by their birth. While released rays are
-followed, what may still be afforded is only collected; when the collection is full, a partial sort (quickselect) keeps
-what the budget affords, and whatever ranks behind the last of it is refused from then on at the cost of one comparison.
-Then the collection becomes a heap, and the first in rank is followed until the budget or the heap is empty. This is
-exact: a secondary's key is never below its parent's, so one that is refused could never have been reached.
+followed, secondaries within the budget are only collected; when the collection is full, a partial sort (quickselect)
+keeps as many as the budget allows, and whatever ranks behind the last of them is refused from then on at the cost of
+one comparison. Then the collection becomes a heap, and the first in rank is followed until the budget or the heap is
+empty. This is exact: a secondary's key is never below its parent's, so one that is refused could never have been
+reached.
 
 Rules: births are counted from the number of the block's first ray times 2^20, so that a later block's secondaries
 are born later on any number of threads.
@@ -18,21 +19,27 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.optics.compiled import compiled, inner, pointer
-from analysis.optics.tracer.rays import E_CUT, REFUSED, Book, Ray
+from analysis.compiled import compiled, inner, pointer
+from analysis.optics.tracer.rays import Ray
+from analysis.optics.tracer.tally import E_CUT, REFUSED, Tally
 
 NUMBERS, LABELS = 8, 6
 _KEY, _ROOT, _BIRTH = 7, 3, 5
-_N, AFFORDED, _NEXT, _HEAP, _TOUCHED, STATES = range(6)
+_N, LEFT, _NEXT, _HEAP, _TOUCHED, STATES = range(6)
 _BIRTHS_A_RAY = 1 << 20
 
 
 class Queue(NamedTuple):
-    """Secondaries that may yet be followed: `rank[:n]` are their slots, what follows the free ones.
+    """Secondaries that may yet be followed.
 
-    `numbers` (slots, 8) and `labels` (slots, 6) hold the rays; `state` is n, how many the budget still affords, the
-    next birth, whether `rank` is a heap, and how many slots have ever been in use (memory beyond them is untouched);
-    `limit` is key and root of the last that is still affordable.
+    Parameters
+    ----------
+    numbers, labels : (slots, 8) and (slots, 6), the rays.
+    rank : (slots,) slots in use, then the free ones.
+    state : (5,) slots in use, secondaries left in the budget, the next birth, whether `rank` is a heap, and how many
+        slots have ever been in use (memory beyond them is untouched).
+    limit : (2,) key and root of the last that is within the budget.
+    slots : how many there are.
     """
 
     numbers: FloatArray
@@ -45,7 +52,7 @@ class Queue(NamedTuple):
 
 @compiled
 def new_queue(budget: int) -> Queue:
-    """A queue for `budget` secondaries, to be opened before use."""
+    """Return a queue for `budget` secondaries, to be opened before use."""
     slots = 2 * budget + 16 if budget > 0 else 0
     return Queue(
         np.empty((slots, NUMBERS)),
@@ -60,20 +67,20 @@ def new_queue(budget: int) -> Queue:
 @compiled
 def open_queue(q: Queue, budget: int, first: int) -> None:
     """Empty the queue for a block that begins with released ray `first`."""
-    q.state[_N], q.state[AFFORDED], q.state[_NEXT] = 0, budget, first * _BIRTHS_A_RAY
+    q.state[_N], q.state[LEFT], q.state[_NEXT] = 0, budget, first * _BIRTHS_A_RAY
     q.state[_HEAP], q.state[_TOUCHED] = 0, 0
     q.limit[0], q.limit[1] = math.inf, math.inf
 
 
 @compiled
-def queue_of(q: Queue) -> Queue:
-    """The same queue with pointers for its arrays."""
+def queue_pointers(q: Queue) -> Queue:
+    """Return the same queue with pointers for its arrays."""
     return Queue(pointer(q.numbers), pointer(q.labels), pointer(q.rank), pointer(q.state), pointer(q.limit), q.slots)
 
 
 @inner
 def _before(q: Queue, a: int, b: int) -> bool:
-    """Whether the secondary in slot a ranks before that in slot b."""
+    """Return whether the secondary in slot a ranks before that in slot b."""
     key, other = q.numbers[NUMBERS * a + _KEY], q.numbers[NUMBERS * b + _KEY]
     if key != other:
         return bool(key < other)
@@ -90,7 +97,7 @@ def _swap(q: Queue, i: int, j: int) -> None:
 
 @compiled
 def _sink(q: Queue, at: int) -> None:
-    """Let the secondary at a place of the heap sink to where it belongs."""
+    """Restore the heap below `at`."""
     n = q.state[_N]
     while True:
         child = 2 * at + 1
@@ -134,16 +141,16 @@ def _first(q: Queue, k: int) -> None:
 
 
 @compiled
-def _prune(q: Queue, book: Book) -> None:
-    """Refuse what the budget cannot afford any more."""
-    n, k = q.state[_N], q.state[AFFORDED]
+def prune(q: Queue, tally: Tally) -> None:
+    """Refuse what is beyond the budget."""
+    n, k = q.state[_N], q.state[LEFT]
     if n <= k:
         return
     if k > 0:
         _first(q, k)
     for i in range(k, n):
-        book.counts[REFUSED] += 1
-        book.energy[E_CUT] += q.numbers[NUMBERS * q.rank[i] + 4]
+        tally.counts[REFUSED] += 1
+        tally.energy[E_CUT] += q.numbers[NUMBERS * q.rank[i] + 4]
     last = q.rank[0]
     for i in range(1, k):
         if _before(q, last, q.rank[i]):
@@ -161,9 +168,9 @@ def _heap(q: Queue) -> None:
 
 
 @compiled
-def _put(q: Queue, ray: Ray, key: float, birth: int, book: Book) -> None:
+def _put(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
     if q.state[_N] == q.slots:
-        _prune(q, book)
+        prune(q, tally)
         if q.state[_HEAP] == 1:
             _heap(q)
     n = q.state[_N]
@@ -172,7 +179,12 @@ def _put(q: Queue, ray: Ray, key: float, birth: int, book: Book) -> None:
     slot = q.rank[n]
     i, j = slot * NUMBERS, slot * LABELS
     q.numbers[i], q.numbers[i + 1], q.numbers[i + 2], q.numbers[i + 3] = ray.x, ray.y, ray.dx, ray.dy
-    q.numbers[i + 4], q.numbers[i + 5], q.numbers[i + 6], q.numbers[i + 7] = ray.power, ray.way, ray.optical, key
+    q.numbers[i + 4], q.numbers[i + 5], q.numbers[i + 6], q.numbers[i + 7] = (
+        ray.power,
+        ray.path_mm,
+        ray.optical_path_mm,
+        key,
+    )
     q.labels[j], q.labels[j + 1], q.labels[j + 2], q.labels[j + 3] = ray.medium, ray.last, ray.cell, ray.root
     q.labels[j + 4], q.labels[j + 5] = ray.bounce, birth
     q.state[_N] = n + 1
@@ -181,16 +193,23 @@ def _put(q: Queue, ray: Ray, key: float, birth: int, book: Book) -> None:
 
 
 @inner
-def offer(q: Queue, ray: Ray, key: float, birth: int, book: Book) -> None:
-    """Put a secondary into the queue, or refuse it where the budget cannot reach it; `birth` -1 is the next one."""
-    if key > q.limit[0] or (key == q.limit[0] and ray.root >= q.limit[1]) or q.state[AFFORDED] == 0:
-        book.counts[REFUSED] += 1
-        book.energy[E_CUT] += ray.power
+def offer(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
+    """Put a secondary into the queue, or refuse it where the budget cannot reach it.
+
+    Parameters
+    ----------
+    q : pointers of the queue. ray : the secondary.
+    key : first criterion of its rank. birth : last one; -1 for the next.
+    tally : counts what is refused.
+    """
+    if key > q.limit[0] or (key == q.limit[0] and ray.root >= q.limit[1]) or q.state[LEFT] == 0:
+        tally.counts[REFUSED] += 1
+        tally.energy[E_CUT] += ray.power
         return
     if birth < 0:
         birth = q.state[_NEXT]
         q.state[_NEXT] += 1
-    _put(q, ray, key, birth, book)
+    _put(q, ray, key, birth, tally)
 
 
 @compiled
@@ -213,41 +232,35 @@ def _read(q: Queue, slot: int) -> Ray:
 
 
 @compiled
-def hand_over(q: Queue, later: Queue, book: Book) -> None:
+def merge(q: Queue, later: Queue, tally: Tally) -> None:
     """Offer a later block's secondaries to the first block's queue."""
     for i in range(later.state[_N]):
         slot = later.rank[i]
         birth = later.labels[LABELS * slot + _BIRTH]
-        offer(q, _read(later, slot), later.numbers[NUMBERS * slot + _KEY], birth, book)
+        offer(q, _read(later, slot), later.numbers[NUMBERS * slot + _KEY], birth, tally)
 
 
 @compiled
-def begin_spending(q: Queue, rays: int, book: Book) -> None:
+def begin_secondaries(q: Queue, rays: int, tally: Tally) -> None:
     """Turn the collection into a heap once all released rays have been followed."""
-    _prune(q, book)
+    prune(q, tally)
     q.state[_NEXT] = rays * _BIRTHS_A_RAY
     _heap(q)
 
 
 @compiled
-def anything_left(q: Queue) -> bool:
-    """Whether a secondary waits and the budget still affords it."""
-    return bool(q.state[_N] > 0 and q.state[AFFORDED] > 0)
+def has_secondary(q: Queue) -> bool:
+    """Return whether a secondary is waiting and within the budget."""
+    return bool(q.state[_N] > 0 and q.state[LEFT] > 0)
 
 
 @compiled
 def next_secondary(q: Queue) -> Ray:
-    """Take the first in rank out of the heap; it is paid for."""
+    """Take the first in rank out of the heap and off the budget."""
     slot, n = q.rank[0], q.state[_N] - 1
     ray = _read(q, slot)
     q.rank[0], q.rank[n] = q.rank[n], slot
     q.state[_N] = n
-    q.state[AFFORDED] -= 1
+    q.state[LEFT] -= 1
     _sink(q, 0)
     return ray
-
-
-@compiled
-def end_spending(q: Queue, book: Book) -> None:
-    """Refuse what the budget did not reach."""
-    _prune(q, book)

@@ -1,12 +1,12 @@
-"""The next surface that a ray meets: cell by cell in the resin, by a tree of boxes in the air.
+"""The next surface that a ray meets: cell by cell in the resin, by the BVH in the air.
 
 Strategy: along a ray x = p + t d a surface's f is k t^2 / 2 + b t + c / 2 (see `frame.py`), so lines and arcs have one
 formula, and the root with the right sign of slope is the one that leaves (or enters) the resin. The surface just left
 has c = 0 exactly: its root at 0 is skipped without an epsilon. A ray that leaves through a free surface (one that has
-the whole scene behind its tangents) meets nothing more; one that starts in a cavity looks at that cavity first.
+the whole scene behind its tangents) meets nothing more; one that starts in a cavity is tested against that cavity
+first.
 
-Rules: tables are read through pointers (see `compiled.py`). A scene without cells is a bag of surfaces, searched by its
-tree in the resin too.
+Rule: tables are read through pointers (see `analysis.compiled`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 from analysis.arrays import FloatArray
-from analysis.optics.compiled import inner
-from analysis.optics.scene.frame import FORK_START, FREE, NO_CELL, RECEIVER
+from analysis.compiled import inner
+from analysis.optics.scene.frame import FREE, JUNCTION_START, NO_CELL, RECEIVER
 from analysis.optics.scene.geometry import (
     AFTER,
     BEFORE,
@@ -24,9 +24,9 @@ from analysis.optics.scene.geometry import (
     C_LEVEL_L,
     C_RIGHT,
     C_START,
+    CAVITY_COLUMNS,
     CELL_COLUMNS,
     LINK_COLUMNS,
-    POCKET_COLUMNS,
     SURFACE_COLUMNS,
     WALL_AFTER,
     WALL_BEFORE,
@@ -38,7 +38,10 @@ _JOINT = 1e-9
 
 @inner
 def root(b: float, c: float, k: float, slope: float) -> float:
-    """First t > 0 with k t^2 + 2 b t + c = 0 and slope's sign, or inf; stable for k -> 0, exact for c = 0."""
+    """Return the first t > 0 with k t^2 + 2 b t + c = 0 and slope's sign, or inf.
+
+    It is stable for k -> 0 and exact for c = 0.
+    """
     square = b * b - k * c
     if square < 0.0:
         return math.inf
@@ -49,11 +52,11 @@ def root(b: float, c: float, k: float, slope: float) -> float:
 
 @inner
 def _reach(table: FloatArray, i: int, px: float, py: float, dx: float, dy: float, slope: float, left: bool) -> float:
-    """Distance along a ray to surface `i` within its extent, or inf."""
+    """Return the distance along a ray to surface `i` within its extent, or inf."""
     r = i * SURFACE_COLUMNS
     qx, qy, nx, ny, k = px - table[r], py - table[r + 1], table[r + 2], table[r + 3], table[r + 4]
     b = dx * (k * qx - nx) + dy * (k * qy - ny)
-    if slope * b <= 0.0 and slope * k <= 0.0:  # turned away, and the surface does not come round
+    if slope * b <= 0.0 and slope * k <= 0.0:  # heading away, and the surface does not curve back
         return math.inf
     if k == 0.0:
         if left:
@@ -75,22 +78,22 @@ def _reach(table: FloatArray, i: int, px: float, py: float, dx: float, dy: float
 
 
 @inner
-def _in_bag(g: Geometry, px: float, py: float, dx: float, dy: float, last: int, resin: bool) -> tuple[float, int]:
-    """Nearest of all surfaces, by the tree of boxes: distance and number, or (inf, -1)."""
-    best, found, node = math.inf, -1, 0
+def _by_bvh(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -> tuple[float, int]:
+    """Return the nearest of all surfaces from the air: distance and number, or (inf, -1)."""
+    best, found, node, count = math.inf, -1, 0, g.bvh_nodes[0]
     ax, ay = abs(dx), abs(dy)
-    while node < g.tree_nodes:
+    while node < count:
         r = 4 * node
-        cx, cy, ex, ey = g.boxes[r] - px, g.boxes[r + 1] - py, g.boxes[r + 2], g.boxes[r + 3]
+        cx, cy, ex, ey = g.bvh_boxes[r] - px, g.bvh_boxes[r + 1] - py, g.bvh_boxes[r + 2], g.bvh_boxes[r + 3]
         ahead, spread = cx * dx + cy * dy, ex * ax + ey * ay
         if abs(cx * dy - cy * dx) > ex * ay + ey * ax or ahead + spread < 0.0 or ahead - spread > best:
-            node = g.branches[3 * node]
+            node = g.bvh_nodes[3 * node]
             continue
-        for j in range(g.branches[3 * node + 1], g.branches[3 * node + 2]):
-            number = g.leaves[j]
+        for j in range(g.bvh_nodes[3 * node + 1], g.bvh_nodes[3 * node + 2]):
+            number = g.bvh_order[j]
             slope = g.surfaces[number * SURFACE_COLUMNS + 6]
-            t = _reach(g.surfaces, number, px, py, dx, dy, slope if resin else -slope, number == last)
-            if g.kinds[number] == RECEIVER and not resin:
+            t = _reach(g.surfaces, number, px, py, dx, dy, -slope, number == last)
+            if g.kinds[number] == RECEIVER:
                 t = min(t, _reach(g.surfaces, number, px, py, dx, dy, slope, number == last))
             if t < best:
                 best, found = t, number
@@ -99,10 +102,10 @@ def _in_bag(g: Geometry, px: float, py: float, dx: float, dy: float, last: int, 
 
 
 @inner
-def _in_pocket(g: Geometry, px: float, py: float, dx: float, dy: float, pocket: int, last: int) -> tuple[float, int]:
-    """Nearest wall or floor of a cavity seen from inside it, or (inf, -1) for a ray that leaves through its mouth."""
-    best, found, r = math.inf, -1, POCKET_COLUMNS * pocket
-    first, final, side = g.pockets[r], g.pockets[r + 1], g.pockets[r + 2]
+def _in_cavity(g: Geometry, px: float, py: float, dx: float, dy: float, cavity: int, last: int) -> tuple[float, int]:
+    """Return the nearest wall or bottom of a cavity seen from inside it, or (inf, -1) through its mouth."""
+    best, found, r = math.inf, -1, CAVITY_COLUMNS * cavity
+    first, final, side = g.cavities[r], g.cavities[r + 1], g.cavities[r + 2]
     for cell in range(first - 1, final + 2):
         number = 4 * cell + (3 if cell < first else 2 if cell > final else side)
         slope = -g.surfaces[number * SURFACE_COLUMNS + 6]
@@ -113,31 +116,37 @@ def _in_pocket(g: Geometry, px: float, py: float, dx: float, dy: float, pocket: 
 
 
 @inner
-def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int, resin: bool) -> tuple[float, int]:
-    """Nearest surface in front of a ray in the air (or in the resin of a bag): distance and number, or (inf, -1)."""
-    if not resin:
-        if g.corners[last] & FREE != 0:
-            return math.inf, -1
-        pocket = g.owners[last] if last < 4 * g.most_cells else -1
-        if pocket >= 0:
-            t, found = _in_pocket(g, px, py, dx, dy, pocket, last)
-            if found >= 0 or g.pockets[POCKET_COLUMNS * pocket + 3] != 0:
-                return t, found
-    return _in_bag(g, px, py, dx, dy, last, resin)
+def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -> tuple[float, int]:
+    """Return the nearest surface in front of a ray in the air: distance and number, or (inf, -1).
+
+    Parameters
+    ----------
+    g : pointers of the scene. px, py, dx, dy : position and unit direction. last : surface just left.
+    """
+    if g.corners[last] & FREE != 0:
+        return math.inf, -1
+    cavity = g.owners[last] if last < 4 * g.cell_count else -1
+    if cavity >= 0:
+        t, found = _in_cavity(g, px, py, dx, dy, cavity, last)
+        if found >= 0 or g.cavities[CAVITY_COLUMNS * cavity + 3] != 0:
+            return t, found
+    return _by_bvh(g, px, py, dx, dy, last)
 
 
 @inner
-def _in_fork(g: Geometry, px: float, py: float, dx: float, dy: float, fork: int, last: int) -> tuple[float, int, int]:
-    """Nearest surface of a junction, or the door into a guide: distance, number (-1 for a door), cell."""
-    best, found, cell = math.inf, -1, fork
-    for number in range(4 * g.most_cells, g.all_surfaces):
-        if g.owners[number] == fork:
+def _in_junction(
+    g: Geometry, px: float, py: float, dx: float, dy: float, junction: int, last: int
+) -> tuple[float, int, int]:
+    """Return the nearest surface of a junction, or the end of a guide: distance, number (-1 for a guide), cell."""
+    best, found, cell = math.inf, -1, junction
+    for number in range(4 * g.cell_count, g.surface_count):
+        if g.owners[number] == junction:
             t = _reach(g.surfaces, number, px, py, dx, dy, g.surfaces[number * SURFACE_COLUMNS + 6], number == last)
             if t < best:
                 best, found = t, number
-    at_start = fork == FORK_START
+    at_start = junction == JUNCTION_START
     for guide in range(2):
-        c = g.doors[2 * guide + (0 if at_start else 1)]
+        c = g.end_cells[2 * guide + (0 if at_start else 1)]
         r = c * CELL_COLUMNS
         at = r + (C_START if at_start else C_END)
         x, y, tx, ty = g.cells[at], g.cells[at + 1], g.cells[at + 2], g.cells[at + 3]
@@ -154,10 +163,10 @@ def _in_fork(g: Geometry, px: float, py: float, dx: float, dy: float, fork: int,
 def _at_edge(
     g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int, forward: bool
 ) -> tuple[float, int]:
-    """First edge of a cell that a ray inside meets: distance and side (0 left, 1 right), or inf.
+    """Return the first edge of a cell that a ray inside meets: distance and side (0 left, 1 right), or inf.
 
-    It meets the edge it heads for; only where that is the inside of a bend can it miss it and meet the other. A
-    neighbour's bend may let it cross the circle before it comes to this cell; that crossing does not count.
+    It meets the edge it heads for; only where that is the inside of a bend can it miss it and meet the other. In a
+    neighbour's bend it may cross the circle before it enters this cell; that crossing does not count.
     """
     r = cell * CELL_COLUMNS
     k, nx, ny = g.cells[r + 4], g.cells[r + 2], g.cells[r + 3]
@@ -181,14 +190,18 @@ def _at_edge(
 
 @inner
 def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int) -> tuple[float, int]:
-    """First surface that a ray in the resin meets, walking from cell to cell: distance and number, or (inf, -1).
+    """Return the first surface that a ray in the resin meets, from cell to cell: distance and number, or (inf, -1).
 
     A ray that crosses the cross-section ahead between the edges, and heads for the same edge there as here, has met
-    neither: told without a root or a division, by the offset u there times |speed| through the section.
+    neither: decided without a root or a division, by the offset u there times |speed| through the section.
+
+    Parameters
+    ----------
+    g : pointers of the scene. px, py, dx, dy : position and unit direction. cell : it is in. last : surface just left.
     """
-    for _ in range(4 * g.most_cells + 8):
+    for _ in range(4 * g.cell_count + 8):
         if cell < 0:
-            t, number, cell = _in_fork(g, px, py, dx, dy, cell, last)
+            t, number, cell = _in_junction(g, px, py, dx, dy, cell, last)
             if number >= 0 or cell < 0:
                 return t, number
         r = cell * CELL_COLUMNS

@@ -1,47 +1,41 @@
-"""What is carried from surface to surface: a ray, the rules it keeps to, and the book of what has become of all rays.
-
-Powers are in units of one released ray until the summary divides by their number.
-"""
+"""What the tracer passes from surface to surface: a ray and the rules of tracing; and the fan that is released."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-from analysis.arrays import FloatArray, IntArray
-from analysis.optics.compiled import compiled, inner, pointer
+from analysis.compiled import compiled
+from analysis.optics.scene.geometry import Geometry
+from analysis.optics.scene.parameters import ORDERS, Light, Waveguide
 
-RELEASED, DETECTED, ESCAPED, TRAPPED, CUT, CORNER, DROPPED, HITS, GRANTED, REFUSED, TALLIES = range(11)
-E_DETECTED, E_ESCAPED, E_ABSORBED, E_CUT, ENERGIES = range(5)
-BY_TIME, BY_BOUNCE, BY_INDEX = range(3)
-
-
-class Rules(NamedTuple):
-    """What the tracer keeps to: refractive index, attenuation (1/mm), path cap (mm), faintest power, corner (mm),
-    order of the budget, the way along which light counts as detected, and the tick of time (mm) below which two
-    flights are equal."""
-
-    refractive: float
-    attenuation: float
-    path_cap: float
-    faintest: float
-    corner: float
-    order: int
-    way_x: float
-    way_y: float
-    tick: float
+BY_TIME, BY_BOUNCE = ORDERS.index("time"), ORDERS.index("bounce")
+_DB_PER_CM = math.log(10.0) / 100.0
+_CORNER = 1e-9
+_TICK = 1e-7
 
 
 class Ray(NamedTuple):
-    """A ray where it was born: place, direction, power, way and optical way so far (mm); medium (1 resin, 0 air), last
-    surface, cell, number of the released ray it stems from, bounces so far."""
+    """A ray at its last surface.
+
+    Parameters
+    ----------
+    x, y, dx, dy : position, mm, and unit direction.
+    power : in units of one released ray.
+    path_mm, optical_path_mm : path length and optical path length so far.
+    medium : 1 resin, 0 air.
+    last, cell : last surface met, and the cell it is in.
+    root : number of the released ray that it stems from.
+    bounce : surfaces met so far.
+    """
 
     x: float
     y: float
     dx: float
     dy: float
     power: float
-    way: float
-    optical: float
+    path_mm: float
+    optical_path_mm: float
     medium: int
     last: int
     cell: int
@@ -49,35 +43,63 @@ class Ray(NamedTuple):
     bounce: int
 
 
-class Book(NamedTuple):
-    """What has happened: counts, energies, detections by released ray, and the drawn ways of up to `room` points."""
+class Rules(NamedTuple):
+    """Rules of tracing.
 
-    counts: IntArray
-    energy: FloatArray
-    by_root: IntArray
-    drawn: FloatArray
-    drawn_by: IntArray
-    room: int
+    Parameters
+    ----------
+    refractive : index of the resin.
+    attenuation : of the resin, 1/mm.
+    path_cap_mm : path length after which a ray is given up.
+    faintest : power below which it is.
+    corner_mm : distance from a corner within which it is.
+    order : of the budget, index in `parameters.ORDERS`.
+    tick_mm : optical path lengths that round to the same multiple of this are equal.
+    """
+
+    refractive: float
+    attenuation: float
+    path_cap_mm: float
+    faintest: float
+    corner_mm: float
+    order: int
+    tick_mm: float
 
 
-@compiled
-def book_of(book: Book) -> Book:
-    """The same book with pointers for its arrays."""
-    return Book(
-        pointer(book.counts),
-        pointer(book.energy),
-        pointer(book.by_root),
-        pointer(book.drawn),
-        pointer(book.drawn_by),
-        book.room,
+class Fan(NamedTuple):
+    """The released rays: half the cone (rad), number, Lambertian or not, phase."""
+
+    half: float
+    rays: int
+    lambertian: bool
+    phase: float
+
+
+def rules_of(guide: Waveguide, light: Light) -> Rules:
+    """Return the rules of tracing for a guide and its light."""
+    half = guide.thickness_mm / 2
+    return Rules(
+        guide.index,
+        guide.attenuation_db_per_cm * _DB_PER_CM,
+        light.path_cap_mm,
+        light.faintest,
+        _CORNER * half,
+        ORDERS.index(light.order),
+        _TICK * half,
     )
 
 
-@inner
-def draw(book: Book, x: float, y: float, power: float, number: int, medium: int) -> None:
-    """Note a point of the way of ray `number`, while there is room."""
-    n = book.counts[TALLIES]
-    if n < book.room:
-        book.drawn[3 * n], book.drawn[3 * n + 1], book.drawn[3 * n + 2] = x, y, power
-        book.drawn_by[2 * n], book.drawn_by[2 * n + 1] = number, medium
-        book.counts[TALLIES] = n + 1
+def fan_of(light: Light) -> Fan:
+    """Return the fan of a light."""
+    return Fan(math.radians(light.cone_deg) / 2, light.rays, light.emission == "lambertian", light.phase)
+
+
+@compiled
+def released(g: Geometry, fan: Fan, i: int) -> Ray:
+    """Return ray `i` of the fan."""
+    x, y, axis_x, axis_y = g.emitter[0], g.emitter[1], g.emitter[2], g.emitter[3]
+    part = (2.0 * (i + 0.5 + fan.phase)) / fan.rays - 1.0
+    angle = math.asin(math.sin(fan.half) * part) if fan.lambertian else fan.half * part
+    c, s = math.cos(angle), math.sin(angle)
+    dx, dy = c * axis_x - s * axis_y, c * axis_y + s * axis_x
+    return Ray(x, y, dx, dy, 1.0, 0.0, 0.0, 1, -1, g.source_cell, i, 0)

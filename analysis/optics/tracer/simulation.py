@@ -1,84 +1,68 @@
-"""From a scene and its light to counts and powers: releasing the fan, spending the budget, many scenes in a row.
+"""From a scene and its light to counts and powers: releasing the fan, following secondaries, many scenes in a row.
 
-Strategy: released rays are followed in blocks of fixed size, each with its own book and queue; blocks are joined in
-their order, whoever computed them, so that one core, many cores and a cluster give the same bits. The budget's
-queue keeps only as many secondaries as may still be followed, which is exact: a secondary's key is never below its
-parent's, so one that is refused could never have been reached.
+Strategy: released rays are followed in blocks of fixed size, each with its own tally and queue; blocks are joined in
+their order, whichever thread computed them, so that one core, many cores and a cluster give the same bits.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.optics.compiled import compiled
-from analysis.optics.scene.frame import NO_CELL, Frame, check_row
-from analysis.optics.scene.geometry import Geometry, build, geometry_of, room_for, tables_of
-from analysis.optics.scene.parameters import ORDERS, Design, Light, Waveguide
+from analysis.compiled import compiled
+from analysis.optics.scene.frame import NO_CELL, SceneFrame, check_row
+from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of, geometry_pointers
+from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.budget import (
     Queue,
-    anything_left,
-    begin_spending,
-    end_spending,
-    hand_over,
+    begin_secondaries,
+    has_secondary,
+    merge,
     new_queue,
     next_secondary,
     open_queue,
-    queue_of,
+    prune,
+    queue_pointers,
 )
-from analysis.optics.tracer.rays import (
+from analysis.optics.tracer.rays import Fan, Rules, fan_of, released, rules_of
+from analysis.optics.tracer.tally import (
+    COUNTS,
     DETECTED,
-    ENERGIES,
+    ENERGY,
     GRANTED,
     HITS,
+    LEDGER,
     REFUSED,
     RELEASED,
-    TALLIES,
-    Book,
-    Ray,
-    Rules,
-    book_of,
+    Tally,
+    add_tally,
+    new_tally,
+    tally_pointers,
 )
 from analysis.optics.tracer.tracer import follow
+from analysis.progress import Progress
 
 BLOCK = 4096
-LEDGER = ("released", "detected", "escaped", "trapped", "cut", "corner", "dropped")
-ENERGY = ("detected", "escaped", "absorbed", "cut")
-_DB_PER_CM = math.log(10.0) / 100.0
-_CORNER = 1e-9
-_TICK = 1e-7
-
-
-class Fan(NamedTuple):
-    """The released rays: place, middle direction, half the cone (rad), number, Lambertian or not, phase, first cell."""
-
-    x: float
-    y: float
-    way_x: float
-    way_y: float
-    half: float
-    rays: int
-    lambertian: bool
-    phase: float
-    cell: int
+PAPER_RAYS = 250
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TraceResult:
     """One simulation.
 
     Parameters
     ----------
     ledger : rays by their end; released is the sum of the others.
     energy : parts of the emitted power by their end; they sum to 1.
-    hits : surfaces met. granted, refused : secondaries that were followed, and that the budget could not afford.
+    hits : surfaces met.
+    granted, refused : secondaries that were followed, and that were beyond the budget.
     ndr : rays that reach the receiver, secondaries included, scaled to 250 emitted.
     ndr_sd : its standard deviation if the fan were turned at random (successive differences along the fan).
     power : detected power, emitted = 1.
@@ -95,107 +79,99 @@ class Outcome:
 
 
 @compiled
-def new_book(by_root: IntArray, drawn: FloatArray, drawn_by: IntArray) -> Book:
-    """An empty book over a shared count by released ray."""
-    return Book(np.zeros(TALLIES + 1, dtype=np.int64), np.zeros(ENERGIES), by_root, drawn, drawn_by, len(drawn))
+def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, tally: Tally) -> None:
+    """Follow one block of released rays; secondaries within the budget are left in the queue.
 
-
-@compiled
-def released(fan: Fan, i: int) -> Ray:
-    """The ray of the fan with number `i`."""
-    part = (2.0 * (i + 0.5 + fan.phase)) / fan.rays - 1.0
-    angle = math.asin(math.sin(fan.half) * part) if fan.lambertian else fan.half * part
-    c, s = math.cos(angle), math.sin(angle)
-    return Ray(
-        fan.x, fan.y, c * fan.way_x - s * fan.way_y, c * fan.way_y + s * fan.way_x, 1.0, 0.0, 0.0, 1, -1, fan.cell, i, 0
-    )
-
-
-@compiled
-def release(fan: Fan, out: FloatArray) -> None:
-    """Write place and direction of all released rays to out (rays, 4)."""
-    for i in range(fan.rays):
-        ray = released(fan, i)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = ray.x, ray.y, ray.dx, ray.dy
-
-
-@compiled
-def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, book: Book) -> None:
-    """Follow one block of released rays; what the budget may afford of their secondaries is left in the queue."""
+    Parameters
+    ----------
+    g, rules, fan : the scene, the rules of tracing and the released rays.
+    first : number of the block's first ray.
+    budget : of secondaries.
+    q, tally : are filled.
+    """
     open_queue(q, budget, first)
-    tables, queue, pages = tables_of(g), queue_of(q), book_of(book)
+    tables, queue, counts = geometry_pointers(g), queue_pointers(q), tally_pointers(tally)
     last = min(first + BLOCK, fan.rays)
-    book.counts[RELEASED] += last - first
+    tally.counts[RELEASED] += last - first
     for i in range(first, last):
-        follow(tables, rules, released(fan, i), queue, pages, i)
+        follow(tables, rules, released(tables, fan, i), queue, counts, i)
 
 
 @compiled
-def join(book: Book, q: Queue, other: Book, others: Queue) -> None:
-    """Add a later block's book and queue to the first."""
-    for i in range(TALLIES):
-        book.counts[i] += other.counts[i]
-    book.counts[TALLIES] = other.counts[TALLIES]
-    for i in range(ENERGIES):
-        book.energy[i] += other.energy[i]
-    hand_over(queue_of(q), queue_of(others), book_of(book))
+def join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
+    """Add a later block's tally and queue to the first."""
+    add_tally(tally, later_tally)
+    merge(queue_pointers(q), queue_pointers(later), tally_pointers(tally))
 
 
 @compiled
-def spend(g: Geometry, rules: Rules, rays: int, q: Queue, book: Book) -> None:
-    """Follow secondaries in the order of their rank until the budget or the queue is empty."""
-    tables, queue, pages = tables_of(g), queue_of(q), book_of(book)
-    begin_spending(queue, rays, pages)
-    while anything_left(queue):
+def follow_secondaries(g: Geometry, rules: Rules, rays: int, q: Queue, tally: Tally) -> None:
+    """Follow secondaries in the order of their rank until the budget or the queue is empty.
+
+    Parameters
+    ----------
+    g, rules : the scene and the rules of tracing. rays : released. q, tally : of all blocks, joined.
+    """
+    tables, queue, counts = geometry_pointers(g), queue_pointers(q), tally_pointers(tally)
+    begin_secondaries(queue, rays, counts)
+    while has_secondary(queue):
         ray = next_secondary(queue)
-        book.counts[RELEASED] += 1
-        book.counts[GRANTED] += 1
-        follow(tables, rules, ray, queue, pages, rays + book.counts[GRANTED] - 1)
-    end_spending(queue, pages)
+        tally.counts[RELEASED] += 1
+        tally.counts[GRANTED] += 1
+        follow(tables, rules, ray, queue, counts, rays + tally.counts[GRANTED] - 1)
+    prune(queue, counts)
 
 
 @compiled
-def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, others: Queue, book: Book) -> None:
-    """The whole of one simulation, block after block; `others` is a second queue, needed from the second block on."""
-    follow_block(g, rules, fan, 0, budget, q, book)
+def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: Queue, tally: Tally) -> None:
+    """Trace one scene, block after block.
+
+    Parameters
+    ----------
+    g, rules, fan, budget : as in `follow_block`.
+    q, tally : are filled. later : a second queue, used from the second block on.
+    """
+    follow_block(g, rules, fan, 0, budget, q, tally)
     for first in range(BLOCK, fan.rays, BLOCK):
-        other = new_book(book.by_root, book.drawn, book.drawn_by)
-        other.counts[TALLIES] = book.counts[TALLIES]
-        follow_block(g, rules, fan, first, budget, others, other)
-        join(book, q, other, others)
-    spend(g, rules, fan.rays, q, book)
+        later_tally = new_tally(tally.by_root, tally.drawn, tally.drawn_by)
+        later_tally.counts[COUNTS] = tally.counts[COUNTS]
+        follow_block(g, rules, fan, first, budget, later, later_tally)
+        join(tally, q, later_tally, later)
+    follow_secondaries(g, rules, fan.rays, q, tally)
 
 
 @compiled
-def switches(by_root: IntArray) -> float:
-    """Sum of squared differences between neighbouring rays of the fan."""
+def changes_along_fan(by_root: IntArray) -> float:
+    """Return the sum of squared differences between neighbouring rays of the fan."""
     total = 0.0
     for i in range(1, len(by_root)):
         total += float(by_root[i] - by_root[i - 1]) ** 2
     return total
 
 
-class Stack(NamedTuple):
-    """The frames of several states as arrays of equal length; state first."""
-
-    nodes: FloatArray
-    curvature: FloatArray
-    ends: FloatArray
-    outer: FloatArray
-    half: float
-    free: IntArray
-    fork: FloatArray
-    kinds: IntArray
-    owners: IntArray
-    corners: IntArray
-    emitter: FloatArray
-    way: FloatArray
-    cell: int
+@compiled
+def _frame_at(frames: SceneFrame, s: int) -> SceneFrame:
+    """Return one state of stacked frames."""
+    return SceneFrame(
+        frames.nodes[s],
+        frames.curvature[s],
+        frames.ends[s],
+        frames.outer[s],
+        frames.half_mm,
+        frames.free[s],
+        frames.surfaces[s],
+        frames.kinds[s],
+        frames.owners[s],
+        frames.corners[s],
+        frames.emitter[s],
+        frames.receiver_direction[s],
+        frames.source_cell,
+    )
 
 
 @compiled
 def simulate_many(
-    stack: Stack,
+    frames: SceneFrame,
     patterns: FloatArray,
     rules: Rules,
     fan: Fan,
@@ -204,130 +180,54 @@ def simulate_many(
     energy: FloatArray,
     changes: FloatArray,
 ) -> None:
-    """Every pattern in every state: counts (p, s, 10), energy (p, s, 4), changes (p, s) along the fan."""
-    no_lines, no_names = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
-    room = room_for(stack.nodes[0], stack.fork[0], int(np.max(patterns[:, 0])))
-    q, others, by_root = new_queue(budget), new_queue(budget), np.empty(fan.rays, dtype=np.int64)
+    """Simulate every pattern in every state.
+
+    Parameters
+    ----------
+    frames : from `stacked`. patterns : (p, 5) from `pattern_of`.
+    rules, fan, budget : as in `follow_block`.
+    counts, energy, changes : (p, s, 10), (p, s, 4) and (p, s) are filled.
+    """
+    no_points, no_owners = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
+    guides, arcs = frames.curvature[0].shape
+    g = allocate(guides, arcs, len(frames.surfaces[0]), int(np.max(patterns[:, 0])), frames.source_cell)
+    q, later, by_root = new_queue(budget), new_queue(budget), np.empty(fan.rays, dtype=np.int64)
     for p in range(len(patterns)):
-        for s in range(len(stack.nodes)):
-            g = build(
-                room,
-                stack.nodes[s],
-                stack.curvature[s],
-                stack.ends[s],
-                stack.outer[s],
-                stack.half,
-                stack.free[s],
-                stack.fork[s],
-                stack.kinds[s],
-                stack.owners[s],
-                stack.corners[s],
-                patterns[p],
-            )
-            e, way = stack.emitter[s], stack.way[s]
-            here = Fan(e[0], e[1], e[2], e[3], fan.half, fan.rays, fan.lambertian, fan.phase, stack.cell)
-            kept = Rules(
-                rules.refractive,
-                rules.attenuation,
-                rules.path_cap,
-                rules.faintest,
-                rules.corner,
-                rules.order,
-                way[0],
-                way[1],
-                rules.tick,
-            )
+        for s in range(len(frames.nodes)):
+            build(g, _frame_at(frames, s), patterns[p])
             by_root[:] = 0
-            book = new_book(by_root, no_lines, no_names)
-            simulate(g, kept, here, budget, q, others, book)
-            counts[p, s] = book.counts[:TALLIES]
-            energy[p, s] = book.energy / fan.rays
-            changes[p, s] = switches(book.by_root)
+            tally = new_tally(by_root, no_points, no_owners)
+            simulate(g, rules, fan, budget, q, later, tally)
+            counts[p, s] = tally.counts[:COUNTS]
+            energy[p, s] = tally.energy / fan.rays
+            changes[p, s] = changes_along_fan(by_root)
 
 
-def stacked(frames: Sequence[Frame]) -> Stack:
-    """Put frames side by side, padding the junctions' surfaces with absent ones."""
+def stacked(frames: Sequence[SceneFrame]) -> SceneFrame:
+    """Return the frames of several states as one, state first, the junctions' surfaces padded with absent ones."""
     most = max(len(f.kinds) for f in frames)
+    fill = {"surfaces": 1, "kinds": 0, "owners": NO_CELL, "corners": 0}
 
-    def padded(array: Any, value: int) -> Any:
-        out = np.full((most, *array.shape[1:]), value, dtype=array.dtype)
-        out[: len(array)] = array
-        return out
+    def stack(name: str) -> Any:
+        arrays = [getattr(f, name) for f in frames]
+        if name in fill:
+            pads = [[(0, most - len(a)), *[(0, 0)] * (a.ndim - 1)] for a in arrays]
+            arrays = [np.pad(a, pad, constant_values=fill[name]) for a, pad in zip(arrays, pads, strict=True)]
+        return np.stack(arrays)
 
-    first = frames[0]
-    return Stack(
-        np.stack([f.nodes for f in frames]),
-        np.stack([f.curvature for f in frames]),
-        np.stack([f.ends for f in frames]),
-        np.stack([f.outer for f in frames]),
-        first.half_mm,
-        np.stack([f.free for f in frames]),
-        np.stack([padded(f.surfaces, 1) for f in frames]),
-        np.stack([padded(f.kinds, 0) for f in frames]),
-        np.stack([padded(f.owners, NO_CELL) for f in frames]),
-        np.stack([padded(f.corners, 0) for f in frames]),
-        np.stack([f.emitter for f in frames]),
-        np.stack([f.receiver_way for f in frames]),
-        first.source_cell,
-    )
-
-
-def rules_of(guide: Waveguide, light: Light, frame: Frame) -> Rules:
-    """The tracer's rules for a frame."""
-    return Rules(
-        guide.index,
-        guide.attenuation_db_per_cm * _DB_PER_CM,
-        light.path_cap_mm,
-        light.faintest,
-        _CORNER * frame.half_mm,
-        ORDERS.index(light.order),
-        float(frame.receiver_way[0]),
-        float(frame.receiver_way[1]),
-        _TICK * frame.half_mm,
-    )
-
-
-def fan_of(light: Light, frame: Frame) -> Fan:
-    """The released rays of a frame."""
-    x, y, way_x, way_y = (float(v) for v in frame.emitter)
-    return Fan(
-        x,
-        y,
-        way_x,
-        way_y,
-        math.radians(light.cone_deg) / 2,
-        light.rays,
-        light.emission == "lambertian",
-        light.phase,
-        frame.source_cell,
-    )
-
-
-def outcome_of(counts: IntArray, energy: FloatArray, changes: float, rays: int) -> Outcome:
-    """Read one row of a simulation's arrays."""
-    scale = 250.0 / rays
-    sd = scale * math.sqrt(rays * changes / (2 * (rays - 1))) if rays > 1 else math.nan
-    return Outcome(
-        {name: int(counts[i]) for i, name in enumerate(LEDGER)},
-        {name: float(energy[i]) for i, name in enumerate(ENERGY)},
-        int(counts[HITS]),
-        int(counts[GRANTED]),
-        int(counts[REFUSED]),
-        float(counts[DETECTED]) * scale,
-        sd,
-        float(energy[0]),
-    )
+    scalars = ("half_mm", "source_cell")
+    return frames[0]._replace(**{name: stack(name) for name in SceneFrame._fields if name not in scalars})
 
 
 def trace(
-    frame: Frame,
+    frame: SceneFrame,
     design: Design,
     guide: Waveguide,
     light: Light,
     *,
     threads: int | None = None,
-    progress: Callable[[float, float], None] | None = None,
-) -> Outcome:
+    progress: Progress | None = None,
+) -> TraceResult:
     """Trace one scene; blocks of rays run side by side.
 
     Parameters
@@ -341,30 +241,51 @@ def trace(
     RequestError : the cavities do not fit the guide.
     """
     check_row(frame, design.row_mm, design.depth_mm if design.cavities else 0.0, "this state")
-    g, rules, fan = geometry_of(frame, design), rules_of(guide, light, frame), fan_of(light, frame)
+    g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     by_root = np.zeros(light.rays, dtype=np.int64)
     nothing = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
 
-    def one(first: int) -> tuple[Book, Queue]:
-        book, q = new_book(by_root, *nothing), new_queue(light.secondary)
-        follow_block(g, rules, fan, first, light.secondary, q, book)
-        return book, q
+    def one(first: int) -> tuple[Tally, Queue]:
+        tally, q = new_tally(by_root, *nothing), new_queue(light.secondary)
+        follow_block(g, rules, fan, first, light.secondary, q, tally)
+        return tally, q
 
-    starts = range(0, light.rays, BLOCK)
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        blocks = pool.map(one, starts)
-        book, q = next(blocks)
-        for done, (other, others) in enumerate(blocks, start=2):
-            join(book, q, other, others)
+        blocks = pool.map(one, range(0, light.rays, BLOCK))
+        tally, q = next(blocks)
+        for done, later in enumerate(blocks, start=2):
+            join(tally, q, *later)
             if progress is not None:
                 progress(min(done * BLOCK, light.rays), light.rays)
-    spend(g, rules, light.rays, q, book)
-    return outcome_of(book.counts, book.energy / light.rays, switches(by_root), light.rays)
+    follow_secondaries(g, rules, light.rays, q, tally)
+    energy = tally.energy / light.rays
+    return TraceResult(
+        {name: int(tally.counts[i]) for i, name in enumerate(LEDGER)},
+        {name: float(energy[i]) for i, name in enumerate(ENERGY)},
+        int(tally.counts[HITS]),
+        int(tally.counts[GRANTED]),
+        int(tally.counts[REFUSED]),
+        float(tally.counts[DETECTED]) * (PAPER_RAYS / light.rays),
+        ndr_sd(changes_along_fan(by_root), light.rays),
+        float(energy[0]),
+    )
+
+
+def ndr_sd(changes: float, rays: int) -> float:
+    """Return the standard deviation of NDR from `changes_along_fan`; NaN for a single ray."""
+    return PAPER_RAYS / rays * math.sqrt(rays * changes / (2 * (rays - 1))) if rays > 1 else math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class RayPath:
-    """The way of one ray: vertices (n, 2) in mm, power at each (n,), which stretches ran in resin (n - 1,)."""
+    """The path of one ray.
+
+    Parameters
+    ----------
+    points, power : (n, 2) vertices in mm, and the power at each (n,).
+    in_resin : (n - 1,) which stretches ran in resin.
+    secondary : whether it is a reflected part.
+    """
 
     points: FloatArray
     power: FloatArray
@@ -372,19 +293,26 @@ class RayPath:
     secondary: bool
 
 
-def ray_paths(frame: Frame, design: Design, guide: Waveguide, light: Light, most: int = 2_000_000) -> list[RayPath]:
-    """The ways of all rays of a simulation, for drawing; an escaping ray's last stretch out is not part of it.
+def ray_paths(
+    frame: SceneFrame, design: Design, guide: Waveguide, light: Light, most: int = 2_000_000
+) -> list[RayPath]:
+    """Return the paths of all rays of a simulation, for drawing, without the last stretch of one that escapes.
+
+    Parameters
+    ----------
+    frame, design, guide, light : as in `trace`.
+    most : points that are kept.
 
     Raises
     ------
     RequestError : the cavities do not fit the guide.
     """
     check_row(frame, design.row_mm, design.depth_mm if design.cavities else 0.0, "this state")
-    g, rules, fan = geometry_of(frame, design), rules_of(guide, light, frame), fan_of(light, frame)
+    g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
-    book, q = new_book(np.zeros(light.rays, dtype=np.int64), drawn, by), new_queue(light.secondary)
-    simulate(g, rules, fan, light.secondary, q, new_queue(light.secondary), book)
-    n = int(book.counts[TALLIES])
+    tally, q = new_tally(np.zeros(light.rays, dtype=np.int64), drawn, by), new_queue(light.secondary)
+    simulate(g, rules, fan, light.secondary, q, new_queue(light.secondary), tally)
+    n = int(tally.counts[COUNTS])
     cuts = np.flatnonzero(np.diff(by[:n, 0])) + 1
     return [
         RayPath(p[:, :2].copy(), p[:, 2].copy(), b[1:, 1].copy(), bool(b[0, 0] >= light.rays))

@@ -11,9 +11,9 @@ Rule: a factorisation that meets a pivot that is not positive stops there and sa
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import FloatArray
+from analysis.compiled import compiled, compiled_reassociating
 
 PAD = 3
 
@@ -23,14 +23,14 @@ def empty_band(size: int, bandwidth: int) -> FloatArray:
     return np.zeros((size, bandwidth + 1 + PAD))
 
 
-@njit(cache=True)
+@compiled
 def add_to_band(band: FloatArray, row: int, column: int, value: float) -> None:
     """Add to entry (row, column) of the lower triangle; -1 marks a fixed freedom, the upper triangle is ignored."""
     if column >= 0 and row >= column:
         band[column, row - column] += value
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled_reassociating
 def factorise(band: FloatArray) -> int:
     """Overwrite a band with its Cholesky factor; return how many pivots were positive: all, or the matrix is not."""
     size, width = band.shape[0], band.shape[1] - PAD
@@ -54,7 +54,7 @@ def factorise(band: FloatArray) -> int:
     return int(size)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled_reassociating
 def eliminate_four(band: FloatArray, first: int) -> None:
     """Take four finished columns off all later columns that they reach."""
     size, width = band.shape[0], band.shape[1] - PAD
@@ -68,7 +68,7 @@ def eliminate_four(band: FloatArray, first: int) -> None:
             column[i] -= w0 * c0[i] + w1 * c1[i] + w2 * c2[i] + w3 * c3[i]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled_reassociating
 def forward(factor: FloatArray, right: FloatArray) -> FloatArray:
     """Return L^-1 right, shape (size,)."""
     x, size, width = right.copy(), factor.shape[0], factor.shape[1] - PAD
@@ -79,7 +79,7 @@ def forward(factor: FloatArray, right: FloatArray) -> FloatArray:
     return x
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled_reassociating
 def backward(factor: FloatArray, right: FloatArray) -> FloatArray:
     """Return L^-T right, shape (size,)."""
     x, size, width = right.copy(), factor.shape[0], factor.shape[1] - PAD
@@ -91,7 +91,7 @@ def backward(factor: FloatArray, right: FloatArray) -> FloatArray:
     return x
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@compiled_reassociating
 def product(band: FloatArray, x: FloatArray) -> FloatArray:
     """Return the symmetric matrix times x, shape (size,)."""
     y, size, width = np.zeros_like(x), band.shape[0], band.shape[1] - PAD

@@ -14,9 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import FloatArray, IntArray
+from analysis.compiled import compiled
 from analysis.shadow.fem import material
 from analysis.shadow.fem.band import add_to_band
 
@@ -24,6 +24,14 @@ CORNER_XI = np.array([-1.0, 1.0, 1.0, -1.0])
 CORNER_ETA = np.array([-1.0, -1.0, 1.0, 1.0])
 EDGES = np.array([[0, 4, 1], [1, 5, 2], [2, 6, 3], [3, 7, 0]])
 """Local nodes of each edge: start, middle, end, anticlockwise."""
+_NODE_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
+_NODE_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
+_GAUSS = np.array([-1.0, 1.0])
+EXTRAPOLATION = np.stack(
+    [(1 + np.sqrt(3.0) * x * _NODE_XI) * (1 + np.sqrt(3.0) * y * _NODE_ETA) / 4.0 for y in _GAUSS for x in _GAUSS],
+    axis=1,
+)
+"""Bilinear weights of the 2 x 2 Gauss points at the eight nodes, shape (8, 4)."""
 
 
 def shape(xi: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -86,7 +94,7 @@ def quadrature_data(nodes: FloatArray, quads: IntArray, points_a_side: int = 2) 
     return QuadratureData(gradient, 2.0 * np.pi * radius * det * np.outer(w, w).ravel())
 
 
-@njit(cache=True)
+@compiled
 def deformation_gradient(gradient: FloatArray, u: FloatArray, quad: IntArray, f: FloatArray) -> None:
     """Write the five entries of F at one point into `f`."""
     f[:] = (1.0, 0.0, 0.0, 1.0, 1.0)
@@ -99,7 +107,7 @@ def deformation_gradient(gradient: FloatArray, u: FloatArray, quad: IntArray, f:
         f[4] += gradient[2, a] * ur
 
 
-@njit(cache=True)
+@compiled
 def deformation_gradients(gradient: FloatArray, u: FloatArray, quads: IntArray) -> FloatArray:
     """Return F at every Gauss point, shape (elements, points, 5)."""
     f = np.empty((gradient.shape[0], gradient.shape[1], 5))
@@ -109,7 +117,7 @@ def deformation_gradients(gradient: FloatArray, u: FloatArray, quads: IntArray) 
     return f
 
 
-@njit(cache=True)
+@compiled
 def internal_energy(
     gradient: FloatArray, weight: FloatArray, u: FloatArray, quads: IntArray, moduli: FloatArray
 ) -> float:
@@ -125,7 +133,7 @@ def internal_energy(
     return total
 
 
-@njit(cache=True)
+@compiled
 def internal_force(
     gradient: FloatArray, weight: FloatArray, u: FloatArray, quads: IntArray, moduli: FloatArray, force: FloatArray
 ) -> float:
@@ -148,7 +156,7 @@ def internal_force(
     return smallest
 
 
-@njit(cache=True)
+@compiled
 def internal_tangent(
     gradient: FloatArray,
     weight: FloatArray,
@@ -180,7 +188,7 @@ def internal_tangent(
         scatter(ke, quads[e], equations, band)
 
 
-@njit(cache=True)
+@compiled
 def scatter(ke: FloatArray, quad: IntArray, equations: IntArray, band: FloatArray) -> None:
     """Add an element matrix, given by its blocks a >= b, to the band; tied freedoms meet twice, as they must."""
     for a in range(8):
@@ -196,3 +204,19 @@ def scatter(ke: FloatArray, quad: IntArray, equations: IntArray, band: FloatArra
                         add_to_band(band, max(row, column), min(row, column), value if row != column else 2.0 * value)
                     else:
                         add_to_band(band, row, column, value)
+
+
+@compiled
+def nodal_stretch(f: FloatArray, quads: IntArray, nodes: int) -> FloatArray:
+    """Extrapolate the greatest principal stretch from 2 x 2 Gauss points to the nodes and average, shape (nodes,)."""
+    total, seen, at = np.zeros(nodes), np.zeros(nodes), np.empty(f.shape[1])
+    for e in range(f.shape[0]):
+        for g in range(f.shape[1]):
+            rr, rz, zr, zz, tt = f[e, g]
+            a, b, c = rr * rr + zr * zr, rz * rz + zz * zz, rr * rz + zr * zz
+            plane = 0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c * c)
+            at[g] = max(np.sqrt(plane), abs(tt))
+        for i in range(8):
+            total[quads[e, i]] += np.dot(EXTRAPOLATION[i], at)
+            seen[quads[e, i]] += 1.0
+    return total / np.maximum(seen, 1.0)

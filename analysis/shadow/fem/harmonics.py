@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
+from analysis.compiled import compiled
 from analysis.shadow.fem import material
 from analysis.shadow.fem.band import empty_band
 from analysis.shadow.fem.element import deformation_gradient
@@ -26,7 +26,7 @@ from analysis.shadow.fem.pressure import DERIVATIVES, VALUES, WEIGHTS
 from analysis.shadow.fem.problem import Problem
 
 
-@njit(cache=True)
+@compiled
 def harmonic_tangent(
     gradient: FloatArray,
     weight: FloatArray,
@@ -60,7 +60,7 @@ def harmonic_tangent(
         scatter_block(ke, quads[e], equations, band)
 
 
-@njit(cache=True)
+@compiled
 def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArray) -> None:
     """Write dP/dF of the group rt, zt, tr, tz, kPa, into the symmetric 4 x 4 `c`; `g` is scratch."""
     j = material.inverse_transpose(f, g)
@@ -76,7 +76,7 @@ def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArra
     c[1, 3] = c[3, 1] = ex * g[3]
 
 
-@njit(cache=True)
+@compiled
 def scatter_block(block: FloatArray, members: IntArray, equations: IntArray, band: FloatArray) -> None:
     """Add a full symmetric matrix of three freedoms a node to the lower band."""
     for a in range(len(members)):
@@ -91,7 +91,7 @@ def scatter_block(block: FloatArray, members: IntArray, equations: IntArray, ban
                         band[column, row - column] += block[3 * a + i, 3 * b + j]
 
 
-@njit(cache=True)
+@compiled
 def harmonic_pressure(
     nodes: FloatArray, u: FloatArray, edges: IntArray, load: FloatArray, equations: IntArray, band: FloatArray
 ) -> None:

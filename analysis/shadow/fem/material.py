@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import FloatArray
+from analysis.compiled import compiled
 from analysis.errors import RequestError
 
 NEAREST_TO_HALF = 1e-6
@@ -57,13 +57,13 @@ class NeoHookean:
         return 6.0 * (1.0 - 2.0 * self.poisson_ratio) / self.youngs_modulus_kpa
 
 
-@njit(cache=True)
+@compiled
 def determinant(f: FloatArray) -> float:
     """Return J = det F of the five entries `f`."""
     return float((f[0] * f[3] - f[1] * f[2]) * f[4])
 
 
-@njit(cache=True)
+@compiled
 def energy(f: FloatArray, c10: float, d1: float) -> float:
     """Return W, kPa (energy per reference volume)."""
     j = determinant(f)
@@ -71,7 +71,7 @@ def energy(f: FloatArray, c10: float, d1: float) -> float:
     return float(c10 * (j ** (-2.0 / 3.0) * i1 - 3.0) + (j - 1.0) ** 2 / d1)
 
 
-@njit(cache=True)
+@compiled
 def inverse_transpose(f: FloatArray, g: FloatArray) -> float:
     """Write G = F^-T into `g` and return J."""
     j = determinant(f)
@@ -84,7 +84,7 @@ def inverse_transpose(f: FloatArray, g: FloatArray) -> float:
     return j
 
 
-@njit(cache=True)
+@compiled
 def stress(f: FloatArray, c10: float, d1: float, p: FloatArray) -> None:
     """Write the first Piola-Kirchhoff stress P = dW/dF, kPa, into `p` (five entries)."""
     j = inverse_transpose(f, p)
@@ -95,7 +95,7 @@ def stress(f: FloatArray, c10: float, d1: float, p: FloatArray) -> None:
         p[i] = a * f[i] + b * p[i]
 
 
-@njit(cache=True)
+@compiled
 def tangent(f: FloatArray, c10: float, d1: float, c: FloatArray) -> None:
     """Write dP/dF, kPa, into the symmetric 5 x 5 `c`.
 

@@ -22,8 +22,8 @@ from analysis.errors import FileError, RequestError
 from analysis.shadow.fem.calculix import calculix_deck
 from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.mesh import LATTICE, WALL, Mesh, check_quality
+from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
-from analysis.shadow.model.full import FullModel
 
 MAX_BYTES = 128 << 20  # a hundred thousand elements take 20 MB
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
@@ -33,8 +33,14 @@ FARTHEST_MM = 1e6  # of a point; beyond it areas are no longer finite somewhere
 _TURNED = [0, 3, 2, 1, 7, 6, 5, 4]
 
 
-def write_state(model: FullModel, solution: Solution, path: Path, file_format: str) -> None:
+def write_state(path: Path, file_format: str, parameters: ActuatorParameters, mesh: Mesh, solution: Solution) -> None:
     """Write a state (VTU), the mesh at rest (MSH) or the whole problem at the state's pressure (INP).
+
+    Parameters
+    ----------
+    path, file_format : file to write, and vtu, msh or inp.
+    parameters, mesh : materials and mesh of the actuator.
+    solution : the state.
 
     Raises
     ------
@@ -44,14 +50,14 @@ def write_state(model: FullModel, solution: Solution, path: Path, file_format: s
         If the format is unknown.
     """
     if file_format not in ("vtu", "msh", "inp"):
-        raise RequestError(f"'{file_format}' is no format of a mesh here", "choose vtu, msh or inp")
+        raise RequestError(f"'{file_format}' is not a mesh format of this program", "choose vtu, msh or inp")
     try:
         if file_format == "inp":
-            path.write_text(calculix_deck(model.parameters, model.mesh, solution.pressure_kpa), encoding="ascii")
+            path.write_text(calculix_deck(parameters, mesh, solution.pressure_kpa), encoding="ascii")
         elif file_format == "msh":
-            meshio.write(path, to_meshio(model.mesh, named=True), file_format="gmsh22", binary=False)
+            meshio.write(path, to_meshio(mesh, named=True), file_format="gmsh22", binary=False)
         else:
-            meshio.write(path, to_meshio(model.mesh, solution.displacement_mm), file_format="vtu")
+            meshio.write(path, to_meshio(mesh, solution.displacement_mm), file_format="vtu")
     except OSError as error:
         raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
 

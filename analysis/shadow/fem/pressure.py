@@ -16,9 +16,9 @@ would be a force that nobody applies.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import FloatArray, IntArray
+from analysis.compiled import compiled
 from analysis.shadow.fem.band import add_to_band
 
 _POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -27,7 +27,7 @@ DERIVATIVES = np.stack([_POINTS - 0.5, -2 * _POINTS, _POINTS + 0.5], axis=1)
 _CROSS = np.einsum("g,gi,gj->gij", WEIGHTS, VALUES, DERIVATIVES)
 
 
-@njit(cache=True)
+@compiled
 def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
     """Return V, mm^3, of the cavity whose wetted edges have node numbers `edges`, shape (k, 3)."""
     volume = 0.0
@@ -41,7 +41,7 @@ def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
     return volume
 
 
-@njit(cache=True)
+@compiled
 def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient: FloatArray) -> None:
     """Add dV/du, mm^2, to `gradient`, shape (n, 2)."""
     for edge in edges:
@@ -55,7 +55,7 @@ def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient:
                 gradient[edge[a], 1] -= WEIGHTS[g] * np.pi * r * r * DERIVATIVES[g, a]
 
 
-@njit(cache=True)
+@compiled
 def pressure_tangent(
     nodes: FloatArray, u: FloatArray, edges: IntArray, pressure: float, equations: IntArray, band: FloatArray
 ) -> None:

@@ -1,11 +1,12 @@
-"""One frame of the shadow as a figure: the actuator drawn lengthwise, both halves, coloured by displacement or strain.
+"""Figures of the shadow: one frame, and the error of the reduced model against its number of shapes.
 
-Strategy: the upper half is mirrored; a fill with a colour at each node needs no element outlines, and the rest state
-stands behind it as a thin line. The numbers that matter stand in one line above: pressure, elongation, deviation.
+Strategy: a frame is drawn lengthwise, both halves, the lower one mirrored; a fill with a colour at each node needs no
+element outlines, and the rest state is a thin line behind it. The title has pressure, elongation and deviation.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -13,10 +14,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
+from analysis import figure_style as style
+from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import ShadowState, ShadowTopology
+from analysis.shadow.model.reduced import TableSettings
+from analysis.shadow.model.table import build_table
 
-TEXT, MUTED, REST, GUIDES, TIP = "#1a2027", "#555f6b", "#6b7683", ("#0072b2", "#d55e00"), "#cc79a7"
 Colour = Literal["displacement", "strain"]
+SCREEN_TOLERANCE_MM = 0.05
+"""A quarter of a pixel of the pane, and a third of the millimetre grid's reading error (0.5 / sqrt(12) = 0.14 mm)."""
 
 
 def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour = "displacement") -> Figure:
@@ -47,15 +53,15 @@ def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour =
         )
         for line in (topology.outline, topology.cavity):
             rest = topology.rest_mm[line]
-            axes.plot(rest[:, 1], sign * rest[:, 0], color=REST, lw=0.8, ls=(0, (4, 3)))
+            axes.plot(rest[:, 1], sign * rest[:, 0], color=style.SOFT, lw=0.8, ls=(0, (4, 3)))
         for line in (topology.outline, topology.cavity, topology.interface):
-            axes.plot(z[line], x[line], color=TEXT, lw=0.7)
+            axes.plot(z[line], x[line], color=style.INK, lw=0.7)
     draw_guides(axes, state)
     draw_tips(axes, state, topology)
     if shown is not None:
-        figure.colorbar(shown, ax=axes, shrink=0.75, pad=0.02).set_label(title, color=MUTED)
+        figure.colorbar(shown, ax=axes, shrink=0.75, pad=0.02).set_label(title, color=style.SOFT)
     axes.set(xlabel="along the actuator (z), mm", ylabel="across (x), mm", aspect="equal")
-    axes.set_title(headline(state), loc="left", fontsize=9.5, color=TEXT)
+    axes.set_title(headline(state), loc="left", fontsize=9.5, color=style.INK)
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
     return figure
@@ -74,7 +80,7 @@ def headline(state: ShadowState) -> str:
 
 def draw_guides(axes: Axes, state: ShadowState) -> None:
     """Draw both centrelines with their tracked points."""
-    for i, colour in enumerate(GUIDES):
+    for i, colour in enumerate(style.SENSORS[:2]):
         line, dots = state.centrelines_mm[i], state.tracked_points_mm[i]
         axes.plot(line[:, 1], line[:, 0], color="white", lw=3.4)
         axes.plot(line[:, 1], line[:, 0], color=colour, lw=1.8, label=f"guide {i + 1}")
@@ -85,15 +91,38 @@ def draw_tips(axes: Axes, state: ShadowState, topology: ShadowTopology) -> None:
     """Draw the measured tip plate as a line and the nominal one with its band (k = 2)."""
     top = 1.08 * float(state.nodes_mm[:, 0].max())
     measured = topology.length_mm + state.elongation_mm
-    axes.plot([measured, measured], [-top, top], color=TIP, lw=2.0, label="measured tip")
+    axes.plot([measured, measured], [-top, top], color=style.ELONGATION, lw=2.0, label="measured tip")
     if np.isfinite(state.nominal_elongation_mm):
         nominal = topology.length_mm + state.nominal_elongation_mm
-        axes.plot([nominal, nominal], [-top, top], color=TEXT, lw=1.0, ls="--", label="nominal tip")
+        axes.plot([nominal, nominal], [-top, top], color=style.INK, lw=1.0, ls="--", label="nominal tip")
         axes.axvspan(
             nominal - 2 * state.nominal_sd_mm,
             nominal + 2 * state.nominal_sd_mm,
-            color=TEXT,
+            color=style.INK,
             alpha=0.12,
             lw=0,
             label="its band from E, k = 2",
         )
+
+
+def table_errors_figure(parameters: ActuatorParameters) -> Figure:
+    """Build tables on three sizes of grid; draw their error against the number of shapes."""
+    figure = Figure(figsize=(7.0, 4.4), layout="constrained")
+    axes = figure.subplots()
+    default = TableSettings()
+    for side, colour in zip((3, 5, 7), ("#56B4E9", style.PRESSURE, style.SENSORS[0]), strict=True):
+        table = build_table(parameters, replace(default, pressures=side, elongations=side, modes=12))
+        modes = np.arange(1, len(table.errors_mm) + 1)
+        axes.semilogy(modes, table.errors_mm, "o-", color=colour, ms=4, lw=1, label=f"{side} x {side} solutions")
+        if side == default.pressures:
+            error = table.errors_mm[default.modes - 1]
+            axes.semilogy(default.modes, error, "o", color=style.SENSORS[1], ms=9, label="default")
+    axes.axhline(SCREEN_TOLERANCE_MM, color=style.SOFT, lw=1, ls="--", label="visible on the screen")
+    axes.set(
+        xlabel="number of shapes",
+        ylabel="greatest error of a tracked point, mm",
+        title="Reduced model: shapes against error on held-out states",
+    )
+    axes.grid(True, color=style.LINE, lw=0.6)
+    axes.legend(frameon=False, fontsize=8.5)
+    return figure

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from analysis.fidelity import Fidelity
+from analysis.progress import Progress
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
-from analysis.shadow.model.reduced import Progress, TableSettings
+from analysis.shadow.model.reduced import TableSettings
 from analysis.shadow.model.table import load_table
 
 

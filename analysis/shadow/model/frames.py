@@ -16,27 +16,19 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
 from analysis.arrays import FloatArray, IntArray
 from analysis.errors import DataError, RequestError
-from analysis.shadow.fem.element import deformation_gradients
+from analysis.progress import Progress
+from analysis.shadow.fem.element import deformation_gradients, nodal_stretch
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.guides import both_guides
-from analysis.shadow.model.reduced import Progress, ReducedModel
+from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.model.table import load_table
 
 Model = Literal["full", "reduced"]
-_NODE_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
-_NODE_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
-_GAUSS = np.array([-1.0, 1.0])
-EXTRAPOLATION = np.stack(
-    [(1 + np.sqrt(3.0) * x * _NODE_XI) * (1 + np.sqrt(3.0) * y * _NODE_ETA) / 4.0 for y in _GAUSS for x in _GAUSS],
-    axis=1,
-)
-"""Bilinear weights of the 2 x 2 Gauss points at the eight nodes, shape (8, 4)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,22 +220,6 @@ class Shadow:
         problem = self.model.problem
         f = deformation_gradients(problem.quadrature.gradient, displacement_mm, problem.quads)
         return nodal_stretch(f, problem.quads, len(problem.nodes)) - 1.0
-
-
-@njit(cache=True)
-def nodal_stretch(f: FloatArray, quads: IntArray, nodes: int) -> FloatArray:
-    """Extrapolate the greatest principal stretch from 2 x 2 Gauss points to the nodes and average, shape (nodes,)."""
-    total, seen, at = np.zeros(nodes), np.zeros(nodes), np.empty(f.shape[1])
-    for e in range(f.shape[0]):
-        for g in range(f.shape[1]):
-            rr, rz, zr, zz, tt = f[e, g]
-            a, b, c = rr * rr + zr * zr, rz * rz + zz * zz, rr * rz + zr * zz
-            plane = 0.5 * (a + b) + np.sqrt(0.25 * (a - b) ** 2 + c * c)
-            at[g] = max(np.sqrt(plane), abs(tt))
-        for i in range(8):
-            total[quads[e, i]] += np.dot(EXTRAPOLATION[i], at)
-            seen[quads[e, i]] += 1.0
-    return total / np.maximum(seen, 1.0)
 
 
 def triangles(quads: IntArray) -> IntArray:

@@ -11,7 +11,7 @@ rectangle the table refuses; `Shadow` in shadow.py then asks the full model.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +19,6 @@ import numpy as np
 from analysis.arrays import BoolArray, FloatArray
 from analysis.errors import RequestError
 from analysis.shadow.model import chebyshev
-
-Progress = Callable[[float, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,3 +153,13 @@ class ReducedModel:
     def nominal_range_mm(self) -> FloatArray:
         """The nominal elongations at both ends of the range of pressures, shape (2,), mm."""
         return self.nominal_elongation(self.pressure_range_kpa)[0]
+
+    def states_per_second(self, states: int = 20_000) -> float:
+        """Measure how many states (tracked points of a batch) are evaluated a second."""
+        rng = np.random.default_rng(1)
+        (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
+        pressures, elongations = rng.uniform(p0, p1, states), rng.uniform(q0, q1, states)
+        self.tracked(pressures[:10], elongations[:10])
+        begun = time.perf_counter()
+        self.tracked(pressures, elongations)
+        return states / (time.perf_counter() - begun)

@@ -24,11 +24,12 @@ import platformdirs
 from scipy.stats import qmc
 
 from analysis.arrays import FloatArray
+from analysis.progress import Progress
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution, Solver
 from analysis.shadow.model import chebyshev
 from analysis.shadow.model.full import FullModel
-from analysis.shadow.model.reduced import Progress, ReducedModel, TableSettings
+from analysis.shadow.model.reduced import ReducedModel, TableSettings
 
 FORMAT = 1
 CRITICAL_SHARE = 0.96

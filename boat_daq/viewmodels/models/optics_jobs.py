@@ -13,15 +13,14 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.errors import DataError
-from analysis.optics.outline import outline
 from analysis.optics.scene.curve_file import read_curves
 from analysis.optics.scene.curves import REST, default_curves, elongations, frames_of, parametric_curves
-from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.frame import SceneFrame
+from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.sweep.drawings import laid
 from analysis.optics.sweep.figure_of_merit import merit, pareto, resolution
 from analysis.optics.sweep.optimise import optimise
-from analysis.optics.sweep.sensitivity import proportional
 from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 from analysis.optics.tracer.simulation import ray_paths, trace
 from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
@@ -78,7 +77,7 @@ def trace_design(
     AnalysisError : the design does not fit, or the curves cannot be read.
     """
     design = Design(*values, face)  # type: ignore[arg-type]  # Design checks the face
-    guide, light = Waveguide(), proportional(Light(), rays)
+    guide, light = Waveguide(), Light().with_rays(rays)
     states = curves_of(curves)
     frames = frames_of(states, guide)
     scenes, outcomes = [], []
@@ -96,9 +95,9 @@ def trace_design(
     )  # fmt: skip
 
 
-def _scene(frame: Frame, design: Design, guide: Waveguide, light: Light) -> StateScene:
+def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
     shape = outline(frame, design)
-    rings = [laid(frame, loop.sampled()) for loop in shape.loops]
+    rings = [laid(frame, contour.sampled()) for contour in shape.contours]
     paths = ray_paths(frame, design, guide, light)
     released = [laid(frame, p.points) for p in paths if not p.secondary]
     secondary = [laid(frame, p.points) for p in paths if p.secondary]
@@ -125,9 +124,7 @@ def sweep(
     curves : name of the states, see `curves_of`.
     progress : is called with the designs done and their number.
     """
-    request = SweepRequest(
-        designs=tuple(paper_grid(cavities)), light=proportional(Light(), rays), curves=curves_of(curves)
-    )
+    request = SweepRequest(designs=tuple(paper_grid(cavities)), light=Light().with_rays(rays), curves=curves_of(curves))
     result = run_sweep(request, progress=progress)
     found = result.merit()
     paper = result.find(PAPER_OPTIMUM)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.optics.outline import Loop, Outline
+from analysis.optics.scene.outline import Contour, Outline
 
 
 @dataclass
@@ -33,8 +33,10 @@ def _circle(a: np.ndarray, m: np.ndarray, b: np.ndarray) -> np.ndarray:
 def read(shape: Outline) -> Plain:
     """The outline's segments as they are, arcs as arcs."""
     a, b, c, r = [], [], [], []
-    for loop in shape.loops:
-        for start, middle, end in zip(loop.points, loop.middles, np.roll(loop.points, -1, axis=0), strict=True):
+    for contour in shape.contours:
+        for start, middle, end in zip(
+            contour.points, contour.middles, np.roll(contour.points, -1, axis=0), strict=True
+        ):
             a.append(start)
             b.append(end)
             centre = np.full(2, np.nan) if np.isnan(middle[0]) else _circle(start, middle, end)
@@ -45,15 +47,15 @@ def read(shape: Outline) -> Plain:
 
 def chords(shape: Outline, length_mm: float) -> Plain:
     """The outline as straight chords of about `length_mm`."""
-    rings = [_chopped(loop, length_mm) for loop in shape.loops]
+    rings = [_chopped(contour, length_mm) for contour in shape.contours]
     a = np.concatenate(rings)
     b = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     return Plain(a, b, np.full_like(a, np.nan), np.full(len(a), np.nan))
 
 
-def _chopped(loop: Loop, length_mm: float) -> np.ndarray:
+def _chopped(contour: Contour, length_mm: float) -> np.ndarray:
     out = []
-    for start, middle, end in zip(loop.points, loop.middles, np.roll(loop.points, -1, axis=0), strict=True):
+    for start, middle, end in zip(contour.points, contour.middles, np.roll(contour.points, -1, axis=0), strict=True):
         if np.isnan(middle[0]):
             out.append(start[None])
             continue

@@ -12,40 +12,41 @@ import numpy as np
 import pytest
 
 from analysis.errors import DataError
-from analysis.optics.outline import outline, ray_optics_scene
 from analysis.optics.scene.curves import frame_of
-from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.frame import SceneFrame
+from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import Design, Light, Waveguide
+from analysis.optics.tracer.ray_optics import ray_optics_scene
 from analysis.optics.tracer.simulation import trace
 
 PEER = os.environ.get("BOAT_RAY_OPTICS", "")
 """A node script that loads a scene and prints {"count": detected rays} as JSON; see METHODS.md, "A peer"."""
 
 
-def test_outline_is_two_closed_loops_of_the_right_area(frames: list[Frame]) -> None:
+def test_outline_is_two_closed_loops_of_the_right_area(frames: list[SceneFrame]) -> None:
     """Outside less hole is the guides' and stems' area; cavities take away theirs."""
     frame = frames[7]
     area = []
     for design in (Design(cavities=0), Design()):
-        loops = outline(frame, design).loops
-        assert len(loops) == 2
-        area.append(abs(loops[0].area) - abs(loops[1].area))
+        contours = outline(frame, design).contours
+        assert len(contours) == 2
+        area.append(abs(contours[0].area) - abs(contours[1].area))
     assert area[0] - area[1] == pytest.approx(2 * 5 * 1.0 * 0.5, rel=0.02)
     assert area[0] == pytest.approx(2 * 2 * frame.guide(0).length + 2 * 6.1, rel=0.04)
 
 
-def test_arc_points_lie_on_their_surfaces(frames: list[Frame]) -> None:
+def test_arc_points_lie_on_their_surfaces(frames: list[SceneFrame]) -> None:
     """Every arc's middle keeps the guide's half thickness or its cavity's floor from the centreline."""
     from analysis.optics.scene.frame import offset_of
 
     frame = frames[3]
-    for loop in outline(frame, Design()).loops:
-        middles = loop.middles[~np.isnan(loop.middles[:, 0])]
+    for contour in outline(frame, Design()).contours:
+        middles = contour.middles[~np.isnan(contour.middles[:, 0])]
         near = np.minimum(*(np.abs(offset_of(frame.guide(g), middles)[0]) for g in (0, 1)))
         assert np.all(np.isclose(near, 1.0, atol=1e-9) | np.isclose(near, 0.5, atol=1e-9))
 
 
-def test_scene_is_version_5_with_our_fan(frames: list[Frame]) -> None:
+def test_scene_is_version_5_with_our_fan(frames: list[SceneFrame]) -> None:
     """Version 5; one glass with arc points, no two of them neighbours; the source's steps and turn give our angles."""
     scene = ray_optics_scene(frames[7], Design(), Waveguide(), Light(secondary=0))
     json.dumps(scene, allow_nan=False)
@@ -63,7 +64,7 @@ def test_scene_is_version_5_with_our_fan(frames: list[Frame]) -> None:
     assert scene["maxRayDepth"] > 1000
 
 
-def test_other_fans_are_written_ray_by_ray(frames: list[Frame]) -> None:
+def test_other_fans_are_written_ray_by_ray(frames: list[SceneFrame]) -> None:
     """A Lambertian fan, or one whose steps do not divide a turn, becomes single rays."""
     for light in (Light(rays=30, emission="lambertian"), Light(rays=11, cone_deg=100.0)):
         scene = ray_optics_scene(frames[7], Design(), Waveguide(), light)
@@ -83,7 +84,7 @@ def test_a_scene_without_receiver_is_refused(curves: np.ndarray) -> None:
 @pytest.mark.parametrize(
     "design", [Design(), Design(3, 0.7, 0.7, 0.7), Design(7, 0.5, 1.0, 0.6), Design(5, 0.8, 0.6, 0.5, "inner")]
 )
-def test_ray_optics_counts_the_same(frames: list[Frame], tmp_path: Path, state: int, design: Design) -> None:
+def test_ray_optics_counts_the_same(frames: list[SceneFrame], tmp_path: Path, state: int, design: Design) -> None:
     """The public 2D simulator, on the very scene we write, detects as many rays as we do."""
     light = Light(secondary=0)
     file = tmp_path / "scene.json"

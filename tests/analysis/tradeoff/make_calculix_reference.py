@@ -21,8 +21,8 @@ import numpy as np
 
 from analysis.shadow.fem.calculix import INCREMENTS, calculix_deck
 from analysis.shadow.fem.parameters import ActuatorParameters
-from analysis.shadow.model.fit import fit_geometry
 from analysis.shadow.model.full import FullModel
+from tests.analysis.shadow.geometry_fit import fit_geometry
 
 MESH = (24, 5, 10)
 STEP_KPA, KEPT_KPA = 1.0, 10.0

@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from analysis.shadow.fem.parameters import ActuatorParameters
-from analysis.shadow.model.fit import fit_geometry
 from analysis.shadow.model.full import FullModel
 from analysis.tradeoff.mechanics import MESHES
+from tests.analysis.shadow.geometry_fit import fit_geometry
 
 
 def fitted(mesh: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -29,7 +29,7 @@ def fitted(mesh: tuple[int, int, int]) -> tuple[float, float, float]:
 if __name__ == "__main__":
     target = Path(sys.argv[1] if len(sys.argv) > 1 else "analysis/tradeoff/references/fits.json")
     content = {
-        "method": "analysis.shadow.model.fit.fit_geometry on each mesh; "
+        "method": "tests/analysis/shadow/geometry_fit.py on each mesh; "
         "where that actuator loses its stability under vacuum",
         "columns": ["axial", "wall", "lattice", "wall_modulus_kpa", "neck_radius_mm", "critical_kpa"],
     }

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.optics.outline import outline
 from analysis.optics.scene.curves import frames_of, parametric_curves
-from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.frame import SceneFrame
+from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.sweep.sweep import paper_grid
-from tests.analysis.tradeoff.second_tracer import detected, read
+from tests.analysis.optics.second_tracer import detected, read
 
 STATES = (0, 3, 7, 11, 14)
 RAYS, RANKING_RAYS = 1_000_000, 50_000
@@ -28,7 +28,7 @@ EVERY = 27
 PHASE = 0.47
 
 
-def ndr(frame: Frame, design: Design, rays: int, phase: float = PHASE) -> float:
+def ndr(frame: SceneFrame, design: Design, rays: int, phase: float = PHASE) -> float:
     """Return the rays that reach the receiver, scaled to 250."""
     shape, light = outline(frame, design), Light()
     budget = round(light.secondary * rays / light.rays)
@@ -41,7 +41,7 @@ def made() -> dict[str, object]:
     frames = frames_of(curves, Waveguide())
     designs = paper_grid()[::EVERY]
     return {
-        "method": "tests/analysis/tradeoff/second_tracer.py: every segment of the outline, textbook circles, a heap",
+        "method": "tests/analysis/optics/second_tracer.py: every segment of the outline, textbook circles, a heap",
         "made": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}",
         "phase": PHASE,
         "curves_mm": curves.tolist(),

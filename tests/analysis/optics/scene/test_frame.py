@@ -18,7 +18,7 @@ from analysis.optics.scene.curves import (
     frames_of,
     parametric_elongations,
 )
-from analysis.optics.scene.frame import Frame, check_row
+from analysis.optics.scene.frame import SceneFrame, check_row
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.simulation import trace
 
@@ -76,7 +76,7 @@ def test_a_bend_tighter_than_the_guide_is_refused() -> None:
         (Design(40, 1.0, 0.5, 1.0), "does not fit"),
     ],
 )
-def test_cavities_that_cannot_be_cut_are_refused(frames: list[Frame], design: Design, word: str) -> None:
+def test_cavities_that_cannot_be_cut_are_refused(frames: list[SceneFrame], design: Design, word: str) -> None:
     """Through the guide, or longer than it: refused with cause and remedy."""
     with pytest.raises(RequestError, match=word) as refused:
         trace(frames[0], design, Waveguide(), Light())
@@ -182,7 +182,7 @@ def test_curves_in_metres_or_with_holes_are_refused(curves: np.ndarray) -> None:
         checked_curves(broken)
 
 
-def test_all_default_states_are_built(frames: list[Frame]) -> None:
+def test_all_default_states_are_built(frames: list[SceneFrame]) -> None:
     """Each of the 15 states of both sets has room for the longest row of the paper's grid."""
     assert len(frames) == 15
     for frame in [*frames, *frames_of(default_curves(), Waveguide(thickness_mm=2.5))]:

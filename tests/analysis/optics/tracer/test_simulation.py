@@ -10,11 +10,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from analysis.errors import AnalysisError
-from analysis.optics.outline import outline
 from analysis.optics.scene.curves import frame_of, parametric_curves
-from analysis.optics.scene.frame import Frame
+from analysis.optics.scene.frame import SceneFrame
+from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import ORDERS, Design, Light, Waveguide
-from analysis.optics.tracer.simulation import Outcome, trace
+from analysis.optics.tracer.simulation import TraceResult, trace
 from tests.analysis.optics import plain_tracer as plain
 
 
@@ -28,7 +28,7 @@ from tests.analysis.optics import plain_tracer as plain
         (4, Design(cavities=0)),
     ],
 )
-def test_a_second_tracer_counts_the_same(frames: list[Frame], state: int, design: Design) -> None:
+def test_a_second_tracer_counts_the_same(frames: list[SceneFrame], state: int, design: Design) -> None:
     """Searching all circles by the textbook gives the same ends and the same number of hits, ray for ray."""
     shape = outline(frames[state], design)
     ends, hits = plain.count(plain.read(shape), shape, 1.5, 120)
@@ -70,7 +70,7 @@ def test_mirroring_the_scene_changes_nothing(curves: np.ndarray) -> None:
     assert [o.ledger["detected"] for o in out] == [out[0].ledger["detected"]] * 4
 
 
-def ledger_closes(out: Outcome) -> None:
+def ledger_closes(out: TraceResult) -> None:
     assert sum(v for k, v in out.ledger.items() if k != "released") == out.ledger["released"]
     assert abs(sum(out.energy.values()) - 1) < 1e-12
     assert min(out.energy.values()) >= 0
@@ -175,7 +175,7 @@ def test_the_second_tracer_agrees_on_random_scenes(
     assert abs(out.ledger["detected"] - ends["detected"]) <= 1
 
 
-def test_the_three_orders_spend_the_same_budget(frames: list[Frame]) -> None:
+def test_the_three_orders_spend_the_same_budget(frames: list[SceneFrame]) -> None:
     """Time, bounce and index all follow 100 secondaries, and NDR differs by a few rays only."""
     found = [trace(frames[7], Design(), Waveguide(), Light(order=order)) for order in ORDERS]
     assert [o.granted for o in found] == [100] * 3
@@ -183,7 +183,7 @@ def test_the_three_orders_spend_the_same_budget(frames: list[Frame]) -> None:
     assert len({round(o.power, 9) for o in found}) == 3
 
 
-def test_an_unlimited_budget_leaves_nothing_to_the_order(frames: list[Frame]) -> None:
+def test_an_unlimited_budget_leaves_nothing_to_the_order(frames: list[SceneFrame]) -> None:
     """When every secondary is followed the order decides nothing, and no energy is cut but below the faintest."""
     found = [
         trace(frames[7], Design(), Waveguide(), Light(rays=100, secondary=500_000, order=order, faintest=1e-6))
@@ -194,7 +194,7 @@ def test_an_unlimited_budget_leaves_nothing_to_the_order(frames: list[Frame]) ->
     assert found[0].power == pytest.approx(found[2].power, abs=1e-12)
 
 
-def test_threads_change_no_bit(frames: list[Frame]) -> None:
+def test_threads_change_no_bit(frames: list[SceneFrame]) -> None:
     """Blocks of rays on one thread or two give the same numbers to the last bit."""
     one, two = (trace(frames[3], Design(), Waveguide(), Light(rays=20_000), threads=n) for n in (1, 2))
     assert one == two

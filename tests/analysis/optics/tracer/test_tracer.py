@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analysis.optics.scene.arc_spline import ArcSpline, ring, straight
 from analysis.optics.scene.curves import frame_of
-from analysis.optics.scene.frame import FORK_END, Frame, one_strip
+from analysis.optics.scene.frame import JUNCTION_END, SceneFrame, one_strip
 from analysis.optics.scene.parameters import Design, Light, Waveguide
-from analysis.optics.tracer.simulation import Outcome, ray_paths, trace
+from analysis.optics.tracer.simulation import TraceResult, ray_paths, trace
 from analysis.optics.tracer.tracer import reflected_part
 
 PLAIN = Design(cavities=0)
 
 
-def strip(curve: ArcSpline, guide: Waveguide, light: Light) -> Outcome:
+def strip(curve: ArcSpline, guide: Waveguide, light: Light) -> TraceResult:
     return trace(one_strip(curve, guide), PLAIN, guide, light)
 
 
@@ -95,7 +94,7 @@ def test_fresnel_at_the_known_angles(index: float) -> None:
     assert reflected_part.py_func(index, ci, ct) == pytest.approx(0.5 * s, rel=1e-12)
 
 
-def test_rays_traced_backwards_return(frames: list[Frame]) -> None:
+def test_rays_traced_backwards_return(frames: list[SceneFrame]) -> None:
     """Turned round where it was detected, a ray runs back through the same points to the emitter."""
     guide, frame = Waveguide(), frames[7]
     light = Light(rays=60, secondary=0)
@@ -106,7 +105,7 @@ def test_rays_traced_backwards_return(frames: list[Frame]) -> None:
             continue
         way = (before - end) / np.hypot(*(before - end))
         inside = end + 1e-7 * way
-        back_frame = replace(frame, emitter=np.concatenate([inside, way]), source_cell=FORK_END)
+        back_frame = frame._replace(emitter=np.concatenate([inside, way]), source_cell=JUNCTION_END)
         back = ray_paths(back_frame, Design(), guide, Light(rays=1, cone_deg=0.001, secondary=0))[0].points
         np.testing.assert_allclose(back[1 : len(path.points) - 1], path.points[1:-1][::-1], atol=1e-7)
         checked += 1
@@ -114,7 +113,7 @@ def test_rays_traced_backwards_return(frames: list[Frame]) -> None:
 
 
 @pytest.mark.fault(45, how="an index of 1", times=1)
-def test_index_one_is_no_guide_at_all(frames: list[Frame]) -> None:
+def test_index_one_is_no_guide_at_all(frames: list[SceneFrame]) -> None:
     """With index 1 nothing bends or reflects: only what flies straight to the receiver is detected, in full."""
     guide = Waveguide(index=1.0)
     out = trace(frames[7], Design(), guide, Light(rays=4000, secondary=100))

@@ -17,6 +17,7 @@ from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.mesh import Mesh
 from analysis.shadow.fem.mesh_files import PARTS, from_meshio, read_mesh, to_meshio, write_state
 from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel
 
 
@@ -24,7 +25,7 @@ from analysis.shadow.model.full import FullModel
 def test_meshes_come_back_as_they_went(actuator: FullModel, tmp_path: Path, kind: str) -> None:
     """Nodes, elements, materials, wetted edges, base and tip; and the states of both are the same."""
     path = tmp_path / f"actuator.{kind}"
-    write_state(actuator, actuator.solve(pressure_kpa=30.0), path, kind)
+    write(actuator, actuator.solve(pressure_kpa=30.0), path, kind)
     mesh = read_mesh(path)
     again = FullModel(actuator.parameters, mesh=mesh)
     assert again.solver.solve(pressure_kpa=30.0).elongation_mm == pytest.approx(
@@ -36,7 +37,7 @@ def test_meshes_come_back_as_they_went(actuator: FullModel, tmp_path: Path, kind
 def test_vtu_carries_the_state(actuator: FullModel, tmp_path: Path) -> None:
     """Displacements of each node, in mm."""
     state = actuator.solve(pressure_kpa=30.0)
-    write_state(actuator, state, tmp_path / "state.vtu", "vtu")
+    write(actuator, state, tmp_path / "state.vtu", "vtu")
     found = meshio.read(tmp_path / "state.vtu").point_data["displacement_mm"]
     np.testing.assert_allclose(found[:, :2], state.displacement_mm, atol=1e-12)
 
@@ -78,6 +79,11 @@ def test_what_is_no_mesh_is_refused(actuator: FullModel, tmp_path: Path) -> None
         from_meshio(fewer, tmp_path / "fewer.vtu")
     with pytest.raises(FileError, match="does not say"):
         from_meshio(meshio.Mesh(made.points, made.cells), tmp_path / "bare.vtu")
+
+
+def write(model: FullModel, solution: Solution, path: Path, kind: str) -> None:
+    """Write a model's state."""
+    write_state(path, kind, model.parameters, model.mesh, solution)
 
 
 def altered(mesh: Mesh, change: dict[int, Callable[[np.ndarray], np.ndarray]]) -> meshio.Mesh:
@@ -129,10 +135,10 @@ def test_formats_and_folders_that_are_none(actuator: FullModel, tmp_path: Path) 
     """An unknown format and a folder that is not there."""
     rest = actuator.solver.rest()
     with pytest.raises(RequestError, match="vtk"):
-        write_state(actuator, rest, tmp_path / "x.vtk", "vtk")
+        write(actuator, rest, tmp_path / "x.vtk", "vtk")
     for kind in ("vtu", "msh", "inp"):
         with pytest.raises(FileError):
-            write_state(actuator, rest, tmp_path / "none" / f"x.{kind}", kind)
+            write(actuator, rest, tmp_path / "none" / f"x.{kind}", kind)
 
 
 def test_deck_names_every_wetted_face(actuator: FullModel) -> None:
@@ -150,7 +156,7 @@ def test_calculix_finds_the_same_state(actuator: FullModel, tmp_path: Path, pres
     if shutil.which("ccx") is None:
         pytest.skip("CalculiX (ccx, Debian's calculix-ccx) is not installed")
     state = actuator.solve(pressure_kpa=pressure)
-    write_state(actuator, state, tmp_path / "deck.inp", "inp")
+    write(actuator, state, tmp_path / "deck.inp", "inp")
     subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True, timeout=200)
     lines = [line.split() for line in (tmp_path / "deck.dat").read_text().splitlines()]
     found = np.array([[float(v) for v in line[1:3]] for line in lines if len(line) == 4 and line[0].isdigit()])
@@ -174,7 +180,7 @@ def test_calculix_agrees_for_other_actuators(values: dict[str, float], pressure:
         pytest.skip("CalculiX (ccx, Debian's calculix-ccx) is not installed")
     model = FullModel(ActuatorParameters(**values))  # type: ignore[arg-type]
     state = model.solve(pressure_kpa=pressure)
-    write_state(model, state, tmp_path / "deck.inp", "inp")
+    write(model, state, tmp_path / "deck.inp", "inp")
     subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True, timeout=600)
     lines = [line.split() for line in (tmp_path / "deck.dat").read_text().splitlines()]
     found = np.array([[float(v) for v in line[1:3]] for line in lines if len(line) == 4 and line[0].isdigit()])

@@ -9,9 +9,9 @@ import pytest
 
 from analysis.errors import ConvergenceError, DataError, RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
-from analysis.shadow.model.fit import fit_geometry
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.guides import both_guides, embed, make_guides, rest_centreline
+from tests.analysis.shadow.geometry_fit import fit_geometry
 
 
 def test_defaults_meet_the_papers_range(actuator: FullModel) -> None:

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from analysis.optics.outline import Outline
+from analysis.optics.scene.outline import Outline
 from tests.analysis.optics.plain_tracer import Plain, chords, read
 
 __all__ = ["chords", "detected", "read"]

@@ -1,0 +1,108 @@
+"""The one decorator of compiled functions, and the folder in which their machine code is kept.
+
+Compiled functions release the interpreter's lock, so that plain threads run simulations side by side, and each
+simulation's arithmetic is the same wherever it runs: no fast-math unless a function requests it, so that IEEE
+arithmetic in the written order gives results identical bit for bit on one core, on two and on a cluster.
+
+numba reuses cached machine code while the file of the function itself is unchanged, although functions of other files
+are compiled into it. The cache therefore lies in a folder named by a hash of all files in `PACKAGES`: an edit of any of
+them names another, empty folder, and machine code of the old sources is never loaded. The folder is beside the sources,
+as Python's bytecode is, or in the user's cache folder where the installation is read-only.
+
+Rule: a compiled function calls compiled functions of its own file or of `PACKAGES` only (tested).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+import numba.extending
+import platformdirs
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+PACKAGES = ("optics/scene", "optics/tracer", "shadow/fem")
+UNUSED_S = 30 * 86_400.0
+_HERE = Path(__file__).parent
+_CONFIG: Any = numba.config
+
+
+def _sources_hash() -> str:
+    files = [Path(__file__), *(file for name in PACKAGES for file in sorted((_HERE / name).glob("*.py")))]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+
+
+def _cache_folder() -> Path | None:
+    """Return the first folder that can be written, or None: every process then compiles for itself."""
+    chosen = [Path(_CONFIG.CACHE_DIR)] if _CONFIG.CACHE_DIR else []
+    name = f"compiled-{_sources_hash()}"
+    for base in (*chosen, _HERE / "__pycache__", platformdirs.user_cache_path("boat-daq") / "compiled"):
+        try:
+            (base / name).mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=base / name):
+                _remove_unused(base)
+                return base / name
+        except OSError:
+            continue
+    return None
+
+
+def _remove_unused(base: Path) -> None:
+    """Remove the machine code of sources that were replaced long ago."""
+    for folder in base.glob("compiled-*"):
+        if time.time() - folder.stat().st_mtime > UNUSED_S:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+CACHE_FOLDER = _cache_folder()
+
+
+def _cached(function: Function, **options: Any) -> Function:
+    """Compile with numba's cache directed to the folder: numba chooses the place when it decorates a function."""
+    before = _CONFIG.CACHE_DIR
+    _CONFIG.CACHE_DIR = str(CACHE_FOLDER or before)
+    try:
+        jit = numba.njit(cache=CACHE_FOLDER is not None, nogil=True, error_model="numpy", **options)
+        return cast(Function, jit(function))
+    finally:
+        _CONFIG.CACHE_DIR = before
+
+
+def compiled(function: Function) -> Function:
+    """Compile `function` at its first call, cached, without the interpreter's lock."""
+    return _cached(function)
+
+
+def compiled_reassociating(function: Function) -> Function:
+    """As `compiled`; sums may be reordered and products fused, so that inner products are vectorised."""
+    return _cached(function, fastmath={"contract", "reassoc"})
+
+
+def inner(function: Function) -> Function:
+    """As `compiled`, and inlined into its callers: for the innermost loops."""
+    return cast(Function, numba.njit(nogil=True, error_model="numpy", forceinline=True)(function))
+
+
+@numba.extending.intrinsic
+def _pointer(_typing_context: Any, array: Any) -> Any:
+    """The address of a contiguous array's first element, to be indexed flat.
+
+    Inner loops read through pointers because passing arrays costs them two thirds of their time, all of it atomic
+    reference counting. A pointer has no length and no owner: the caller keeps the array alive.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.make_array(signature.args[0])(context, builder, args[0]).data
+
+    address: Any = numba.types.CPointer
+    return address(array.dtype)(array), codegen
+
+
+pointer: Any = _pointer

@@ -1,0 +1,72 @@
+"""The tally of a simulation: how many rays ended in which way, with which power, and their drawn paths.
+
+Powers are in units of one released ray until the summary divides by their number.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from analysis.arrays import FloatArray, IntArray
+from analysis.compiled import compiled, inner, pointer
+
+RELEASED, DETECTED, ESCAPED, TRAPPED, CUT, CORNER, DROPPED, HITS, GRANTED, REFUSED, COUNTS = range(11)
+E_DETECTED, E_ESCAPED, E_ABSORBED, E_CUT, ENERGIES = range(5)
+LEDGER = ("released", "detected", "escaped", "trapped", "cut", "corner", "dropped")
+ENERGY = ("detected", "escaped", "absorbed", "cut")
+
+
+class Tally(NamedTuple):
+    """What has happened so far.
+
+    Parameters
+    ----------
+    counts : (11,) by the constants above; the last one is the number of drawn points.
+    energy : (4,) powers by their end.
+    by_root : (rays,) detections by the released ray that they stem from.
+    drawn, drawn_by : (capacity, 3) position and power of drawn points; (capacity, 2) ray and medium of each.
+    capacity : most points that are drawn.
+    """
+
+    counts: IntArray
+    energy: FloatArray
+    by_root: IntArray
+    drawn: FloatArray
+    drawn_by: IntArray
+    capacity: int
+
+
+@compiled
+def new_tally(by_root: IntArray, drawn: FloatArray, drawn_by: IntArray) -> Tally:
+    """Return an empty tally over a shared count by released ray."""
+    return Tally(np.zeros(COUNTS + 1, dtype=np.int64), np.zeros(ENERGIES), by_root, drawn, drawn_by, len(drawn))
+
+
+@compiled
+def add_tally(tally: Tally, later: Tally) -> None:
+    """Add a later block's tally to the first."""
+    for i in range(COUNTS):
+        tally.counts[i] += later.counts[i]
+    tally.counts[COUNTS] = later.counts[COUNTS]
+    for i in range(ENERGIES):
+        tally.energy[i] += later.energy[i]
+
+
+@compiled
+def tally_pointers(t: Tally) -> Tally:
+    """Return the same tally with pointers for its arrays."""
+    return Tally(
+        pointer(t.counts), pointer(t.energy), pointer(t.by_root), pointer(t.drawn), pointer(t.drawn_by), t.capacity
+    )
+
+
+@inner
+def draw(tally: Tally, x: float, y: float, power: float, number: int, medium: int) -> None:
+    """Add a point to the drawn path of ray `number`, while there is capacity."""
+    n = tally.counts[COUNTS]
+    if n < tally.capacity:
+        tally.drawn[3 * n], tally.drawn[3 * n + 1], tally.drawn[3 * n + 2] = x, y, power
+        tally.drawn_by[2 * n], tally.drawn_by[2 * n + 1] = number, medium
+        tally.counts[COUNTS] = n + 1

@@ -24,7 +24,7 @@ from boat_daq.engine.recording.upgrade import upgrade
 from boat_daq.engine.recording.verify import verify_recording
 from protocol.errors import RecordingError
 from tests.faults.decoders import REFUSALS
-from tests.faults.forging import journal_that_names
+from tests.faults.forged_sqlite import journal_that_names
 from tests.faults.old_recordings import write_recording
 
 

@@ -15,7 +15,7 @@ from analysis.data.csv_import import import_csv
 from analysis.errors import FileError
 from analysis.shadow.fem.mesh_files import read_mesh
 from tests.faults.drill import ROOT
-from tests.faults.forging import shared_pages
+from tests.faults.forged_sqlite import shared_pages
 from tests.faults.old_recordings import write_recording
 from tests.faults.seeds import seeds
 

@@ -14,7 +14,7 @@ import pytest
 
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings
 from tests.faults.drill import ROOT
-from tests.faults.often import few_and_many
+from tests.faults.nightly_counts import few_and_many
 
 SAVES = """
 import dataclasses, sys

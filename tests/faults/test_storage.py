@@ -29,7 +29,7 @@ from protocol.recording import open_recording
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.drill import OVER, ROOT, SHORT, drill, needs_pty
-from tests.faults.often import few_and_many
+from tests.faults.nightly_counts import few_and_many
 from tests.faults.old_recordings import write_recording
 
 LONG = dataclasses.replace(SHORT, cycles=40)

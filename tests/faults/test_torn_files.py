@@ -17,7 +17,7 @@ from boat_daq.errors import StorageError
 from protocol.errors import RecordingError
 from protocol.recording import open_recording
 from tests.boat_daq.engine.recording_source import Source, begin
-from tests.faults.often import few_and_many
+from tests.faults.nightly_counts import few_and_many
 from tests.faults.old_recordings import write_recording
 
 PAGE = 4096

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.test_window_journeys import ROOT, SHOTS, screen  # noqa: F401 - a fixture
+from tests.system.test_window_scenarios import ROOT, SHOTS, screen  # noqa: F401 - a fixture
 
 pytestmark = [
     pytest.mark.nightly,

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 from boat_daq.engine.snapshot import SessionState
-from tests.system.window_journey import SPEED, Journey
+from tests.system.window_scenarios import SPEED, Journey
 
 SAMPLE = Path(__file__).resolve().parents[2] / "recordings" / "simulated_SA1_two_cycles.boat"
 GOING = (SessionState.RUNNING, SessionState.FINISHING)

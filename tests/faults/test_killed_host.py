@@ -20,7 +20,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from tests.faults.drill import ROOT, needs_pty
-from tests.faults.often import few_and_many
+from tests.faults.nightly_counts import few_and_many
 
 pytestmark = needs_pty
 

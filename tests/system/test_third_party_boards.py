@@ -17,7 +17,7 @@ from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.recording.summary import Summary
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import BoatDaqError
-from tests.system import strange_boards as boards
+from tests.system import third_party_boards as boards
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
 

@@ -1,6 +1,6 @@
-"""A journey through the real window, in a process of its own: started by `test_window_journeys.py` under Xvfb.
+"""A journey through the real window, in a process of its own: started by `test_window_scenarios.py` under Xvfb.
 
-    python -m tests.system.window_journey NAME FOLDER [light|dark]
+    python -m tests.system.window_scenarios NAME FOLDER [light|dark]
 
 Every deed is a click on a button that can be seen or a key on the window; screenshots of the screen go to FOLDER, the
 times to standard output as JSON.
@@ -23,7 +23,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QPushButton, QWidge
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui.app import make_application, make_window
 from boat_daq.gui.main_window import MainWindow
-from tests.system.window_hands import SPEED, RestartedBoard, by_mouse
+from tests.system.window_driver import SPEED, RestartedBoard, by_mouse
 
 
 class Journey:
@@ -298,7 +298,7 @@ def prepare_for_vent(journey: Journey, name: str) -> None:
         from boat_daq.viewmodels.common.work import Work
 
         window.desk.bench.start(
-            "busy", Work("Working hard", "tests.system.window_journey:keep_busy"), lambda work: None
+            "busy", Work("Working hard", "tests.system.window_scenarios:keep_busy"), lambda work: None
         )
         QTest.qWait(300)
 

@@ -51,7 +51,7 @@ def travel(screen, tmp_path):
             "DISPLAY": screen, "QT_QPA_PLATFORM": "xcb", "BOAT_DAQ_HOME": str(home), "PYTHONPATH": str(ROOT),
         }  # fmt: skip
         done = subprocess.run(
-            [sys.executable, "-m", "tests.system.window_journey", name, str(folder)],
+            [sys.executable, "-m", "tests.system.window_scenarios", name, str(folder)],
             cwd=home, env=env, capture_output=True, text=True, timeout=patience_s,
         )  # fmt: skip
         assert done.returncode == expect, done.stdout + done.stderr

@@ -5,6 +5,7 @@
     +-- RemoteError    the other side broke the contract
     +-- ProfileError   a text profile cannot be used as it is written
     +-- RecordingError a file is not a recording, or cannot be read as one
+        +-- DamagedRecordingError  its rows may still be readable one by one
 
 Damaged bytes are not errors: they are counted, and the stream goes on.
 """
@@ -41,3 +42,7 @@ class ProfileError(ProtocolError):
 
 class RecordingError(ProtocolError):
     """A file is not a recording, or cannot be read as one."""
+
+
+class DamagedRecordingError(RecordingError):
+    """A recording is damaged, and its rows may still be readable one by one; the remedy is `boat-daq recover`."""

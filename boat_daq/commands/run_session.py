@@ -6,7 +6,6 @@ Used by `record` and `demo`. The session decides and acts; this file waits, show
 from __future__ import annotations
 
 import dataclasses
-import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,13 +19,12 @@ from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import load_settings
-from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, LinkWarningCode, SessionSnapshot, SessionState
 from boat_daq.errors import BoatDaqError
 from protocol.recording import BoardState
 
 LOOK_S = 0.1
-DOUBT_S = 6.0  # a rate is that of the last 5 s; a start or a single loss in them is no doubt about it
-NUMBER = re.compile(r"[\d.]+")
+LASTING_S = 6.0  # a rate is that of the last 5 s; a start or a single loss within them is no lasting warning
 CLEARING_S = 3.0
 VENTING_S = 20.0
 ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
@@ -177,12 +175,12 @@ def listen(session: Session, duration_s: float | None) -> None:
 
 
 class Teller:
-    """Prints a session's warnings and errors newer than number `told`, and each doubt about the link that stands."""
+    """Prints a session's warnings and errors newer than number `told`, and each lasting warning of the link once."""
 
     def __init__(self, told: int = 0) -> None:
         self._shown = told
-        self._since: dict[str, float] = {}  # the kind of a doubt -> since when it stands, s of board time
-        self._told: set[str] = set()
+        self._since: dict[LinkWarningCode, float] = {}  # since when, s of board time
+        self._told: set[LinkWarningCode] = set()
 
     def __call__(self, seen: SessionSnapshot) -> None:
         """Print what is new."""
@@ -190,13 +188,13 @@ class Teller:
             if message.number > self._shown and message.level != "info":
                 say(f"{message.level}: {message.cause}" + (f"\n  try: {message.remedy}" if message.remedy else ""))
         self._shown = max([self._shown, *(message.number for message in seen.messages)])
-        doubts = {NUMBER.sub("", doubt): doubt for doubt in (seen.health.warnings if seen.health is not None else ())}
-        self._since = {kind: self._since.get(kind, seen.recorded_s) for kind in doubts}
-        for kind, since in self._since.items():  # numbers change from look to look; silence has a message of its own
-            stands = seen.recorded_s - since >= DOUBT_S and not kind.startswith("no data")
-            if stands and kind not in self._told:
-                say(f"warning: {doubts[kind]}")
-                self._told.add(kind)
+        warnings = {w.code: w.text for w in (seen.health.warnings if seen.health is not None else ())}
+        warnings.pop(LinkWarningCode.SILENT, None)  # has a message of its own
+        self._since = {code: self._since.get(code, seen.recorded_s) for code in warnings}
+        for code, since in self._since.items():
+            if seen.recorded_s - since >= LASTING_S and code not in self._told:
+                say(f"warning: {warnings[code]}")
+                self._told.add(code)
 
 
 def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:
@@ -204,5 +202,5 @@ def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:
     if seen.link in (LinkState.LOST, LinkState.FAILED):
         return seen.link_error[0] if seen.link_error else seen.latched or "the link was lost"
     if plan is not None and seen.state in (SessionState.ABORTED, SessionState.FAULT):
-        return seen.latched or seen.run_ended or str(seen.state)
+        return seen.latched or (seen.run_ended.text if seen.run_ended else str(seen.state))
     return ""

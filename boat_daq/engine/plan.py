@@ -24,7 +24,7 @@ from typing import Any, Literal
 
 import tomli_w
 
-from boat_daq.engine.toml_values import build, parse_toml, read_text, refuse
+from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
 from boat_daq.errors import OperatorError
 
 KINDS = ("staircase", "continuous")
@@ -188,26 +188,26 @@ def _check(plan: Plan) -> None:
     """Refuse by key what makes no plan."""
     where = f"plan {plan.name!r:.60}"
     if plan.kind not in KINDS:
-        raise refuse(where, "kind", f"is {plan.kind!r:.40}", "use one of " + ", ".join(KINDS))
+        raise BadValue(where, "kind", f"is {plan.kind!r:.40}", "use one of " + ", ".join(KINDS))
     if not plan.name.strip() or len(plan.name) > 100:
-        raise refuse(where, "name", "must have 1 to 100 characters")
+        raise BadValue(where, "name", "must have 1 to 100 characters")
     for key in ("ramp_kpa_per_s", "tolerance_kpa", "window_s", "max_dwell_s", "arrival_timeout_s", "step_kpa"):
         if not getattr(plan, key) > 0:
-            raise refuse(where, key, f"must be above 0, not {getattr(plan, key)}")
+            raise BadValue(where, key, f"must be above 0, not {getattr(plan, key)}")
     for key in ("settling_s", "min_dwell_s", "pressure_drift_kpa_per_s", "signal_drift_mv_per_s", "reading_timeout_s"):
         if not getattr(plan, key) >= 0:
-            raise refuse(where, key, f"must not be negative, not {getattr(plan, key)}")
+            raise BadValue(where, key, f"must not be negative, not {getattr(plan, key)}")
     for low, high in (("low_kpa", "high_kpa"), ("min_kpa", "max_kpa")):
         if not getattr(plan, low) < getattr(plan, high):
-            raise refuse(where, low, f"must be below '{high}'", "swap the two" if getattr(plan, low) else "")
+            raise BadValue(where, low, f"must be below '{high}'", "swap the two" if getattr(plan, low) else "")
     if not plan.min_kpa <= 0 <= plan.max_kpa:
-        raise refuse(where, "min_kpa" if plan.min_kpa > 0 else "max_kpa", "leaves out 0 kPa, where a vented unit is")
+        raise BadValue(where, "min_kpa" if plan.min_kpa > 0 else "max_kpa", "leaves out 0 kPa, where a vented unit is")
     if plan.low_kpa < plan.min_kpa:
-        raise refuse(where, "low_kpa", f"is below the plan's own limit of {plan.min_kpa:g} kPa")
+        raise BadValue(where, "low_kpa", f"is below the plan's own limit of {plan.min_kpa:g} kPa")
     if plan.high_kpa > plan.max_kpa:
-        raise refuse(where, "high_kpa", f"is above the plan's own limit of {plan.max_kpa:g} kPa")
+        raise BadValue(where, "high_kpa", f"is above the plan's own limit of {plan.max_kpa:g} kPa")
     if plan.max_dwell_s < max(plan.min_dwell_s, plan.settling_s + plan.window_s):
-        raise refuse(where, "max_dwell_s", "is shorter than the shortest hold, or than settling_s + window_s")
+        raise BadValue(where, "max_dwell_s", "is shorter than the shortest hold, or than settling_s + window_s")
     _check_staircase(plan, where)
 
 
@@ -215,12 +215,14 @@ def _check_staircase(plan: Plan, where: str) -> None:
     """Refuse by key a staircase that does not meet both ends, or never ends."""
     steps = (plan.high_kpa - plan.low_kpa) / plan.step_kpa
     if plan.kind == "staircase" and (steps < 1 or abs(steps - round(steps)) > 1e-6):
-        raise refuse(where, "step_kpa", f"must divide the span of {plan.high_kpa - plan.low_kpa:g} kPa evenly")
+        raise BadValue(where, "step_kpa", f"must divide the span of {plan.high_kpa - plan.low_kpa:g} kPa evenly")
     if plan.kind == "staircase" and plan.step_kpa <= 2 * plan.tolerance_kpa:
-        raise refuse(where, "step_kpa", "must be more than twice 'tolerance_kpa', or plateaus cannot be told apart")
+        raise BadValue(where, "step_kpa", "must be more than twice 'tolerance_kpa', or plateaus cannot be told apart")
     per_cycle = 2 if plan.kind == "continuous" else 2 * steps
     if plan.cycles < 1 or plan.cycles * per_cycle > MAX_STEPS:
-        raise refuse(where, "cycles", f"must be at least 1 and make no more than {MAX_STEPS} steps, not {plan.cycles}")
+        raise BadValue(
+            where, "cycles", f"must be at least 1 and make no more than {MAX_STEPS} steps, not {plan.cycles}"
+        )
 
 
 def plan_from_toml(text: str, where: str = "the plan") -> Plan:

@@ -28,7 +28,7 @@ import platformdirs
 import tomli_w
 
 from boat_daq.engine.file_names import is_device_name, path_in
-from boat_daq.engine.toml_values import MAX_BYTES, build, parse_toml, read_text, refuse
+from boat_daq.engine.toml_values import MAX_BYTES, BadValue, build, parse_toml, read_text
 from boat_daq.errors import OperatorError, StorageError
 
 T = TypeVar("T")
@@ -69,12 +69,12 @@ class Settings:
     def __post_init__(self) -> None:
         _check_version("settings", self.version)
         if not 1 <= self.rate_hz <= 65_535:
-            raise refuse("settings", "rate_hz", f"must be 1 to 65535, not {self.rate_hz}")
+            raise BadValue("settings", "rate_hz", f"must be 1 to 65535, not {self.rate_hz}")
         if not 300 <= self.baud <= 12_000_000:
-            raise refuse("settings", "baud", f"must be 300 to 12000000, not {self.baud}")
+            raise BadValue("settings", "baud", f"must be 300 to 12000000, not {self.baud}")
         for key in ("zero_tolerance_kpa", "resolution_mm"):
             if not 0 < getattr(self, key) <= 10:
-                raise refuse("settings", key, f"must be above 0 and at most 10, not {getattr(self, key)}")
+                raise BadValue("settings", key, f"must be above 0 and at most 10, not {getattr(self, key)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +109,13 @@ class Unit:
         where = f"unit {self.name!r:.60}"
         _check_version(where, self.version)
         if not _NAME.fullmatch(self.name) or self.name.strip(" .") != self.name or is_device_name(self.name):
-            raise refuse(where, "name", "must be 1 to 40 letters, digits, spaces, or any of _ . -")
+            raise BadValue(where, "name", "must be 1 to 40 letters, digits, spaces, or any of _ . -")
         if not self.min_kpa <= 0 <= self.max_kpa or not self.min_kpa < self.max_kpa:
-            raise refuse(where, "min_kpa", "and 'max_kpa' must lie around 0 kPa, the lower one first", "swap the two?")
+            raise BadValue(
+                where, "min_kpa", "and 'max_kpa' must lie around 0 kPa, the lower one first", "swap the two?"
+            )
         if self.polarity not in (-1, 1):
-            raise refuse(where, "polarity", f"must be 1 or -1, not {self.polarity}")
+            raise BadValue(where, "polarity", f"must be 1 or -1, not {self.polarity}")
 
     @property
     def calibration(self) -> StoredCalibration | None:
@@ -179,11 +181,11 @@ class UnitLibrary:
         table = parse_toml(text, str(path))
         entries = table.pop("history", [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-            raise refuse(str(path), "history", "must be a list of tables")
+            raise BadValue(str(path), "history", "must be a list of tables")
         history = tuple(_entry(entry, str(path)) for entry in entries)
         found = build(_UnitFile, table, str(path))
         if found.name != name:
-            raise refuse(str(path), "name", f"is {found.name!r}, the file's is {name!r}")
+            raise BadValue(str(path), "name", f"is {found.name!r}, the file's is {name!r}")
         return Unit(**dataclasses.asdict(found), history=history)
 
     def save(self, unit: Unit) -> None:
@@ -258,15 +260,15 @@ def _entry(table: Mapping[str, Any], where: str) -> StoredCalibration:
     try:
         content = json.loads(found.content)
     except (ValueError, RecursionError) as error:
-        raise refuse(where, "history.content", f"is not JSON: {error}") from error
+        raise BadValue(where, "history.content", f"is not JSON: {error}") from error
     if not isinstance(content, dict):
-        raise refuse(where, "history.content", "must be a JSON object")
+        raise BadValue(where, "history.content", "must be a JSON object")
     return StoredCalibration(**{**dataclasses.asdict(found), "content": content})
 
 
 def _check_version(where: str, version: int) -> None:
     if not 1 <= version <= VERSION:
-        raise refuse(where, "version", f"is {version}; this program knows up to {VERSION}", "update boat-daq")
+        raise BadValue(where, "version", f"is {version}; this program knows up to {VERSION}", "update boat-daq")
 
 
 _remarks: list[tuple[str, str]] = []

@@ -11,6 +11,8 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from protocol.recording import RunEnd
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -53,15 +55,83 @@ class Phase(enum.StrEnum):
     VENTING = "venting"
 
 
+class MessageKind(enum.StrEnum):
+    """What a message is about; of an event that is recorded too, its `event.kind`."""
+
+    # the run
+    RUN_STARTED = "run_started"
+    RUN_ENDED = "run_ended"
+    PAUSED = "paused"
+    RESUMED = "resumed"
+    NOT_STEADY = "not_steady"
+    READING_MISSING = "reading_missing"
+    STEP_TIMEOUT = "step_timeout"
+    VENT_TIMEOUT = "vent_timeout"
+    VENT = "vent"
+    FAULT_CLEARED = "fault_cleared"
+    # trips
+    LINK_LOST = "link_lost"
+    SILENT = "silent"
+    ESTOP = "estop"
+    PRESSURE_INVALID = "pressure_invalid"
+    IMPLAUSIBLE = "implausible"
+    OVER_PRESSURE = "over_pressure"
+    UNDER_PRESSURE = "under_pressure"
+    BOARD_FAULT = "board_fault"
+    BOARD_RESTARTED = "board_restarted"
+    BOARD_OVER_PRESSURE = "board_over_pressure"
+    BOARD_UNDER_PRESSURE = "board_under_pressure"
+    BOARD_HEARTBEAT_LOST = "board_heartbeat_lost"
+    BOARD_ESTOP_PRESSED = "board_estop_pressed"
+    BOARD_TARGET_NOT_REACHED = "board_target_not_reached"
+    REFUSED = "refused"
+    NO_ANSWER = "no_answer"
+    # the board and its sensors
+    SAMPLES_AGAIN = "samples_again"
+    FLAT_LINE = "flat_line"
+    SATURATED = "saturated"
+    DROPPED = "dropped"
+    RATE = "rate"
+    LIMITS = "limits"
+    NO_WATCHDOG = "no_watchdog"
+    # the session
+    LINK_FAILED = "link_failed"
+    BOARD_FOUND = "board_found"
+    REPLAY_ENDED = "replay_ended"
+    STORAGE = "storage"
+    BACKUP_USED = "backup_used"
+    SINK_FAILED = "sink_failed"
+    MARK = "mark"
+
+
 @dataclass(frozen=True, slots=True)
 class Message:
     """One line for the operator; `number` grows by one each, so that a reader knows what is new."""
 
     number: int
+    kind: MessageKind
     level: str  # "info", "warning" or "error"
     cause: str
     remedy: str = ""
     host_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnding:
+    """How a run ended; `cause` says why one was aborted."""
+
+    end: RunEnd
+    cause: str = ""
+
+    @property
+    def aborted(self) -> bool:
+        """Whether the run was ended neither by its plan nor by the operator's stop."""
+        return self.end in (RunEnd.ABORTED, RunEnd.FAULT)
+
+    @property
+    def text(self) -> str:
+        """The ending as `session.stop_reason` keeps it for people: "finished", "stopped", "aborted: CAUSE"."""
+        return f"{RunEnd.ABORTED}: {self.cause}" if self.aborted else str(self.end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +181,23 @@ class ReadingRequest:
     waits_until_s: float  # board time at which the run goes on without it
 
 
+class LinkWarningCode(enum.StrEnum):
+    """Which figure of the link is out of bounds."""
+
+    SILENT = "silent"
+    LOSS = "loss"
+    RATE = "rate"
+    CLOCK = "clock"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkWarning:
+    """A figure of the link that is out of bounds."""
+
+    code: LinkWarningCode
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class HealthSnapshot:
     """State of the link at one instant; counters since the link was made."""
@@ -123,7 +210,7 @@ class HealthSnapshot:
     drift_ppm: float | None  # positive: the board's clock is slow; None while unknown, or where time is not real
     jitter_ms: float | None  # rms about the fit
     offset_ms: float | None  # host time of board time 0, from the first sample's arrival
-    warnings: tuple[str, ...]
+    warnings: tuple[LinkWarning, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +255,7 @@ class SessionSnapshot:
     latched: str = ""  # why the interlock forbids pressure; empty when it does not
     alarms: tuple[str, ...] = ()
     messages: tuple[Message, ...] = ()  # the newest 50
-    run_ended: str = (
-        ""  # how the last run ended: "finished", "stopped", "aborted: ..."; empty before, and while one goes
-    )
+    run_ended: RunEnding | None = None  # the last run; None before the first ends, and during the next
     recording: Path | None = None
     recorded_s: float = 0.0
     unit: str = ""

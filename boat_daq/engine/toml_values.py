@@ -23,9 +23,12 @@ T = TypeVar("T")
 MAX_BYTES = 1_000_000  # a plan or a settings file is a few kilobytes; more is somebody's mistake
 
 
-def refuse(where: str, key: str, why: str, remedy: str = "") -> OperatorError:
-    """Return the error that names file and key."""
-    return OperatorError(f"{where}: '{key:.60}' {why}", remedy)
+class BadValue(OperatorError):
+    """A value that its key cannot have; `key` and `why` for a form that names its keys otherwise."""
+
+    def __init__(self, where: str, key: str, why: str, remedy: str = "") -> None:
+        super().__init__(f"{where}: '{key:.60}' {why}", remedy)
+        self.key, self.why = key, why
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
@@ -80,9 +83,9 @@ def _plain(value: Any, kind: type, where: str, key: str) -> Any:
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not kind:
-        raise refuse(where, key, f"must be of type {kind.__name__}, not {type(value).__name__} ({value!r:.40})")
+        raise BadValue(where, key, f"must be of type {kind.__name__}, not {type(value).__name__} ({value!r:.40})")
     if isinstance(value, float) and not math.isfinite(value):
-        raise refuse(where, key, f"must be a finite number, not {value}")
+        raise BadValue(where, key, f"must be a finite number, not {value}")
     return value
 
 
@@ -97,8 +100,8 @@ def build(cls: type[T], table: Mapping[str, Any], where: str) -> T:
     kinds = get_type_hints(cls)
     for key in table:
         if key not in fields:
-            raise refuse(where, key, "is not a known key", "known are " + ", ".join(fields))
+            raise BadValue(where, key, "is not a known key", "known are " + ", ".join(fields))
     for name, field in fields.items():
         if name not in table and field.default is dataclasses.MISSING:
-            raise refuse(where, name, "is missing")
+            raise BadValue(where, name, "is missing")
     return cls(**{key: _plain(value, kinds[key], where, key) for key, value in table.items()})

@@ -18,7 +18,7 @@ from analysis.fidelity import fidelity
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
-from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import Change, Changes, History
 from boat_daq.viewmodels.common.formatting import count
@@ -40,12 +40,12 @@ from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunsModel
 from boat_daq.viewmodels.resume_run import GoingOn
+from protocol.recording import RunEnd
 
 FIDELITIES = FIDELITY_LEVELS
 DEFAULT_LEVEL = "normal"
 PAGES = ("Live", "Calibrate", "Repeat", "Runs", "Optics", "Shadow", "Trade-off")
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
-SILENCE = "no data for"  # the engine's words for a link that says nothing
 LEVELS = {"info": Level.INFORMATION, "warning": Level.WARNING, "error": Level.FAULT}
 
 
@@ -143,7 +143,7 @@ class Desk:
         for message in self.snapshot.messages:
             if message.number > self._last_message:
                 self._last_message = message.number
-                over = message.cause.startswith(SILENCE) and self.connected()  # data come again: only a remark now
+                over = message.kind is MessageKind.SILENT and self.connected()  # data come again: only a remark now
                 level = Level.INFORMATION if over else LEVELS.get(message.level, Level.WARNING)
                 notice = self.notices.say(level, message.cause, "" if over else message.remedy)
                 if self.snapshot.link in DOWN:
@@ -220,10 +220,10 @@ class Desk:
             self._offer = None
         read = sum(r.elongation_mm is not None for r in self.readings.latest().values()) if ended else 0
         if read:
+            stopped = self.snapshot.run_ended is not None and self.snapshot.run_ended.end is RunEnd.STOPPED
             self._offer = self.notices.say(
                 Level.INFORMATION,
-                f"the run {'was stopped' if self.snapshot.run_ended == 'stopped' else 'is finished'}, "
-                f"{count(read, 'plateau')} read",
+                f"the run {'was stopped' if stopped else 'is finished'}, {count(read, 'plateau')} read",
                 "Next: fit and look at it.",
                 action_text="Calibrate",
                 action=self.calibrate_now,

@@ -82,7 +82,7 @@ class GoingOn:
 
     def _offer_to_go_on(self, snapshot: SessionSnapshot) -> None:
         plan = snapshot.plan
-        if not isinstance(plan, Plan) or not snapshot.run_ended.startswith("aborted"):
+        if plan is None or snapshot.run_ended is None or not snapshot.run_ended.aborted:
             return
         first, complete = resume_point(plan, list(self._session.steps()))
         if 0 < complete < plan.cycles:

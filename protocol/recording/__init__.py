@@ -16,6 +16,7 @@ from protocol.recording.schema import (
     TABLE_NAMES,
     TABLES,
     BoardState,
+    RunEnd,
     SampleFlag,
     SampleKind,
     breaks_of,
@@ -27,6 +28,7 @@ from protocol.recording.schema import (
     open_recording,
     read_session,
     refuse_newer,
+    run_end_of,
     sample_dtype,
     session_dtype,
 )
@@ -44,6 +46,7 @@ __all__ = [
     "TABLES",
     "TABLE_NAMES",
     "BoardState",
+    "RunEnd",
     "SampleFlag",
     "SampleKind",
     "breaks_of",
@@ -55,6 +58,7 @@ __all__ = [
     "open_recording",
     "read_session",
     "refuse_newer",
+    "run_end_of",
     "sample_dtype",
     "session_dtype",
 ]

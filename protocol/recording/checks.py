@@ -235,6 +235,7 @@ _TOLD: dict[str, Callable[[Any], bool]] = {
     "vref_mv": _number(0, 1e9), "adc_bits": _whole(1, 32), "polarity": lambda v: v in (-1, 1),
     "rate_hz": _number(0, 1e9), "limits_pa": _limits, "settings": lambda v: isinstance(v, dict),
     "resumptions": _resumptions,
+    "run_end": lambda v: v in ("finished", "stopped", "aborted", "fault", "interrupted"),
 }  # fmt: skip
 
 

@@ -33,7 +33,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from protocol.errors import RecordingError
+from protocol.errors import DamagedRecordingError, RecordingError
 from protocol.recording.checks import (
     DAMAGE,
     MAX_TEXT,
@@ -51,6 +51,16 @@ SCHEMA_BREAK = 100  # from here on a version would no longer be additive: this p
 SUFFIX = ".boat"
 
 SampleKind = Literal["counts", "signal"]
+
+
+class RunEnd(enum.StrEnum):
+    """How a run ended, or a recording without one: `session.run_end`."""
+
+    FINISHED = "finished"
+    STOPPED = "stopped"  # by the operator
+    ABORTED = "aborted"  # vented by the operator, a step that timed out, a disk that failed
+    FAULT = "fault"  # the interlock tripped and latched
+    INTERRUPTED = "interrupted"  # the program was killed
 
 
 class BoardState(enum.IntEnum):
@@ -173,6 +183,12 @@ SESSION_KEYS = (
     "settings",  # snapshot
     "plan",  # snapshot of the plan, or null
 )
+# Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
+# `stop_reason` up to its colon, as every program has written it: what `run_end_of` reads where the code is missing.
+_STOP_REASONS: Final = {
+    "finished": RunEnd.FINISHED, "stopped": RunEnd.STOPPED, "disconnected": RunEnd.STOPPED,
+    "aborted": RunEnd.ABORTED, "interrupted": RunEnd.INTERRUPTED,
+}  # fmt: skip
 # Where a broken run went on, and only there: "resumptions", a list in order, one object for each break:
 # utc and host_ns of that instant, cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk,
 # step and cycle behind it, complete_cycles before it, last_result (id of the newest result of less than the whole run)
@@ -293,8 +309,8 @@ def _unreadable(path: Path, error: Exception) -> RecordingError:
             f"Copy it and {log.name} into a folder that you may write to, and boat-daq recover it there.",
         )
     if journal.exists():
-        return RecordingError(f"{path} was left in the middle of a change", f"boat-daq recover {path}")
-    return RecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}")
+        return DamagedRecordingError(f"{path} was left in the middle of a change", f"boat-daq recover {path}")
+    return DamagedRecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}")
 
 
 @cache
@@ -354,6 +370,14 @@ def refuse_newer(path: Path) -> None:
             f"{path} has layout {version}, this program writes {SCHEMA_VERSION}: it is only read here",
             "Update boat-daq to add to it.",
         )
+
+
+def run_end_of(meta: Mapping[str, Any]) -> RunEnd | None:
+    """Return how a recording ended; None while it is under way or where its program was killed."""
+    code = meta.get("run_end")
+    if code is not None:
+        return RunEnd(code)
+    return _STOP_REASONS.get(str(meta["stop_reason"]).partition(":")[0])
 
 
 def breaks_of(meta: dict[str, Any]) -> list[dict[str, Any]]:

@@ -23,7 +23,7 @@ from boat_daq.engine.recording.rows import RowMaker, mv_per_count
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from protocol import Connection, Identify, Samples, Start
-from protocol.recording import describe_dtype, sample_dtype
+from protocol.recording import RunEnd, describe_dtype, sample_dtype
 from tests.boat_daq.engine.board_link import Seen, meta_of
 
 pytestmark = pytest.mark.benchmark_run
@@ -71,7 +71,7 @@ def test_recording(tmp_path, capsys, carrier, rate_hz, speed, seconds):
         cpu = time.process_time() - cpu
         acquisition.stop()
         statistics = acquisition.statistics
-        path = recorder.close("finished")
+        path = recorder.close(RunEnd.FINISHED)
     summary, verdict = summarise(path), verify_recording(path)
     with capsys.disabled():
         print(

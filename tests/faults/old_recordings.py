@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 
 from boat_daq.engine.recording.recorder import Recorder
-from protocol.recording import APPLICATION_ID, TABLE_NAMES
+from protocol.recording import APPLICATION_ID, TABLE_NAMES, RunEnd
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source
 
@@ -24,7 +24,7 @@ def write_recording(path: Path, *, blocks: int = 4) -> Path:
         if number == 1:
             recorder.event("user", "mark", text="here")
         assert recorder.flush()
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     with closing(sqlite3.connect(path)) as db, db:
         db.execute("INSERT INTO step VALUES (1, 1, 1, 1, 'unloading', 20.0, 5.0, 0, 1, 2, 3, 'reached', '{}')")
         db.execute("INSERT INTO reading VALUES (1, '2026-01-01T00:00:00+00:00', 1, 1.5, 0.5, 'typed', '', '')")

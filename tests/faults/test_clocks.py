@@ -17,7 +17,7 @@ from boat_daq.engine.recording import file as recording_file
 from boat_daq.engine.recording.file import RecordingFile, Statement
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from protocol.recording import open_recording, read_session, sample_dtype
+from protocol.recording import RunEnd, open_recording, read_session, sample_dtype
 from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.drill import ROOT
 from tests.faults.old_recordings import write_recording
@@ -47,7 +47,7 @@ def test_a_clock_that_jumps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jum
     monkeypatch.setattr(JumpingClock, "jump", timedelta(hours=jump_h))
     recorder.reading(1, 1.0, source="typed")
     recorder(source.next(500_000))
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     with closing(open_recording(path)) as db:
         meta = read_session(db)
         hosts = [host for (host,) in db.execute("SELECT host_ns FROM chunk ORDER BY id")]

@@ -18,10 +18,10 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
-from boat_daq.engine.snapshot import LinkState, SessionState
+from boat_daq.engine.snapshot import LinkState, LinkWarningCode, MessageKind, RunEnding, SessionState
 from protocol import Connection, SampleGap, Samples
 from protocol.link.messages import Heartbeat, SetPressure, Stop, Vent
-from protocol.recording import SampleFlag, open_recording
+from protocol.recording import RunEnd, SampleFlag, open_recording
 from tests.faults.drill import OVER, ROOT, SHORT, VOLT_MV, Drill, drill, needs_pty
 from tests.protocol.link.streams import HELLO, sample, stream
 
@@ -183,7 +183,7 @@ def test_a_slow_and_unsteady_board(tmp_path: Path) -> None:
         seen = found.session.snapshot()
     assert summarise(found.path).rate_hz == pytest.approx(62.0, abs=0.2)
     assert run.rate_hz == pytest.approx(62.0, abs=2.5)
-    assert any("62" in warning for warning in seen.health.warnings)
+    assert any("62" in warning.text for warning in seen.health.warnings)
     assert np.diff(run.time_s).std() > 0.5e-3
 
 
@@ -198,7 +198,7 @@ def test_a_clock_that_drifts(tmp_path: Path, ppm: int, warned: bool) -> None:
         found.close()
     slope_ppm = 1e6 * (1 - 1 / (1 + 1e-6 * ppm))  # host seconds for one of the board, which is fast by `ppm`
     assert abs(seen.health.drift_ppm) == pytest.approx(slope_ppm, abs=150)
-    assert any("clock" in warning for warning in seen.health.warnings) == warned
+    assert (LinkWarningCode.CLOCK in {w.code for w in seen.health.warnings}) == warned
 
 
 @pytest.mark.fault(10, how="`reset` in a run under pressure, over a pty", times=1)
@@ -223,7 +223,7 @@ def test_a_board_that_falls_silent_is_vented(tmp_path: Path) -> None:
         found.start(LONG)
         seen = found.wait(lambda s: s.state in OVER, 30)
         assert seen.state is SessionState.FAULT
-        assert any("no data" in message.cause or "silent" in message.cause for message in seen.messages)
+        assert any(message.kind is MessageKind.SILENT for message in seen.messages)
         found.wait(lambda _: found.vented(), 20)
         found.session.stop_recording()
     assert any(isinstance(command, Vent) for _, command in found.commands())
@@ -237,7 +237,7 @@ def test_a_frozen_channel_and_a_lamp(tmp_path: Path) -> None:
         found.start(dataclasses.replace(SHORT, cycles=6))
         seen = found.wait(lambda s: s.state in OVER)
         run, truth = found.close(), found.truth()
-    assert (seen.state, seen.run_ended) == (SessionState.IDLE, "finished")
+    assert (seen.state, seen.run_ended) == (SessionState.IDLE, RunEnding(RunEnd.FINISHED))
     assert found.rows("SELECT DISTINCT value FROM event WHERE kind = 'flat_line'") == [(1.0,)]
     assert run.dark is not None
     dark = run.dark[:, 1].astype(float) * VOLT_MV

@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 from boat_daq.engine.simulator.server import BoardSettings, serve
+from protocol.recording import RunEnd
 from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.drill import ROOT
 from tests.faults.old_recordings import write_recording
@@ -88,7 +89,7 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     assert recorder.flush()
     for suffix in ("", "-wal"):
         shutil.copy(folder / f"open.boat{suffix}", folder / f"interrupted.boat{suffix}")
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
     (folder / "open.boat").unlink()
     with unwritable(folder):
         yield folder

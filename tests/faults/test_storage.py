@@ -25,7 +25,7 @@ from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import StorageError
 from protocol.errors import RecordingError
-from protocol.recording import open_recording
+from protocol.recording import RunEnd, open_recording
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.drill import OVER, ROOT, SHORT, drill, needs_pty
@@ -111,7 +111,7 @@ def test_a_disk_full_at_any_instant(tmp_path: Path, monkeypatch: pytest.MonkeyPa
                 assert db.execute("SELECT coalesce(sum(n), 0) FROM block").fetchone()[0] >= acknowledged
             (place / "filler").unlink()
             assert recorder.flush(10.0)
-            recorder.close("finished")
+            recorder.close(RunEnd.FINISHED)
             assert verify_recording(path).samples == sum(map(len, source.samples))
             path.unlink()
 
@@ -191,6 +191,6 @@ def test_a_second_program_only_reads(tmp_path: Path) -> None:
     assert done.stdout == "recording\n"
     assert "being written by another program" in done.stderr
     recorder(source.next(500_000))
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     assert verify_recording(path).identical
     assert summarise(path).samples > 90

@@ -15,7 +15,7 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import StorageError
 from protocol.errors import RecordingError
-from protocol.recording import open_recording
+from protocol.recording import RunEnd, open_recording
 from tests.boat_daq.engine.recording_source import Source, begin
 from tests.faults.nightly_counts import few_and_many
 from tests.faults.old_recordings import write_recording
@@ -39,7 +39,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
         recorder(source.next(200_000))
         assert recorder.flush()
     content = (folder / "run.boat").read_bytes(), (folder / "run.boat-wal").read_bytes()
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
     return content
 
 

@@ -371,6 +371,7 @@ def hundred_cycles(journey: Journey, speed: str = "100") -> None:
             journey.keep("9-repeat-running")
     journey.note("run ended")
     ended = desk.session.snapshot().run_ended
+    assert ended is not None
     journey.until(
         lambda: model.result is not None and model.result.cycles == desk.sequence.plan.cycles, "all cycles", 120
     )
@@ -384,7 +385,10 @@ def hundred_cycles(journey: Journey, speed: str = "100") -> None:
     ]  # fmt: skip
     board.kill()
     journey.done(
-        ended=ended, while_running=while_running, figures=figures, lost=desk.session.snapshot().health.statistics.lost
+        ended=str(ended.end),
+        while_running=while_running,
+        figures=figures,
+        lost=desk.session.snapshot().health.statistics.lost,
     )
 
 

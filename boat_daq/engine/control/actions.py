@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import MessageKind, RunEnding
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +23,8 @@ class VentNow:
 
 
 @dataclass(frozen=True, slots=True)
-class Marked:
-    """A step began or became something else; `new` the first time."""
+class StepChanged:
+    """A step began (`new`), or more is known of it."""
 
     mark: StepMark
     new: bool
@@ -38,21 +39,14 @@ class SegmentBreak:
 
 
 @dataclass(frozen=True, slots=True)
-class Noted:
-    """An event for the recording; `level` says how loudly the operator is told, "" not at all."""
+class ControlEvent:
+    """An event for the recording and, where it has a level, a message for the operator."""
 
-    kind: str
+    kind: MessageKind
     text: str
     level: str = ""
     remedy: str = ""
     value: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """The run is over; once for each run."""
-
-    reason: str  # "finished", "stopped", "aborted: ..."
-
-
-Action: TypeAlias = GoTo | VentNow | Marked | SegmentBreak | Noted | Ended
+Action: TypeAlias = GoTo | VentNow | StepChanged | SegmentBreak | ControlEvent | RunEnding  # which comes once a run

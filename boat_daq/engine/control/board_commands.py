@@ -10,9 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from boat_daq.engine.control.actions import Ended, Marked, Noted, SegmentBreak
+from boat_daq.engine.control.actions import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.control.interlock import Trip
 from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, Feeder, SpeedMeter
+from boat_daq.engine.snapshot import MessageKind, RunEnding
 from protocol.link.messages import (
     AckStatus,
     ClearFault,
@@ -67,7 +68,7 @@ class Send:
     feeds: bool = False
 
 
-Effect: TypeAlias = Send | Marked | SegmentBreak | Noted | Ended
+Effect: TypeAlias = Send | StepChanged | SegmentBreak | ControlEvent | RunEnding
 
 
 class Dialogue:
@@ -212,17 +213,17 @@ class Dialogue:
             return None
         match command:
             case SetPressure():
-                return Trip("refused", text, "check the limits, then clear the fault")
+                return Trip(MessageKind.REFUSED, text, "check the limits, then clear the fault")
             case Heartbeat(0):
                 pass  # the board keeps its watchdog
             case Heartbeat() | SetLimits() if self.pending or pressurised:
-                return Trip("refused", text, _GUARD[type(command)])
+                return Trip(MessageKind.REFUSED, text, _GUARD[type(command)])
             case Heartbeat() | SetLimits():  # it forbids nothing yet: an error once a pressure is asked for
-                self.note("refused", text, "info", _GUARD[type(command)])
+                self.note(MessageKind.REFUSED, text, "info", _GUARD[type(command)])
             case Vent():
-                self.note("refused", text, "error", "open the valve by hand")
+                self.note(MessageKind.REFUSED, text, "error", "open the valve by hand")
             case ClearFault():
-                self.note("refused", text, "error", "remove the cause of the fault first")
+                self.note(MessageKind.REFUSED, text, "error", "remove the cause of the fault first")
             case Stop():
                 self.stopping = False  # the board sends nothing anyway
             case Start() if self.meter.known:
@@ -231,16 +232,16 @@ class Dialogue:
                 remedy = _NO_START.get(AckStatus(status)) if status in _WORDS else None
                 remedy = remedy or "the board's firmware must know START: update it, or give its profile"
                 self.start_refused = (f"{text}, at {rate_hz} Hz", remedy)
-                self.note("refused", text, "")  # told where samples are missed
+                self.note(MessageKind.REFUSED, text, "")  # told where samples are missed
             case _:
-                self.note("refused", text, "error")
+                self.note(MessageKind.REFUSED, text, "error")
         return None
 
     def _do_without(self, command: Command) -> None:
         """Firmware behind a text profile may lack what guards a pressure: say so once it matters."""
         if self.pending and isinstance(command, Heartbeat):
             text = "this firmware has no watchdog: it holds its pressure even when this program is gone"
-            self.note("no_watchdog", text, "warning", "stay with the unit while it is under pressure")
+            self.note(MessageKind.NO_WATCHDOG, text, "warning", "stay with the unit while it is under pressure")
         self._settle(command)
 
     def lost(self, command: Command, *, watched: bool) -> Trip | None:
@@ -255,9 +256,9 @@ class Dialogue:
             case Stop():
                 self.stopping = False
             case _ if watched:
-                return Trip("no_answer", text, "check the link")
+                return Trip(MessageKind.NO_ANSWER, text, "check the link")
             case Start():
-                self.note("no_answer", text, "error", "check the link")
+                self.note(MessageKind.NO_ANSWER, text, "error", "check the link")
             case _:
                 pass  # asked of a board that has restarted, or gone, since
         return None
@@ -266,17 +267,23 @@ class Dialogue:
         """Return the trip that an event of the board means, or say what it says."""
         if code in _TRIPPING:
             cause, remedy = _TRIPPING[EventCode(code)]
-            return Trip("board_" + EventCode(code).name.lower(), cause.format(value), remedy, float(value))
+            return Trip(MessageKind(f"board_{EventCode(code).name.lower()}"), cause.format(value), remedy, float(value))
         if code == EventCode.SENSOR_SATURATED:
             text = f"sensor {value + 1} is saturated"
-            self.note("saturated", text, "warning", "reduce the light or its gain", value=value + 1)
+            self.note(MessageKind.SATURATED, text, "warning", "reduce the light or its gain", value=value + 1)
         elif code == EventCode.SAMPLES_DROPPED:
-            self.note("dropped", f"the board dropped {value} samples", "warning", "ask for a lower rate", value=value)
+            self.note(
+                MessageKind.DROPPED,
+                f"the board dropped {value} samples",
+                "warning",
+                "ask for a lower rate",
+                value=value,
+            )
         return None
 
-    def note(self, kind: str, text: str, level: str, remedy: str = "", *, value: float | None = None) -> None:
+    def note(self, kind: MessageKind, text: str, level: str, remedy: str = "", *, value: float | None = None) -> None:
         """Tell the operator and the recording."""
-        self._emit(Noted(kind, text, level, remedy, value))
+        self._emit(ControlEvent(kind, text, level, remedy, value))
 
 
 def _name(command: Command) -> str:

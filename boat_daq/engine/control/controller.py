@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from boat_daq.engine.control.actions import Ended, GoTo, VentNow
+from boat_daq.engine.control.actions import GoTo, VentNow
 from boat_daq.engine.control.board_commands import Dialogue, Effect
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.control.preflight import Check, require
@@ -22,7 +22,7 @@ from boat_daq.engine.control.sequencer import VENTED_KPA, Sequencer
 from boat_daq.engine.control.silence import Stream
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample
-from boat_daq.engine.snapshot import LastSample, SessionState
+from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState
 from boat_daq.errors import OperatorError
 from protocol.link.events import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples
 from protocol.link.messages import (
@@ -105,9 +105,9 @@ class Controller:
         self.stream.begun = False
         self.dialogue.restart()
         if self.pressurised or self.sequencer.state in _RUN:
-            self._trip(Trip("link_lost", cause, "plug it in again; the board vents by itself"))
+            self._trip(Trip(MessageKind.LINK_LOST, cause, "plug it in again; the board vents by itself"))
         else:
-            self.dialogue.note("link_lost", cause, "warning")
+            self.dialogue.note(MessageKind.LINK_LOST, cause, "warning")
 
     @property
     def up(self) -> bool:
@@ -204,10 +204,10 @@ class Controller:
         self.sequencer.pause()
         self._act()
 
-    def stop(self, reason: str = "stopped") -> None:
+    def stop(self) -> None:
         """End the run, or a pressure set by hand."""
         self.dialogue.forget_pending()
-        self.sequencer.stop(reason)
+        self.sequencer.stop()
         if self.target_kpa is not None:
             self._vent()
         self._act()
@@ -220,7 +220,7 @@ class Controller:
             self.dialogue.vent_sent()
         else:
             self.dialogue.send(Vent())
-        self.dialogue.note("vent", "vented by the operator", "info")
+        self.dialogue.note(MessageKind.VENT, "vented by the operator", "info")
         self.sequencer.abort("vented by the operator", SessionState.ABORTED)
         self._act()
 
@@ -269,7 +269,7 @@ class Controller:
 
     def leave(self) -> None:
         """Say goodbye: vent, disarm the watchdog, stop the samples."""
-        self.stop("disconnected")
+        self.stop()
         self.dialogue.vent()
         self.dialogue.leaving = True
         self.dialogue.send(Heartbeat(0))
@@ -287,19 +287,19 @@ class Controller:
         first, was_silent = not stream.begun, stream.silent
         stream.came(dialogue.now_ns)
         if was_silent:
-            dialogue.note("samples_again", "samples come again", "info")
+            dialogue.note(MessageKind.SAMPLES_AGAIN, "samples come again", "info")
         if first:
             self.first_us = int(block.time_us[0])
         self.last = last_sample(block, self.target_kpa)
         self.readiness.take(block.pressure_kpa[block.pressure_known].tolist())
         found = self.interlock.inspect(block)
         if found is not None:
-            if first and found.kind == "board_fault":
+            if first and found.kind is MessageKind.BOARD_FAULT:
                 found = self.interlock.latched = replace(found, cause=_FAULT_BEFORE)
             self._tripped(found)
         for sensor in self.flat_line.inspect(block):
             text = f"sensor {sensor} reads the same value while the pressure moves"
-            dialogue.note("flat_line", text, "warning", "check its emitter, receiver and cable", value=sensor)
+            dialogue.note(MessageKind.FLAT_LINE, text, "warning", "check its emitter, receiver and cable", value=sensor)
         self.sequencer.feed(block)
         self._act()
         if self.target_kpa is None and not dialogue.venting and abs(self.last.pressure_kpa) <= VENTED_KPA:
@@ -315,9 +315,9 @@ class Controller:
 
     def _silence(self, text: str) -> None:
         if self.pressurised or self.sequencer.state in _RUN:
-            self._trip(Trip("silent", text, "check the cable; the board vents by itself"))
+            self._trip(Trip(MessageKind.SILENT, text, "check the cable; the board vents by itself"))
             return
-        self.dialogue.note("silent", text, "warning", "check the board and its cable")
+        self.dialogue.note(MessageKind.SILENT, text, "warning", "check the board and its cable")
         self.dialogue.vent()
 
     # ---- answers ---------------------------------------------------------------------------------------------------
@@ -328,7 +328,9 @@ class Controller:
         self._mv_per_count = hello.vref_mv / 2**hello.adc_bits
         self.readiness.take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
         if hello.rate_max_hz < self.rate_hz:
-            self.dialogue.note("rate", f"the board samples at most {hello.rate_max_hz} times a second", "warning")
+            self.dialogue.note(
+                MessageKind.RATE, f"the board samples at most {hello.rate_max_hz} times a second", "warning"
+            )
             self.stream.rate_hz = hello.rate_max_hz
         self.dialogue.introduce(hello, self.readiness.limits_command)
         if not self.hold_samples:
@@ -350,7 +352,7 @@ class Controller:
         self.dialogue.restart()
         if not booting or self.pressurised:
             cause = f"the board restarted{reason}"
-            self._trip(Trip("board_restarted", cause, "check its supply, then clear the fault"))
+            self._trip(Trip(MessageKind.BOARD_RESTARTED, cause, "check its supply, then clear the fault"))
         if hello is None:
             self.dialogue.send(Identify())
         else:
@@ -370,7 +372,7 @@ class Controller:
     def _cleared(self) -> None:
         self.interlock.latched = None
         self.sequencer.cleared()
-        self.dialogue.note("fault_cleared", f"fault cleared by {self._cleared_by}", "info")
+        self.dialogue.note(MessageKind.FAULT_CLEARED, f"fault cleared by {self._cleared_by}", "info")
 
     # ---- pressure --------------------------------------------------------------------------------------------------
 
@@ -393,9 +395,8 @@ class Controller:
                     self._vent()
                 case _:
                     self._effects.append(action)
-            if isinstance(action, Ended):
-                told = action.reason.startswith("aborted")  # what aborted it has been told already
-                self.dialogue.note("run_ended", action.reason, "" if told else "info")
+            if isinstance(action, RunEnding):  # the message of what aborted it has been given already
+                self.dialogue.note(MessageKind.RUN_ENDED, action.text, "" if action.aborted else "info")
         if self.sequencer.state in (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT):
             self.interlock.set_limits("plan", None)
 
@@ -403,7 +404,7 @@ class Controller:
         try:
             command = self.interlock.authorise(target_kpa, ramp_kpa_per_s)
         except OperatorError as error:  # latched since it was asked for
-            self._trip(Trip("refused", error.cause, error.remedy))
+            self._trip(Trip(MessageKind.REFUSED, error.cause, error.remedy))
             return
         self.pressurised, self.target_kpa = True, target_kpa
         if self.dialogue.feeder.armed_ms:  # a board that restarted an instant ago, unseen yet, has forgotten it

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.sample_columns import Columns
-from boat_daq.engine.snapshot import Limits
+from boat_daq.engine.snapshot import Limits, MessageKind
 from boat_daq.errors import OperatorError
 from protocol.link.messages import SetPressure
 from protocol.recording import BoardState, SampleFlag
@@ -32,7 +32,7 @@ _TRIPPING = int(SampleFlag.ESTOP | SampleFlag.PRESSURE_INVALID)
 class Trip:
     """Why the interlock opened."""
 
-    kind: str  # over_pressure, under_pressure, estop, pressure_invalid, implausible, board_fault, silent, ...
+    kind: MessageKind
     cause: str
     remedy: str = ""
     value: float | None = None  # in the unit of the kind: kPa for pressures
@@ -135,7 +135,7 @@ class Interlock:
         ------
         OperatorError : names the level.
         """
-        if self._standing is not None and self._standing.kind != "board_fault":
+        if self._standing is not None and self._standing.kind is not MessageKind.BOARD_FAULT:
             raise OperatorError(f"the fault stands: {self._standing.cause}", self._standing.remedy)
 
     def _well(self, block: Columns) -> bool:
@@ -149,21 +149,21 @@ class Interlock:
             and float(pressure.max()) <= min(high + MARGIN_KPA, IMPLAUSIBLE_KPA)
         )
 
-    def _levels(self, block: Columns) -> dict[str, NDArray[np.bool_]]:
+    def _levels(self, block: Columns) -> dict[MessageKind, NDArray[np.bool_]]:
         """Return for each kind of trip which samples show it [n]; of one sample's kinds the first here is named."""
         pressure, known = block.pressure_kpa, block.pressure_known
         low, high = self._bounds
         with np.errstate(invalid="ignore"):  # a pressure that is not a number is caught by `known`
             return {
-                "estop": (block.flags & int(SampleFlag.ESTOP)) != 0,
-                "pressure_invalid": ~known,
-                "implausible": known & (np.abs(pressure) > IMPLAUSIBLE_KPA),
-                "over_pressure": known & (pressure > high + MARGIN_KPA),
-                "under_pressure": known & (pressure < low - MARGIN_KPA),
-                "board_fault": block.state == BoardState.FAULT,
+                MessageKind.ESTOP: (block.flags & int(SampleFlag.ESTOP)) != 0,
+                MessageKind.PRESSURE_INVALID: ~known,
+                MessageKind.IMPLAUSIBLE: known & (np.abs(pressure) > IMPLAUSIBLE_KPA),
+                MessageKind.OVER_PRESSURE: known & (pressure > high + MARGIN_KPA),
+                MessageKind.UNDER_PRESSURE: known & (pressure < low - MARGIN_KPA),
+                MessageKind.BOARD_FAULT: block.state == BoardState.FAULT,
             }
 
-    def _describe(self, block: Columns, at: int, levels: dict[str, NDArray[np.bool_]]) -> Trip | None:
+    def _describe(self, block: Columns, at: int, levels: dict[MessageKind, NDArray[np.bool_]]) -> Trip | None:
         """Return what sample `at` shows."""
         kind = next((kind for kind, level in levels.items() if level[at]), None)
         if kind is None:
@@ -184,22 +184,25 @@ def _tightest(limits_kpa: dict[str, tuple[float, float]]) -> Limits | None:
     return Limits(limits_kpa[low_source][0], limits_kpa[high_source][1], low_source, high_source)
 
 
-def _trip(kind: str, pressure_kpa: float, time_us: int, limits_kpa: tuple[float, float]) -> Trip:
+def _trip(kind: MessageKind, pressure_kpa: float, time_us: int, limits_kpa: tuple[float, float]) -> Trip:
     """Say what a level means."""
     low, high = limits_kpa
     cause, remedy = {
-        "estop": ("the e-stop is pressed", "release it when it is safe, then clear the fault"),
-        "pressure_invalid": ("the board calls its pressure sensor invalid", "check the sensor and its cable"),
-        "implausible": (f"the pressure reads {pressure_kpa:.0f} kPa, which no unit can hold", "check the sensor"),
-        "over_pressure": (
+        MessageKind.ESTOP: ("the e-stop is pressed", "release it when it is safe, then clear the fault"),
+        MessageKind.PRESSURE_INVALID: ("the board calls its pressure sensor invalid", "check the sensor and its cable"),
+        MessageKind.IMPLAUSIBLE: (
+            f"the pressure reads {pressure_kpa:.0f} kPa, which no unit can hold",
+            "check the sensor",
+        ),
+        MessageKind.OVER_PRESSURE: (
             f"{pressure_kpa:.1f} kPa, over the limit of {high:g} kPa by more than {MARGIN_KPA:g}",
             "let it vent; check the supply and its valve",
         ),
-        "under_pressure": (
+        MessageKind.UNDER_PRESSURE: (
             f"{pressure_kpa:.1f} kPa, under the limit of {low:g} kPa by more than {MARGIN_KPA:g}",
             "let it vent; check the vacuum line and its valve",
         ),
-        "board_fault": ("the board has latched a fault and vented", "find its cause, then clear the fault"),
+        MessageKind.BOARD_FAULT: ("the board has latched a fault and vented", "find its cause, then clear the fault"),
     }[kind]
     return Trip(kind, cause, remedy, pressure_kpa, time_us)
 

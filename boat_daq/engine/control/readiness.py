@@ -10,6 +10,7 @@ from boat_daq.engine.control.board_commands import Dialogue
 from boat_daq.engine.control.interlock import Interlock
 from boat_daq.engine.control.preflight import Check, zero_check
 from boat_daq.engine.plan import Plan
+from boat_daq.engine.snapshot import MessageKind
 from boat_daq.errors import OperatorError
 from protocol.link.messages import SetLimits
 
@@ -49,7 +50,7 @@ class Readiness:
         if not usable and self._dialogue.can_command:  # what takes no commands has no limits to say
             text = f"the board's own limits, {low_kpa:g} to {high_kpa:g} kPa, leave out 0 kPa, where a vented unit is"
             self._no_pressure = (text, "look at the board's firmware: it is only listened to")
-            self._dialogue.note("limits", text, "warning", self._no_pressure[1])
+            self._dialogue.note(MessageKind.LIMITS, text, "warning", self._no_pressure[1])
 
     @property
     def limits_command(self) -> SetLimits | None:

@@ -21,14 +21,13 @@ from collections import deque
 
 import numpy as np
 
-from boat_daq.engine.control.actions import Action, Ended, GoTo, Marked, Noted, SegmentBreak, VentNow
+from boat_daq.engine.control.actions import Action, ControlEvent, GoTo, SegmentBreak, StepChanged, VentNow
 from boat_daq.engine.control.step_watch import StepWatch
 from boat_daq.engine.plan import Plan, PlannedStep, StepMark
 from boat_daq.engine.sample_columns import Columns
-from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, SessionState
+from boat_daq.engine.snapshot import MessageKind, Phase, Progress, ReadingRequest, RunEnding, SessionState
 from boat_daq.errors import OperatorError
-
-__all__ = ["VENTED_KPA", "Ended", "GoTo", "Marked", "Noted", "SegmentBreak", "Sequencer", "VentNow"]
+from protocol.recording import RunEnd
 
 VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5
@@ -51,7 +50,7 @@ class Sequencer:
         self.incomplete_cycles: tuple[int, ...] = ()
         self.complete_cycles = 0
         self.cycle = 0
-        self.ended = ""  # how the last run ended; empty before, and while one goes
+        self.ended: RunEnding | None = None  # the last run; None before the first ends, and during the next
         self._first_cycle = 1
         self._wait_for_reading = False
         self._queue: deque[PlannedStep] = deque()
@@ -102,8 +101,8 @@ class Sequencer:
         self._started_us = self._time_us
         self._paces.clear()
         self._waits_s.clear()
-        self.ended = ""
-        self._say("run_started", f"{self.plan.name}: {self.plan.cycles} cycles")
+        self.ended = None
+        self._say(MessageKind.RUN_STARTED, f"{self.plan.name}: {self.plan.cycles} cycles")
         self._open()
 
     def pause(self) -> None:
@@ -114,28 +113,31 @@ class Sequencer:
         self._actions += [
             VentNow(),
             SegmentBreak("paused", paused=True),
-            Noted("paused", "paused by the operator", "info"),
+            ControlEvent(MessageKind.PAUSED, "paused by the operator", "info"),
         ]
 
     def resume(self) -> None:
         """Go on with the next whole cycle, from the opening plateau."""
         self._require("resume", SessionState.PAUSED)
         self.state = SessionState.RUNNING
-        self._actions += [SegmentBreak("resumed", paused=False), Noted("resumed", "resumed by the operator", "info")]
+        self._actions += [
+            SegmentBreak("resumed", paused=False),
+            ControlEvent(MessageKind.RESUMED, "resumed by the operator", "info"),
+        ]
         self._open()
 
-    def stop(self, reason: str = "stopped") -> None:
+    def stop(self) -> None:
         """End the run; a second call, or one outside a run, changes nothing but puts an armed plan away."""
         self.disarm()
         if self.state in _RUN:
             self._break_step()
-            self._finish(reason)
+            self._finish(RunEnd.STOPPED)
 
-    def abort(self, reason: str, state: SessionState) -> None:
+    def abort(self, cause: str, state: SessionState) -> None:
         """Leave for ABORTED or FAULT, from wherever we are; only a run has an end to note."""
         if self.state in _RUN:
             self._break_step()
-            self._end(f"aborted: {reason}")
+            self._end(RunEnding(RunEnd.FAULT if state is SessionState.FAULT else RunEnd.ABORTED, cause))
         elif self.state is SessionState.FINISHING:
             if self.marks[-1].ended_us is None:
                 self._mark_end("aborted")
@@ -198,13 +200,15 @@ class Sequencer:
         assert mark.ended_us is not None
         if not mark.detail.get("steady", True):
             text = f"{mark.target_kpa:g} kPa in cycle {mark.cycle} was not steady after {self.plan.max_dwell_s:g} s"
-            self._say("not_steady", text, "warning", "the step keeps its drift")
+            self._say(MessageKind.NOT_STEADY, text, "warning", "the step keeps its drift")
         if mark.detail.get("reading_timed_out"):
-            self._say("reading_missing", f"no reading at {mark.target_kpa:g} kPa in cycle {mark.cycle}", "warning")
+            self._say(
+                MessageKind.READING_MISSING, f"no reading at {mark.target_kpa:g} kPa in cycle {mark.cycle}", "warning"
+            )
         if not self._queue and mark.cycle:
             self.complete_cycles += 1
         if not self._queue and self.complete_cycles >= self.plan.cycles:
-            self._finish("finished")
+            self._finish(RunEnd.FINISHED)
             return
         if not self._queue:
             self._next_cycle()
@@ -215,7 +219,7 @@ class Sequencer:
         self._leave_cycle_out()
         self._watch = None
         remedy = "look for a leak, or a pump that does not run; for a slow pump give a slower ramp (record --ramp)"
-        self._say("step_timeout", text, "error", remedy)
+        self._say(MessageKind.STEP_TIMEOUT, text, "error", remedy)
         self.abort(text, SessionState.ABORTED)
 
     def _follow_vent(self, block: Columns) -> None:
@@ -232,7 +236,7 @@ class Sequencer:
         elif self._time_us - self.marks[-1].started_us > VENT_TIMEOUT_S * 1e6:
             self._mark_end("timeout")
             text = f"the pressure does not fall: {self._pressure_kpa:.1f} kPa after the vent"
-            self._say("vent_timeout", text, "error", "keep clear of the unit and open its valve by hand")
+            self._say(MessageKind.VENT_TIMEOUT, text, "error", "keep clear of the unit and open its valve by hand")
             self.abort(text, SessionState.ABORTED)
 
     # ---- steps -----------------------------------------------------------------------------------------------------
@@ -260,14 +264,14 @@ class Sequencer:
         ramp = self.plan.ramp_kpa_per_s if self.plan and branch != "end" else 0.0
         number = self.marks[-1].number + 1 if self.marks else 1
         self.marks.append(StepMark(number, cycle, branch, target_kpa, ramp, self._time_us))
-        self._actions.append(Marked(self.marks[-1], new=True))
+        self._actions.append(StepChanged(self.marks[-1], new=True))
 
     def _change(self, mark: StepMark) -> None:
         assert self.plan is not None
         if mark.status == "reached" and self._step is not None and self._watch is not None:
             self._learn(mark, self._step, self._watch)
         self.marks[-1] = mark
-        self._actions.append(Marked(mark, new=False))
+        self._actions.append(StepChanged(mark, new=False))
 
     def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch) -> None:
         """Keep how long a step took over its planned time, and how long it waited for its reading."""
@@ -292,17 +296,17 @@ class Sequencer:
         if self.marks[-1].cycle:
             self.incomplete_cycles += (self.marks[-1].cycle,)
 
-    def _finish(self, reason: str) -> None:
+    def _finish(self, end: RunEnd) -> None:
         """Vent, and mark the way out as the "end" step."""
         self._watch = self._step = self._low_since_us = None
         self.state = SessionState.FINISHING
-        self._end(reason)
+        self._end(RunEnding(end))
         self._new_mark(0, "end", 0.0)
 
-    def _end(self, reason: str) -> None:
-        """Vent, and say once how the run ended."""
-        self.ended = reason
-        self._actions += [VentNow(), Ended(reason)]
+    def _end(self, ending: RunEnding) -> None:
+        """Vent, and report once how the run ended."""
+        self.ended = ending
+        self._actions += [VentNow(), ending]
 
     def _mark_end(self, status: str) -> None:
         self._change(dataclasses.replace(self.marks[-1], ended_us=self._time_us, status=status))
@@ -312,8 +316,8 @@ class Sequencer:
             remedy = "clear the fault first" if self.state is SessionState.FAULT else ""
             raise OperatorError(f"cannot {what} while the run is {self.state}", remedy)
 
-    def _say(self, kind: str, text: str, level: str = "", remedy: str = "") -> None:
-        self._actions.append(Noted(kind, text, level, remedy))
+    def _say(self, kind: MessageKind, text: str, level: str = "", remedy: str = "") -> None:
+        self._actions.append(ControlEvent(kind, text, level, remedy))
 
     # ---- what is shown ---------------------------------------------------------------------------------------------
 

@@ -13,10 +13,10 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from boat_daq.engine.blocks import Block
-from boat_daq.engine.snapshot import HealthSnapshot
+from boat_daq.engine.snapshot import HealthSnapshot, LinkWarning, LinkWarningCode
 from protocol.link.events import LinkStatistics, Samples
 
 WARN_FRACTION = 0.005  # of rate and drift
@@ -149,15 +149,14 @@ class LinkHealth:
 
 def _warnings(
     statistics: LinkStatistics, rate_hz: float | None, asked_hz: float | None, silent_s: float, drift_ppm: float | None
-) -> list[str]:
-    """Say in words what is out of bounds."""
-    found = []
+) -> Iterator[LinkWarning]:
+    """Give what is out of bounds."""
     if silent_s > SILENT_WARN_S:
-        found.append(f"no data for {silent_s:.0f} s")
+        yield LinkWarning(LinkWarningCode.SILENT, f"no data for {silent_s:.0f} s")
     if statistics.lost:
-        found.append(f"{statistics.lost} samples lost")
+        yield LinkWarning(LinkWarningCode.LOSS, f"{statistics.lost} samples lost")
     if rate_hz is not None and asked_hz and abs(rate_hz / asked_hz - 1.0) > WARN_FRACTION:
-        found.append(f"{rate_hz:.1f} samples/s come, {asked_hz:g} were asked for")
+        yield LinkWarning(LinkWarningCode.RATE, f"{rate_hz:.1f} samples/s arrive, {asked_hz:g} were requested")
     if drift_ppm is not None and abs(drift_ppm) > WARN_FRACTION * 1e6:
-        found.append(f"the board's clock is {abs(drift_ppm) * 1e-4:.1f} % {'slow' if drift_ppm > 0 else 'fast'}")
-    return found
+        text = f"the board's clock is {abs(drift_ppm) * 1e-4:.1f} % {'slow' if drift_ppm > 0 else 'fast'}"
+        yield LinkWarning(LinkWarningCode.CLOCK, text)

@@ -29,9 +29,9 @@ from boat_daq.engine.recording.rows import (
     reading_row,
     result_row,
 )
-from boat_daq.engine.snapshot import HealthSnapshot
+from boat_daq.engine.snapshot import HealthSnapshot, RunEnding
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import BRANCHES, describe_dtype, sample_dtype
+from protocol.recording import BRANCHES, RunEnd, describe_dtype, sample_dtype
 
 COMMIT_S = 0.1
 RETRY_S = 1.0
@@ -240,8 +240,13 @@ class Recorder:
             target = self._taken
             return self._changed.wait_for(lambda: self._committed >= target, timeout_s)
 
-    def close(self, reason: str) -> Path:
+    def close(self, end: RunEnd, cause: str = "") -> Path:
         """Commit the rest, close into one file, check it, and return its path. May be called twice.
+
+        Parameters
+        ----------
+        end : how the run ended.
+        cause : why it was aborted.
 
         Raises
         ------
@@ -255,7 +260,8 @@ class Recorder:
             "status": "closed",
             "ended_utc": now_utc(),
             "ended_host_ns": time.monotonic_ns(),
-            "stop_reason": reason,
+            "stop_reason": RunEnding(end, cause).text,
+            "run_end": end,
         }
         self._later(lambda rows, _: rows.flush(last=True))
         self._later(lambda *_: iter(set_meta(ended)))

@@ -24,10 +24,11 @@ from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, s
 from boat_daq.engine.recording.file_lock import WriterLock, is_being_written
 from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows, mv_per_count
 from boat_daq.errors import OperatorError, StorageError
-from protocol.errors import RecordingError
+from protocol.errors import DamagedRecordingError, RecordingError
 from protocol.recording import (
     SUFFIX,
     TABLE_NAMES,
+    RunEnd,
     breaks_of,
     check_long_tables,
     layout,
@@ -153,7 +154,7 @@ def _check(path: Path, progress: Progress | None) -> list[_Fault]:
     except (*DAMAGE, RecordingError) as error:
         if not _looks_like_ours(path):
             remedy = getattr(error, "remedy", "")
-            if remedy.startswith("boat-daq recover"):  # that is what was just tried
+            if isinstance(error, DamagedRecordingError):  # whose remedy, recovery, was just tried
                 remedy = "Nothing in it can be read; look for another copy."
             raise RecordingError(str(error), remedy) from error
         return [_Fault(str(error), structural=True)]
@@ -231,7 +232,8 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     if None not in (ended_ns, begun["host_ns"], begun["utc"]):
         passed = timedelta(microseconds=(ended_ns - begun["host_ns"]) / 1000)
         ended_utc = (datetime.fromisoformat(begun["utc"]) + passed).isoformat(timespec="milliseconds")
-    ended = {"ended_host_ns": ended_ns, "ended_utc": ended_utc, "stop_reason": "interrupted", "status": "recovered"}
+    ended = {"ended_host_ns": ended_ns, "ended_utc": ended_utc, "status": "recovered"}
+    ended |= {"stop_reason": RunEnd.INTERRUPTED, "run_end": RunEnd.INTERRUPTED}
     yield from set_meta(ended)
     number = db.execute("SELECT coalesce(max(id), 0) + 1 FROM event").fetchone()[0]
     yield (

@@ -29,6 +29,7 @@ from boat_daq.engine.toml_values import build
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import (
     SCHEMA_VERSION,
+    RunEnd,
     breaks_of,
     layout_version,
     open_recording,
@@ -157,7 +158,7 @@ def read_broken_run(path: Path) -> BrokenRun:
         raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "there is nothing to go on with")
     if layout_version(path) < SCHEMA_VERSION:
         raise OperatorError(f"{path.name} has the layout of an older program", f"boat-daq upgrade {path}")
-    cause = "interrupted" if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
+    cause = str(RunEnd.INTERRUPTED) if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
     return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, cause)
 
 
@@ -214,11 +215,12 @@ def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFil
         counters = _count(broken.path)
         entry = _break(broken, counters, metadata)
         breaks = [*breaks_of(broken.meta), entry]
-        going_on = {"status": "recording", "ended_utc": None, "ended_host_ns": None, "stop_reason": None}
+        ended = ("ended_utc", "ended_host_ns", "stop_reason", "run_end")
+        reopened = {"status": "recording", **dict.fromkeys(ended), "resumptions": breaks}
         event = (
             counters.event + 1, entry["host_ns"], None, None, "host", "break_s", entry["break_s"], break_text(entry)
         )  # fmt: skip
-        file.commit([*set_meta({**going_on, "resumptions": breaks}), (INSERT_EVENT, event)])
+        file.commit([*set_meta(reopened), (INSERT_EVENT, event)])
     except BaseException:
         file.abandon()
         raise

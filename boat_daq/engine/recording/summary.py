@@ -13,8 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.recording.file_lock import is_being_written
-from protocol.errors import RecordingError
-from protocol.recording import breaks_of, layout_version, open_recording, read_session, session_dtype
+from protocol.errors import DamagedRecordingError, RecordingError
+from protocol.recording import (
+    RunEnd,
+    breaks_of,
+    layout_version,
+    open_recording,
+    read_session,
+    run_end_of,
+    session_dtype,
+)
 from protocol.recording.checks import DAMAGE, bytes_of
 
 
@@ -68,6 +76,7 @@ class Summary:
     started_utc: str
     ended_utc: str | None
     stop_reason: str | None
+    run_end: RunEnd | None  # the code of it; None while the recording is under way, or was interrupted
     duration_s: float  # board time of all segments
     rate_hz: float | None  # samples that came for each second of it
     rate_sampled_hz: float | None  # those lost on the way counted too: the board's own rate
@@ -100,7 +109,7 @@ def summarise(path: Path) -> Summary:
         try:
             return _summarise(path, db)
         except DAMAGE as error:
-            raise RecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}") from error
+            raise DamagedRecordingError(f"{path} cannot be read: {error}", f"boat-daq recover {path}") from error
 
 
 def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
@@ -135,6 +144,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         status=status,
         simulated=bool(meta["simulated"]),
         **{key: meta[key] for key in told},
+        run_end=run_end_of(meta),
         duration_s=duration_s,
         rate_hz=_rate(samples, len(segments), duration_s),
         rate_sampled_hz=_rate(samples + int(lost), len(segments), duration_s),

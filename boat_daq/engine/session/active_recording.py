@@ -17,8 +17,9 @@ from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.core import Core
 from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.engine.snapshot import SessionState
+from boat_daq.engine.snapshot import MessageKind, RunEnding, SessionState
 from boat_daq.errors import OperatorError, StorageError
+from protocol.recording import RunEnd
 
 
 class Recordings:
@@ -69,23 +70,23 @@ class Recordings:
                 self.since_us = core.control.dialogue.board_us
         note("info", f"recording {'goes on in' if broken else 'begins in'} {path}")
         if raced:
-            recorder.close("stopped")
+            recorder.close(RunEnd.STOPPED)
             raise OperatorError("the session changed while the recording began", "try again")
 
-    def end(self, reason: str) -> Path | None:
-        """Close the recording as it is, without a word to the board; `reason` where no run gives one."""
+    def end(self, end: RunEnd) -> Path | None:
+        """Close the recording as it is, without a word to the board; `end` where no run gives one."""
         core = self._core
         with core.lock:
             recorder, core.journal.recorder = core.journal.recorder, None
-            reason, acquisition = core.journal.ended or reason, core.acquisition
+            ending, acquisition = core.journal.ended or RunEnding(end), core.acquisition
         if recorder is None:
             return None
         if acquisition is not None:
             acquisition.remove_sink(recorder)
-        path = recorder.close(reason)
-        note("info", f"recording ended, {reason}: {path}")
+        path = recorder.close(ending.end, ending.cause)
+        note("info", f"recording ended, {ending.text}: {path}")
         if recorder.remark:
-            core.tell("warning", recorder.remark)
+            core.tell(MessageKind.STORAGE, "warning", recorder.remark)
         return path
 
     def check_space(self) -> Check:

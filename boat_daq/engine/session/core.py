@@ -26,7 +26,7 @@ from boat_daq.engine.link.opening import OpenPort
 from boat_daq.engine.link.reader import Acquisition
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.session.journal import Journal
-from boat_daq.engine.snapshot import HealthSnapshot
+from boat_daq.engine.snapshot import HealthSnapshot, MessageKind
 from boat_daq.errors import DeviceError, StorageError
 from protocol.errors import ProtocolError
 from protocol.link.events import HelloReceived, Samples, WrongProtocol
@@ -145,15 +145,15 @@ class Core:
             return False  # the reading thread finds the port gone; a link that cannot say it has told why
         return True
 
-    def tell(self, level: str, cause: str, remedy: str = "") -> None:
+    def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "") -> None:
         """Tell the operator."""
         with self.lock:
-            self.journal.tell(level, cause, remedy, host_ns=time.monotonic_ns())
+            self.journal.tell(kind, level, cause, remedy, host_ns=time.monotonic_ns())
 
     def storage_failed(self, error: StorageError) -> None:
         """The disk fails, on the recorder's thread: no run without its record."""
         with self.acting() as control:
-            self.journal.tell("error", error.cause, error.remedy, host_ns=time.monotonic_ns())
+            self.journal.tell(MessageKind.STORAGE, "error", error.cause, error.remedy, host_ns=time.monotonic_ns())
             control.abort(error.cause)
 
     def health_now(self) -> HealthSnapshot:
@@ -186,7 +186,9 @@ class Core:
                         self.lost = error
                     case SinkFailed(name, failure):
                         note_failure(f"{name} failed", failure)
-                        self.journal.tell("error", f"{name} failed: {failure!r}", "report this as a fault")
+                        self.journal.tell(
+                            MessageKind.SINK_FAILED, "error", f"{name} failed: {failure!r}", "report this as a fault"
+                        )
             self.control.events(block.events, block.host_ns)
             if any(isinstance(event, HelloReceived) for event in block.events):
                 self._greeted()

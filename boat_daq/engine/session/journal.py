@@ -10,12 +10,12 @@ import math
 from collections import deque
 from datetime import UTC, datetime
 
-from boat_daq.engine.control.actions import Ended, Marked, Noted, SegmentBreak
+from boat_daq.engine.control.actions import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.log import note
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
-from boat_daq.engine.snapshot import Message, Reading
+from boat_daq.engine.snapshot import Message, MessageKind, Reading, RunEnding
 from boat_daq.errors import OperatorError
 
 MESSAGES = 50
@@ -32,38 +32,40 @@ class Journal:
         self.messages: deque[Message] = deque(maxlen=MESSAGES)
         self.steps: dict[int, StepMark] = {}
         self.readings: list[Reading] = []
-        self.ended = ""  # how the recording's last run ended
+        self.ended: RunEnding | None = None  # the recording's last run
         self._told = 0
 
     def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
         """Begin a recording, or go on in that of a broken run; steps and readings of another one are its own."""
-        self.recorder, self.ended, self.broken = recorder, "", broken
+        self.recorder, self.ended, self.broken = recorder, None, broken
         self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
         self.readings = list(broken.readings) if broken else []
 
-    def tell(self, level: str, cause: str, remedy: str = "", *, host_ns: int = 0) -> None:
+    def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "", *, host_ns: int = 0) -> None:
         """Tell the operator."""
         self._told += 1
         note(level, f"{cause} (try: {remedy})" if remedy else cause)
-        self.messages.append(Message(self._told, level, cause, remedy, host_ns))
+        self.messages.append(Message(self._told, kind, level, cause, remedy, host_ns))
 
-    def take(self, effect: Marked | SegmentBreak | Noted | Ended, *, host_ns: int, time_us: int | None) -> None:
+    def take(
+        self, effect: StepChanged | SegmentBreak | ControlEvent | RunEnding, *, host_ns: int, time_us: int | None
+    ) -> None:
         """Keep what the control says."""
         match effect:
-            case Marked(mark, new):
+            case StepChanged(mark, new):
                 self.steps[mark.number] = mark
                 self._record_step(mark, new=new)
             case SegmentBreak(reason, paused):
                 if self.recorder is not None:
                     self.recorder.new_segment(reason, paused=paused)
-            case Noted():
+            case ControlEvent():
                 if effect.level:
-                    self.tell(effect.level, effect.text, effect.remedy, host_ns=host_ns)
+                    self.tell(effect.kind, effect.level, effect.text, effect.remedy, host_ns=host_ns)
                 else:
                     note("info", f"{effect.kind}: {effect.text}")
                 self.event("sequencer", effect.kind, effect.text, value=effect.value, time_us=time_us)
-            case Ended(reason):
-                self.ended = reason
+            case RunEnding():
+                self.ended = effect
 
     def event(
         self, source: str, kind: str, text: str, *, value: float | None = None, time_us: int | None = None

@@ -17,9 +17,10 @@ from boat_daq.engine.link.opening import open_port
 from boat_daq.engine.link.replay import ReplayEnded
 from boat_daq.engine.session.core import Core
 from boat_daq.engine.settings import Settings
-from boat_daq.engine.snapshot import LinkState, SessionState
+from boat_daq.engine.snapshot import LinkState, MessageKind, SessionState
 from boat_daq.errors import BoatDaqError, OperatorError
 from protocol.errors import ProtocolError
+from protocol.recording import RunEnd
 
 TICK_S = 0.03
 HELLO_S = 2.5  # for a board to say who it is, its boot after opening the port included; refused within 3 s
@@ -40,7 +41,7 @@ class LinkSupervisor:
         core: Core,
         settings: Settings,
         *,
-        end_recording: Callable[[str], object],
+        end_recording: Callable[[RunEnd], object],
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.state = LinkState.CLOSED
@@ -195,7 +196,7 @@ class LinkSupervisor:
             self.state, self._since_s = LinkState.LOST, self._clock_s()
             return
         self.error, self.state = (cause, remedy), LinkState.FAILED
-        self._core.tell("error", cause, remedy)
+        self._core.tell(MessageKind.LINK_FAILED, "error", cause, remedy)
 
     # ---- lost and found --------------------------------------------------------------------------------------------
 
@@ -205,8 +206,8 @@ class LinkSupervisor:
         assert error is not None
         core.detach()
         if isinstance(error, ReplayEnded):
-            core.tell("info", error.cause)
-            self._end_recording("finished")
+            core.tell(MessageKind.REPLAY_ENDED, "info", error.cause)
+            self._end_recording(RunEnd.FINISHED)
             self.state = LinkState.CLOSED
             return
         with core.acting() as control:
@@ -230,7 +231,7 @@ class LinkSupervisor:
             return
         core.attach(port)
         self._since_s, self.state = self._clock_s(), LinkState.OPENING
-        core.tell("info", f"{self.url} is there again")
+        core.tell(MessageKind.BOARD_FOUND, "info", f"{self.url} is there again")
 
     # ---- goodbye ---------------------------------------------------------------------------------------------------
 
@@ -239,14 +240,14 @@ class LinkSupervisor:
         core = self._core
         if core.acquisition is not None:
             with core.acting() as control:
-                control.stop("stopped")
+                control.stop()
             self._wait(lambda: core.control.sequencer.state is not SessionState.FINISHING, VENT_S)
             self._leave()
         core.detach()
         try:
-            self._end_recording("stopped")
+            self._end_recording(RunEnd.STOPPED)
         except BoatDaqError as error:
-            core.tell("error", error.cause, error.remedy)
+            core.tell(MessageKind.STORAGE, "error", error.cause, error.remedy)
         core.expected_id, self._seeking, self._greeted = None, False, None
         self.state = LinkState.CLOSED
 

@@ -29,9 +29,10 @@ from boat_daq.engine.session.health_log import HealthLog, Vitals
 from boat_daq.engine.session.journal import now_utc
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_remarks
-from boat_daq.engine.snapshot import LinkState, Reading, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, MessageKind, Reading, SessionSnapshot, SessionState
 from boat_daq.errors import DeviceError, OperatorError
 from protocol.link.messages import Vent
+from protocol.recording import RunEnd
 
 VENTING_WAIT_S = 5.0
 POLL_S = 0.01
@@ -144,13 +145,13 @@ class Session:
     def close(self) -> None:
         """Disconnect and end the threads; waits for them. The session is not used again."""
         self._keeper.end()
-        self._recordings.end("stopped")
+        self._recordings.end(RunEnd.STOPPED)
         self._health_log.stop()
 
     def _tell_remarks(self) -> None:
         """Say aloud that a backup stands in for a stored file."""
         for cause, remedy in take_remarks():
-            self._core.tell("warning", cause, remedy)
+            self._core.tell(MessageKind.BACKUP_USED, "warning", cause, remedy)
 
     def _vitals(self) -> Vitals:
         core = self._core
@@ -198,7 +199,7 @@ class Session:
         """
         self.stop()
         self.wait(lambda s: s.state is not SessionState.FINISHING or s.link is not LinkState.UP, VENTING_WAIT_S)
-        return self._recordings.end("stopped")
+        return self._recordings.end(RunEnd.STOPPED)
 
     # ---- the run ---------------------------------------------------------------------------------------------------
 
@@ -251,7 +252,7 @@ class Session:
             journal, goes_on, self._goes_on = self._core.journal, self._goes_on, None
             if goes_on is not None and journal.recorder is not None:
                 first, complete = goes_on
-                cause = journal.ended or "interrupted"
+                cause = journal.ended.text if journal.ended else str(RunEnd.INTERRUPTED)
                 journal.recorder.run_goes_on(cause, first_cycle=first, complete_cycles=complete)
 
     def preflight(self) -> list[Check]:
@@ -356,7 +357,7 @@ class Session:
         """Put a marker with a note at the newest sample, into the recording."""
         with self._core.lock:
             self._core.journal.event("user", "mark", note, time_us=self._core.control.dialogue.board_us)
-            self._core.journal.tell("info", f"marked: {note}", host_ns=time.monotonic_ns())
+            self._core.journal.tell(MessageKind.MARK, "info", f"marked: {note}", host_ns=time.monotonic_ns())
 
     # ---- what is shown ---------------------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from analysis.arrays import FloatArray
 from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import Limits, Phase, SessionSnapshot, SessionState
-from boat_daq.engine.toml_values import read_text
+from boat_daq.engine.toml_values import BadValue, read_text
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.changes import Change, Changes
 from boat_daq.viewmodels.common.formatting import duration, number, plain_number, target
@@ -243,8 +243,9 @@ class SequenceModel:
         for changed in (self._typed | alone, alone):
             try:
                 plan = dataclasses.replace(self.plan, **changed)  # type: ignore[arg-type]
-            except BoatDaqError as error:
-                why = f"{_in_form_words(error.cause, self.plan.name)}. {_in_form_words(error.remedy, '')}".strip()
+            except BadValue as error:
+                cause = f"'{error.key}' {error.why}"
+                why = f"{_in_form_words(cause)}. {_in_form_words(error.remedy)}".strip()
             else:
                 left = {k: v for k, v in self._typed.items() if k not in changed}
                 reasons = {k: why for k, why in self.refused.items() if k not in changed}
@@ -324,9 +325,8 @@ class SequenceModel:
         self.session.set_pressure(plain_number(text), plain_number(ramp))
 
 
-def _in_form_words(text: str, plan: str) -> str:
+def _in_form_words(text: str) -> str:
     """Return a refusal of the plan with the form's names for its keys, as a sentence."""
-    text = text.removeprefix(f"plan {plan!r:.60}: ")
     for entry in ENTRIES:
         text = text.replace(f"'{entry.key}'", entry.label).replace(entry.key, entry.label)
     text = text.replace("'window_s'", "the steadiness window").replace("window_s", "the steadiness window")
@@ -342,8 +342,9 @@ def state_text(snapshot: SessionSnapshot) -> str:
 def progress_text(snapshot: SessionSnapshot) -> str:
     """Return cycle, step and time left in a line; why the run ended, where it did before its time."""
     progress = snapshot.progress
-    if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and snapshot.run_ended.startswith("aborted"):
-        return snapshot.run_ended.removeprefix("aborted: ")
+    ended = snapshot.run_ended
+    if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:
+        return ended.cause
     if progress is None:
         return ""
     where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"

@@ -26,7 +26,7 @@ from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, numb
 from boat_daq.viewmodels.common.work import Bench, Work, WorkState
 from boat_daq.viewmodels.results.analysis_view import RunResult
 from protocol.errors import ProtocolError
-from protocol.recording import SUFFIX, open_recording
+from protocol.recording import SUFFIX, RunEnd, open_recording
 
 HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
 POINTS = 160  # of a thumbnail
@@ -63,7 +63,7 @@ class RunEntry:
     def resumable(self) -> bool:
         """Whether its run did not come to its end and can go on in it."""
         s = self.summary
-        ended = s is not None and s.status != "recording" and s.stop_reason != "finished"
+        ended = s is not None and s.status != "recording" and s.run_end is not RunEnd.FINISHED
         return ended and s is not None and s.steps > 0
 
     @property
@@ -97,7 +97,7 @@ class RunEntry:
         simulated = "  SIMULATED" if s.simulated else ""
         cycles = str(s.cycles.complete) + (f" + {s.cycles.partial} partial" if s.cycles.partial else "")
         when = s.started_utc[:16].replace("T", "  ")
-        state = _state(s.status, s.stop_reason or "") + (f", {count(len(s.breaks), 'break')}" if s.breaks else "")
+        state = _state(s.status, s.run_end) + (f", {count(len(s.breaks), 'break')}" if s.breaks else "")
         return (
             "",
             f"{s.unit or NOTHING}{simulated}",
@@ -110,11 +110,11 @@ class RunEntry:
         )
 
 
-def _state(status: str, stop_reason: str) -> str:
+def _state(status: str, end: RunEnd | None) -> str:
     """Return what became of a run: a file that is closed in order may hold a run that was not finished."""
-    if status == "closed" and stop_reason.startswith("aborted"):
+    if status == "closed" and end in (RunEnd.ABORTED, RunEnd.FAULT):
         return "\u25b2 broken off"
-    if status == "closed" and stop_reason == "stopped":
+    if status == "closed" and end is RunEnd.STOPPED:
         return "\u25a0 stopped"
     return STATES.get(status, status)
 

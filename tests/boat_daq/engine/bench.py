@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from boat_daq.engine.control.actions import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.control.board_commands import Send
 from boat_daq.engine.control.controller import Controller
-from boat_daq.engine.control.sequencer import Ended, Marked, Noted, SegmentBreak
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.snapshot import SessionState
+from boat_daq.engine.snapshot import RunEnding, SessionState
 from protocol.link.connection import Connection
 from protocol.link.messages import Command
 from protocol.simulator.board import VirtualBoard
@@ -42,8 +42,8 @@ class Bench:
         self.buffer = b""
         self.sent: list[Command] = []
         self.marks: dict[int, object] = {}
-        self.notes: list[Noted] = []
-        self.ends: list[str] = []
+        self.notes: list[ControlEvent] = []
+        self.ends: list[RunEnding] = []
         self.breaks: list[SegmentBreak] = []
         self.pressures: list[float] = []
         self.control.link_opened(self.now_ns)
@@ -72,12 +72,12 @@ class Bench:
                     data = send(command, self.now_ns)
                     if self.plugged and self.host_alive:
                         self.board.receive(data)
-                case Marked(mark):
+                case StepChanged(mark):
                     self.marks[mark.number] = mark
-                case Noted():
+                case ControlEvent():
                     self.notes.append(effect)
-                case Ended(reason):
-                    self.ends.append(reason)
+                case RunEnding():
+                    self.ends.append(effect)
                 case SegmentBreak():
                     self.breaks.append(effect)
 
@@ -139,5 +139,5 @@ class Bench:
     def sent_of(self, kind: type[Command]) -> list[Command]:
         return [command for command in self.sent if isinstance(command, kind)]
 
-    def said(self, kinds: Iterable[str]) -> list[Noted]:
+    def said(self, kinds: Iterable[str]) -> list[ControlEvent]:
         return [note for note in self.notes if note.kind in kinds]

@@ -11,6 +11,7 @@ from boat_daq.engine.link.reader import Acquisition
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.errors import DeviceError
 from protocol import CommandDone, Connection, Identify, SetPressure, Start
+from protocol.recording import RunEnd
 from protocol.simulator.board import VirtualBoard
 
 
@@ -116,7 +117,7 @@ def record_run(
     transport.end_us = board.now_us + int(seconds * 1e6)
     _wait_until(board, transport.end_us)
     acquisition.stop()
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     return recorder
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from boat_daq.engine.recording.recorder import Recorder
+from protocol.recording import RunEnd
 from tests.boat_daq.engine.recording_source import Source, begin
 
 
@@ -25,4 +26,4 @@ def path(tmp_path) -> Path:
 def recorder(path, source) -> Iterator[Recorder]:
     recorder = begin(path, source)
     yield recorder
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)

@@ -17,10 +17,11 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit, QMessageBox, QScrollBar
 
 from boat_daq.engine.plan import StepMark
-from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, SessionState
+from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, RunEnding, SessionState
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Level
 from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText
+from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.results.test_result_pages import result
 from tests.boat_daq.gui.results.test_runs_page import PATIENCE_MS, SAMPLE
@@ -325,10 +326,10 @@ def test_a_run_that_is_started_elsewhere_is_shown_and_asks_from_everywhere(runni
 @pytest.mark.parametrize("state", [SessionState.FAULT, SessionState.ABORTED])
 def test_a_run_that_broke_off_says_why_where_its_button_is(live, state):
     """The strip's message goes once the link is up again: "Fault" stood there without a reason."""
-    live.desk.session.change(state=state, run_ended="aborted: the board was unplugged", progress=None)
+    live.desk.session.change(state=state, run_ended=RunEnding(RunEnd.FAULT, "the board was unplugged"), progress=None)
     live.refresh()
     assert live.live.sequence.progress.text() == "the board was unplugged"
-    live.desk.session.change(state=SessionState.IDLE, run_ended="finished")
+    live.desk.session.change(state=SessionState.IDLE, run_ended=RunEnding(RunEnd.FINISHED))
     live.refresh()
     assert "plateaus" in live.live.sequence.progress.text()
 
@@ -439,10 +440,12 @@ def test_nothing_of_an_earlier_run_is_left_on_the_calibration_page(live):
     assert live.grab().width() == live.width()  # it paints
 
 
-@pytest.mark.parametrize(("ended", "words"), [("finished", "the run is finished"), ("stopped", "the run was stopped")])
-def test_the_next_step_is_offered_in_the_run_s_own_words(running, ended, words):
+@pytest.mark.parametrize(
+    ("end", "words"), [(RunEnd.FINISHED, "the run is finished"), (RunEnd.STOPPED, "the run was stopped")]
+)
+def test_the_next_step_is_offered_in_the_run_s_own_words(running, end, words):
     """A run that was stopped with some plateaus read was called finished."""
     running.desk.readings.put(4, 1.5, "typed")
-    running.desk.session.change(state=SessionState.IDLE, progress=None, run_ended=ended)
+    running.desk.session.change(state=SessionState.IDLE, progress=None, run_ended=RunEnding(end))
     running.refresh()
     assert running.desk.notices.current().cause == f"{words}, 1 plateau read"

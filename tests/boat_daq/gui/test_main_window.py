@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 )
 
 from boat_daq.engine.plan import StepMark
-from boat_daq.engine.snapshot import LinkState, Message, ReadingRequest, SessionState
+from boat_daq.engine.snapshot import LinkState, Message, MessageKind, ReadingRequest, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.viewmodels.app_model import PAGES
@@ -92,7 +92,9 @@ def test_a_warning_stands_with_cause_and_remedy(make):
     """A message of the session comes to the strip and stays until it is dismissed."""
     session = RecordedSession(connected(), filled_ring(10.0))
     window = make(session)
-    session.change(messages=(Message(1, "error", "the port is gone", "Plug the board in again."),))
+    session.change(
+        messages=(Message(1, MessageKind.LINK_LOST, "error", "the port is gone", "Plug the board in again."),)
+    )
     window.refresh()
     assert window.strip.text.text() == "The port is gone. Plug the board in again."
     assert window.strip.property("level") == "fault"
@@ -358,7 +360,7 @@ def test_a_silence_that_is_over_is_only_a_remark(make):
     """Data that stopped for a moment and come again leave no warning that waits to be dismissed."""
     session = RecordedSession(connected(), filled_ring(10.0))
     window = make(session)
-    session.change(messages=(Message(1, "warning", "no data for 1 s", "Check the cable."),))
+    session.change(messages=(Message(1, MessageKind.SILENT, "warning", "no data for 1 s", "Check the cable."),))
     window.refresh()
     assert window.strip.text.text() == "No data for 1 s."
     assert window.strip.property("level") == "information"
@@ -379,7 +381,10 @@ def test_what_was_said_of_a_lost_link_leaves_when_it_is_back(make):
     """A message said while the link was down does not stand over a link that is well."""
     session = RecordedSession(connected(), filled_ring(10.0))
     window = make(session)
-    session.change(link=LinkState.SILENT, messages=(Message(1, "warning", "no data for 1 s", "Check the cable."),))
+    session.change(
+        link=LinkState.SILENT,
+        messages=(Message(1, MessageKind.SILENT, "warning", "no data for 1 s", "Check the cable."),),
+    )
     window.refresh()
     assert window.strip.text.text() == "No data for 1 s. Check the cable."
     assert "no data" in window.header.link.text()

@@ -12,7 +12,7 @@ from analysis import load_recording
 from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.engine.snapshot import LinkState, SessionState
+from boat_daq.engine.snapshot import LinkState, RunEnding, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.changes import History
 from boat_daq.viewmodels.common.notices import Notices
@@ -22,6 +22,7 @@ from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.results.closed_run import ClosedRun
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, told
 from boat_daq.viewmodels.resume_run import GoingOn
+from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 
 SAMPLE = Path(__file__).parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
@@ -67,10 +68,10 @@ def test_which_runs_can_go_on(closed):
     def as_if(**changed: object) -> RunEntry:
         return dataclasses.replace(run, summary=dataclasses.replace(run.summary, **changed))
 
-    assert as_if(stop_reason="aborted: the cable").resumable
-    assert as_if(status="interrupted", stop_reason=None).resumable
-    assert not as_if(status="recording", stop_reason=None).resumable
-    assert not as_if(stop_reason="stopped", steps=0).resumable
+    assert as_if(run_end=RunEnd.FAULT).resumable
+    assert as_if(status="interrupted", run_end=None).resumable
+    assert not as_if(status="recording", run_end=None).resumable
+    assert not as_if(run_end=RunEnd.STOPPED, steps=0).resumable
     assert not dataclasses.replace(run, summary=None).resumable
 
 
@@ -93,7 +94,12 @@ def test_a_run_broken_by_an_unplug_is_offered_to_go_on(tmp_path):
     plan = built_in_plans()["calibration"]
     session = RecordedSession(connected())
     session.marks = marks(plan, 2)
-    session.change(plan=plan, recording=tmp_path / "x.boat", run_ended="aborted: unplugged", state=SessionState.FAULT)
+    session.change(
+        plan=plan,
+        recording=tmp_path / "x.boat",
+        run_ended=RunEnding(RunEnd.FAULT, "unplugged"),
+        state=SessionState.FAULT,
+    )
     model, notices, runs = going_on(tmp_path, session)
     model.watch(dataclasses.replace(session.shown, link=LinkState.LOST))
     model.watch(session.shown)
@@ -119,7 +125,12 @@ def test_nothing_is_offered_where_nothing_is_left(tmp_path, cycles):
     plan = built_in_plans()["calibration"]
     session = RecordedSession(connected())
     session.marks = marks(plan, cycles)
-    session.change(plan=plan, recording=tmp_path / "x.boat", run_ended="aborted: unplugged", state=SessionState.FAULT)
+    session.change(
+        plan=plan,
+        recording=tmp_path / "x.boat",
+        run_ended=RunEnding(RunEnd.FAULT, "unplugged"),
+        state=SessionState.FAULT,
+    )
     model, notices, runs = going_on(tmp_path, session)
     model.watch(session.shown)
     session.change(state=SessionState.IDLE)

@@ -10,11 +10,11 @@ import pytest
 from boat_daq.engine.control.board_commands import Dialogue
 from boat_daq.engine.control.readiness import ZERO_SAMPLES
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.engine.snapshot import SessionState
+from boat_daq.engine.snapshot import RunEnding, SessionState
 from boat_daq.errors import OperatorError
 from protocol.link.events import CommandDone
 from protocol.link.messages import AckStatus, ClearFault, Heartbeat, SetLimits, SetPressure, Start, Vent
-from protocol.recording import BoardState
+from protocol.recording import BoardState, RunEnd
 from tests.boat_daq.engine.bench import QUICK, Bench
 
 RUN_S = 60.0
@@ -30,7 +30,7 @@ def test_a_calibration_runs_to_its_end(speed: float, step_s: float) -> None:
     plan = dataclasses.replace(built_in_plans()["calibration"], cycles=1)
     bench = Bench(speed=speed).running(plan)
     assert bench.run(3 * plan.duration_s, lambda: bench.state is SessionState.IDLE, step_s=step_s)
-    assert bench.ends == ["finished"]
+    assert bench.ends == [RunEnding(RunEnd.FINISHED)]
     plateaus = [mark for mark in bench.marks.values() if mark.branch != "end"]
     assert [mark.target_kpa for mark in plateaus] == [step.target_kpa for step in plan.steps]
     assert all(mark.status == "reached" and mark.detail["steady"] for mark in plateaus)
@@ -114,7 +114,7 @@ def test_a_fault_of_the_board_vents_and_latches(fault: str, word: str) -> None:
     bench.run(3.0)
     latched = bench.control.interlock.latched
     assert latched is not None and word in latched.cause
-    assert bench.ends == [f"aborted: {latched.cause}"]
+    assert bench.ends == [RunEnding(RunEnd.FAULT, latched.cause)]
     assert vented(bench) and bench.sent_of(Vent)
     with pytest.raises(OperatorError):
         bench.control.set_pressure(10.0)
@@ -132,7 +132,7 @@ def test_after_the_e_stop_the_operator_clears_and_goes_on() -> None:
     assert bench.run(2.0, lambda: bench.state is SessionState.IDLE)
     assert bench.sent_of(ClearFault)
     bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
-    assert bench.run(RUN_S, lambda: "finished" in bench.ends)
+    assert bench.run(RUN_S, lambda: RunEnding(RunEnd.FINISHED) in bench.ends)
 
 
 @pytest.mark.fault(20, how="e-stop pressed, or 70 kPa, before the program came", times=2)
@@ -152,7 +152,7 @@ def test_a_refused_pressure_is_not_done() -> None:
     bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
     bench.fault("ack_refused", 3)
     assert bench.run(3.0, lambda: bench.state is SessionState.FAULT)
-    assert "out of its limits" in bench.ends[0]
+    assert "out of its limits" in bench.ends[0].cause
 
 
 @pytest.mark.parametrize("pressed", ["start", "pressure by hand", "nothing"])
@@ -176,7 +176,7 @@ def test_an_unanswered_pressure_is_sent_three_times_then_vented() -> None:
     bench.run(5.0)
     bench.fault("ack_lost", 1000)
     assert bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
-    assert "did not answer" in bench.ends[0]
+    assert "did not answer" in bench.ends[0].cause
     bench.run(2.0)
     assert vented(bench)
     assert len(bench.sent_of(Vent)) > 1, "a vent is repeated until it is acknowledged"
@@ -279,7 +279,7 @@ def test_the_watchdog_is_fed_through_a_run_at_any_speed(speed: float, timeout_ms
     bench = Bench(speed=speed).running(dataclasses.replace(QUICK, cycles=3))
     assert bench.control.dialogue.feeder.armed_ms == timeout_ms
     assert bench.run(300, lambda: bench.state is SessionState.IDLE)
-    assert bench.ends == ["finished"]
+    assert bench.ends == [RunEnding(RunEnd.FINISHED)]
 
 
 @pytest.mark.fault(26, how="the host stands still for 0.5 s and 5 s", times=2)
@@ -313,7 +313,7 @@ def test_goodbye_leaves_the_board_at_rest() -> None:
     bench.run(10.0)
     assert vented(bench)
     assert bench.board._control.state is BoardState.VENTED
-    assert bench.ends == ["stopped"] or bench.ends == ["disconnected"]
+    assert bench.ends == [RunEnding(RunEnd.STOPPED)]
 
 
 def test_a_listener_sends_nothing_but_start() -> None:

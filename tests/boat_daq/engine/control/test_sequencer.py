@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boat_daq.engine.control.sequencer import READING_S, Ended, GoTo, Marked, SegmentBreak, Sequencer, VentNow
+from boat_daq.engine.control.actions import GoTo, SegmentBreak, StepChanged, VentNow
+from boat_daq.engine.control.sequencer import READING_S, Sequencer
 from boat_daq.engine.control.step_watch import StepWatch
 from boat_daq.engine.plan import Plan, PlannedStep, StepMark, resume_point
 from boat_daq.engine.sample_columns import Columns
-from boat_daq.engine.snapshot import Phase, SessionState
+from boat_daq.engine.snapshot import Phase, RunEnding, SessionState
 from boat_daq.errors import OperatorError
-from protocol.recording import SampleFlag
+from protocol.recording import RunEnd, SampleFlag
 
 PLAN = Plan("t", "staircase", 2, step_kpa=45.0, ramp_kpa_per_s=20.0, reading_timeout_s=5.0)
 HZ = 100
@@ -155,7 +156,7 @@ class Rig:
     def __init__(self, plan: Plan = PLAN, **options: int) -> None:
         self.sequencer = Sequencer()
         self.time_us, self.pressure, self.target = 0, 0.0, 0.0
-        self.ended: list[str] = []
+        self.ended: list[RunEnding] = []
         self.vents = 0
         self.breaks: list[str] = []
         self.marks: dict[int, StepMark] = {}
@@ -171,11 +172,11 @@ class Rig:
                     self.sequencer.commanded()
                 case VentNow():
                     self.target, self.vents = 0.0, self.vents + 1
-                case Ended(reason):
-                    self.ended.append(reason)
+                case RunEnding():
+                    self.ended.append(action)
                 case SegmentBreak(reason):
                     self.breaks.append(reason)
-                case Marked(mark):
+                case StepChanged(mark):
                     self.marks[mark.number] = mark
 
     def run(self, seconds: float) -> None:
@@ -192,7 +193,7 @@ def test_a_whole_run() -> None:
     rig = Rig()
     rig.run(120)
     assert rig.sequencer.state is SessionState.IDLE
-    assert (rig.ended, rig.vents, rig.sequencer.complete_cycles) == (["finished"], 1, 2)
+    assert (rig.ended, rig.vents, rig.sequencer.complete_cycles) == ([RunEnding(RunEnd.FINISHED)], 1, 2)
     marks = list(rig.marks.values())
     cycle = ["unloading", "unloading", "loading", "loading"]
     assert [m.branch for m in marks] == ["start", *cycle, *cycle, "end"]
@@ -211,7 +212,7 @@ def test_pause_leaves_the_cycle_out_and_the_count_goes_on() -> None:
     assert rig.pressure == 0.0 and rig.sequencer.state is SessionState.PAUSED and not rig.ended
     rig.sequencer.resume()
     rig.run(150)
-    assert rig.ended == ["finished"]
+    assert rig.ended == [RunEnding(RunEnd.FINISHED)]
     assert rig.breaks == ["paused", "resumed"]
     assert rig.sequencer.incomplete_cycles == (1,)
     reached = [m.cycle for m in rig.marks.values() if m.status == "reached" and m.cycle]
@@ -228,7 +229,7 @@ def test_stop_twice_is_one_end() -> None:
     rig.run(20)
     rig.sequencer.stop()
     rig.take()
-    assert (rig.ended, rig.vents, rig.sequencer.state) == (["stopped"], 1, SessionState.IDLE)
+    assert (rig.ended, rig.vents, rig.sequencer.state) == ([RunEnding(RunEnd.STOPPED)], 1, SessionState.IDLE)
 
 
 @pytest.mark.fault(24, how="stop while aborting", times=1)
@@ -240,7 +241,7 @@ def test_stop_during_abort_adds_nothing() -> None:
     rig.sequencer.stop()
     rig.sequencer.abort("y", SessionState.ABORTED)
     rig.take()
-    assert rig.ended == ["aborted: x"] and rig.sequencer.state is SessionState.FAULT
+    assert rig.ended == [RunEnding(RunEnd.FAULT, "x")] and rig.sequencer.state is SessionState.FAULT
 
 
 def test_a_unit_that_does_not_vent_is_said() -> None:
@@ -252,7 +253,7 @@ def test_a_unit_that_does_not_vent_is_said() -> None:
     rig.target = 50.0
     rig.run(70)
     assert rig.sequencer.state is SessionState.ABORTED
-    assert rig.ended == ["stopped"]
+    assert rig.ended == [RunEnding(RunEnd.STOPPED)]
     assert list(rig.marks.values())[-1].status == "timeout"
 
 
@@ -290,7 +291,7 @@ def test_a_broken_run_goes_on_at_the_next_whole_cycle() -> None:
     again = Rig(plan, first_cycle=first, complete_cycles=complete)
     again.run(150)
     assert sorted({m.cycle for m in again.marks.values()}) == [0, 3, 4]
-    assert again.ended == ["finished"]
+    assert again.ended == [RunEnding(RunEnd.FINISHED)]
 
 
 def test_time_left_comes_down_to_the_truth() -> None:

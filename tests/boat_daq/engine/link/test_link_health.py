@@ -7,6 +7,7 @@ import pytest
 
 from boat_daq.engine.blocks import Block
 from boat_daq.engine.link.link_health import ClockFit, LinkHealth
+from boat_daq.engine.snapshot import LinkWarningCode
 from protocol import LinkStatistics, Samples
 from protocol.recording import sample_dtype
 
@@ -73,7 +74,7 @@ def test_the_effective_rate_is_shown_and_warned_of():
     feed(health, seconds=20, rate_hz=62)
     snapshot = health.snapshot()
     assert snapshot.rate_hz == pytest.approx(62.0, rel=1e-3)
-    assert any("62.0 samples/s come, 100 were asked for" in warning for warning in snapshot.warnings)
+    assert [w for w in snapshot.warnings if w.code is LinkWarningCode.RATE and "62.0 samples/s" in w.text]
 
 
 def test_a_restart_of_the_boards_clock_begins_the_fit_anew():
@@ -101,7 +102,8 @@ def test_silence_losses_and_lag_are_told():
     snapshot = health.snapshot()
     assert snapshot.silent_s == pytest.approx(3.0)
     assert snapshot.lag_ms == 42.0
-    assert snapshot.warnings == ("no data for 3 s", "7 samples lost")
+    assert [w.code for w in snapshot.warnings] == [LinkWarningCode.SILENT, LinkWarningCode.LOSS]
+    assert [w.text for w in snapshot.warnings] == ["no data for 3 s", "7 samples lost"]
 
 
 def test_before_the_first_sample_nothing_is_claimed():

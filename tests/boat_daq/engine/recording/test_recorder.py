@@ -14,7 +14,7 @@ from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
 from protocol import CommandDone, Start
-from protocol.recording import APPLICATION_ID, SESSION_KEYS, open_recording, read_session
+from protocol.recording import APPLICATION_ID, SESSION_KEYS, RunEnd, open_recording, read_session
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source, begin, rows, stored_samples
 
@@ -23,7 +23,7 @@ def test_samples_and_bytes_are_in_the_file_as_they_came(recorder, source, path):
     """The documented reader gives the very samples the link gave, and the chunks are the very bytes."""
     for _ in range(40):
         recorder(source.next())
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     assert stored_samples(path) == np.concatenate(source.samples).tobytes()
     assert b"".join(row[0] for row in rows(path, "SELECT raw FROM chunk ORDER BY id")) == b"".join(source.raw)
     assert verify_recording(path).identical
@@ -32,7 +32,7 @@ def test_samples_and_bytes_are_in_the_file_as_they_came(recorder, source, path):
 def test_a_closed_recording_is_one_plain_file_that_names_itself(recorder, source, path):
     """No -wal, no lock; SQLite's own header says whose it is; every key of the session is there."""
     recorder(source.next())
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     assert [entry.name for entry in path.parent.iterdir()] == ["run.boat"]
     db = open_recording(path)
     assert db.execute("PRAGMA application_id").fetchone() == (APPLICATION_ID,)
@@ -84,7 +84,7 @@ def test_the_log_is_on_and_safe(path, source):
     connection = recorder._file._connection
     assert connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
     assert connection.execute("PRAGMA synchronous").fetchone() == (2,)
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
 
 
 def test_segments_begin_with_the_link_at_start_and_by_hand(recorder, source, path):
@@ -95,7 +95,7 @@ def test_segments_begin_with_the_link_at_start_and_by_hand(recorder, source, pat
     recorder.new_segment("paused", paused=True)
     recorder(source.next())
     recorder.event("user", "mark", text="after")
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     assert rows(path, "SELECT id, reason, paused FROM segment") == [
         (1, "opened", 0),
         (2, "started", 0),
@@ -119,7 +119,7 @@ def test_a_start_answered_late_begins_its_segment_with_its_first_sample(path):
     recorder.flush()
     recorder(Block(late.host_ns, b"", events=(answer,)))
     recorder(source.next(100_000))
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     acknowledged = recorder.acknowledged.samples
     assert rows(path, "SELECT id, reason FROM segment") == [(1, "opened"), (2, "started")]
     assert rows(path, "SELECT segment, sum(n) FROM block GROUP BY segment") == [(1, 10), (2, acknowledged - 10)]
@@ -137,7 +137,7 @@ def test_steps_grow_and_readings_are_corrected_by_newer_ones(recorder, source, p
     recorder.reading(step, 3.0, resolution_mm=0.5, source="typed", note="misread")
     recorder.result("note", parameters={}, content={"é": 1.5}, seed=3)
     recorder.update_meta(note="a – note")
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     sql = "SELECT id, segment, number, cycle, branch, arrived_us, settled_us, ended_us, status, detail FROM step"
     assert rows(path, sql) == [(step, 1, 1, 1, "unloading", 20, 30, None, "reached", '{"drift": 0.1}')]
     assert rows(path, "SELECT elongation_mm, note FROM reading ORDER BY id") == [(3.5, ""), (3.0, "misread")]
@@ -155,7 +155,7 @@ def test_a_closed_recording_takes_later_readings_and_results(recorder, source, p
     step = recorder.step_started(1, 1, "loading", target_kpa=0.0, ramp_kpa_per_s=5.0, started_us=10)
     with pytest.raises(StorageError, match="being written"):
         append_result(path, "fit", parameters={}, content={})
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     append_reading(path, step, 1.0, source="csv")
     append_reading(path, step, 1.5, source="csv")
     append_result(path, "fit", parameters={"degree": 3}, content={"b0": 1.0})
@@ -178,7 +178,7 @@ def test_health_is_kept_each_second(path, source):
         recorder(block)
         health(block)
         time.sleep(0.02)
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     samples = [row[0] for row in rows(path, "SELECT samples FROM health ORDER BY id")]
     assert 2 <= len(samples) <= 4
     assert samples == sorted(samples)

@@ -14,6 +14,7 @@ from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import StorageError
+from protocol.recording import RunEnd
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import begin, rows, stored_samples
 
@@ -42,7 +43,7 @@ def test_a_full_disk_is_told_once_and_loses_nothing_when_room_is_made(path, sour
     limit_pages(recorder, 1_000_000)
     assert recorder.flush(5.0)
     assert recorder.error is None
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     assert len(errors) == 1
     assert stored_samples(path) == np.concatenate(source.samples).tobytes()
 
@@ -60,7 +61,7 @@ def test_a_disk_that_stays_full_ends_in_an_error_and_a_readable_beginning(path, 
     for _ in range(40):
         recorder(source.next(500_000))
     with pytest.raises(StorageError, match="full"):
-        recorder.close("finished")
+        recorder.close(RunEnd.FINISHED)
     assert not is_being_written(path)
     assert verify_recording(path).samples == kept > 0
     assert recover(path).status == "recovered"
@@ -79,7 +80,7 @@ def test_memory_is_bounded_and_the_file_an_unbroken_beginning(path, source, monk
     limit_pages(recorder, 1_000_000)
     assert recorder.flush(5.0)
     recorder(source.next())
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     stored, all_of_it = stored_samples(path), np.concatenate(source.samples).tobytes()
     assert 0 < len(stored) < len(all_of_it)
     assert all_of_it.startswith(stored)
@@ -123,7 +124,7 @@ def test_a_folder_that_vanishes_is_noticed(path, source):
         time.sleep(0.02)
     assert "moved or removed" in errors[0].cause
     with pytest.raises(StorageError):
-        recorder.close("aborted")
+        recorder.close(RunEnd.ABORTED)
 
 
 def test_a_nearly_full_disk_is_told_while_there_is_room_to_close(path, source, monkeypatch):

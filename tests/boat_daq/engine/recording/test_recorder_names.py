@@ -9,7 +9,7 @@ from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import open_recording, read_session
+from protocol.recording import RunEnd, open_recording, read_session
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import meta_of, record_run
 from tests.boat_daq.engine.recording_source import rows
@@ -71,7 +71,7 @@ def test_a_reader_left_open_does_not_keep_a_recording_from_closing(recorder, sou
     recorder.flush()
     reader = open_recording(path)
     reader.execute("SELECT count(*) FROM chunk").fetchone()
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     assert "another program" in recorder.remark
     assert read_session(reader)["status"] == "closed"
     reader.close()

@@ -15,7 +15,7 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import StorageError
 from protocol.errors import RecordingError
-from protocol.recording import SESSION_KEYS, open_recording, read_session
+from protocol.recording import SESSION_KEYS, RunEnd, open_recording, read_session
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import meta_of, record_run
 from tests.boat_daq.engine.recording_source import Source
@@ -37,7 +37,7 @@ def killed(tmp_path_factory) -> Path:
         assert recorder.flush()
     shutil.copy(folder / "live.boat", folder / "run.boat")
     shutil.copy(folder / "live.boat-wal", folder / "run.boat-wal")
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
     (folder / "live.boat").unlink()
     return folder
 
@@ -124,7 +124,7 @@ def test_a_writer_that_lives_is_left_alone(tmp_path):
     with pytest.raises(StorageError, match="being written"):
         recover(tmp_path / "run.boat")
     assert find_interrupted(tmp_path) == []
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
 
 
 @pytest.mark.fault(32, how="one bit flipped in a chunk", times=1)

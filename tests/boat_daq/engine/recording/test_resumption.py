@@ -24,7 +24,7 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import RecordingError
-from protocol.recording import breaks_of, open_recording, read_session
+from protocol.recording import RunEnd, breaks_of, open_recording, read_session
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source
 
@@ -57,7 +57,7 @@ def left(tmp_path: Path) -> Path:
     part(recorder, source, [1, 2])
     for suffix in ("", "-wal"):
         shutil.copy(tmp_path / f"live.boat{suffix}", tmp_path / f"run.boat{suffix}")
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
     live.unlink()
     return path
 
@@ -75,7 +75,7 @@ def gone_on(path: Path, cycles: list[int], *, broken: bool = False) -> None:
     run = prepare_resumption(path)
     recorder = Recorder(path, {**meta(source), "operator": "Ada", "note": "n"}, goes_on=run)
     part(recorder, source, cycles, broken=broken)
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
 
 
 def test_nothing_recorded_is_altered_and_everything_is_appended(left: Path) -> None:
@@ -130,7 +130,7 @@ def test_a_break_in_a_recording_that_stayed_open_is_kept_too(tmp_path: Path) -> 
             step = recorder.step_started(0, cycle, branch, target_kpa=0, ramp_kpa_per_s=10, started_us=0)
             recorder(source.next(400_000))
             recorder.step_updated(step, status="reached", ended_us=1)
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     with closing(open_recording(path)) as db:
         (entry,) = breaks_of(read_session(db))
         first = db.execute("SELECT segment FROM step WHERE id = ?", (entry["first_step"],)).fetchone()[0]
@@ -152,7 +152,7 @@ def test_the_end_is_told_by_the_last_breaks_own_clock(left: Path, monkeypatch: p
     part(recorder, source, [6])
     for suffix in ("", "-wal"):
         shutil.copy(f"{left}{suffix}", f"{left.with_suffix('')}2.boat{suffix}")
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
     again = left.with_name("run2.boat")
     recover(again)
     found = summarise(again)
@@ -188,7 +188,7 @@ def test_what_cannot_be_gone_on_with_is_refused_and_not_touched(left: Path, tmp_
     with pytest.raises(StorageError, match="being written"):
         read_broken_run(tmp_path / "live.boat")
     recorder.update_meta(plan=None)
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
     with pytest.raises(OperatorError, match="no run to go on with"):
         read_broken_run(tmp_path / "live.boat")
     recover(left)

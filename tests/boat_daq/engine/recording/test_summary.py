@@ -14,6 +14,7 @@ from boat_daq.cli import app
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.summary import summarise
 from protocol.errors import RecordingError
+from protocol.recording import RunEnd
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source
 
@@ -35,7 +36,7 @@ def test_segments_are_summed_one_by_one(tmp_path):
     source.board.advance(10_000_000)
     for _ in range(3):
         recorder(source.next(1_000_000))
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     summary = summarise(tmp_path / "run.boat")
     assert (summary.operator, summary.unit, summary.note, summary.stop_reason) == ("Ada", "SA2", "n", "finished")
     assert [(s.number, s.reason, s.samples) for s in summary.segments] == [(1, "opened", 500), (3, "resumed", 300)]
@@ -55,7 +56,7 @@ def test_an_unclosed_recording_is_counted_beyond_its_overview(tmp_path):
     live = summarise(tmp_path / "run.boat")
     for suffix in ("", "-wal"):
         shutil.copy(tmp_path / f"run.boat{suffix}", tmp_path / f"left.boat{suffix}")
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
     left = summarise(tmp_path / "left.boat")
     assert (live.status, left.status) == ("recording", "interrupted")
     assert live.samples == left.samples == 2_500
@@ -73,7 +74,7 @@ def test_cycles_are_complete_when_all_their_steps_were_reached(tmp_path):
     for number, (cycle, branch, status) in enumerate(steps):
         step = recorder.step_started(number, cycle, branch, target_kpa=0, ramp_kpa_per_s=1, started_us=number)
         recorder.step_updated(step, status=status)
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     summary = summarise(tmp_path / "run.boat")
     assert (summary.cycles.complete, summary.cycles.partial) == (2, 2)
     assert summary.steps == 12
@@ -83,7 +84,7 @@ def test_damaged_frames_are_those_of_every_link(tmp_path):
     """The counters begin at zero with each link: what the links before counted is added, of whatever kind it is."""
     recorder, source = begun(tmp_path / "run.boat")
     recorder(source.next(1_000_000))
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     rows = [(500, 1, 0, 0), (900, 3, 1, 0), (900, 3, 1, 0), (400, 0, 0, 2), (800, 2, 5, 2)]  # bytes, kinds of damage
     with closing(sqlite3.connect(tmp_path / "run.boat")) as db, db:
         db.execute("DELETE FROM health")
@@ -99,7 +100,7 @@ def test_damaged_frames_are_those_of_every_link(tmp_path):
 def test_a_recording_without_a_sample_has_no_rate(tmp_path):
     """Zero samples, no rate, no pressure: said as unknown, not as an error."""
     recorder, _ = begun(tmp_path / "run.boat")
-    recorder.close("stopped")
+    recorder.close(RunEnd.STOPPED)
     summary = summarise(tmp_path / "run.boat")
     assert (summary.samples, summary.rate_hz, summary.pressure_max_kpa, summary.segments) == (0, None, None, ())
 
@@ -128,7 +129,7 @@ def test_a_damaged_table_is_the_files_fault(tmp_path):
     for _ in range(30):
         recorder(source.next(1_000_000))
         recorder.flush()
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     with closing(sqlite3.connect(path)) as db:
         ((page,),) = db.execute("SELECT rootpage FROM sqlite_schema WHERE name = 'block'")
         ((size,),) = db.execute("PRAGMA page_size")
@@ -144,7 +145,7 @@ def test_no_name_in_a_file_steers_the_terminal(tmp_path):
     """Escape sequences and line ends in an operator's name are shown as question marks; letters of any script stay."""
     recorder, source = begun(tmp_path / "run.boat", operator="Zoë\x1b[31m\r\nstatus", unit="SA2", note="")
     recorder(source.next(1_000_000))
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     told = CliRunner().invoke(app, ["info", str(tmp_path / "run.boat")]).stdout
     assert "operator    Zoë?[31m??status\n" in told
     assert "\x1b" not in told

@@ -19,7 +19,7 @@ from boat_daq.engine.recording.append import append_result
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.verify import verify_recording
 from protocol import Connection, Start
-from protocol.recording import dtype_from_description, open_recording, read_session
+from protocol.recording import RunEnd, dtype_from_description, open_recording, read_session
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
 from protocol.text.connection import TextConnection, load_profile
@@ -94,7 +94,7 @@ def test_a_board_that_restarts_makes_a_segment_that_verifies(tmp_path):
     while board.now_us < transport.end_us:
         assert acquisition.alive
     acquisition.stop()
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     assert [reason for (reason,) in rows(path, "SELECT reason FROM segment")] == [
         "opened",
         "started",
@@ -122,7 +122,7 @@ def test_a_reconnection_verifies(tmp_path):
         while transport.board.now_us < transport.end_us:
             assert acquisition.alive
         acquisition.stop()
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     assert [row[0] for row in rows(path, "SELECT reason FROM segment")] == [
         "opened",
         "started",
@@ -230,7 +230,7 @@ def test_a_text_profile_recording_verifies(tmp_path):
     for at in range(1001, len(text), 97):
         data = text[at : at + 97]
         recorder(Block(at, data, events=tuple(link.receive(data, at))))
-    recorder.close("finished")
+    recorder.close(RunEnd.FINISHED)
     verdict = verify_recording(path)
     assert verdict.identical, verdict.difference
     assert 200 < verdict.samples < 400

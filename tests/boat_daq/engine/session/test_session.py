@@ -21,8 +21,9 @@ from boat_daq.engine.session.readings import enter_simulated_readings
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
-from boat_daq.engine.snapshot import LinkState, SessionState
+from boat_daq.engine.snapshot import LinkState, MessageKind, RunEnding, SessionState
 from boat_daq.errors import DeviceError, OperatorError, StorageError
+from protocol.recording import RunEnd
 from tests.boat_daq.engine.other_devices import Chatter
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
@@ -66,7 +67,7 @@ def test_a_whole_session_ends_in_one_closed_file(session: Session, tmp_path: Pat
     with serve(BoardSettings(speed=50.0, truth=str(truth))) as board:
         begin(session, board.url, path)
         seen = session.wait(lambda s: s.state in OVER, 60)
-        assert (seen.state, seen.run_ended, seen.simulated) == (SessionState.IDLE, "finished", True)
+        assert (seen.state, seen.run_ended, seen.simulated) == (SessionState.IDLE, RunEnding(RunEnd.FINISHED), True)
         assert enter_simulated_readings(session, truth) == 5
         first = session.readings()[0]
         session.add_reading(first.step_id, 1.0, "typed", note="corrected")
@@ -166,7 +167,7 @@ def test_pause_makes_segments(session: Session, tmp_path: Path) -> None:
         session.pause()
         session.wait(lambda _: all(check.ok for check in session.preflight()), 5)
         session.resume()
-        assert session.wait(lambda s: s.state in OVER, 30).run_ended == "finished"
+        assert session.wait(lambda s: s.state in OVER, 30).run_ended == RunEnding(RunEnd.FINISHED)
         session.stop_recording()
     segments = read(path, "SELECT reason, paused FROM segment ORDER BY id")
     assert ("paused", 1) in segments and ("resumed", 0) in segments
@@ -299,8 +300,8 @@ def test_firmware_that_prints_runs_a_plan(session: Session, printing: PrintingDe
     session.arm(PLAN)
     session.start()
     seen = session.wait(lambda s: s.state in OVER, 30)
-    assert (seen.state, seen.run_ended) == (SessionState.IDLE, "finished")
-    assert any("no watchdog" in message.cause for message in seen.messages)
+    assert (seen.state, seen.run_ended) == (SessionState.IDLE, RunEnding(RunEnd.FINISHED))
+    assert any(message.kind is MessageKind.NO_WATCHDOG for message in seen.messages)
     session.stop_recording()
     assert read(path, "SELECT DISTINCT status FROM step") == [("reached",)]
     assert meta(path)["sample_kind"] == "signal" and "Printing firmware" in meta(path)["profile"]
@@ -394,7 +395,7 @@ def test_the_disk_that_fails_stops_the_run(session: Session, tmp_path: Path) -> 
         begin(session, board.url, tmp_path / "a.boat")
         session._core.storage_failed(StorageError("the disk is full", "make room"))
         seen = session.wait(lambda s: s.state is SessionState.ABORTED, 5)
-        assert seen.run_ended == "aborted: the disk is full"
+        assert seen.run_ended == RunEnding(RunEnd.ABORTED, "the disk is full")
         assert any(m.cause == "the disk is full" and m.remedy for m in seen.messages)
 
 

@@ -80,7 +80,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
             unit=request.unit,
             record_to=request.path,
             metadata=request.metadata,
-            go_on_in=request.broken,
+            resume_in=request.broken,
             for_plan=request.plan,
         )
         seen = session.wait_connected()
@@ -89,7 +89,7 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
         if request.plan is not None:
             told = clear_what_an_earlier_host_left(session, seen)
             vent_what_an_earlier_host_left(session)
-            run_plan(session, request.plan, told=told, go_on=request.broken is not None)
+            run_plan(session, request.plan, told=told, resume=request.broken is not None)
         else:
             listen(session, request.duration_s)
         if after_run is not None:
@@ -134,15 +134,15 @@ def vent_what_an_earlier_host_left(session: Session) -> None:
     session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
 
 
-def run_plan(session: Session, plan: Plan, *, told: int = 0, go_on: bool = False) -> None:
+def run_plan(session: Session, plan: Plan, *, told: int = 0, resume: bool = False) -> None:
     """Arm and start `plan`, and wait until it has ended one way or another.
 
     Parameters
     ----------
     told : messages up to that number are known.
-    go_on : at the next whole cycle of the broken run in this recording.
+    resume : at the next whole cycle of the broken run in this recording.
     """
-    session.arm(plan, go_on=go_on)
+    session.arm(plan, resume=resume)
     session.start()
     tell = Teller(told)
     with progress_bar(plan.name) as advance:

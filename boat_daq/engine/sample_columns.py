@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +56,13 @@ class Columns:
     def part(self, where: slice | NDArray[np.bool_]) -> Columns:
         """Return the samples there; those of a slice are not copied."""
         return Columns(*(getattr(self, field.name)[where] for field in fields(self)))
+
+
+def mv_per_count(meta: Mapping[str, Any]) -> float:
+    """Return mV of signal for one count, from a recording's `session`; 1 where the samples are signals in mV."""
+    if meta["sample_kind"] != "counts" or not meta.get("vref_mv") or not meta.get("adc_bits"):
+        return 1.0
+    return float(meta["vref_mv"]) / (1 << int(meta["adc_bits"]))
 
 
 def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:

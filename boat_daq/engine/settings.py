@@ -4,7 +4,7 @@ Rules. A file is replaced whole or not at all: written beside, flushed to the di
 `.bak`. A hand-edited file is refused by key (`checked`), never half believed, and no default quietly replaces a limit.
 Files carry a version; a newer one than this program's is refused, so that an older program never cuts it down. The
 folders are the system's own (platformdirs), or the one in the environment variable BOAT_DAQ_HOME. A file that a disk
-destroyed (gone, empty, no text) is replaced by its backup, and that is said (`take_remarks`); one that a hand made
+destroyed (gone, empty, no text) is replaced by its backup, and that is said (`take_warnings`); one that a hand made
 unreadable is refused instead, because its backup would undo what was meant, a tighter limit perhaps.
 
 A unit keeps its limits and every calibration that was ever stored with it. Calibrations are added, never changed: the
@@ -271,13 +271,13 @@ def _check_version(where: str, version: int) -> None:
         raise BadValue(where, "version", f"is {version}; this program knows up to {VERSION}", "update boat-daq")
 
 
-_remarks: list[tuple[str, str]] = []
+_warnings: list[tuple[str, str]] = []
 
 
-def take_remarks() -> list[tuple[str, str]]:
+def take_warnings() -> list[tuple[str, str]]:
     """Return cause and remedy of every backup that was used since the last call, for the operator to be told."""
-    taken = _remarks.copy()
-    _remarks.clear()
+    taken = _warnings.copy()
+    _warnings.clear()
     return taken
 
 
@@ -294,9 +294,9 @@ def read_stored(path: Path) -> str | None:
     text = read_text(backup)
     if "\0" in text or not text.strip():
         raise OperatorError(f"{path} and its backup are destroyed", "write it anew; look at the disk")
-    remark = (f"{path} was destroyed; its backup is used", "check what it says, store it again, and look at the disk")
-    if remark not in _remarks:
-        _remarks.append(remark)
+    warning = (f"{path} was destroyed; its backup is used", "check what it says, store it again, and look at the disk")
+    if warning not in _warnings:
+        _warnings.append(warning)
     return text
 
 

@@ -143,6 +143,11 @@ class Limits:
     min_source: str
     max_source: str
 
+    @property
+    def pascals(self) -> list[float]:
+        """The limits as `session.limits_pa` keeps them."""
+        return [1000 * self.min_kpa, 1000 * self.max_kpa]
+
 
 @dataclass(frozen=True, slots=True)
 class LastSample:

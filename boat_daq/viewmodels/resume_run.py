@@ -107,5 +107,5 @@ class GoingOn:
 
     def _arm(self, plan: Plan) -> None:
         self._sequence.take(plan)
-        self._sequence.arm(go_on=True)
+        self._sequence.arm(resume=True)
         self._show_live()

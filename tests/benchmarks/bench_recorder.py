@@ -15,13 +15,14 @@ from boat_daq.engine.blocks import Block
 from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.link.link_health import LinkHealth
-from boat_daq.engine.link.reader import Acquisition
+from boat_daq.engine.link.reader import PortReader
 from boat_daq.engine.link.transports import open_transport
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.recording.recorder import Recorder
-from boat_daq.engine.recording.rows import RowMaker, mv_per_count
+from boat_daq.engine.recording.rows import RowMaker
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.sample_columns import mv_per_count
 from protocol import Connection, Identify, Samples, Start
 from protocol.recording import RunEnd, describe_dtype, sample_dtype
 from tests.boat_daq.engine.board_link import Seen, meta_of
@@ -48,7 +49,7 @@ def test_recording(tmp_path, capsys, carrier, rate_hz, speed, seconds):
     options = ["--pty"] if carrier == "--pty" else ["--tcp", "127.0.0.1:0"]
     with served_board(*options, "--speed", str(speed)) as port:
         link, seen = Connection(), Seen()
-        acquisition = Acquisition(open_transport(port), link)
+        acquisition = PortReader(open_transport(port), link)
         acquisition.add_sink(seen)
         acquisition.start()
         acquisition.send(Identify())

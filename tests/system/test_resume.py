@@ -89,7 +89,7 @@ def resume(run: Path, port: str, capsys: pytest.CaptureFixture[str], **options: 
     return told
 
 
-def test_a_killed_run_goes_on_and_has_all_its_cycles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_killed_run_resumed_and_has_all_its_cycles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """All cycles are there, what was recorded before is untouched byte for byte, the whole is identical to its bytes;
     the break is told by record, by info and in the file. Another unit or plan, and a finished run, are refused.
     """
@@ -129,7 +129,7 @@ def test_a_killed_run_goes_on_and_has_all_its_cycles(tmp_path: Path, capsys: pyt
     assert len(find_cycles(recording).used) == CYCLES
 
 
-def test_an_unplugged_run_goes_on_at_the_same_board_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unplugged_run_resumed_at_the_same_board_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A board that is gone ends the run with a failure that says how to go on; another board is refused by its
     identity, and the file is not touched by that. The board that is there again has lost its clock, and its second
     sensor reads 20 mV more: the analysis says so, and does not pool.
@@ -185,10 +185,10 @@ def test_a_window_goes_on_in_a_session_that_is_connected(tmp_path: Path) -> None
         session.resume_recording(broken)
         assert [step.number for step in session.steps()] == [mark.number for mark in broken.marks]
         with pytest.raises(OperatorError, match="cycles 8, not 9"):
-            session.arm(dataclasses.replace(plan, cycles=9), go_on=True)
+            session.arm(dataclasses.replace(plan, cycles=9), resume=True)
         with pytest.raises(OperatorError, match="goes on with its broken run"):
             session.arm(plan)
-        session.arm(plan, go_on=True)
+        session.arm(plan, resume=True)
         session.start()
         seen = session.wait(lambda s: s.progress is not None and s.progress.cycle == broken.first_cycle, 30)
         session.close()

@@ -71,7 +71,7 @@ class Send:
 Effect: TypeAlias = Send | StepChanged | SegmentBreak | ControlEvent | RunEnding
 
 
-class Dialogue:
+class BoardCommands:
     """One board, spoken to.
 
     Parameters

@@ -14,12 +14,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from boat_daq.engine.control.actions import GoTo, VentNow
-from boat_daq.engine.control.board_commands import Dialogue, Effect
+from boat_daq.engine.control.board_commands import BoardCommands, Effect
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
-from boat_daq.engine.control.preflight import Check, require
-from boat_daq.engine.control.readiness import Readiness
+from boat_daq.engine.control.preflight import Check, Preflight, require
 from boat_daq.engine.control.sequencer import VENTED_KPA, Sequencer
-from boat_daq.engine.control.silence import Stream
+from boat_daq.engine.control.silence import StreamWatch
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample
 from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState
@@ -61,7 +60,7 @@ class Controller:
     """
 
     def __init__(self, *, rate_hz: int = 100, zero_tolerance_kpa: float = 1.0) -> None:
-        self.stream = Stream(rate_hz)
+        self.stream = StreamWatch(rate_hz)
         self.sequencer = Sequencer()
         self.interlock = Interlock()
         self.flat_line = FlatLine()
@@ -71,11 +70,11 @@ class Controller:
         self.hold_samples = False  # greet a board without asking for samples: a recording opens first
         self.first_us = 0  # board time of the first sample on this link
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
-        self._mv_per_count = 1.0
+        self.mv_per_count = 1.0
         self._cleared_by = ""
         self._effects: list[Effect] = []
-        self.dialogue = Dialogue(self._effects.append)
-        self.readiness = Readiness(self.interlock, self.dialogue, zero_tolerance_kpa=zero_tolerance_kpa)
+        self.board = BoardCommands(self._effects.append)
+        self.preflight = Preflight(self.interlock, self.board, zero_tolerance_kpa=zero_tolerance_kpa)
 
     @property
     def rate_hz(self) -> int:
@@ -92,55 +91,55 @@ class Controller:
 
     def link_opened(self, now_ns: int) -> None:
         """A port is open: ask who is there."""
-        self.dialogue.now_ns = now_ns
+        self.board.now_ns = now_ns
         self.stream.opened(now_ns)
-        self.dialogue.begin()
+        self.board.begin()
 
     def listen(self, mv_per_count: float) -> None:
         """Take samples without a HELLO: a replay."""
-        self._mv_per_count, self.dialogue.identifying = mv_per_count, False
+        self.mv_per_count, self.board.identifying = mv_per_count, False
 
     def link_lost(self, cause: str) -> None:
         """The port is gone. Nothing can be sent: the board's watchdog vents."""
         self.stream.begun = False
-        self.dialogue.restart()
+        self.board.restart()
         if self.pressurised or self.sequencer.state in _RUN:
             self._trip(Trip(MessageKind.LINK_LOST, cause, "plug it in again; the board vents by itself"))
         else:
-            self.dialogue.note(MessageKind.LINK_LOST, cause, "warning")
+            self.board.note(MessageKind.LINK_LOST, cause, "warning")
 
     @property
     def up(self) -> bool:
         """Whether samples come and their pace is known."""
-        return self.stream.begun and self.dialogue.meter.known and not self.stream.silent
+        return self.stream.begun and self.board.meter.known and not self.stream.silent
 
     @property
     def greeted(self) -> bool:
         """Whether the board on this port has said who it is, and was told limits and watchdog."""
-        return self.hello is not None and not self.dialogue.identifying
+        return self.hello is not None and not self.board.identifying
 
     @property
     def no_samples(self) -> tuple[str, str] | None:
         """Cause and remedy where the board refused to send samples, and none come."""
-        return None if self.stream.begun else self.dialogue.start_refused
+        return None if self.stream.begun else self.board.start_refused
 
     def events(self, events: Sequence[object], now_ns: int) -> None:
         """Take what the link tells (`protocol.link.events.LinkEvent`), in its order; what is not the control's passes
         by."""
-        self.dialogue.now_ns = now_ns
+        self.board.now_ns = now_ns
         for event in events:
             match event:
                 case Samples(array):
-                    self._take_samples(columns(array, self._mv_per_count))
+                    self._take_samples(columns(array, self.mv_per_count))
                 case CommandDone(command, _, status) if status is not None:
                     self._answered(command, status)
                 case CommandLost(Heartbeat(), _) if self.stream.paused_lately(now_ns):
                     pass  # nothing came at all: that is silence, and watched as such
                 case CommandLost(command, _):
-                    self._trip(self.dialogue.lost(command, watched=self.stream.begun))
+                    self._trip(self.board.lost(command, watched=self.stream.begun))
                 case BoardEventReceived(found, _):
-                    self._trip(self.dialogue.board_event(found.code, found.value))
-                case HelloReceived(hello) if self.dialogue.identifying or self._boots_again(now_ns):
+                    self._trip(self.board.board_event(found.code, found.value))
+                case HelloReceived(hello) if self.board.identifying or self._boots_again(now_ns):
                     self._greet(hello)
                 case BoardRestarted(hello):
                     self._restarted(hello)
@@ -149,10 +148,10 @@ class Controller:
 
     def tick(self, now_ns: int) -> None:
         """Do what time alone brings: feed, repeat a vent, notice silence. Called every few ten milliseconds."""
-        self.dialogue.now_ns = now_ns
+        self.board.now_ns = now_ns
         if self.stream.falls_silent(now_ns):
             self._silence(f"no data for {self.stream.silence_s:g} s")
-        self.dialogue.tick(idle=self._idle)
+        self.board.tick(idle=self._idle)
 
     # ---- the operator ----------------------------------------------------------------------------------------------
 
@@ -165,17 +164,17 @@ class Controller:
         ------
         OperatorError : see `Session.arm`.
         """
-        self.readiness.require_plan(plan)
-        self.readiness.require_unlatched("arm")
+        self.preflight.require_plan(plan)
+        self.preflight.require_unlatched("arm")
         self.sequencer.arm(
             plan, wait_for_reading=wait_for_reading, first_cycle=first_cycle, complete_cycles=complete_cycles
         )
         self.interlock.set_limits("plan", (plan.min_kpa, plan.max_kpa))
 
-    def preflight(self) -> list[Check]:
+    def checks(self) -> list[Check]:
         """Return the lines of the check before the first pressure."""
         at_rest = self.last is not None and self.last.state in _AT_REST
-        return self.readiness.checks(up=self.up, vented=at_rest)
+        return self.preflight.checks(up=self.up, vented=at_rest)
 
     def start(self, extra: Sequence[Check] = ()) -> None:
         """Begin the armed plan: pre-flight, limits and watchdog acknowledged, then the first step.
@@ -206,7 +205,7 @@ class Controller:
 
     def stop(self) -> None:
         """End the run, or a pressure set by hand."""
-        self.dialogue.forget_pending()
+        self.board.forget_pending()
         self.sequencer.stop()
         if self.target_kpa is not None:
             self._vent()
@@ -214,26 +213,26 @@ class Controller:
 
     def vent(self, *, sent: bool = False) -> None:
         """Vent now, whatever goes on, even while another vent is on its way; `sent`: the command has left already."""
-        self.dialogue.forget_pending()
+        self.board.forget_pending()
         self.target_kpa = None
         if sent:
-            self.dialogue.vent_sent()
+            self.board.vent_sent()
         else:
-            self.dialogue.send(Vent())
-        self.dialogue.note(MessageKind.VENT, "vented by the operator", "info")
+            self.board.send(Vent())
+        self.board.note(MessageKind.VENT, "vented by the operator", "info")
         self.sequencer.abort("vented by the operator", SessionState.ABORTED)
         self._act()
 
     def abort(self, cause: str) -> None:
         """Leave a run for a reason that is not the board's: the disk, for one."""
-        self.dialogue.forget_pending()
+        self.board.forget_pending()
         self.sequencer.abort(cause, SessionState.ABORTED)
         self._act()
 
     def disarm(self) -> None:
         """Put an armed plan away."""
         if self.sequencer.state is SessionState.ARMED:
-            self.dialogue.forget_pending()
+            self.board.forget_pending()
             self.sequencer.disarm()
             self._act()
 
@@ -244,7 +243,7 @@ class Controller:
         ------
         OperatorError : see `Session.set_pressure`.
         """
-        self.readiness.require_command()
+        self.preflight.require_command()
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
             raise OperatorError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
         self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # says no now, not after the board's answers
@@ -263,17 +262,17 @@ class Controller:
         self.interlock.require_gone()
         self._cleared_by = by
         if self.stream.begun and self.last is not None and self.last.state is BoardState.FAULT:
-            self.dialogue.send(ClearFault())
+            self.board.send(ClearFault())
         else:
             self._cleared()
 
     def leave(self) -> None:
         """Say goodbye: vent, disarm the watchdog, stop the samples."""
         self.stop()
-        self.dialogue.vent()
-        self.dialogue.leaving = True
-        self.dialogue.send(Heartbeat(0))
-        self.dialogue.send(Stop())
+        self.board.vent()
+        self.board.leaving = True
+        self.board.send(Heartbeat(0))
+        self.board.send(Stop())
         self.stream.begun = False
 
     # ---- samples ---------------------------------------------------------------------------------------------------
@@ -281,17 +280,17 @@ class Controller:
     def _take_samples(self, block: Columns) -> None:
         if not len(block):
             return
-        dialogue, stream = self.dialogue, self.stream
-        dialogue.board_us = int(block.time_us[-1])
-        dialogue.meter.add(dialogue.now_ns, dialogue.board_us)
+        board, stream = self.board, self.stream
+        board.board_us = int(block.time_us[-1])
+        board.meter.add(board.now_ns, board.board_us)
         first, was_silent = not stream.begun, stream.silent
-        stream.came(dialogue.now_ns)
+        stream.came(board.now_ns)
         if was_silent:
-            dialogue.note(MessageKind.SAMPLES_AGAIN, "samples come again", "info")
+            board.note(MessageKind.SAMPLES_AGAIN, "samples come again", "info")
         if first:
             self.first_us = int(block.time_us[0])
         self.last = last_sample(block, self.target_kpa)
-        self.readiness.take(block.pressure_kpa[block.pressure_known].tolist())
+        self.preflight.take(block.pressure_kpa[block.pressure_known].tolist())
         found = self.interlock.inspect(block)
         if found is not None:
             if first and found.kind is MessageKind.BOARD_FAULT:
@@ -299,14 +298,14 @@ class Controller:
             self._tripped(found)
         for sensor in self.flat_line.inspect(block):
             text = f"sensor {sensor} reads the same value while the pressure moves"
-            dialogue.note(MessageKind.FLAT_LINE, text, "warning", "check its emitter, receiver and cable", value=sensor)
+            board.note(MessageKind.FLAT_LINE, text, "warning", "check its emitter, receiver and cable", value=sensor)
         self.sequencer.feed(block)
         self._act()
-        if self.target_kpa is None and not dialogue.venting and abs(self.last.pressure_kpa) <= VENTED_KPA:
+        if self.target_kpa is None and not board.venting and abs(self.last.pressure_kpa) <= VENTED_KPA:
             self.pressurised = False
         if int(self.last.flags) & _WATCHDOG_ARMED:
-            dialogue.adopt_watchdog()
-        dialogue.tick(idle=self._idle)
+            board.adopt_watchdog()
+        board.tick(idle=self._idle)
 
     @property
     def _idle(self) -> bool:
@@ -317,73 +316,73 @@ class Controller:
         if self.pressurised or self.sequencer.state in _RUN:
             self._trip(Trip(MessageKind.SILENT, text, "check the cable; the board vents by itself"))
             return
-        self.dialogue.note(MessageKind.SILENT, text, "warning", "check the board and its cable")
-        self.dialogue.vent()
+        self.board.note(MessageKind.SILENT, text, "warning", "check the board and its cable")
+        self.board.vent()
 
     # ---- answers ---------------------------------------------------------------------------------------------------
 
     def _greet(self, hello: Hello) -> None:
         """The board says who it is: tell it limits and rate."""
         self.hello = hello
-        self._mv_per_count = hello.vref_mv / 2**hello.adc_bits
-        self.readiness.take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
+        self.mv_per_count = hello.vref_mv / 2**hello.adc_bits
+        self.preflight.take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
         if hello.rate_max_hz < self.rate_hz:
-            self.dialogue.note(
+            self.board.note(
                 MessageKind.RATE, f"the board samples at most {hello.rate_max_hz} times a second", "warning"
             )
             self.stream.rate_hz = hello.rate_max_hz
-        self.dialogue.introduce(hello, self.readiness.limits_command)
+        self.board.introduce(hello, self.preflight.limits_command)
         if not self.hold_samples:
-            self.dialogue.send(Start(self.rate_hz))
+            self.board.send(Start(self.rate_hz))
 
     def release_samples(self) -> None:
         """Ask for the samples that were held back."""
         self.hold_samples = False
-        self.dialogue.send(Start(self.rate_hz))
+        self.board.send(Start(self.rate_hz))
 
     def _boots_again(self, now_ns: int) -> bool:
         """Whether a second HELLO means that the board has forgotten our introduction: opening its port reset it."""
-        return not self.stream.begun and now_ns - self.dialogue.introduced_ns > BOOT_S * 1e9
+        return not self.stream.begun and now_ns - self.board.introduced_ns > BOOT_S * 1e9
 
     def _restarted(self, hello: Hello | None) -> None:
         """The board has forgotten everything: it is vented, and so is the run."""
         reason = "" if hello is None else f" ({_boot_reason(hello.boot_reason)})"
         booting, self.stream.begun = not self.stream.begun, False  # before the first sample: opening its port reset it
-        self.dialogue.restart()
+        self.board.restart()
         if not booting or self.pressurised:
             cause = f"the board restarted{reason}"
             self._trip(Trip(MessageKind.BOARD_RESTARTED, cause, "check its supply, then clear the fault"))
         if hello is None:
-            self.dialogue.send(Identify())
+            self.board.send(Identify())
         else:
             self._greet(hello)
 
     def _answered(self, command: Command, status: AckStatus | int) -> None:
         if status != AckStatus.DONE:
-            self._trip(self.dialogue.refused(command, status, pressurised=self.pressurised))
+            self._trip(self.board.refused(command, status, pressurised=self.pressurised))
             return
         if isinstance(command, SetPressure) and command.target_pa == _pascal(self.target_kpa):
             self.sequencer.commanded()
         elif isinstance(command, ClearFault):
             self._cleared()
-        self.dialogue.done(command)
+        self.board.done(command)
         self._act()
 
     def _cleared(self) -> None:
         self.interlock.latched = None
         self.sequencer.cleared()
-        self.dialogue.note(MessageKind.FAULT_CLEARED, f"fault cleared by {self._cleared_by}", "info")
+        self.board.note(MessageKind.FAULT_CLEARED, f"fault cleared by {self._cleared_by}", "info")
 
     # ---- pressure --------------------------------------------------------------------------------------------------
 
     def _once_guarded(self, then: Callable[[], None], extra: Sequence[Check] = ()) -> None:
         """Do `then` after the pre-flight, once limits and watchdog are acknowledged; a second press changes nothing."""
-        limits = self.readiness.limits_command
-        if self.dialogue.pending:
+        limits = self.preflight.limits_command
+        if self.board.pending:
             return
-        require([*self.preflight(), *extra])
+        require([*self.checks(), *extra])
         assert limits is not None  # the pre-flight asks for them
-        self.dialogue.once_guarded(limits, then)
+        self.board.once_guarded(limits, then)
 
     def _act(self) -> None:
         """Turn the sequencer's actions into effects; a pressure goes through the interlock."""
@@ -396,7 +395,7 @@ class Controller:
                 case _:
                     self._effects.append(action)
             if isinstance(action, RunEnding):  # the message of what aborted it has been given already
-                self.dialogue.note(MessageKind.RUN_ENDED, action.text, "" if action.aborted else "info")
+                self.board.note(MessageKind.RUN_ENDED, action.text, "" if action.aborted else "info")
         if self.sequencer.state in (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT):
             self.interlock.set_limits("plan", None)
 
@@ -407,13 +406,13 @@ class Controller:
             self._trip(Trip(MessageKind.REFUSED, error.cause, error.remedy))
             return
         self.pressurised, self.target_kpa = True, target_kpa
-        if self.dialogue.feeder.armed_ms:  # a board that restarted an instant ago, unseen yet, has forgotten it
-            self.dialogue.send(Heartbeat(self.dialogue.feeder.armed_ms))
-        self.dialogue.send(command)
+        if self.board.feeder.armed_ms:  # a board that restarted an instant ago, unseen yet, has forgotten it
+            self.board.send(Heartbeat(self.board.feeder.armed_ms))
+        self.board.send(command)
 
     def _vent(self) -> None:
         self.target_kpa = None
-        self.dialogue.vent()
+        self.board.vent()
 
     def _trip(self, found: Trip | None) -> None:
         if found is not None and self.interlock.trip(found):
@@ -421,9 +420,9 @@ class Controller:
 
     def _tripped(self, found: Trip) -> None:
         """Vent, tell, leave the run."""
-        self.dialogue.forget_pending()
+        self.board.forget_pending()
         self._vent()
-        self.dialogue.note(found.kind, found.cause, "error", found.remedy, value=found.value)
+        self.board.note(found.kind, found.cause, "error", found.remedy, value=found.value)
         self.sequencer.abort(found.cause, SessionState.FAULT)
         self._act()
 

@@ -1,14 +1,23 @@
-"""The check before the first pressure: each line says what it looked at, and why it says no.
+"""Whether pressure may be commanded: what the link, the limits, the latch and the sensor's zero say against it.
 
-Nothing is repaired here and nothing is overridden: what says no has a remedy, and the operator looks again.
+Nothing is repaired here and nothing is overridden: each check that fails has a remedy, and the operator tries again.
 """
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from boat_daq.engine.control.board_commands import BoardCommands
+from boat_daq.engine.control.interlock import Interlock
+from boat_daq.engine.plan import Plan
+from boat_daq.engine.snapshot import MessageKind
 from boat_daq.errors import OperatorError
+from protocol.link.messages import SetLimits
 
+ZERO_SAMPLES = 50
 ZERO_TOLERANCE_KPA = 1.0  # of the pressure sensor, on a vented unit
 
 
@@ -55,3 +64,99 @@ def require(checks: list[Check]) -> None:
     if failed:
         remedies = dict.fromkeys(check.remedy for check in failed if check.remedy)
         raise OperatorError("; ".join(check.problem for check in failed), "; ".join(remedies))
+
+
+class Preflight:
+    """What stands against pressure before anything is asked of the board.
+
+    Parameters
+    ----------
+    interlock : whose limits and latch count.
+    board : which knows whether the link can command.
+    zero_tolerance_kpa : of the pressure sensor on a vented unit.
+
+    Attributes
+    ----------
+    why_read_only : why the link cannot command; empty where it can, or nobody said.
+    """
+
+    def __init__(self, interlock: Interlock, board: BoardCommands, *, zero_tolerance_kpa: float) -> None:
+        self.why_read_only = ""
+        self._interlock, self._board = interlock, board
+        self._zero_tolerance_kpa = zero_tolerance_kpa
+        self._recent: deque[float] = deque(maxlen=ZERO_SAMPLES)  # kPa
+        self._no_pressure: tuple[str, str] | None = None  # why the board's limits allow none
+
+    def take(self, pressures_kpa: Iterable[float]) -> None:
+        """Take the newest pressures of the sensor."""
+        self._recent.extend(pressures_kpa)
+
+    def take_limits(self, low_kpa: float, high_kpa: float) -> None:
+        """Keep the board's hard limits; limits that no vented unit is inside of leave no pressure at all."""
+        usable = low_kpa <= 0 <= high_kpa and low_kpa < high_kpa
+        self._interlock.set_limits("board", (low_kpa, high_kpa) if usable else None)
+        self._no_pressure = None
+        if not usable and self._board.can_command:  # what takes no commands has no limits to say
+            text = f"the board's own limits, {low_kpa:g} to {high_kpa:g} kPa, leave out 0 kPa, where a vented unit is"
+            self._no_pressure = (text, "look at the board's firmware: it is only listened to")
+            self._board.note(MessageKind.LIMITS, text, "warning", self._no_pressure[1])
+
+    @property
+    def limits_command(self) -> SetLimits | None:
+        """The limits in force, as the board is told them; None while none are known."""
+        limits = self._interlock.limits
+        if limits is None:
+            return None
+        return SetLimits(round(limits.min_kpa * 1000), round(limits.max_kpa * 1000))
+
+    def checks(self, *, up: bool, vented: bool) -> list[Check]:
+        """Return the lines of the check before the first pressure.
+
+        Parameters
+        ----------
+        up : whether samples come.
+        vented : whether the board says it is idle or vented.
+        """
+        latched, limits = self._interlock.latched, self._interlock.limits
+        recent = math.fsum(self._recent) / len(self._recent) if self._recent else None
+        return [
+            Check("link") if up else Check("link", "no samples come from the board", "check the link"),
+            Check("limits") if limits else Check("limits", "no limits are known", "connect a board"),
+            Check("fault", latched.cause, latched.remedy or "clear the fault first") if latched else Check("fault"),
+            zero_check(recent, vented=vented, tolerance_kpa=self._zero_tolerance_kpa),
+        ]
+
+    def require_plan(self, plan: Plan) -> None:
+        """Refuse a plan outside the limits.
+
+        Raises
+        ------
+        OperatorError : it is outside them, or the link cannot command.
+        """
+        self.require_command()
+        for target_kpa in (plan.high_kpa, plan.low_kpa):
+            self._interlock.check(target_kpa, new_plan=True)
+
+    def require_command(self) -> None:
+        """Refuse where no pressure can be commanded.
+
+        Raises
+        ------
+        OperatorError : the link only listens, or the board's limits allow none.
+        """
+        if not self._board.can_command:
+            why = f": {self.why_read_only}" if self.why_read_only else ""
+            raise OperatorError(f"this link only listens{why}", "use firmware or a profile that commands pressure")
+        if self._no_pressure is not None:
+            raise OperatorError(*self._no_pressure)
+
+    def require_unlatched(self, what: str) -> None:
+        """Refuse while a fault is latched.
+
+        Raises
+        ------
+        OperatorError : one is.
+        """
+        latched = self._interlock.latched
+        if latched is not None:
+            raise OperatorError(f"cannot {what}: {latched.cause}", latched.remedy or "clear the fault first")

@@ -5,7 +5,7 @@ from __future__ import annotations
 SILENCE_S = 1.0
 
 
-class Stream:
+class StreamWatch:
     """The coming of one link's samples.
 
     Attributes

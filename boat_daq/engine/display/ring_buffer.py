@@ -32,7 +32,7 @@ class RingBuffer:
     Parameters
     ----------
     n_sensors : 1 to 4.
-    mv_per_count : vref_mv / 2**adc_bits; None where the samples carry signals in mV.
+    mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry signals in mV.
     capacity : samples kept one by one; thinned ones go back much further.
 
     Attributes
@@ -40,10 +40,10 @@ class RingBuffer:
     target_kpa : what the sequencer asks for at the moment, NaN for nothing; samples that come are marked with it.
     """
 
-    def __init__(self, n_sensors: int, *, mv_per_count: float | None, capacity: int = DEFAULT_CAPACITY) -> None:
+    def __init__(self, n_sensors: int, *, mv_per_count: float, capacity: int = DEFAULT_CAPACITY) -> None:
         self.target_kpa = math.nan
         self.names = ("time_s", "pressure_kpa", "target_kpa", *(f"s{n}_mv" for n in range(1, n_sensors + 1)))
-        self._mv_per_count = 1.0 if mv_per_count is None else mv_per_count
+        self._mv_per_count = mv_per_count
         self._pyramid = MinMaxPyramid(len(self.names), capacity)
         self._offset_us: int | None = None
         self._last_us = 0  # of the board, newest sample

@@ -31,7 +31,7 @@ class RecordingSink(Protocol):
         """Take the state of the decoder before the first block."""
 
 
-class Acquisition:
+class PortReader:
     """Reads `transport` through `link` on its own thread and hands blocks to sinks.
 
     Parameters

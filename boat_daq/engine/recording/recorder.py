@@ -61,7 +61,7 @@ class Recorder:
     health : called once a second on the writing thread for a row of `health`; such as `LinkHealth.snapshot`.
     on_error : called once for each cause, on the writing thread, when the disk fails; the recorder goes on trying. It
         must not call `close`, which waits for that thread.
-    goes_on : the broken run whose recording this goes on in, instead of creating one (`resumption`).
+    resumes : the broken run whose recording this goes on in, instead of creating one (`resumption`).
 
     Raises
     ------
@@ -76,15 +76,15 @@ class Recorder:
         *,
         health: Callable[[], HealthSnapshot] | None = None,
         on_error: Callable[[StorageError], None] | None = None,
-        goes_on: BrokenRun | None = None,
+        resumes: BrokenRun | None = None,
     ) -> None:
         self.path = path
-        self.remark = ""  # after `close`: what the reader should know of the file
+        self.warning = ""  # after `close`: what the reader should know of the file
         self._breaks: list[dict[str, Any]]
-        if goes_on is None:
+        if resumes is None:
             self._file, before, self._breaks = RecordingFile.create(path, meta), Counters(), []
         else:
-            self._file, before, self._breaks = reopen(goes_on, meta)
+            self._file, before, self._breaks = reopen(resumes, meta)
         dtype = describe_dtype(sample_dtype(int(meta["n_sensors"]), meta["sample_kind"]))
         self._rows = RowMaker({**meta, "sample_dtype": dtype}, before)
         self._health = health
@@ -96,7 +96,7 @@ class Recorder:
         self._changed = threading.Condition()
         self._taken = self._committed = 0  # items
         self._steps = before.step
-        self._break_kept = goes_on is not None
+        self._break_kept = resumes is not None
         self._acknowledged = Acknowledged()
         self._error: StorageError | None = None  # of the last commit
         self._told: set[str] = set()
@@ -153,7 +153,7 @@ class Recorder:
         """
         self._later(lambda rows, host_ns: rows.begin_segment(reason, host_ns, paused=paused))
 
-    def run_goes_on(self, cause: str, *, first_cycle: int, complete_cycles: int) -> None:
+    def run_resumed(self, cause: str, *, first_cycle: int, complete_cycles: int) -> None:
         """Keep the break of a run that goes on while its recording stayed open (the board was unplugged), as a segment.
 
         A recording that was opened to go on in it has its break already: then nothing is kept.
@@ -273,7 +273,7 @@ class Recorder:
             self._file.abandon()
             raise self._error
         if not self._file.close():
-            self.remark = "another program has the recording open: the -wal file beside it belongs to it"
+            self.warning = "another program has the recording open: the -wal file beside it belongs to it"
         return self.path
 
     def _later(self, make: Callable[[RowMaker, int], Iterator[Statement]]) -> None:

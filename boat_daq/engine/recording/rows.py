@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from boat_daq import __version__
 from boat_daq.engine.blocks import Block, EngineEvent, PortLost, PortSilent, SinkFailed
 from boat_daq.engine.recording.file import Statement, now_utc
-from boat_daq.engine.sample_columns import columns
+from boat_daq.engine.sample_columns import columns, mv_per_count
 from boat_daq.engine.snapshot import HealthSnapshot
 from boat_daq.errors import OperatorError
 from protocol.link import events as link
@@ -91,17 +91,10 @@ def health_row(host_ns: int, health: HealthSnapshot, segment: int | None, time_u
     yield INSERT_HEALTH, (host_ns, segment, time_us, *counters, health.rate_hz, health.lag_ms)
 
 
-def mv_per_count(meta: Mapping[str, Any]) -> float | None:
-    """Return mV of signal for one count; None where the samples are signals in mV already."""
-    if meta["sample_kind"] != "counts" or not meta.get("vref_mv") or not meta.get("adc_bits"):
-        return None
-    return float(meta["vref_mv"]) / (1 << int(meta["adc_bits"]))
-
-
-def overview_extremes(samples: NDArray[np.void], scale_mv: float | None) -> tuple[Any, ...]:
+def overview_extremes(samples: NDArray[np.void], scale_mv: float) -> tuple[Any, ...]:
     """Return the columns pressure_min_kpa .. flags of one row of `overview`; implausible samples are left out."""
     flags = int(np.bitwise_or.reduce(samples["flags"]))
-    good = columns(samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0], 1.0 if scale_mv is None else scale_mv)
+    good = columns(samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0], scale_mv)
     pressure_kpa = good.pressure_kpa
     low, high = ([_finite(f, column) for column in good.signal_mv.T] for f in (np.min, np.max))
     return (_finite(np.min, pressure_kpa), _finite(np.max, pressure_kpa), json.dumps(low), json.dumps(high), flags)
@@ -116,7 +109,7 @@ def _finite(reduce: Callable[[NDArray[np.float64]], float], values: NDArray[np.f
 class OverviewRows:
     """Gathers blocks until about a thousand samples are one row of `overview`."""
 
-    def __init__(self, scale_mv: float | None, *, next_id: int = 1) -> None:
+    def __init__(self, scale_mv: float, *, next_id: int = 1) -> None:
         self._scale_mv = scale_mv
         self._next_id = next_id
         self._held: list[tuple[int, int, NDArray[np.void]]] = []  # (block, segment, samples)

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.link.opening import open_link
-from boat_daq.engine.recording.rows import OverviewRows, mv_per_count
+from boat_daq.engine.recording.rows import OverviewRows
+from boat_daq.engine.sample_columns import mv_per_count
 from protocol.errors import ProfileError
 from protocol.link.bulk import decode_chunks
 from protocol.link.events import Link, LinkEvent, SampleGap, Samples

@@ -1,4 +1,4 @@
-"""The recordings of a session: one begins, or a broken one goes on, beside whatever the board sends; and ends.
+"""The recording of a session: it begins, or resumes that of a broken run, while the board sends; and it ends.
 
 Rules: nothing that fails here leaves a half-begun recording in the session; closing is done once, by whoever is first.
 """
@@ -6,95 +6,117 @@ Rules: nothing that fails here leaves a half-begun recording in the session; clo
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.log import note
 from boat_daq.engine.recording.disk_space import check_space
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
-from boat_daq.engine.session.core import Core
+from boat_daq.engine.session.journal import Journal
+from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.engine.snapshot import MessageKind, RunEnding, SessionState
+from boat_daq.engine.snapshot import HealthSnapshot, MessageKind, RunEnding, SessionState
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import RunEnd
 
+_OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
 
-class Recordings:
+
+class ActiveRecording:
     """Begins and ends the recording of one session.
+
+    Parameters
+    ----------
+    acting : gives the controller under the session's lock, and carries out what follows.
+    journal : where the recorder is while one runs; used under that lock.
+    link : whose reader brings the blocks.
+    settings, units : what a recording keeps of them.
 
     Attributes
     ----------
-    unit : name of the unit on the bench; empty where none was given.
-    since_us : board time at which the recording under way began.
+    unit : name of the unit under test; empty where none was given.
+    since_us : board time at which the present recording began.
     """
 
-    def __init__(self, core: Core, settings: Settings, units: UnitLibrary) -> None:
+    def __init__(
+        self,
+        acting: Callable[[], AbstractContextManager[Controller]],
+        journal: Journal,
+        link: LinkSupervisor,
+        settings: Settings,
+        units: UnitLibrary,
+    ) -> None:
         self.unit = ""
         self.since_us = 0
-        self._core, self._settings, self._units = core, settings, units
+        self._acting, self._journal, self._link = acting, journal, link
+        self._settings, self._units = settings, units
 
-    def begin(
-        self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None, *, port: str | None
-    ) -> None:
-        """Record into `path` from now on, or go on in the recording of a broken run; see `Session.start_recording`."""
-        core = self._core
-        ours = {
-            "operator": self._settings.operator,
-            "unit": self.unit,
-            "note": "",
-            "port": port,
-            "polarity": self._units.load(self.unit).polarity if self.unit else -1,
-            "settings": dataclasses.asdict(self._settings),
-        }
-        with core.lock:
-            acquisition = core.acquisition
-            if acquisition is None or not (core.control.up or core.control.hold_samples):
+    def begin(self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None) -> None:
+        """Record into `path` from now on, or resume the recording of a broken run; see `Session.start_recording`."""
+        polarity = self._units.load(self.unit).polarity if self.unit else -1
+        with self._acting() as control:
+            reader = self._link.reader
+            if reader is None or not (control.up or control.hold_samples):
                 raise OperatorError("there is nothing to record yet", "connect a board first")
-            if core.journal.recorder is not None:
-                raise OperatorError(f"{core.journal.recorder.path} is being recorded", "stop that recording first")
-            if core.control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
+            if self._journal.recorder is not None:
+                raise OperatorError(f"{self._journal.recorder.path} is being recorded", "stop that recording first")
+            if control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
                 raise OperatorError("a recording begins before its run", "stop the run first")
-            meta = {**ours, **core.describe(), **(metadata or {})}
+            meta = {"polarity": polarity, **self._describe(control), **(metadata or {})}
         if broken is not None:
-            broken.check_same(meta, can_command=core.control.dialogue.can_command)
-        recorder = Recorder(path, meta, health=core.health_now, on_error=core.storage_failed, goes_on=broken)
-        with core.lock:
-            raced = core.journal.recorder is not None or core.acquisition is not acquisition
+            broken.check_same(meta, can_command=control.board.can_command)
+        recorder = Recorder(path, meta, health=self._health, on_error=self._storage_failed, resumes=broken)
+        with self._acting() as control:
+            raced = self._journal.recorder is not None or self._link.reader is not reader
             if not raced:
-                acquisition.add_recorder(recorder)
-                core.journal.begin(recorder, broken)
-                core.control.sequencer.marks[:] = broken.marks if broken else ()
-                self.since_us = core.control.dialogue.board_us
-        note("info", f"recording {'goes on in' if broken else 'begins in'} {path}")
+                reader.add_recorder(recorder)
+                self._journal.begin(recorder, broken)
+                control.sequencer.marks[:] = broken.marks if broken else ()
+                self.since_us = control.board.board_us
+        note("info", f"recording {'resumes in' if broken else 'begins in'} {path}")
         if raced:
             recorder.close(RunEnd.STOPPED)
             raise OperatorError("the session changed while the recording began", "try again")
 
     def end(self, end: RunEnd) -> Path | None:
-        """Close the recording as it is, without a word to the board; `end` where no run gives one."""
-        core = self._core
-        with core.lock:
-            recorder, core.journal.recorder = core.journal.recorder, None
-            ending, acquisition = core.journal.ended or RunEnding(end), core.acquisition
+        """Close the recording as it is, without a command to the board.
+
+        Parameters
+        ----------
+        end : kept where no run has ended in the recording.
+
+        Returns
+        -------
+        Its path; None where nothing was recorded.
+
+        Raises
+        ------
+        StorageError : the disk does not take the rest; what is written stays.
+        """
+        with self._acting():
+            recorder, self._journal.recorder = self._journal.recorder, None
+            ending, reader = self._journal.ended or RunEnding(end), self._link.reader
         if recorder is None:
             return None
-        if acquisition is not None:
-            acquisition.remove_sink(recorder)
+        if reader is not None:
+            reader.remove_sink(recorder)
         path = recorder.close(ending.end, ending.cause)
         note("info", f"recording ended, {ending.text}: {path}")
-        if recorder.remark:
-            core.tell(MessageKind.STORAGE, "warning", recorder.remark)
+        if recorder.warning:
+            with self._acting():
+                self._journal.tell(MessageKind.STORAGE, "warning", recorder.warning)
         return path
 
     def check_space(self) -> Check:
-        """Whether what the plan will record fits on the disk; nothing to ask where nothing is recorded."""
-        core = self._core
-        with core.lock:
-            recorder, plan, rate_hz = core.journal.recorder, core.control.sequencer.plan, core.control.rate_hz
-            n_sensors = core.port.link.n_sensors if core.port else None
+        """Return whether what the plan will record fits on the disk; a good check where nothing is recorded."""
+        with self._acting() as control:
+            recorder, plan, rate_hz = self._journal.recorder, control.sequencer.plan, control.rate_hz
+            n_sensors = self._link.port.link.n_sensors if self._link.port else None
         if recorder is None or plan is None:
             return Check("space")
         try:
@@ -102,3 +124,37 @@ class Recordings:
         except StorageError as error:
             return Check("space", error.cause, error.remedy)
         return Check("space")
+
+    def _describe(self, control: Controller) -> dict[str, Any]:
+        """Return what a recording keeps of board, link and plan (keys of `protocol.recording.SESSION_KEYS`)."""
+        port = self._link.port
+        assert port is not None
+        hello, limits, plan = control.hello, control.interlock.limits, control.sequencer.plan
+        described = {
+            "operator": self._settings.operator,
+            "unit": self.unit,
+            "note": "",
+            "port": self._link.url,
+            "settings": dataclasses.asdict(self._settings),
+            "simulated": self._link.simulated(hello),
+            "board_id": hello.board_id if hello else "",
+            "profile": port.profile,
+            "n_sensors": port.link.n_sensors,
+            "sample_kind": port.link.sample_kind,
+            "vref_mv": hello.vref_mv if hello else 0,
+            "adc_bits": hello.adc_bits if hello else 0,
+            "rate_hz": control.rate_hz,
+            "limits_pa": limits.pascals if limits else None,
+            "plan": dataclasses.asdict(plan) if plan else None,
+        }
+        return described if port.replayed is None else described | {key: port.replayed[key] for key in _OF_THE_BOARD}
+
+    def _health(self) -> HealthSnapshot:
+        assert self._link.health is not None
+        return self._link.health.snapshot()
+
+    def _storage_failed(self, error: StorageError) -> None:
+        """Abort the run, on the recorder's thread: no run without its record."""
+        with self._acting() as control:
+            self._journal.tell(MessageKind.STORAGE, "error", error.cause, error.remedy)
+            control.abort(error.cause)

@@ -7,8 +7,8 @@ numbered from 1 in every recording; a step's number is its id in the recording's
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
-from datetime import UTC, datetime
 
 from boat_daq.engine.control.actions import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.log import note
@@ -41,15 +41,13 @@ class Journal:
         self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
         self.readings = list(broken.readings) if broken else []
 
-    def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "", *, host_ns: int = 0) -> None:
+    def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "") -> None:
         """Tell the operator."""
         self._told += 1
         note(level, f"{cause} (try: {remedy})" if remedy else cause)
-        self.messages.append(Message(self._told, kind, level, cause, remedy, host_ns))
+        self.messages.append(Message(self._told, kind, level, cause, remedy, time.monotonic_ns()))
 
-    def take(
-        self, effect: StepChanged | SegmentBreak | ControlEvent | RunEnding, *, host_ns: int, time_us: int | None
-    ) -> None:
+    def take(self, effect: StepChanged | SegmentBreak | ControlEvent | RunEnding, *, time_us: int | None) -> None:
         """Keep what the control says."""
         match effect:
             case StepChanged(mark, new):
@@ -60,7 +58,7 @@ class Journal:
                     self.recorder.new_segment(reason, paused=paused)
             case ControlEvent():
                 if effect.level:
-                    self.tell(effect.kind, effect.level, effect.text, effect.remedy, host_ns=host_ns)
+                    self.tell(effect.kind, effect.level, effect.text, effect.remedy)
                 else:
                     note("info", f"{effect.kind}: {effect.text}")
                 self.event("sequencer", effect.kind, effect.text, value=effect.value, time_us=time_us)
@@ -120,8 +118,3 @@ class Journal:
             status=mark.status,
             detail=mark.detail,
         )
-
-
-def now_utc() -> str:
-    """Return the time of day, ISO 8601 with its offset."""
-    return datetime.now(UTC).astimezone().isoformat(timespec="milliseconds")

@@ -1,8 +1,10 @@
-"""The keeper of the link: opens ports, gives up on what is no board, looks for a lost one, says goodbye. One thread.
+"""The link supervisor: opens ports, refuses what is no board, finds a lost one again, disconnects. One thread.
 
-A board that is unplugged is looked for on its own port first and then on every other serial port, once a second, and
-known again by the identity in its HELLO, never by the port's name. Nothing under pressure goes on by itself: the run
-is in fault, the board vented by its own watchdog, and the operator decides.
+A lost board is sought on its own port first and then on every other serial port, once a second, and recognised by the
+identity in its HELLO, never by the port's name. No pressure resumes by itself: the run is in fault, the board vented by
+its own watchdog, and the operator decides.
+
+The blocks of the port's reading thread come here first: what they mean is for the controller, under the session's lock.
 """
 
 from __future__ import annotations
@@ -10,78 +12,108 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
+from boat_daq.engine.blocks import Block, PortLost, SinkFailed
 from boat_daq.engine.control.controller import Controller
+from boat_daq.engine.control.watchdog import FAST
 from boat_daq.engine.link.discovery import find_board
-from boat_daq.engine.link.opening import open_port
+from boat_daq.engine.link.link_health import LinkHealth
+from boat_daq.engine.link.opening import OpenPort, open_port
+from boat_daq.engine.link.reader import PortReader
 from boat_daq.engine.link.replay import ReplayEnded
-from boat_daq.engine.session.core import Core
+from boat_daq.engine.log import note_failure
+from boat_daq.engine.sample_columns import mv_per_count
+from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionState
-from boat_daq.errors import BoatDaqError, OperatorError
+from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
 from protocol.errors import ProtocolError
+from protocol.link.events import HelloReceived, WrongProtocol
+from protocol.link.messages import Command, Heartbeat, Hello
 from protocol.recording import RunEnd
 
 TICK_S = 0.03
-HELLO_S = 2.5  # for a board to say who it is, its boot after opening the port included; refused within 3 s
+HELLO_S = 2.5  # for a HELLO, the board's boot after opening the port included; refused within 3 s
 SAMPLES_S = 3.0  # then, for samples and their pace
-REFUSED_S = 1.0  # for a stream that runs already, where the board refuses to begin one
-AGAIN_S = 1.0
+REFUSED_S = 1.0  # for a stream that runs already, where the board refuses to start one
+SEEK_S = 1.0
 VENT_S = 5.0
-GOODBYE_S = 1.0
+LEAVE_S = 1.0
 
 _BUSY = (LinkState.OPENING, LinkState.UP, LinkState.LOST)
 
 
 class LinkSupervisor:
-    """Keeps one port."""
+    """Supervises one port.
+
+    Parameters
+    ----------
+    settings : baud rate, and whether remote ports are allowed.
+    acting : gives the controller under the session's lock, and carries out what follows.
+    journal : messages; the recorder that a returning board is recorded by. Used under that lock.
+    show : takes each block on the reading thread, after the controller.
+    end_recording : closes the recording, where one runs.
+    clock_s : host monotonic clock.
+
+    Attributes
+    ----------
+    state, url, error : what a snapshot shows of the link; `error` is cause and remedy of a FAILED one.
+    port, reader, health : of the port that is open, or was last.
+    """
 
     def __init__(
         self,
-        core: Core,
         settings: Settings,
         *,
+        acting: Callable[[], AbstractContextManager[Controller]],
+        journal: Journal,
+        show: Callable[[Block], None],
         end_recording: Callable[[RunEnd], object],
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.state = LinkState.CLOSED
         self.url: str | None = None
         self.error: tuple[str, str] | None = None
-        self._clock_s = clock_s
-        self._core, self._settings, self._end_recording = core, settings, end_recording
+        self.port: OpenPort | None = None
+        self.reader: PortReader | None = None
+        self.health: LinkHealth | None = None
+        self._settings, self._acting, self._journal = settings, acting, journal
+        self._show, self._end_recording, self._clock_s = show, end_recording, clock_s
         self._profile: str | None = None
         self._greeted: Callable[[], None] | None = None
         self._wanted = self._closing = self._ending = self._seeking = False
         self._since_s = 0.0  # of the present state
+        self._lost: DeviceError | None = None  # the port, as the reading thread found it
+        self._refused: tuple[str, str] | None = None  # the board: cause and remedy
+        self._expected_id: str | None = None  # of the board that was lost
+        self._heard = False  # any byte on this port
         self._wake = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="keeper", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="link supervisor", daemon=True)
 
-    def open(
-        self, url: str, profile: str | None, control: Controller, *, greeted: Callable[[], None] | None = None
-    ) -> None:
-        """Ask for a port to be opened, under `control`.
+    def open(self, url: str, profile: str | None, *, greeted: Callable[[], None] | None = None) -> None:
+        """Have a port opened, and return at once; the session's lock is held.
 
         Parameters
         ----------
-        greeted : called once the board has said who it is; samples are asked for only after it.
+        url, profile : as `Session.connect`.
+        greeted : called once the board has sent its HELLO; samples are requested only after it.
 
         Raises
         ------
         OperatorError : one is open already.
         """
-        with self._core.lock:
-            if self.state in _BUSY or self._wanted:
-                raise OperatorError(f"{self.url} is open already", "disconnect it first")
-            self._core.control, self._core.ring, self._core.expected_id = control, None, None
-            self.url, self._profile, self.error = url, profile, None
-            self._greeted, control.hold_samples = greeted, greeted is not None
-            self.state, self._wanted = LinkState.OPENING, True
+        if self.state in _BUSY or self._wanted:
+            raise OperatorError(f"{self.url} is open already", "disconnect it first")
+        self.url, self._profile, self._greeted = url, profile, greeted
+        self.error = self._expected_id = None
+        self.state, self._wanted = LinkState.OPENING, True
         if not self._thread.is_alive() and not self._ending:
             self._thread.start()
         self._wake.set()
 
     def close(self) -> None:
-        """Ask for the port to be closed."""
+        """Have the port closed, and return at once."""
         self._closing = True
         self._wake.set()
 
@@ -92,6 +124,28 @@ class LinkSupervisor:
         if self._thread.ident is not None and self._thread is not threading.current_thread():
             self._thread.join()
 
+    def send(self, command: Command, *, feeds: bool = False) -> bool:
+        """Write a command without the session's lock; return whether the port took it."""
+        reader = self.reader
+        if reader is None or not reader.transport.can_write:
+            return False
+        try:
+            if feeds and isinstance(command, Heartbeat):
+                reader.feed(command)
+            else:
+                reader.send(command)
+        except (DeviceError, ProtocolError):
+            return False  # the reading thread finds the port gone; a link that cannot encode it has reported why
+        return True
+
+    def simulated(self, hello: Hello | None) -> bool:
+        """Return whether the samples are those of a virtual board, or a replay of them."""
+        if self.port is not None and self.port.replayed is not None:
+            return bool(self.port.replayed["simulated"])
+        return hello is not None and hello.simulated
+
+    # ---- the supervisor's thread -----------------------------------------------------------------------------------
+
     def _run(self) -> None:
         while not self._ending or self.state in _BUSY:
             self._wake.wait(TICK_S if self.state in _BUSY else None)
@@ -99,21 +153,32 @@ class LinkSupervisor:
             self._turn()
 
     def _turn(self) -> None:
-        core = self._core
         if self._closing:
             self._closing = self._wanted = False
-            self._say_goodbye()
+            self._disconnect()
             return
         if self._wanted:
             self._wanted = False
             self._open()
         elif self.state is LinkState.OPENING:
             self._watch_opening()
-        elif self.state is LinkState.UP and core.lost is not None:
-            self._lose()
+        elif self.state is LinkState.UP and self._lost is not None:
+            self._lose(self._lost)
         elif self.state is LinkState.LOST:
-            self._look_again()
-        core.tick()
+            self._seek()
+        self._tick()
+
+    def _tick(self) -> None:
+        """Let time pass for the controller."""
+        with self._acting() as control:
+            if self.reader is not None:
+                control.tick(time.monotonic_ns())
+            if self.health is not None:
+                self.health.real_time = control.board.meter.speed <= FAST
+
+    def _tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "") -> None:
+        with self._acting():
+            self._journal.tell(kind, level, cause, remedy)
 
     # ---- opening ---------------------------------------------------------------------------------------------------
 
@@ -125,43 +190,66 @@ class LinkSupervisor:
         except (BoatDaqError, ProtocolError) as error:
             self._fail(error.cause, error.remedy)
             return
-        self._core.attach(port)
+        self._attach(port)
         if port.replayed is not None:
             self._play()
 
+    def _attach(self, port: OpenPort) -> None:
+        """Begin to read a port that has just been opened; the reading of a replay begins in `_play`."""
+        reader = PortReader(port.transport, port.link)
+        with self._acting() as control:
+            health = LinkHealth(lambda: reader.statistics, asked_hz=control.rate_hz, lag_ms=self._lag_ms)
+            reader.add_sink(health)
+            reader.add_sink(self._take)
+            self.port, self.reader, self.health = port, reader, health
+            self._lost = self._refused = None
+            self._heard = False
+            control.board.can_command, control.board.can_write = port.can_command, port.transport.can_write
+            control.board.whole_contract = port.profile is None
+            control.preflight.why_read_only = port.why_read_only
+            if port.replayed is None:
+                reader.start()
+            control.link_opened(time.monotonic_ns())
+            if port.replayed is not None:
+                control.listen(mv_per_count(port.replayed))
+
+    def _detach(self) -> None:
+        """Stop reading and close the port; waits for the reading thread, so never under the lock."""
+        with self._acting():
+            reader, self.reader = self.reader, None
+        if reader is not None:
+            reader.stop()
+
     def _play(self) -> None:
-        """Let a replay begin: it waits for no START, so what was asked for is done before its first byte."""
+        """Start a replay: it waits for no START, so `greeted` is called before its first byte."""
         if self._greeted is not None:
             self._greet()
-        if self._core.acquisition is not None:  # it is gone where that failed
+        if self.reader is not None:  # it is gone where that failed
             self.state = LinkState.UP
-            self._core.acquisition.start()
+            self.reader.start()
 
     def _watch_opening(self) -> None:
-        """Wait for the board to show itself, but not for ever."""
-        core, waited_s = self._core, self._clock_s() - self._since_s
-        if core.refused is not None:
-            self._fail(*core.refused)
-        elif core.lost is not None:
-            self._fail(core.lost.cause, core.lost.remedy)
-        elif self._greeted is not None:
+        """Wait for the board to identify itself, but not for ever."""
+        waited_s = self._clock_s() - self._since_s
+        with self._acting() as control:
+            up, identifying, no_samples = control.up, control.board.identifying, control.no_samples
+        if self._refused is not None:
+            self._fail(*self._refused)
+        elif self._lost is not None:
+            self._fail(self._lost.cause, self._lost.remedy)
+        elif self._greeted is not None and not identifying:
             self._greet()
-        elif core.control.up:
+        elif self._greeted is None and up:
             self.state, self._seeking = LinkState.UP, False
-        elif core.control.no_samples is not None and waited_s > REFUSED_S:
-            self._fail(*core.control.no_samples)
-        elif waited_s > HELLO_S and core.control.dialogue.identifying:
+        elif self._greeted is None and no_samples is not None and waited_s > REFUSED_S:
+            self._fail(*no_samples)
+        elif waited_s > HELLO_S and identifying:
             self._fail(*self._no_board())
         elif waited_s > HELLO_S + SAMPLES_S:
-            self._fail(f"the board at {self.url} answers, but sends no samples", "reset it; look at its firmware")
+            self._fail(f"the board at {self.url} answers, but sends no samples", "reset it; check its firmware")
 
     def _greet(self) -> None:
-        """Once the board has said who it is, do what was asked for then, and let the samples come."""
-        core = self._core
-        if core.control.dialogue.identifying:
-            if self._clock_s() - self._since_s > HELLO_S:
-                self._fail(*self._no_board())
-            return
+        """Call `greeted` once, and let the samples come."""
         greeted, self._greeted = self._greeted, None
         assert greeted is not None
         try:
@@ -169,98 +257,143 @@ class LinkSupervisor:
         except BoatDaqError as error:
             self._fail(error.cause, error.remedy)
             return
-        with core.acting() as control:
+        with self._acting() as control:
             control.release_samples()
 
     def _no_board(self) -> tuple[str, str]:
-        if not self._core.heard:
-            return f"nothing comes from {self.url}", "check cable and power; is it the right port?"
-        if self._profile is None and self._core.good_frames:
-            return (
-                f"the board at {self.url} answers in good frames, but with no HELLO that could be true",
-                "look at the HELLO of its firmware: 1 to 4 sensors, 1 to 16 bits, a rate above 0",
-            )
+        """Return cause and remedy for a port without a board of ours."""
+        if not self._heard:
+            return f"no data from {self.url}", "check cable and power, and that it is the right port"
         if self._profile is not None:
-            return f"what comes from {self.url} does not fit the profile", "check the profile, and the baud rate"
+            return f"the data from {self.url} do not fit the profile", "check the profile, and the baud rate"
+        if self.reader is not None and self.reader.statistics.frames > 0:
+            return (
+                f"the board at {self.url} sends valid frames, but no plausible HELLO",
+                "check the HELLO of its firmware: 1 to 4 sensors, 1 to 16 bits, a rate above 0",
+            )
         return (
-            f"what answers at {self.url} is not a BOAT board at this baud rate ({self._settings.baud})",
+            f"the device at {self.url} is not a BOAT board at this baud rate ({self._settings.baud})",
             "choose another port or baud rate; firmware that prints text needs its profile",
         )
 
     def _fail(self, cause: str, remedy: str) -> None:
-        """Give up on what is on the port; a board that was greeted is left at rest, its watchdog disarmed."""
-        if self._core.control.greeted and self._core.lost is None and self._core.acquisition is not None:
+        """Give up the port; a board that sent its HELLO is left at rest, its watchdog disarmed."""
+        with self._acting() as control:
+            greeted = control.greeted
+        if greeted and self._lost is None and self.reader is not None:
             self._leave()
-        self._core.detach()
+        self._detach()
         if self._seeking:
             self.state, self._since_s = LinkState.LOST, self._clock_s()
             return
         self.error, self.state = (cause, remedy), LinkState.FAILED
-        self._core.tell(MessageKind.LINK_FAILED, "error", cause, remedy)
+        self._tell(MessageKind.LINK_FAILED, "error", cause, remedy)
 
     # ---- lost and found --------------------------------------------------------------------------------------------
 
-    def _lose(self) -> None:
-        core = self._core
-        error = core.lost
-        assert error is not None
-        core.detach()
+    def _lose(self, error: DeviceError) -> None:
+        self._detach()
         if isinstance(error, ReplayEnded):
-            core.tell(MessageKind.REPLAY_ENDED, "info", error.cause)
+            self._tell(MessageKind.REPLAY_ENDED, "info", error.cause)
             self._end_recording(RunEnd.FINISHED)
             self.state = LinkState.CLOSED
             return
-        with core.acting() as control:
+        with self._acting() as control:
             control.link_lost(error.cause)
-            core.expected_id = control.hello.board_id if control.hello else None
+            self._expected_id = control.hello.board_id if control.hello else None
         self._seeking = True
         self.state, self._since_s = LinkState.LOST, self._clock_s()
 
-    def _look_again(self) -> None:
+    def _seek(self) -> None:
         """Try the port, and then the others, once a second."""
-        core = self._core
-        if self._clock_s() - self._since_s < AGAIN_S:
+        if self._clock_s() - self._since_s < SEEK_S:
             return
-        expected, self._since_s = core.expected_id, self._clock_s()
+        self._since_s = self._clock_s()
         assert self.url is not None
         try:
             port = open_port(self.url, self._profile, self._settings)
         except (BoatDaqError, ProtocolError):
-            elsewhere = find_board(expected) if expected and "://" not in self.url and not self._profile else None
-            self.url = elsewhere or self.url
+            if self._expected_id and "://" not in self.url and not self._profile:
+                self.url = find_board(self._expected_id) or self.url
             return
-        core.attach(port)
+        self._attach(port)
         self._since_s, self.state = self._clock_s(), LinkState.OPENING
-        core.tell(MessageKind.BOARD_FOUND, "info", f"{self.url} is there again")
+        self._tell(MessageKind.BOARD_FOUND, "info", f"{self.url} is connected again")
 
-    # ---- goodbye ---------------------------------------------------------------------------------------------------
+    # ---- disconnecting ---------------------------------------------------------------------------------------------
 
-    def _say_goodbye(self) -> None:
+    def _disconnect(self) -> None:
         """Vent, disarm, stop the samples, close the recording and the port."""
-        core = self._core
-        if core.acquisition is not None:
-            with core.acting() as control:
+        if self.reader is not None:
+            with self._acting() as control:
                 control.stop()
-            self._wait(lambda: core.control.sequencer.state is not SessionState.FINISHING, VENT_S)
+            self._wait(lambda: control.sequencer.state is not SessionState.FINISHING, VENT_S)
             self._leave()
-        core.detach()
+        self._detach()
         try:
             self._end_recording(RunEnd.STOPPED)
         except BoatDaqError as error:
-            core.tell(MessageKind.STORAGE, "error", error.cause, error.remedy)
-        core.expected_id, self._seeking, self._greeted = None, False, None
+            self._tell(MessageKind.STORAGE, "error", error.cause, error.remedy)
+        self._expected_id, self._seeking, self._greeted = None, False, None
         self.state = LinkState.CLOSED
 
     def _leave(self) -> None:
         """Vent, disarm the board's watchdog and stop the samples, as far as it answers."""
-        with self._core.acting() as control:
+        with self._acting() as control:
             control.leave()
-        dialogue = self._core.control.dialogue
-        self._wait(lambda: not (dialogue.venting or dialogue.stopping), GOODBYE_S)
+        self._wait(lambda: not (control.board.venting or control.board.stopping), LEAVE_S)
 
     def _wait(self, condition: Callable[[], bool], timeout_s: float) -> None:
         """Let time pass until the condition holds, the port is gone, or the time is over."""
         end_s = self._clock_s() + timeout_s
-        while not condition() and self._core.lost is None and self._clock_s() < end_s:
+        while not condition() and self._lost is None and self._clock_s() < end_s:
             time.sleep(0.005)
-            self._core.tick()
+            self._tick()
+
+    # ---- on the reading thread -------------------------------------------------------------------------------------
+
+    def _take(self, block: Block) -> None:
+        """Take a block: first the controller, then whoever shows it."""
+        if block.sent:
+            return
+        with self._acting() as control:
+            if not self._noticed(block):
+                return
+            control.events(block.events, block.host_ns)
+            if any(isinstance(event, HelloReceived) for event in block.events):
+                self._identified(control)
+        self._show(block)
+
+    def _noticed(self, block: Block) -> bool:
+        """Note what concerns the link; return False for a block of another board than the one expected."""
+        self._heard = self._heard or bool(block.raw)
+        for event in block.events:
+            match event:
+                case HelloReceived(hello) if self._expected_id not in (None, hello.board_id):
+                    text = f"another board is on the port: {hello.board_id}"
+                    self._refused = (text, f"connect {self._expected_id} again")
+                    return False
+                case WrongProtocol(theirs, ours):
+                    text = f"the board uses protocol version {theirs}, this program version {ours}"
+                    self._refused = (text, "update the board's firmware or this program to the same version")
+                case PortLost(error):
+                    self._lost = error
+                case SinkFailed(name, failure):
+                    note_failure(f"{name} failed", failure)
+                    cause, remedy = f"{name} failed: {failure!r}", "report this fault"
+                    self._journal.tell(MessageKind.SINK_FAILED, "error", cause, remedy)
+        return True
+
+    def _identified(self, control: Controller) -> None:
+        """Record on from a board that is back, and compare its rate with the one it can give."""
+        if self.health is not None:
+            self.health.asked_hz = control.rate_hz
+        recorder = self._journal.recorder
+        if control.hello is not None and self._expected_id == control.hello.board_id and recorder is not None:
+            assert self.reader is not None
+            self.reader.add_recorder(recorder)
+        self._expected_id = None
+
+    def _lag_ms(self) -> float:
+        recorder = self._journal.recorder
+        return recorder.lag_ms if recorder is not None else 0.0

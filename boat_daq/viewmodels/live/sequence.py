@@ -298,8 +298,8 @@ class SequenceModel:
             }  # fmt: skip
             deeds[button]()
 
-    def arm(self, *, go_on: bool = False) -> None:
-        """Make the plan ready; with `go_on`, at the next whole cycle of the run that was broken off.
+    def arm(self, *, resume: bool = False) -> None:
+        """Make the plan ready; with `resume`, at the next whole cycle of the run that was broken off.
 
         Raises
         ------
@@ -311,7 +311,7 @@ class SequenceModel:
                 "Correct what is marked in the plan, then arm.",
             )
         asks = self.wait_for_reading and self.plan.kind == "staircase"
-        self.session.arm(self.plan, wait_for_reading=asks, go_on=go_on)
+        self.session.arm(self.plan, wait_for_reading=asks, resume=resume)
         self._asks = asks
 
     def set_pressure(self, text: str, ramp: str) -> None:

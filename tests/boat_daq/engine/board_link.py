@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from boat_daq.engine.blocks import Block
-from boat_daq.engine.link.reader import Acquisition
+from boat_daq.engine.link.reader import PortReader
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.errors import DeviceError
 from protocol import CommandDone, Connection, Identify, SetPressure, Start
@@ -89,10 +89,10 @@ def meta_of(link: Connection, **more: object) -> dict[str, object]:
     }
 
 
-def identified(transport: BoardTransport) -> tuple[Acquisition, Connection, Seen]:
+def identified(transport: BoardTransport) -> tuple[PortReader, Connection, Seen]:
     """Return a running acquisition that has the board's HELLO."""
     link, seen = Connection(), Seen()
-    acquisition = Acquisition(transport, link)
+    acquisition = PortReader(transport, link)
     acquisition.add_sink(seen)
     acquisition.start()
     acquisition.send(Identify())

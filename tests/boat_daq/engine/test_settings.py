@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import Settings, Unit, UnitLibrary, home, load_settings, save_settings, take_remarks
+from boat_daq.engine.settings import Settings, Unit, UnitLibrary, home, load_settings, save_settings, take_warnings
 from boat_daq.errors import OperatorError, StorageError
 
 CUBIC = {"coefficients": [1651.9842, 46.4413, -2.6934, -0.36251], "note": 'a "quoted" ü', "covariance": [[1e-300, 2.0]]}
@@ -155,7 +155,7 @@ def test_a_file_that_a_disk_destroyed_is_replaced_by_its_backup_and_said(tmp_pat
         save_settings(Settings(rate_hz=int(limit)), tmp_path)
     for path in (tmp_path / "settings.toml", tmp_path / "units" / "SA1.toml"):
         path.unlink() if left is None else path.write_bytes(left)
-    take_remarks()
+    take_warnings()
     assert load_settings(tmp_path).rate_hz == 20
     assert library.load("SA1").max_kpa == 20.0
     assert library.names() == ["SA1"]
@@ -166,7 +166,7 @@ def test_a_file_that_a_disk_destroyed_is_replaced_by_its_backup_and_said(tmp_pat
     save_settings(Settings(rate_hz=44), tmp_path)
     assert load_settings(tmp_path).rate_hz == 44
     assert "rate_hz = 20\n" in (tmp_path / "settings.toml.bak").read_text()
-    take_remarks()
+    take_warnings()
 
 
 def test_an_edit_that_broke_a_unit_is_refused_and_its_backup_not_used(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_an_edit_that_broke_a_unit_is_refused_and_its_backup_not_used(tmp_path: 
     path.write_text(path.read_text().replace("max_kpa = 40.0", "max_kpa = 20.0 kPa"))
     with pytest.raises(OperatorError, match="not a readable TOML file"):
         library.load("SA1")
-    assert take_remarks() == []
+    assert take_warnings() == []
 
 
 def test_a_refused_file_names_its_backup_where_that_is_good(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def filled_ring(seconds: float, *, seed: int = 1) -> RingBuffer:
     samples["pressure_pa"] = 1000 * pressure
     samples["signal_mv"][:, 0] = 1652 + 46.4 * x - 2.7 * x**2 + generator.normal(0, 1.5, n)
     samples["signal_mv"][:, 1] = 1624 + 33.4 * x - 2.3 * x**2 + generator.normal(0, 1.0, n)
-    ring = RingBuffer(2, mv_per_count=None)
+    ring = RingBuffer(2, mv_per_count=1.0)
     ring.target_kpa = 30.0
     ring.append(samples)
     return ring

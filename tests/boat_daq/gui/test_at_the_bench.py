@@ -124,7 +124,7 @@ def test_tab_goes_on_from_every_field_of_the_connect_panel(live, qtbot):
     assert panel.profile.toPlainText() == ""
 
 
-def test_a_broken_run_goes_on_or_begins_anew_by_two_buttons(live):
+def test_a_broken_run_resumed_or_begins_anew_by_two_buttons(live):
     """After an unplugged board the choice is in two words, the way on the marked one; else there is only Arm."""
     panel, arm = live.live.sequence, live.live.sequence.buttons["arm"]
     live.refresh()

@@ -139,7 +139,7 @@ def test_nothing_is_offered_where_nothing_is_left(tmp_path, cycles):
     runs.close()
 
 
-def test_a_closed_run_goes_on_only_on_a_free_board(tmp_path, closed):
+def test_a_closed_run_resumed_only_on_a_free_board(tmp_path, closed):
     """Without a board, or while something is recorded, it is refused; else armed, and Start is left to the hand."""
     session = RecordedSession(idle())
     model, notices, runs = going_on(tmp_path, session)

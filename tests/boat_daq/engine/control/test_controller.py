@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import pytest
 
-from boat_daq.engine.control.board_commands import Dialogue
-from boat_daq.engine.control.readiness import ZERO_SAMPLES
+from boat_daq.engine.control.board_commands import BoardCommands
+from boat_daq.engine.control.preflight import ZERO_SAMPLES
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import RunEnding, SessionState
 from boat_daq.errors import OperatorError
@@ -62,7 +62,7 @@ def test_a_second_press_of_start_is_one_start() -> None:
 def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
     """Ten seconds of a link that tells of each lost vent only 1.2 s later: one in each 0.75 s all the same."""
     sent_ms: list[int] = []
-    dialogue = Dialogue(lambda _: sent_ms.append(dialogue.now_ns // 1_000_000))
+    dialogue = BoardCommands(lambda _: sent_ms.append(dialogue.now_ns // 1_000_000))
     dialogue.vent()
     for now_ms in range(0, 10_000, 10):
         dialogue.now_ns = now_ms * 1_000_000
@@ -277,7 +277,7 @@ def test_the_zero_of_the_pressure_sensor_is_looked_at() -> None:
 def test_the_watchdog_is_fed_through_a_run_at_any_speed(speed: float, timeout_ms: int) -> None:
     """At 1x with 1 s and at 100x with 5 s of the board's time, a healthy host never trips it."""
     bench = Bench(speed=speed).running(dataclasses.replace(QUICK, cycles=3))
-    assert bench.control.dialogue.feeder.armed_ms == timeout_ms
+    assert bench.control.board.feeder.armed_ms == timeout_ms
     assert bench.run(300, lambda: bench.state is SessionState.IDLE)
     assert bench.ends == [RunEnding(RunEnd.FINISHED)]
 
@@ -297,7 +297,7 @@ def test_a_stall_of_the_host_is_survived_or_vented() -> None:
 
 
 @pytest.mark.fault(16, how="virtual board's `frozen_channel` in a run", times=1)
-def test_a_frozen_channel_is_told_and_the_run_goes_on() -> None:
+def test_a_frozen_channel_is_told_and_the_run_resumed() -> None:
     """An alarm, not a vent: the pressure is safe, the operator decides."""
     bench = Bench("frozen_channel@2:1").running()
     bench.run(30, lambda: bool(bench.said(["flat_line"])))
@@ -319,7 +319,7 @@ def test_goodbye_leaves_the_board_at_rest() -> None:
 def test_a_listener_sends_nothing_but_start() -> None:
     """A link that cannot command is refused a plan with the reason, and vents nobody."""
     bench = Bench()
-    bench.control.dialogue.can_command = False
+    bench.control.board.can_command = False
     bench.connected()
     with pytest.raises(OperatorError, match="only listens"):
         bench.control.arm(QUICK)
@@ -331,7 +331,7 @@ def test_a_listener_sends_nothing_but_start() -> None:
 def test_only_a_board_that_takes_commands_is_asked_for_limits(commands: bool) -> None:
     """A pasted RX8 line, which knows no commands, was told that its board's limits are 0 to 0 kPa."""
     bench = Bench()
-    bench.control.dialogue.can_command = commands
+    bench.control.board.can_command = commands
     bench.do(lambda: bench.control.readiness.take_limits(0.0, 0.0))
     assert [note.kind for note in bench.notes] == ["limits"] * commands
 
@@ -375,7 +375,7 @@ def test_a_vent_is_repeated_until_it_is_acknowledged() -> None:
     bench.do(bench.control.vent)
     bench.run(10.0)
     sent = len(bench.sent_of(Vent))
-    assert sent > 1 and not bench.control.dialogue.venting
+    assert sent > 1 and not bench.control.board.venting
     bench.run(5.0)
     assert len(bench.sent_of(Vent)) == sent
 

@@ -279,7 +279,7 @@ def test_buttons_that_make_no_sense_are_refused(state: SessionState, refused: tu
         assert sequencer.state is state and sequencer.take() == []
 
 
-def test_a_broken_run_goes_on_at_the_next_whole_cycle() -> None:
+def test_a_broken_run_resumed_at_the_next_whole_cycle() -> None:
     """After a break in cycle 2 of 3: on with number 3, one complete cycle to its credit, two more to do."""
     plan = dataclasses.replace(PLAN, cycles=3)
     rig = Rig(plan)

@@ -203,7 +203,7 @@ def test_signals_in_millivolt_are_taken_as_they_are():
     """Text profiles that give a signal need no conversion."""
     samples = np.zeros(2, sample_dtype(1, "signal"))
     samples["signal_mv"] = [[1.5], [2.5]]
-    ring = RingBuffer(1, mv_per_count=None)
+    ring = RingBuffer(1, mv_per_count=1.0)
     ring.append(samples)
     assert ring.view()["s1_mv"].tolist() == [1.5, 2.5]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.blocks import Block, PortLost, PortSilent, SinkFailed
-from boat_daq.engine.link.reader import Acquisition
+from boat_daq.engine.link.reader import PortReader
 from boat_daq.errors import DeviceError
 from protocol import CommandDone, CommandLost, Connection, Heartbeat, Identify, Samples, Start, Vent
 from protocol.simulator.board import VirtualBoard
@@ -51,7 +51,7 @@ def test_blocks_are_the_bytes_and_what_they_tell():
 def test_a_sink_that_raises_is_told_of_once_and_the_others_go_on():
     """A page's fault is an event in the stream; recorder and plots see every block."""
     transport = BoardTransport(VirtualBoard(), end_us=3_000_000)
-    acquisition = Acquisition(transport, Connection())
+    acquisition = PortReader(transport, Connection())
     calls, seen = [], Seen()
 
     def bad(block: Block) -> None:
@@ -91,7 +91,7 @@ def test_silence_is_told_once_and_again_after_data():
     """An open port without data for a second is a state to be said, not an endless alarm."""
     board = VirtualBoard()
     transport = BoardTransport(board, end_us=0)
-    seen, acquisition = Seen(), Acquisition(transport, Connection(), clock_ns=FakeClock())
+    seen, acquisition = Seen(), PortReader(transport, Connection(), clock_ns=FakeClock())
     acquisition.add_sink(seen)
     acquisition.start()
     assert seen.wait(PortSilent)
@@ -113,7 +113,7 @@ def test_a_command_without_an_answer_goes_out_three_times_and_is_lost():
             self.written.append(data)
 
     transport = Deaf(VirtualBoard(), end_us=0)
-    seen, acquisition = Seen(), Acquisition(transport, Connection(), clock_ns=FakeClock())
+    seen, acquisition = Seen(), PortReader(transport, Connection(), clock_ns=FakeClock())
     acquisition.add_sink(seen)
     acquisition.start()
     acquisition.send(Vent())
@@ -155,7 +155,7 @@ def test_an_answer_that_waits_in_the_port_through_a_stall_is_read_before_the_com
                 super().write(data)
 
     transport = Stalled(VirtualBoard())
-    seen, acquisition = Seen(), Acquisition(transport, Connection(in_turn=True), clock_ns=clock)
+    seen, acquisition = Seen(), PortReader(transport, Connection(in_turn=True), clock_ns=clock)
     acquisition.add_sink(seen)
     acquisition.send(Heartbeat(5000))
     acquisition.start()
@@ -187,7 +187,7 @@ def test_an_answer_behind_a_backlog_that_is_read_slowly_is_waited_for():
             self.backlog -= 1
             return super().read() if self.backlog < 0 else b"\0"
 
-    seen, acquisition = Seen(), Acquisition(Behind(VirtualBoard()), Connection(in_turn=True), clock_ns=clock)
+    seen, acquisition = Seen(), PortReader(Behind(VirtualBoard()), Connection(in_turn=True), clock_ns=clock)
     acquisition.add_sink(seen)
     acquisition.send(Heartbeat(5000))
     acquisition.start()
@@ -257,7 +257,7 @@ def test_a_removed_sink_hears_no_more_and_stop_may_come_twice():
     acquisition.stop()
     acquisition.stop()
     unused = BoardTransport(VirtualBoard())
-    Acquisition(unused, Connection()).stop()
+    PortReader(unused, Connection()).stop()
     assert unused.closed
 
 
@@ -268,7 +268,7 @@ def test_a_command_to_a_port_that_is_gone_raises_at_the_caller():
         def write(self, data: bytes) -> None:
             raise DeviceError("virtual is gone", "Plug it in.")
 
-    acquisition = Acquisition(Gone(VirtualBoard()), Connection())
+    acquisition = PortReader(Gone(VirtualBoard()), Connection())
     with pytest.raises(DeviceError, match="gone"):
         acquisition.send(Vent())
     acquisition.stop()

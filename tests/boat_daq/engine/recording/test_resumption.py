@@ -73,7 +73,7 @@ def gone_on(path: Path, cycles: list[int], *, broken: bool = False) -> None:
     """Go on in a recording with another link."""
     source = Source(seed=1)
     run = prepare_resumption(path)
-    recorder = Recorder(path, {**meta(source), "operator": "Ada", "note": "n"}, goes_on=run)
+    recorder = Recorder(path, {**meta(source), "operator": "Ada", "note": "n"}, resumes=run)
     part(recorder, source, cycles, broken=broken)
     recorder.close(RunEnd.FINISHED)
 
@@ -124,7 +124,7 @@ def test_a_break_in_a_recording_that_stayed_open_is_kept_too(tmp_path: Path) -> 
     source, path = Source(), tmp_path / "run.boat"
     recorder = Recorder(path, meta(source))
     part(recorder, source, [1, 2])
-    recorder.run_goes_on("aborted: the port is gone", first_cycle=4, complete_cycles=2)
+    recorder.run_resumed("aborted: the port is gone", first_cycle=4, complete_cycles=2)
     for cycle in (4, 5):
         for branch in ("unloading", "loading"):
             step = recorder.step_started(0, cycle, branch, target_kpa=0, ramp_kpa_per_s=10, started_us=0)
@@ -148,7 +148,7 @@ def test_the_end_is_told_by_the_last_breaks_own_clock(left: Path, monkeypatch: p
     gone_on(left, [4], broken=True)
     monkeypatch.setattr(time, "monotonic_ns", lambda: real() // 1000)
     source = Source(seed=2)
-    recorder = Recorder(left, meta(source), goes_on=prepare_resumption(left))
+    recorder = Recorder(left, meta(source), resumes=prepare_resumption(left))
     part(recorder, source, [6])
     for suffix in ("", "-wal"):
         shutil.copy(f"{left}{suffix}", f"{left.with_suffix('')}2.boat{suffix}")

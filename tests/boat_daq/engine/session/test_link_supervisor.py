@@ -1,4 +1,4 @@
-"""The keeper on a clock of its own: how long it waits for a board, whatever the computer is busy with."""
+"""The link supervisor on a clock of its own: how long it waits for a board, however busy the computer is."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from contextlib import closing, contextmanager
 
 import pytest
 
-from boat_daq.engine.control.controller import Controller
-from boat_daq.engine.session.core import Core
-from boat_daq.engine.session.link_supervisor import TICK_S, LinkSupervisor
-from boat_daq.engine.settings import Settings
+from boat_daq.engine.session.link_supervisor import TICK_S
+from boat_daq.engine.session.session import Session
+from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState
 from protocol.link.messages import SetPressure, Start
@@ -24,7 +23,7 @@ ASKED_S = 3.0
 
 
 class Clock:
-    """Time that passes only as the keeper turns."""
+    """Time that passes only as the supervisor turns."""
 
     def __init__(self) -> None:
         self.now_s = 100.0
@@ -45,7 +44,7 @@ def port_of(kind: str) -> Iterator[str]:
 
 
 @pytest.mark.fault(
-    14, how="wrong baud rate, another device, another version and silence, on the keeper's clock", times=4
+    14, how="wrong baud rate, another device, another version and silence, on the supervisor's clock", times=4
 )
 @pytest.mark.parametrize(
     ("kind", "word"),
@@ -53,29 +52,31 @@ def port_of(kind: str) -> Iterator[str]:
         ("wrong_baud@0:0", "not a BOAT board"),
         ("chatter", "not a BOAT board"),
         ("wrong_protocol@0:2", "version 2"),
-        ("silent@0:0", "nothing comes"),
+        ("silent@0:0", "no data"),
     ],
 )
 def test_what_is_no_board_is_refused_within_three_seconds(
     monkeypatch: pytest.MonkeyPatch, kind: str, word: str
 ) -> None:
     """Within 3 s of opening, with half a second to spare; neither samples nor a pressure were asked for."""
-    clock, core, sent = Clock(), Core(), []
-    plain_send = core.send_now
-    monkeypatch.setattr(core, "send_now", lambda command, **more: sent.append(command) or plain_send(command, **more))
-    keeper = LinkSupervisor(core, Settings(), end_recording=lambda _: None, clock_s=clock)
-    keeper._ending = True  # no thread: turned by hand
+    clock, sent = Clock(), []
+    session = Session(Settings(), UnitLibrary())
+    link = session._link
+    link._clock_s = clock
+    link._ending = True  # no thread: turned by hand
+    plain_send = link.send
+    monkeypatch.setattr(link, "send", lambda command, **more: sent.append(command) or plain_send(command, **more))
     with port_of(kind) as url:
-        keeper.open(url, None, Controller())
-        keeper._turn()
+        session.connect(url)
+        link._turn()
         for _ in range(20):  # what comes at all is there by now
             time.sleep(0.02)
-            keeper._turn()
-        while keeper.state is LinkState.OPENING and clock.now_s < 100.0 + 2 * ASKED_S:
+            link._turn()
+        while link.state is LinkState.OPENING and clock.now_s < 100.0 + 2 * ASKED_S:
             clock.now_s += TICK_S
-            keeper._turn()
-        assert keeper.state is LinkState.FAILED
+            link._turn()
+        assert link.state is LinkState.FAILED
         assert clock.now_s - 100.0 <= ASKED_S - 0.4
-        assert keeper.error is not None and word in keeper.error[0] and keeper.error[1]
+        assert link.error is not None and word in link.error[0] and link.error[1]
         assert not [command for command in sent if isinstance(command, SetPressure | Start)]
-        core.detach()
+        session.close()

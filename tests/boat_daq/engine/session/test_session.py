@@ -127,10 +127,10 @@ def test_vent_waits_for_nobody(session: Session) -> None:
         session.set_pressure(30.0, 40.0)
         session.wait(lambda s: s.last is not None and s.last.pressure_kpa > 20, 5)
         venting = threading.Thread(target=session.vent)
-        with session._core.lock:
+        with session._lock:
             venting.start()
             time.sleep(0.1)
-            sent = session._core.acquisition.statistics  # type: ignore[union-attr]
+            sent = session._link.reader.statistics  # type: ignore[union-attr]
             assert sent.samples > 0
             time.sleep(1.2)
         venting.join()
@@ -393,7 +393,7 @@ def test_the_disk_that_fails_stops_the_run(session: Session, tmp_path: Path) -> 
     """The recorder cannot write: the run is aborted and vented, and the reason said."""
     with serve(BoardSettings(speed=5.0)) as board:
         begin(session, board.url, tmp_path / "a.boat")
-        session._core.storage_failed(StorageError("the disk is full", "make room"))
+        session._recording._storage_failed(StorageError("the disk is full", "make room"))
         seen = session.wait(lambda s: s.state is SessionState.ABORTED, 5)
         assert seen.run_ended == RunEnding(RunEnd.ABORTED, "the disk is full")
         assert any(m.cause == "the disk is full" and m.remedy for m in seen.messages)

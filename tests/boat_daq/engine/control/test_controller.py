@@ -267,7 +267,7 @@ def test_a_pressure_by_hand() -> None:
 def test_the_zero_of_the_pressure_sensor_is_looked_at() -> None:
     """A vented unit that reads 10 kPa is not started."""
     bench = Bench().connected()
-    bench.control.readiness.take([10.0] * ZERO_SAMPLES)
+    bench.control.preflight.take([10.0] * ZERO_SAMPLES)
     bench.control.arm(QUICK)
     with pytest.raises(OperatorError, match="on a vented unit"):
         bench.control.start()
@@ -332,7 +332,7 @@ def test_only_a_board_that_takes_commands_is_asked_for_limits(commands: bool) ->
     """A pasted RX8 line, which knows no commands, was told that its board's limits are 0 to 0 kPa."""
     bench = Bench()
     bench.control.board.can_command = commands
-    bench.do(lambda: bench.control.readiness.take_limits(0.0, 0.0))
+    bench.do(lambda: bench.control.preflight.take_limits(0.0, 0.0))
     assert [note.kind for note in bench.notes] == ["limits"] * commands
 
 

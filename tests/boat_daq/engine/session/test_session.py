@@ -211,7 +211,7 @@ def test_the_unit_s_limits_hold(session: Session) -> None:
 @pytest.mark.fault(14, how="another version and silence on a pseudo-terminal", times=2)
 @pytest.mark.parametrize(
     ("fault", "word"),
-    [("wrong_protocol@0:2", "version 2"), ("silent@0:0", "nothing comes")],
+    [("wrong_protocol@0:2", "version 2"), ("silent@0:0", "no data")],
 )
 def test_what_is_no_board_is_refused(session: Session, fault: str, word: str) -> None:
     """Another version, silence: refused with the reason (how soon: `test_keeper`)."""

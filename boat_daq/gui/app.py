@@ -1,4 +1,4 @@
-"""The window's start: one application, one session, one desk, one window."""
+"""Start of the window: one application, one session, one application model, one window with its commands."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import home, load_settings
-from boat_daq.gui import style
+from boat_daq.gui import actions, style
 from boat_daq.gui.collector import Collector
 from boat_daq.gui.main_window import MainWindow
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.app_model import AppModel
 
 INTERRUPTED = 130  # a shell's code for Ctrl-C
 
@@ -34,7 +34,7 @@ def make_application() -> QApplication:
 
 
 def make_window(rate_hz: int | None = None) -> MainWindow:
-    """Return a window on a new session, with the stored settings; at another rate where one is given.
+    """Return a window on a new session with the stored settings, at another rate where one is given.
 
     Raises
     ------
@@ -43,7 +43,14 @@ def make_window(rate_hz: int | None = None) -> MainWindow:
     stored = load_settings()
     settings = replace(stored, rate_hz=rate_hz or stored.rate_hz)
     recordings = Path(settings.recordings).expanduser() if settings.recordings else Path.cwd() / "recordings"
-    return MainWindow(Desk(Session(settings), home("config"), recordings))
+    return window_on(AppModel(Session(settings), home("config"), recordings))
+
+
+def window_on(model: AppModel) -> MainWindow:
+    """Return the window on `model`, with its commands."""
+    window = MainWindow(model)
+    actions.register(window)
+    return window
 
 
 def run(port: str | None = None, *, board: bool = False, speed: float = 1.0, rate_hz: int | None = None) -> int:
@@ -55,20 +62,21 @@ def run(port: str | None = None, *, board: bool = False, speed: float = 1.0, rat
     """
     app = make_application()
     window = make_window(rate_hz)
-    Collector(window)
+    model = window.model
+    Collector(window, window.page_made)
     window.fit_screen()
     window.show()
     if board:
-        window.desk.start_virtual_board(speed=speed)
+        model.notices.attempt(lambda: model.connection.start_virtual_board(speed=speed))
     elif port:
-        window.desk.notices.attempt(lambda: window.desk.connection.connect(port))
+        model.notices.attempt(lambda: model.connection.connect(port))
     interrupted = []
 
     def stop(*_: object) -> None:
         interrupted.append(True)
         window.close()  # vents, and closes the recording
 
-    for number in (signal.SIGINT, signal.SIGTERM):  # heard between two ticks; an exception would be lost in a slot
+    for number in (signal.SIGINT, signal.SIGTERM):  # handled between two ticks; an exception would be lost in a slot
         signal.signal(number, stop)
     code = app.exec()
     return INTERRUPTED if interrupted else code

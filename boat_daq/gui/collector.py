@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import gc
 
-from PySide6.QtCore import QObject, QTimer
-
-from boat_daq.gui.main_window import MainWindow
+from PySide6.QtCore import QObject, QTimer, SignalInstance
 
 EVERY_MS = 1000
 SETTLED_MS = 3000  # after which a new page has loaded what it needs
 
 
 class Collector(QObject):
-    """Collects on the thread of `window`, and leaves what window and libraries have loaded out, page by page."""
+    """Collects on the thread of `parent`, leaving out what window and libraries have loaded, page by page."""
 
-    def __init__(self, window: MainWindow) -> None:
-        super().__init__(window)
+    def __init__(self, parent: QObject, page_made: SignalInstance) -> None:
+        super().__init__(parent)
         gc.disable()
         self.destroyed.connect(_by_itself_again)
         self.due = QTimer(self)
@@ -31,7 +29,7 @@ class Collector(QObject):
         self.settled.setSingleShot(True)
         self.settled.setInterval(SETTLED_MS)
         self.settled.timeout.connect(self.settle)
-        window.page_made.connect(self.settled.start)
+        page_made.connect(self.settled.start)
         self.settled.start()
 
     def collect(self) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, QVBoxLayout, QWidget
 
+from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.status_strip import sentence
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.viewmodels.app_model import Desk
 from boat_daq.viewmodels.common.notices import Notice
-from boat_daq.viewmodels.live.connection import VIRTUAL_UNITS
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.connection import VIRTUAL_UNITS, ConnectionModel
 
 SPEEDS = (("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0))
 
@@ -19,9 +20,9 @@ SPEEDS = (("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)
 class ConnectPanel(QDialog):
     """Choose a port and connect."""
 
-    def __init__(self, parent: QWidget, desk: Desk) -> None:
+    def __init__(self, parent: QWidget, connection: ConnectionModel, services: Services) -> None:
         super().__init__(parent)
-        self.desk = desk
+        self.connection, self.services = connection, services
         self.setWindowTitle("Connect")
         self.setModal(False)
         self.setMinimumWidth(style.FORM_WIDTH)
@@ -31,7 +32,7 @@ class ConnectPanel(QDialog):
         typed = widgets.field("Port", placeholder="a port, socket://HOST:PORT or replay:FILE")
         typed.returnPressed.connect(self.connect_board)
         self.port.setLineEdit(typed)
-        self.unit = widgets.field("Unit on the bench", desk.connection.unit, width=3 * style.CONTROL_HEIGHT)
+        self.unit = widgets.field("Unit on the bench", connection.unit, width=3 * style.CONTROL_HEIGHT)
         self.profile = QPlainTextEdit()
         self.profile.setAccessibleName("Profile of another firmware")
         self.profile.setPlaceholderText(
@@ -40,7 +41,7 @@ class ConnectPanel(QDialog):
         )
         self.profile.setTabChangesFocus(True)
         self.profile.setProperty("role", "paste")  # its height is the sheet's, which knows no other
-        self.profile.setPlainText(desk.connection.profile)
+        self.profile.setPlainText(connection.profile)
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
         self.speed = widgets.choice("Speed of the virtual board", list(SPEEDS))
         layout = QVBoxLayout(self)
@@ -96,8 +97,8 @@ class ConnectPanel(QDialog):
     def open_fresh(self) -> None:
         """Look for ports and show the panel."""
         self.look()
-        self.desk.connection.ask_boards()
-        self.unit.setText(self.desk.connection.unit)
+        self.connection.ask_boards()
+        self.unit.setText(self.connection.unit)
         self.refused.hide()
         self.show()
         self.raise_()
@@ -106,23 +107,23 @@ class ConnectPanel(QDialog):
     def look_again(self) -> None:
         """Look for ports, and ask them who they are."""
         self.look()
-        self.desk.connection.ask_boards()
+        self.connection.ask_boards()
 
     def look(self) -> None:
         """Look for ports again."""
-        typed = self.port.currentText() or self.desk.connection.last_port
+        typed = self.port.currentText() or self.connection.last_port
         self.port.clear()
-        ports = self.desk.connection.ports()
+        ports = self.connection.ports()
         for found in ports:
             self.port.addItem(found.text, found.port)
         self.none.setVisible(not ports)
         self.adjustSize()
         self.port.setEditText(typed)
 
-    def refresh(self) -> None:
+    def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show which ports have said that they are boards, and whether there is a link to close."""
-        widgets.allow(self.disconnect_button, "" if self.desk.snapshot.port is not None else "Nothing is connected.")
-        if self.isVisible() and self.desk.connection.heard_boards():
+        widgets.allow(self.disconnect_button, "" if snapshot.port is not None else "Nothing is connected.")
+        if self.isVisible() and self.connection.heard_boards():
             self.look()
 
     def connect_board(self) -> None:
@@ -132,30 +133,30 @@ class ConnectPanel(QDialog):
         port = str(self.port.itemData(known)) if known >= 0 else text
 
         def deed() -> None:
-            self.desk.connection.set_unit(self.unit.text())
-            self.desk.connection.connect(port, self.profile.toPlainText().strip())
+            self.connection.set_unit(self.unit.text())
+            self.connection.connect(port, self.profile.toPlainText().strip())
 
         if self._complaint is not None:  # what was wrong is mended, or said anew
-            self.desk.notices.dismiss(self._complaint)
-        if self.desk.notices.attempt(deed):
+            self.services.notices.dismiss(self._complaint)
+        if self.services.notices.attempt(deed):
             self._complaint = None
             self.refused.hide()
             self.hide()
         else:  # what was typed stays here, with what is wrong with it
-            notice = self._complaint = self.desk.notices.history[-1]
+            notice = self._complaint = self.services.notices.history[-1]
             self.refused.setText("\u25b2 " + " ".join(map(sentence, filter(None, (notice.cause, notice.remedy)))))
             self.refused.show()
             self.adjustSize()
 
     def disconnect_board(self) -> None:
         """Vent and close the link."""
-        self.desk.notices.attempt(self.desk.connection.disconnect)
+        self.services.notices.attempt(self.connection.disconnect)
 
     def start_virtual(self) -> None:
         """Start a virtual board and connect to it."""
         unit, speed = str(self.virtual_unit.currentData()), float(self.speed.currentData())
-        if self.desk.notices.attempt(lambda: self.desk.connection.start_virtual_board(unit, speed)):
+        if self.services.notices.attempt(lambda: self.connection.start_virtual_board(unit, speed)):
             self.hide()
 
     def _open_profile(self) -> None:
-        ask_open(self, self.desk, "Open a profile", "toml", lambda path: self.profile.setPlainText(str(path)))
+        ask_open(self, self.services, "Open a profile", "toml", lambda path: self.profile.setPlainText(str(path)))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
@@ -11,8 +12,9 @@ from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.app_model import Desk
-from boat_daq.viewmodels.live.connection import link_text
+from boat_daq.viewmodels.common.services import Page, Panel, Services
+from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
+from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 
 FIGURES = 4
 SEPARATOR = "  \u00b7  "
@@ -22,21 +24,26 @@ CHOOSE = "Choose the port (Ctrl+K)"
 class Header(QWidget):
     """The head of the window; `refresh` shows a snapshot."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(
+        self, connection: ConnectionModel, unit: UnitInUse, vent: Callable[[], None], services: Services
+    ) -> None:
         super().__init__()
-        self.desk = desk
+        self.connection, self.unit_in_use = connection, unit
         self.setObjectName("header")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFixedHeight(style.HEADER_HEIGHT)
         self.simulated = widgets.label("SIMULATED", "simulated", name="This board is simulated")
-        self.link = widgets.button("", desk.ask_connect, name="Connection", tip=CHOOSE)
+        self.link = widgets.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
         self.figures = [widgets.label("", "muted") for _ in range(FIGURES)]
         self.unit = widgets.button(
-            "", desk.show_unit, name="Unit and calibration", tip="Unit on the bench and its calibration"
+            "",
+            partial(services.show, Page.RUNS),
+            name="Unit and calibration",
+            tip="Unit on the bench and its calibration",
         )
         self._unit_words = ""
         self._lengths: tuple[object, ...] = ()
-        self.vent = vent_button(desk)
+        self.vent = vent_button(vent)
         layout = self.line = QHBoxLayout(self)
         layout.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         layout.setSpacing(style.CARD_PADDING)
@@ -93,9 +100,7 @@ class Header(QWidget):
         words = text.word if not text.who else f"{text.who}  {text.word}"
         widgets.set_text(
             self.link,
-            f"{text.shape}  {words}"
-            if not self.desk.connection.starting
-            else "\u25d4  starting the virtual board \u2026",
+            f"{text.shape}  {words}" if not self.connection.starting else "\u25d4  starting the virtual board \u2026",
         )
         widgets.set_state(self.link, text.state)
         self.simulated.setVisible(snapshot.simulated)
@@ -103,7 +108,7 @@ class Header(QWidget):
             figure, state = text.figures[i] if i < len(text.figures) else ("", "")
             widgets.set_text(label, figure)
             widgets.set_state(label, state)
-        self._unit_words = self.desk.unit_text(snapshot)
+        self._unit_words = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
         self.unit.setToolTip(f"{self._unit_words}\nThe unit on the bench and its calibration")
         lengths = (
@@ -117,7 +122,7 @@ class Header(QWidget):
             self._fit()
 
 
-def vent_button(desk: Desk) -> QPushButton:
+def vent_button(vent: Callable[[], None]) -> QPushButton:
     """Return the big red button; it acts on the press, not on the release."""
     button = QPushButton("VENT   Esc")
     button.setObjectName("vent")
@@ -125,5 +130,5 @@ def vent_button(desk: Desk) -> QPushButton:
     button.setToolTip("Vent now, in any state (Esc)")
     button.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
     button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-    button.pressed.connect(desk.vent)
+    button.pressed.connect(vent)
     return button

@@ -1,7 +1,7 @@
-"""The one window: head, pages, strip, the one timer that pulls, and the commands.
+"""The main window: header, pages, status strip, and the two timers that pull.
 
 Rules: nothing is pushed into Qt. A frame timer draws the visible page's moving parts as often as a change could be
-seen, and a calm timer shows figures and states a few times a second. Nothing modal, ever.
+seen, and a calm timer shows figures and states a few times a second. Nothing is modal.
 """
 
 from __future__ import annotations
@@ -25,24 +25,28 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui import style
-from boat_daq.gui.command_list import register
 from boat_daq.gui.connect_panel import ConnectPanel
 from boat_daq.gui.header import Header
 from boat_daq.gui.live.live_page import LivePage
+from boat_daq.gui.models.optics_page import OpticsPage
+from boat_daq.gui.models.shadow_page import ShadowPage
+from boat_daq.gui.models.tradeoff_page import TradeoffPage
 from boat_daq.gui.navigation import Navigation
-from boat_daq.gui.pages import PAGE_MAKERS
 from boat_daq.gui.palette import Palette, ShortcutSheet
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.registry import Registry
+from boat_daq.gui.results.calibration_page import CalibrationPage
+from boat_daq.gui.results.repeat_page import RepeatPage
+from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.status_strip import Strip
 from boat_daq.gui.style import Theme
-from boat_daq.gui.undo import UndoStack
 from boat_daq.gui.widgets.file_dialogs import ask_save
-from boat_daq.gui.widgets.page_scroll import Room
+from boat_daq.gui.widgets.page_scroll import PageScroll
 from boat_daq.gui.window_keys import WindowKeys
-from boat_daq.viewmodels.app_model import PAGES, Desk
+from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.services import Page, Panel
 
 CALM_MS = 150
 LEAVE_S = 10.0  # a run is stopped where closing is asked for twice within it
@@ -52,55 +56,70 @@ THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
 
 class MainWindow(QMainWindow):
-    """The window on a `Desk`."""
+    """The window on an `AppModel`; `app.make_window` adds its commands."""
 
     page_made = Signal()
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: AppModel) -> None:
         super().__init__()
-        self.desk = desk
+        self.model = model
         self.theme: Theme = style.system_theme()
         self._leave_until = 0.0
-        self.undo = UndoStack(desk.notices)
-        desk.changes.to = self.undo
-        desk.request = self.show_request
+        model.services.show = self.show_place
         self.setMinimumSize(*style.WINDOW_MINIMUM)
-        self.header = Header(desk)
-        self.strip = Strip(desk)
-        self.navigation = Navigation(PAGES, self.go, self.show_keys)
+        self.header = Header(model.connection, model.unit, self.vent, model.services)
+        self.strip = Strip(model.notices, model.jobs)
+        self.navigation = Navigation(tuple(Page), self.go, self.show_keys)
         self.stack = QStackedWidget()
-        self.rooms = {name: Room() for name in PAGES}
-        for scroll in self.rooms.values():
+        self.scrolls = {name: PageScroll() for name in Page}
+        for scroll in self.scrolls.values():
             self.stack.addWidget(scroll)
-        self.pages: dict[str, Any] = {}  # those that have been gone to
-        self.live: LivePage = self.open_page("Live")
+        self.pages: dict[Page, Any] = {}  # those that have been shown
+        self.live: LivePage = self.open_page(Page.LIVE)
         self._lay_out()
-        self.connect_panel = ConnectPanel(self, desk)
+        self.connect_panel = ConnectPanel(self, model.connection, model.services)
         self.commands = Registry(self)
-        register(self.commands, self)
-        self.commands.refused = self._say_refused
+        self.commands.refused = self._report_refused
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
-        self.window_keys = WindowKeys(desk)
+        self.window_keys = WindowKeys(model.session.vent)
         application().focusWindowChanged.connect(self.window_keys.watch)
         QGuiApplication.styleHints().colorSchemeChanged.connect(self.follow_theme)
         self.follow_theme()
         self._restore()
-        desk.offer_recovery()
+        model.offer_recovery()
         self._start_timers()
 
-    def open_page(self, name: str) -> Any:
-        """Return a page, made and put into its room where nobody has gone to it yet."""
+    def open_page(self, name: Page) -> Any:
+        """Return a page; make it where it is shown for the first time."""
         if name not in self.pages:
-            page = LivePage(self.desk) if name == "Live" else PAGE_MAKERS[name](self.desk)
+            page = self._make_page(name)
             self.pages[name] = page
-            self.rooms[name].setWidget(page)
+            self.scrolls[name].setWidget(page)
             for plots in page.findChildren(PlotCard):
                 plots.copy_wanted.connect(self.copy_plot)
                 plots.save_wanted.connect(self.save_plot)
             self._paint(page)
             self.page_made.emit()
         return self.pages[name]
+
+    def _make_page(self, name: Page) -> QWidget:
+        m, services = self.model, self.model.services
+        match name:
+            case Page.LIVE:
+                return LivePage(m.run, m.overlay, m.shadow, services)
+            case Page.CALIBRATE:
+                return CalibrationPage(m.calibration, m.repeatability.show, services)
+            case Page.REPEAT:
+                return RepeatPage(m.repeatability, m.choose_repeatability, services)
+            case Page.RUNS:
+                return RunsPage(m.runs, m.run_actions, services)
+            case Page.OPTICS:
+                return OpticsPage(m.optics, services)
+            case Page.SHADOW:
+                return ShadowPage(m.shadow, m.monitor, services)
+            case Page.TRADE_OFF:
+                return TradeoffPage(m.tradeoff, m.atlas, m.precision, services)
 
     def _lay_out(self) -> None:
         body = QWidget()
@@ -131,63 +150,62 @@ class MainWindow(QMainWindow):
 
     def draw(self) -> None:
         """Draw the moving parts of the visible page, and say when to come again."""
-        live = self.page == "Live"
+        live = self.page is Page.LIVE
         if live and not self.isMinimized():
             self.live.draw()
         width = self.live.plots.view.width()
-        wanted = self.desk.live.frame_interval_ms(width, connected=self.desk.connected() and live)
+        wanted = self.model.live.frame_interval_ms(width, connected=self.model.connected() and live)
         if self.frame_timer.interval() != wanted:
             self.frame_timer.setInterval(wanted)
 
     def refresh(self) -> None:
         """Show the head, the visible page and the strip as they are now."""
-        snapshot = self.desk.tick()
+        snapshot = self.model.tick()
         self.header.refresh(snapshot)
         self.pages[self.page].refresh(snapshot)
-        asks = snapshot.waiting_for_reading is not None and self.page != "Live"
-        self.navigation.mark("Live", "a reading is asked for" if asks else "")
+        asks = snapshot.waiting_for_reading is not None and self.page is not Page.LIVE
+        self.navigation.mark(Page.LIVE, "a reading is asked for" if asks else "")
         self.strip.refresh()
-        self.connect_panel.refresh()
-        title = self.desk.title()
+        self.connect_panel.refresh(snapshot)
+        title = self.model.title()
         if title != self.windowTitle():
             self.setWindowTitle(title)
 
     # ---- going about ---------------------------------------------------------------------------------------------
 
     @property
-    def page(self) -> str:
-        """Return the name of the page that is shown."""
-        return PAGES[self.stack.currentIndex()]
+    def page(self) -> Page:
+        """Return the page that is shown."""
+        return tuple(Page)[self.stack.currentIndex()]
 
-    def go(self, name: str) -> None:
+    def go(self, name: Page) -> None:
         """Show a page."""
         page = self.open_page(name)
-        self.stack.setCurrentWidget(self.rooms[name])
+        self.stack.setCurrentWidget(self.scrolls[name])
         self.navigation.show_page(name)
-        self.desk.preferences.set("page", name)
-        page.refresh(self.desk.snapshot)
+        self.model.preferences.set("page", str(name))
+        page.refresh(self.model.snapshot)
 
-    def go_to_work(self, name: str) -> None:
-        """Show a page, as its key asks for it: the keyboard goes to what the page is about, where it names that."""
+    def go_by_key(self, name: Page) -> None:
+        """Show a page and give the keyboard to its first control, where it names one."""
         self.go(name)
         first = getattr(self.pages[name], "first", None)
         if isinstance(first, QWidget) and first.isVisible():
             first.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
-    def show_request(self, what: str) -> None:
-        """Show what a view model asks for: a page by its name, or one of the panels."""
-        if what in PAGES:
-            self.go(what)
-        elif what == "connect":
-            self.connect_panel.open_fresh()
-        elif what == "unit":
-            self.go("Runs")
-        elif what == "report":
-            self.ask_report()
-        elif what == "plan":
-            self.live.show_plan()
-        elif what == "photograph":
-            self.live.open_photograph()
+    def show_place(self, place: Page | Panel) -> None:
+        """Show the page or panel that a view model requests."""
+        match place:
+            case Page():
+                self.go(place)
+            case Panel.CONNECT:
+                self.connect_panel.open_fresh()
+            case Panel.REPORT:
+                self.ask_report()
+            case Panel.PLAN:
+                self.live.show_plan()
+            case Panel.PHOTOGRAPH:
+                self.live.open_photograph()
 
     def show_palette(self) -> None:
         """Open the command palette."""
@@ -195,16 +213,16 @@ class MainWindow(QMainWindow):
 
     def show_first_steps(self) -> None:
         """Show the three first steps over the live page."""
-        self.go("Live")
+        self.go(Page.LIVE)
         self.live.show_first_steps(True)
 
-    def _say_refused(self, what: str, why: str) -> None:
-        """Say why a key did nothing."""
-        self.desk.notices.say(Level.INFORMATION, f"\u201c{what}\u201d: not now", why)
+    def _report_refused(self, what: str, why: str) -> None:
+        """Report why a key had no effect."""
+        self.model.notices.say(Level.INFORMATION, f"\u201c{what}\u201d: not now", why)
 
     def vent(self) -> None:
-        """Vent, whatever has the keyboard; a dialog in front is closed by the same key."""
-        self.desk.vent()
+        """Vent, whatever has the keyboard; the same key closes a dialog in front."""
+        self.model.session.vent()
         front = QApplication.activeWindow()
         if isinstance(front, QDialog):
             front.reject()
@@ -222,29 +240,29 @@ class MainWindow(QMainWindow):
 
     def ask_report(self) -> None:
         """Ask where to put the report of the run that is analysed."""
-        path = self.desk.analysed_path(self.page)
+        path = self.model.analysed_path(self.page)
         if path is not None:
-            deed = partial(self.desk.runs.report, [path])
-            ask_save(self, self.desk, f"{path.stem} report", "pdf html", deed, done="")
+            make = partial(self.model.runs.report, [path])
+            ask_save(self, self.model.services, f"{path.stem} report", "pdf html", make, done="")
 
     def copy_plot(self, card: PlotCard | ShadowPane) -> None:
         """Put a plot's picture on the clipboard, and say so."""
-        self.desk.notices.attempt(card.copy, done=f"Copied: {card.title}")
+        self.model.notices.attempt(card.copy, done=f"Copied: {card.title}")
 
     def save_plot(self, card: PlotCard | ShadowPane, suffix: str) -> None:
         """Ask where to save a plot."""
-        if self.desk.notices.attempt(card.require_data):
-            ask_save(self, self.desk, card.title, suffix, card.save)
+        if self.model.notices.attempt(card.require_data):
+            ask_save(self, self.model.services, card.title, suffix, card.save)
 
     # ---- look ----------------------------------------------------------------------------------------------------
 
     def follow_theme(self, *_: object) -> None:
         """Take the theme that is preferred, or the system's."""
-        self.set_theme(THEMES.get(self.desk.preferences.get("theme", "system")) or style.system_theme())
+        self.set_theme(THEMES.get(self.model.preferences.get("theme", "system")) or style.system_theme())
 
     def choose_theme(self, name: str) -> None:
         """Prefer a theme: system, light or dark."""
-        self.desk.preferences.set("theme", name)
+        self.model.preferences.set("theme", name)
         self.follow_theme()
 
     def set_theme(self, theme: Theme) -> None:
@@ -276,18 +294,18 @@ class MainWindow(QMainWindow):
         A window remembered at 100 % would else stand with VENT beyond the edge of the same screen at 150 %.
         """
         room = self.screen().availableSize()
-        remembered = bool(self.desk.preferences.get("geometry", ""))
+        remembered = bool(self.model.preferences.get("geometry", ""))
         wanted = self.size() if remembered else QSize(style.WINDOW_SIZE[0] + FRAME, style.WINDOW_SIZE[1] + FRAME)
         if room.width() < wanted.width() or room.height() < wanted.height():
             self.setWindowState(Qt.WindowState.WindowMaximized)
 
     def _restore(self) -> None:
-        geometry = self.desk.preferences.get("geometry", "")
+        geometry = self.model.preferences.get("geometry", "")
         if not (geometry and self.restoreGeometry(QByteArray(base64.b64decode(geometry)))):
             self.resize(self.sizeHint())
         self.live.restore()
-        page = self.desk.preferences.get("page", "Live")
-        self.go(page if page in PAGES else "Live")
+        kept = self.model.preferences.get("page", "")
+        self.go(next((page for page in Page if page == kept), Page.LIVE))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave the pages more room where there is little."""
@@ -304,10 +322,10 @@ class MainWindow(QMainWindow):
     def _may_leave(self) -> bool:
         """Whether closing is meant: a slip of the hand must not end a run of a hundred cycles."""
         asked_again = monotonic() < self._leave_until
-        if asked_again or self.desk.snapshot.state not in UNDER_WAY:
+        if asked_again or self.model.snapshot.state not in UNDER_WAY:
             return True
         self._leave_until = monotonic() + LEAVE_S
-        self.desk.notices.say(
+        self.model.notices.say(
             Level.WARNING, "a run is under way", "Close once more within 10 s to stop it, vent and close the recording."
         )
         return False
@@ -317,11 +335,11 @@ class MainWindow(QMainWindow):
         if event.spontaneous() and not self._may_leave():
             event.ignore()
             return
-        self.desk.preferences.set("geometry", base64.b64encode(bytes(self.saveGeometry().data())).decode())
+        self.model.preferences.set("geometry", base64.b64encode(bytes(self.saveGeometry().data())).decode())
         self.live.remember()
         self.frame_timer.stop()
         self.calm_timer.stop()
-        self.desk.close()
+        self.model.close()
         super().closeEvent(event)
 
 

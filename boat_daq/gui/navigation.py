@@ -6,23 +6,24 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QButtonGroup, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QButtonGroup, QPushButton, QVBoxLayout, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.common.services import Page
 
 
 class Navigation(QWidget):
     """Buttons for the pages; `go(name)` is called with the one chosen."""
 
-    def __init__(self, pages: Sequence[str], go: Callable[[str], None], show_keys: Callable[[], None]) -> None:
+    def __init__(self, pages: Sequence[Page], go: Callable[[Page], None], show_keys: Callable[[], None]) -> None:
         super().__init__()
         self.setObjectName("navigation")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFixedWidth(style.NAVIGATION_WIDTH)
         self.setAccessibleName("Pages")
         self._group = QButtonGroup(self)
-        self.buttons = {}
+        self.buttons: dict[Page, QPushButton] = {}
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, style.GAP, 0, style.GAP)
         layout.setSpacing(0)
@@ -35,7 +36,7 @@ class Navigation(QWidget):
         layout.addStretch(1)
         layout.addWidget(widgets.button("?  Keys", show_keys, "nav", name="Show the keys"))
 
-    def mark(self, name: str, why: str) -> None:
+    def mark(self, name: Page, why: str) -> None:
         """Say at a page's name that it waits for somebody; an empty `why` takes it back."""
         button = self.buttons[name]
         text = f"{name}  \u25c0" if why else name
@@ -43,6 +44,6 @@ class Navigation(QWidget):
             button.setText(text)
             button.setAccessibleName(f"{name}: {why}" if why else name)
 
-    def show_page(self, name: str) -> None:
+    def show_page(self, name: Page) -> None:
         """Mark the page that is shown."""
         self.buttons[name].setChecked(True)

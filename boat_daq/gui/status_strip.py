@@ -9,8 +9,8 @@ from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QSizePo
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.tooltips import as_words
-from boat_daq.viewmodels.app_model import Desk
-from boat_daq.viewmodels.common.notices import SHAPES, WORDS, Level, Notice
+from boat_daq.viewmodels.common.notices import SHAPES, WORDS, Level, Notice, Notices
+from boat_daq.viewmodels.common.work import JobRunner
 
 LEVELS = {Level.INFORMATION: "information", Level.WARNING: "warning", Level.FAULT: "fault"}
 
@@ -18,9 +18,9 @@ LEVELS = {Level.INFORMATION: "information", Level.WARNING: "warning", Level.FAUL
 class Strip(QWidget):
     """The strip; `refresh` shows what stands."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, notices: Notices, jobs: JobRunner) -> None:
         super().__init__()
-        self.desk = desk
+        self.notices, self.jobs = notices, jobs
         self._shown: Notice | None = None
         self.setObjectName("strip")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
@@ -65,10 +65,10 @@ class Strip(QWidget):
 
     def refresh(self) -> None:
         """Show the weightiest notice and the work under way."""
-        notice = self.desk.notices.current()
+        notice = self.notices.current()
         if notice is not self._shown:
             self._show(notice)
-        waiting = self.desk.notices.waiting()
+        waiting = self.notices.waiting()
         widgets.set_text(self.behind, f"{waiting} more" if waiting else "")
         self._show_work()
 
@@ -90,7 +90,7 @@ class Strip(QWidget):
         self.details.setPlainText(notice.text if notice else "")
 
     def _show_work(self) -> None:
-        running = self.desk.bench.running()
+        running = self.jobs.running()
         for widget in (self.work, self.bar, self.cancel):
             widget.setVisible(bool(running))
         if running:
@@ -110,19 +110,19 @@ class Strip(QWidget):
 
     def works(self) -> bool:
         """Whether work is under way."""
-        return bool(self.desk.bench.running())
+        return bool(self.jobs.running())
 
     def do_it(self) -> None:
         """Do what the message proposes."""
         notice = self._shown
         if notice is not None and notice.action is not None:
-            self.desk.notices.dismiss(notice)
-            self.desk.notices.attempt(notice.action)
+            self.notices.dismiss(notice)
+            self.notices.attempt(notice.action)
 
     def dismiss(self) -> None:
         """Take the message away."""
         if self._shown is not None:
-            self.desk.notices.dismiss(self._shown)
+            self.notices.dismiss(self._shown)
         self.refresh()
 
     def _copy(self) -> None:
@@ -134,7 +134,7 @@ class Strip(QWidget):
 
     def cancel_work(self) -> None:
         """Cancel the newest piece of work."""
-        running = self.desk.bench.running()
+        running = self.jobs.running()
         if running:
             running[-1].cancel()
 

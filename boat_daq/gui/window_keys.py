@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QWindow
 from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QLineEdit, QPushButton
-
-from boat_daq.viewmodels.app_model import Desk
 
 ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
@@ -20,9 +20,9 @@ class WindowKeys(QObject):
     whole run.
     """
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, vent: Callable[[], None]) -> None:
         super().__init__()
-        self.desk = desk
+        self.vent = vent
 
     def watch(self, window: QWindow | None) -> None:
         """Watch a window from now on."""
@@ -42,7 +42,7 @@ class WindowKeys(QObject):
             return False
         over = QApplication.activePopupWidget() or QApplication.activeModalWidget()
         if event.key() == Qt.Key.Key_Escape and over is not None:
-            self.desk.vent()
+            self.vent()
         if event.key() in ENTER and isinstance(focus, QAbstractButton) and not _has_enter(focus):
             focus.click()
             return True

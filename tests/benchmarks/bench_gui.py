@@ -25,15 +25,14 @@ REST_SHARE = 0.20  # of a core
 def window_on(qtbot, tmp_path, size):
     """The main window on a filled ring, with a calibration and the shadow."""
     from boat_daq.engine.settings import UnitLibrary
-    from boat_daq.gui.app import make_application
-    from boat_daq.gui.main_window import MainWindow
-    from boat_daq.viewmodels.app_model import Desk
+    from boat_daq.gui import app
+    from boat_daq.viewmodels.app_model import AppModel
     from boat_daq.viewmodels.live.live import Elongation
     from boat_daq.viewmodels.live.shadow_live import load_model
 
-    make_application()
+    app.make_application()
     session = RecordedSession(connected(), filled_ring(HOUR_S))
-    window = MainWindow(Desk(session, tmp_path, tmp_path / "recordings", UnitLibrary(tmp_path / "units")))
+    window = app.window_on(AppModel(session, tmp_path, tmp_path / "recordings", UnitLibrary(tmp_path / "units")))
     qtbot.addWidget(window)
     window.frame_timer.stop()
     window.calm_timer.stop()
@@ -42,8 +41,8 @@ def window_on(qtbot, tmp_path, size):
         mm = (signal_mv.mean(axis=1) - 1638.0) / 40.0
         return Elongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
 
-    window.desk.live.inverse = inverse
-    window.desk.shadow.model = load_model()
+    window.model.live.inverse = inverse
+    window.model.shadow.model = load_model()
     window.resize(*size)
     window.show()
     qtbot.waitExposed(window)
@@ -68,7 +67,7 @@ def feed(ring, n, at_s):
 def test_frame(qtbot, tmp_path, size, span_s, capsys):
     """Draw and paint 300 whole frames, new samples before each; print the median and the 99th percentile."""
     window, ring = window_on(qtbot, tmp_path, size)
-    window.desk.live.set_window(span_s)
+    window.model.live.set_window(span_s)
     at_s, wall, cpu = HOUR_S, [], []
     for frame in range(320):
         at_s = feed(ring, 2, at_s)
@@ -94,7 +93,7 @@ def test_plain_way(qtbot, tmp_path, capsys):
     import pyqtgraph as pg
 
     window, ring = window_on(qtbot, tmp_path, (1280, 800))
-    window.desk.live.set_window(HOUR_S)
+    window.model.live.set_window(HOUR_S)
     began = time.process_time()
     for _ in range(20):
         window.live.plots._whole_until_s = -math.inf
@@ -133,11 +132,11 @@ def window_on_a_board(qtbot, tmp_path, monkeypatch, rate_hz=100):
     Collector(window)
     qtbot.addWidget(window)
     window.show()
-    desk = window.desk
-    desk.shadow.prepare = lambda: None
-    desk.start_virtual_board()
-    qtbot.waitUntil(desk.connected, timeout=20_000)
-    qtbot.waitUntil(desk.live.has_data, timeout=5000)
+    model = window.model
+    model.shadow.prepare = lambda: None
+    model.connection.start_virtual_board()
+    qtbot.waitUntil(model.connected, timeout=20_000)
+    qtbot.waitUntil(model.live.has_data, timeout=5000)
     return window
 
 
@@ -152,13 +151,13 @@ def shares(qtbot, seconds):
 def test_at_rest(qtbot, tmp_path, monkeypatch, capsys):
     """A minute's window on a board that streams at 100 Hz: share of a core, and from a byte's arrival to the paint."""
     window = window_on_a_board(qtbot, tmp_path, monkeypatch)
-    desk = window.desk
+    model = window.model
     qtbot.wait(4000)
     share, own = shares(
         qtbot, 8.0
     )  # the window as it is; below, each picture is painted once more, at once, to see when
     arrived_ns: list[int] = []
-    desk.session.add_sink(lambda samples: arrived_ns.append(int(samples["host_ns"][-1])))
+    model.session.add_sink(lambda samples: arrived_ns.append(int(samples["host_ns"][-1])))
     taken, lags = 0, []
     window.frame_timer.timeout.disconnect()
 
@@ -206,10 +205,10 @@ def test_at_rest_out_of_sight(qtbot, tmp_path, monkeypatch, capsys, where):
 def test_ten_kilohertz(qtbot, tmp_path, monkeypatch, capsys, span_s):
     """As `boat-daq gui --board --rate 10000`, recording: what a frame costs, how many come, and whether all arrives."""
     window = window_on_a_board(qtbot, tmp_path, monkeypatch, 10_000)
-    desk = window.desk
+    model = window.model
     window.resize(1280, 800)
-    desk.toggle_recording()
-    desk.live.set_window(span_s)
+    model.run.toggle_recording()
+    model.live.set_window(span_s)
     qtbot.wait(round(1000 * min(span_s, 20.0)))
     window.frame_timer.timeout.disconnect()
     wall, cpu, at = [], [], []
@@ -224,7 +223,7 @@ def test_ten_kilohertz(qtbot, tmp_path, monkeypatch, capsys, span_s):
 
     window.frame_timer.timeout.connect(draw)
     share, own = shares(qtbot, 8.0)
-    health = desk.session.snapshot().health
+    health = model.session.snapshot().health
     with capsys.disabled():
         print(
             f"\n10 kHz, {span_s:g} s shown: a frame median {statistics.median(wall):.2f} ms, 99 % "

@@ -18,16 +18,17 @@ FRAMES = 300
 
 
 @pytest.fixture
-def desk(qtbot, tmp_path):
-    """A desk with five minutes of signals, a calibration and the shadow."""
+def app_model(qtbot, tmp_path):
+    """A model with five minutes of signals, a calibration and the shadow."""
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui.app import make_application
-    from boat_daq.viewmodels.app_model import Desk
+    from boat_daq.viewmodels.app_model import AppModel
     from boat_daq.viewmodels.live.live import Elongation
     from boat_daq.viewmodels.live.shadow_live import load_model
 
     make_application()
-    made = Desk(RecordedSession(connected(), filled_ring(300.0)), tmp_path, tmp_path, UnitLibrary(tmp_path / "units"))
+    session = RecordedSession(connected(), filled_ring(300.0))
+    made = AppModel(session, tmp_path, tmp_path, UnitLibrary(tmp_path / "units"))
 
     def inverse(signal_mv):
         mm = (signal_mv.mean(axis=1) - 1638.0) / 40.0
@@ -65,22 +66,22 @@ def say(capsys, what, watch):
 
 
 @pytest.mark.parametrize("quantity", ["displacement", "strain"])
-def test_frame_of_the_moving_shadow(qtbot, desk, capsys, quantity):
+def test_frame_of_the_moving_shadow(qtbot, app_model, capsys, quantity):
     """Every frame another state: measured, solved by the reduced model, drawn and painted."""
     from boat_daq.gui.plotting.shadow_pane import ShadowPane
 
-    pane = ShadowPane(desk)
+    pane = ShadowPane(app_model.shadow, app_model.services)
     qtbot.addWidget(pane)
     pane.resize(440, 660)
     pane.show()
     qtbot.waitExposed(pane)
-    desk.shadow.quantity = quantity
+    app_model.shadow.quantity = quantity
     ring, watch, drawn = filled_ring(300.0), Watch(), []
     whole = ring.view()
     for frame in range(FRAMES + 20):
         at = 10 + 37 * frame
         part = {name: values[at : at + 10] for name, values in whole.items()}
-        desk.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
+        app_model.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
         with watch:
             pane.draw()
             pane.view.repaint()
@@ -89,7 +90,7 @@ def test_frame_of_the_moving_shadow(qtbot, desk, capsys, quantity):
     say(capsys, f"frame of the shadow, {quantity}", watch)
 
 
-def test_frame_under_strong_vacuum(qtbot, desk, capsys):
+def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
     """Held at about -40 kPa off the nominal curve: every frame's state is looked up among those that a helper judged;
     beside it what one judgement takes, which no frame does.
     """
@@ -97,12 +98,12 @@ def test_frame_under_strong_vacuum(qtbot, desk, capsys):
     from boat_daq.viewmodels.live.live import Elongation
     from boat_daq.viewmodels.live.shadow_jobs import unstable_places
 
-    model, looked, judging = desk.shadow.model, Watch(), Watch()
+    model, looked, judging = app_model.shadow.model, Watch(), Watch()
     for step in range(-42, -37):
         with judging:
             unstable = unstable_places(model, [step])
-    desk.shadow._unstable = unstable
-    pane = ShadowPane(desk)
+    app_model.shadow._unstable = unstable
+    pane = ShadowPane(app_model.shadow, app_model.services)
     qtbot.addWidget(pane)
     pane.resize(440, 660)
     pane.show()
@@ -112,8 +113,8 @@ def test_frame_under_strong_vacuum(qtbot, desk, capsys):
         part = {"time_s": np.arange(10.0), "pressure_kpa": np.full(10, pressure)} | dict.fromkeys(
             ("target_kpa", "s1_mv", "s2_mv"), np.full(10, pressure)
         )
-        desk.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
-        desk.live.inverse = lambda signal_mv, mm=mm: Elongation(np.full(1, mm), np.full(1, 0.3), np.zeros(1, bool))
+        app_model.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
+        app_model.live.inverse = lambda signal_mv, mm=mm: Elongation(np.full(1, mm), np.full(1, 0.3), np.zeros(1, bool))
         with looked:
             pane.draw()
             pane.view.repaint()
@@ -123,19 +124,19 @@ def test_frame_under_strong_vacuum(qtbot, desk, capsys):
         print(f"judging the places of one pressure, in a helper: {np.median(judging.cpu):.0f} ms of processor")
 
 
-def test_step_of_the_optics_slider(qtbot, desk, capsys):
+def test_step_of_the_optics_slider(qtbot, app_model, capsys):
     """From one state to the next: four polylines of some thousand points drawn and painted."""
     from boat_daq.gui.models.optics_page import OpticsPage
     from boat_daq.viewmodels.models.optics import PAPER
     from boat_daq.viewmodels.models.optics_jobs import trace_design
 
-    page = OpticsPage(desk)
+    page = OpticsPage(app_model.optics, app_model.services)
     qtbot.addWidget(page)
-    desk.optics.result = trace_design(PAPER, 250)
+    app_model.optics.result = trace_design(PAPER, 250)
     page.resize(1150, 660)
     page.show()
     qtbot.waitExposed(page)
-    page.refresh(desk.snapshot)
+    page.refresh(app_model.snapshot)
     watch, painted = Watch(), {}
     for step in range(150):
         with watch:

@@ -54,15 +54,14 @@ def test_reader_and_writer_go_on(tmp_path: Path, seconds: float) -> None:
 @pytest.mark.fault(27, how="the window's own thread blocked for 10 s, on a board at 20x over a pty", times=1)
 def test_a_blocked_window(tmp_path: Path, qtbot: object) -> None:
     """The real window on the real session: blocked for 10 s, it draws again afterwards and has lost nothing."""
-    from boat_daq.gui.app import make_application
-    from boat_daq.gui.main_window import MainWindow
-    from boat_daq.viewmodels.app_model import Desk
+    from boat_daq.gui.app import make_application, window_on
+    from boat_daq.viewmodels.app_model import AppModel
 
     make_application()
     with drill(tmp_path, speed=20.0) as found:
-        desk = Desk(found.session, tmp_path / "config", tmp_path / "recordings", found.session.units)
-        desk.shadow.prepare = lambda: None  # type: ignore[method-assign]
-        window = MainWindow(desk)
+        model = AppModel(found.session, tmp_path / "config", tmp_path / "recordings", found.session.units)
+        model.shadow.prepare = lambda: None  # type: ignore[method-assign]
+        window = window_on(model)
         window.show()
         qtbot.wait(1000)  # type: ignore[attr-defined]
         before = found.session.snapshot().recorded_s

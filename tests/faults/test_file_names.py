@@ -13,7 +13,7 @@ from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.app_model import AppModel
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import Source
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected
@@ -24,9 +24,10 @@ NO_NAMES = ["", ".", "..", "NUL", "con.x"]
 
 def record_in_window(folder: Path, unit: str) -> None:
     """Record with a unit of that name, as the window's button does."""
-    window = Desk(RecordedSession(connected()), folder / "config", folder / "recordings", UnitLibrary(folder / "units"))
-    window.connection.set_unit(unit)
-    window.record()
+    session, units = RecordedSession(connected()), UnitLibrary(folder / "units")
+    model = AppModel(session, folder / "config", folder / "recordings", units)
+    model.connection.set_unit(unit)
+    model.run.record()
 
 
 WRITERS: dict[str, Callable[[Path, str], object]] = {

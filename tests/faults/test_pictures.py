@@ -10,8 +10,7 @@ import subprocess
 import sys
 import zlib
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import pytest
 from PIL import Image
@@ -20,7 +19,6 @@ from PySide6.QtWidgets import QWidget
 from boat_daq.errors import OperatorError
 from boat_daq.gui.live.photograph_panel import PhotographPanel
 from boat_daq.gui.live.picture_file import FILE_BYTES_MAX, read_picture
-from boat_daq.viewmodels.app_model import Desk
 from tests.faults.drill import ROOT
 
 
@@ -96,7 +94,7 @@ SHORT = 500 << 20  # what decoding may take beyond the program itself: 256 MB of
 def test_what_is_no_picture_of_the_grid_is_refused(tmp_path: Path, qtbot: object, name: str) -> None:
     """The photograph panel says so, and keeps the picture that it had."""
     parent = QWidget()
-    panel = PhotographPanel(parent, cast("Desk", SimpleNamespace()))
+    panel = PhotographPanel(parent, cast("Any", None), cast("Any", None))
     before = panel.state
     (tmp_path / name).write_bytes(HOSTILE[name])
     with pytest.raises(OperatorError, match="no picture") as refusal:

@@ -124,25 +124,25 @@ def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str
     Collector(window)
     window.resize(1280, 800)
     window.show()
-    desk, watch = window.desk, Watch(window)
-    desk.shadow.prepare()
+    model, watch = window.model, Watch(window)
+    model.shadow.prepare()
     board = subprocess.Popen(
         [sys.executable, "-m", "boat_daq", "board", "--pty", "--speed", f"{speed:g}"], stdout=subprocess.PIPE, text=True
     )
     assert board.stdout is not None
     try:
-        desk.connection.connect(board.stdout.readline().strip())
-        until(desk.connected, "the board")
-        until(lambda: desk.shadow.model is not None, "the shadow", 300)
+        model.connection.connect(board.stdout.readline().strip())
+        until(model.connected, "the board")
+        until(lambda: model.shadow.model is not None, "the shadow", 300)
         window.live.set_window(window_s)
-        path = desk.record()
+        path = model.run.record()
         QTest.qWait(1000)
         watch.forget()
-        began_s, began_wall = desk.snapshot.last.time_s, time.perf_counter()
+        began_s, began_wall = model.snapshot.last.time_s, time.perf_counter()
         lines, target, next_line, blocked = [], 0, 0.0, False
-        while (passed := desk.snapshot.last.time_s - began_s) < hours * 3600:
+        while (passed := model.snapshot.last.time_s - began_s) < hours * 3600:
             QTest.qWait(100)
-            target = steer(desk, target)
+            target = steer(model, target)
             if passed >= hours * 1800 and not blocked:
                 blocked = True
                 time.sleep(block_s)
@@ -158,9 +158,9 @@ def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str
             "frame_cpu_p99_ms": round(float(np.percentile(watch.cpu_ms, 99)), 2),
             "frame_worst_ms": round(max(watch.frames_ms), 1), "frame_cpu_worst_ms": round(max(watch.cpu_ms), 1),
             "refresh_worst_ms": round(max(watch.refreshes_ms), 1),
-            "lost": desk.snapshot.health.statistics.lost, "strip": window.strip.text.text(),
+            "lost": model.snapshot.health.statistics.lost, "strip": window.strip.text.text(),
         }  # fmt: skip
-        desk.session.stop_recording()
+        model.session.stop_recording()
         window.close()
         app.processEvents()
         return {**result, **recorded(path), "difference": verify_recording(path).difference}
@@ -169,13 +169,13 @@ def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str
         board.wait()
 
 
-def steer(desk, target: int) -> int:
+def steer(model, target: int) -> int:
     """Ask for the other pressure once the one before has been reached; returns which one is asked for."""
-    last = desk.snapshot.last
+    last = model.snapshot.last
     wanted = PRESSURES_KPA[target % 2]
     if np.isnan(last.target_kpa) or abs(last.pressure_kpa - wanted) < 1.0:
         target += 1
-        desk.set_pressure(f"{PRESSURES_KPA[target % 2]:g}", "5")
+        model.sequence.set_pressure(f"{PRESSURES_KPA[target % 2]:g}", "5")
     return target
 
 

@@ -77,14 +77,14 @@ class Hand:
 
 def by_mouse(journey) -> None:
     """First start to accepted calibration and PDF as a tired person does it: what is seen is clicked; two cycles."""
-    window, desk, hand = journey.window, journey.window.desk, Hand(journey)
+    window, model, hand = journey.window, journey.window.model, Hand(journey)
     focus(window)
     hand.click("Connect a board \u2026")
     panel = window.connect_panel
     journey.until(panel.isVisible, "the panel")
     panel.speed.setCurrentIndex(panel.speed.findData(SPEED))  # a real session has no speed: not counted
     hand.click(panel.virtual_button)
-    journey.until(desk.live.has_data, "the first sample")
+    journey.until(model.live.has_data, "the first sample")
     journey.note("connected")
     focus(window)
     tabs, field = window.live.pane, window.live.plan.fields["cycles"]
@@ -92,31 +92,31 @@ def by_mouse(journey) -> None:
     hand.click(field)
     field.selectAll()
     hand.type("2")
-    journey.until(lambda: desk.sequence.plan.cycles == 2, "two cycles", 5)
+    journey.until(lambda: model.sequence.plan.cycles == 2, "two cycles", 5)
     hand.click("Arm")
     hand.click("Start")
     journey.until(lambda: journey.state() is SessionState.RUNNING, "running")
     journey.note("started")
     bar, asked, read = window.live.reading, None, 0
     while journey.state() in (SessionState.RUNNING, SessionState.FINISHING):
-        waiting = desk.session.snapshot().waiting_for_reading
+        waiting = model.session.snapshot().waiting_for_reading
         if waiting is None or waiting.step_id == asked or bar.asked != waiting.step_id:
             QTest.qWait(10)
             continue
-        hand.type(f"{desk.connection.simulated_mm():.1f}")  # the field has the focus already
+        hand.type(f"{model.connection.simulated_mm():.1f}")  # the field has the focus already
         asked, read = waiting.step_id, read + 1
     journey.note("run ended")
     journey.until(window.strip.act.isVisible, "the next step's offer", 10)
     hand.click(window.strip.act)
-    journey.until(lambda: desk.calibration.result is not None, "the analysis", 90)
+    journey.until(lambda: model.calibration.result is not None, "the analysis", 90)
     journey.note("analysed")
     page = window.pages["Calibrate"]
     hand.click(page.accept)
-    journey.until(lambda: desk.live.inverse is not None, "the live elongation", 60)
+    journey.until(lambda: model.live.inverse is not None, "the live elongation", 60)
     journey.note("accepted")
     hand.click(page.report)
     target = save_as(journey, hand, journey.folder / "by-mouse.pdf")
-    journey.until(lambda: target.exists() and desk.bench.get("report") is None, "the report", 120)
+    journey.until(lambda: target.exists() and model.jobs.get("report") is None, "the report", 120)
     journey.note("PDF made")
     journey.keep("12-done")
     journey.done(

@@ -53,7 +53,7 @@ class Journey:
                 self.keep("failed")
                 self.save_pictures()
                 raise SystemExit(
-                    f"waited in vain for: {what}; strip: {self.strip()}; {self.window.desk.snapshot.state}"
+                    f"waited in vain for: {what}; strip: {self.strip()}; {self.window.model.snapshot.state}"
                 )
             QTest.qWait(20)
 
@@ -97,8 +97,8 @@ class Journey:
         self.until(panel.isVisible, "the connect panel")
         panel.speed.setCurrentIndex(panel.speed.findData(SPEED))
         self.click(panel.virtual_button)
-        self.until(self.window.desk.connected, "the board")
-        self.until(self.window.desk.live.has_data, "the first sample")
+        self.until(self.window.model.connected, "the board")
+        self.until(self.window.model.live.has_data, "the first sample")
         self.note("connected")
 
     def choose_cycles(self, cycles: int) -> None:
@@ -119,8 +119,8 @@ class Journey:
         panel.port.lineEdit().selectAll()
         self.keys(port, panel.port.lineEdit())
         self.click(panel.connect_button)
-        self.until(self.window.desk.connected, "the board")
-        self.until(self.window.desk.live.has_data, "the first sample")
+        self.until(self.window.model.connected, "the board")
+        self.until(self.window.model.live.has_data, "the first sample")
         self.note("connected")
 
     def start_run(self) -> None:
@@ -133,22 +133,22 @@ class Journey:
         self.note("started")
 
     def state(self) -> SessionState:
-        return self.window.desk.session.snapshot().state
+        return self.window.model.session.snapshot().state
 
     def run_plan(self, picture_at: int = 9) -> int:
         """Arm, start, type every reading with Enter until the run has ended; returns the number of readings."""
-        desk, bar = self.window.desk, self.window.live.reading
+        model, bar = self.window.model, self.window.live.reading
         self.start_run()
         read, asked = 0, None
         while self.state() is SessionState.RUNNING or self.state() is SessionState.FINISHING:
-            waiting = desk.session.snapshot().waiting_for_reading
+            waiting = model.session.snapshot().waiting_for_reading
             if waiting is None or waiting.step_id == asked:
                 QTest.qWait(10)
                 continue
             self.until(lambda w=waiting: bar.isVisible() and bar.asked == w.step_id, "the question", 5)
             if read == picture_at:
                 self.keep("2-running")
-            millimetres = desk.connection.simulated_mm()
+            millimetres = model.connection.simulated_mm()
             self.keys(f"{millimetres:.1f}", bar.field)
             QTest.keyClick(bar.field, Qt.Key.Key_Return)
             asked, read = waiting.step_id, read + 1
@@ -158,27 +158,27 @@ class Journey:
 
     def calibrate(self) -> None:
         """Analyse, sample, accept."""
-        desk = self.window.desk
+        model = self.window.model
         self.click(self.window.navigation.buttons["Calibrate"])
         self.click("Analyse the last run")
         self.until(
-            lambda: desk.calibration.result is not None or desk.calibration.failure is not None, "the analysis", 90
+            lambda: model.calibration.result is not None or model.calibration.failure is not None, "the analysis", 90
         )
         self.note("analysed")
         page = self.window.pages["Calibrate"]
         QTest.qWait(300)
         self.click(page.sample)
-        self.until(lambda: bool(desk.calibration.posterior), "the posterior", 90)
+        self.until(lambda: bool(model.calibration.posterior), "the posterior", 90)
         self.note("sampled")
         QTest.qWait(300)
         self.keep("3-calibration")
         self.click(page.accept)
-        self.until(lambda: desk.live.inverse is not None, "the live elongation", 60)
+        self.until(lambda: model.live.inverse is not None, "the live elongation", 60)
         self.note("accepted and live")
 
     def report(self) -> Path:
         """Make the PDF report through the Runs page."""
-        desk = self.window.desk
+        model = self.window.model
         self.click(self.window.navigation.buttons["Runs"])
         page = self.window.pages["Runs"]
         self.until(lambda: page.list.rowCount() > 0, "the list of runs")
@@ -186,8 +186,8 @@ class Journey:
         self.until(page.buttons["report"].isEnabled, "the report's button")
         self.keep("4-runs")
         target = self.folder / "report.pdf"
-        desk.runs.report([desk.runs.runs[0].path], target)
-        self.until(lambda: desk.bench.get("report") is None, "the report", 90)
+        model.runs.report([model.runs.runs[0].path], target)
+        self.until(lambda: model.jobs.get("report") is None, "the report", 90)
         self.note("report made")
         return target
 
@@ -202,13 +202,13 @@ def whole_session(journey: Journey) -> None:
     journey.calibrate()
     journey.click(journey.window.navigation.buttons["Live"])
     journey.window.live.pane.setCurrentWidget(journey.window.live.shadow)
-    journey.until(lambda: journey.window.desk.shadow.model is not None, "the shadow", 90)
-    journey.window.desk.session.set_pressure(30.0, 10.0)
+    journey.until(lambda: journey.window.model.shadow.model is not None, "the shadow", 90)
+    journey.window.model.session.set_pressure(30.0, 10.0)
     QTest.qWait(1500)
     journey.keep("5-live-calibrated")
     target = journey.report()
-    desk = journey.window.desk
-    stored = desk.units.load("SA1").calibration
+    model = journey.window.model
+    stored = model.units.load("SA1").calibration
     fits = [sensor["fit"] for sensor in stored.content["sensors"]]
     journey.done(
         readings=read,
@@ -224,7 +224,7 @@ def killed(journey: Journey) -> None:
     journey.connect_virtual()
     journey.choose_cycles(1)
     journey.start_run()
-    journey.until(lambda: journey.window.desk.session.snapshot().recorded_s > 12, "some seconds of recording")
+    journey.until(lambda: journey.window.model.session.snapshot().recorded_s > 12, "some seconds of recording")
     os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -235,15 +235,15 @@ def recover(journey: Journey) -> None:
     offer = journey.strip()
     journey.keep("6-recovery")
     journey.click(strip.act)
-    desk = journey.window.desk
-    journey.until(lambda: desk.bench.get("recover") is None, "the recovery")
+    model = journey.window.model
+    journey.until(lambda: model.jobs.get("recover") is None, "the recovery")
     journey.click(journey.window.navigation.buttons["Runs"])
     journey.until(
-        lambda: any(r.summary and r.summary.status == "recovered" for r in desk.runs.runs), "the recovered run"
+        lambda: any(r.summary and r.summary.status == "recovered" for r in model.runs.runs), "the recovered run"
     )
     journey.note("recovered")
-    killed_run, status = desk.runs.runs[0].path, [r.summary.status for r in desk.runs.runs if r.summary]
-    samples = desk.runs.runs[0].summary.samples
+    killed_run, status = model.runs.runs[0].path, [r.summary.status for r in model.runs.runs if r.summary]
+    samples = model.runs.runs[0].summary.samples
     journey.connect_virtual()
     journey.click(journey.window.navigation.buttons["Runs"])
     page = journey.window.pages["Runs"]
@@ -253,7 +253,7 @@ def recover(journey: Journey) -> None:
     journey.click(page.buttons["resume"])
     journey.until(lambda: journey.state() is SessionState.ARMED, "armed again", 30)
     journey.note("armed again")
-    snapshot = desk.session.snapshot()
+    snapshot = model.session.snapshot()
     journey.keep("7-recovered")
     journey.done(
         offer=offer, status=status, samples=samples, same_file=snapshot.recording == killed_run,
@@ -263,23 +263,23 @@ def recover(journey: Journey) -> None:
 
 def vent(journey: Journey) -> None:
     """Esc vents: with the window in front, with a menu open, with a field being typed in, while a helper computes."""
-    desk = journey.window.desk
+    model = journey.window.model
     journey.connect_virtual()
     measured = {}
     for name in ("page", "menu", "field", "working"):
-        desk.session.set_pressure(30.0, 10.0)
-        journey.until(lambda: desk.session.snapshot().last.pressure_kpa > 20, "pressure", 20)
+        model.session.set_pressure(30.0, 10.0)
+        journey.until(lambda: model.session.snapshot().last.pressure_kpa > 20, "pressure", 20)
         prepare_for_vent(journey, name)
         QTest.qWait(100)
         began = time.perf_counter()
         subprocess.run(["xdotool", "key", "Escape"], check=True)
-        journey.until(lambda: desk.session.snapshot().last.pressure_kpa < 5, f"vented from {name}", 20)
+        journey.until(lambda: model.session.snapshot().last.pressure_kpa < 5, f"vented from {name}", 20)
         measured[name] = round(time.perf_counter() - began, 3)
         for popup in (QApplication.activePopupWidget(),):
             if popup is not None:
                 popup.close()
-        desk.bench.close()
-        journey.until(lambda: abs(desk.session.snapshot().last.pressure_kpa) < 0.5, "at rest again", 20)
+        model.jobs.close()
+        journey.until(lambda: abs(model.session.snapshot().last.pressure_kpa) < 0.5, "at rest again", 20)
         QTest.qWait(800)  # the check before the next pressure looks back a moment
     journey.done(vented_s=measured)
 
@@ -297,7 +297,7 @@ def prepare_for_vent(journey: Journey, name: str) -> None:
     if name == "working":
         from boat_daq.viewmodels.common.work import Work
 
-        window.desk.bench.start(
+        window.model.jobs.start(
             "busy", Work("Working hard", "tests.system.window_scenarios:keep_busy"), lambda work: None
         )
         QTest.qWait(300)
@@ -313,12 +313,12 @@ def keep_busy() -> None:
 def unplug(journey: Journey, way: str = "pty") -> None:
     """Lose the board in the middle of a run and find it again: shown, data kept, nothing under pressure by itself."""
     board = RestartedBoard(journey.folder, way)
-    window, desk = journey.window, journey.window.desk
+    window, model = journey.window, journey.window.model
     journey.connect_to(board.port)
     journey.choose_cycles(1)
     journey.start_run()
-    journey.until(lambda: desk.session.snapshot().last.pressure_kpa > 30, "pressure")
-    recorded_s, kept = desk.session.snapshot().recorded_s, len(desk.session.ring)
+    journey.until(lambda: model.session.snapshot().last.pressure_kpa > 30, "pressure")
+    recorded_s, kept = model.session.snapshot().recorded_s, len(model.session.ring)
 
     board.kill()
     began = time.perf_counter()
@@ -332,19 +332,19 @@ def unplug(journey: Journey, way: str = "pty") -> None:
     began = time.perf_counter()
     journey.until(lambda: "connected" in window.header.link.text(), "the board again", 15)
     back_s = time.perf_counter() - began
-    journey.until(lambda: len(desk.session.ring) > kept + 300, "samples again", 15)
+    journey.until(lambda: len(model.session.ring) > kept + 300, "samples again", 15)
     journey.keep("8-replugged")
-    at_rest = max(abs(float(p)) for p in desk.session.ring.view(last=200)["pressure_kpa"])
-    state, target = journey.state(), desk.session.snapshot().last.target_kpa
+    at_rest = max(abs(float(p)) for p in model.session.ring.view(last=200)["pressure_kpa"])
+    state, target = journey.state(), model.session.snapshot().last.target_kpa
 
     journey.click(window.live.sequence.buttons["clear"])
     journey.until(lambda: journey.state() is not SessionState.FAULT, "the fault cleared", 10)
     QTest.qWait(500)
-    target_later = desk.session.snapshot().last.target_kpa
-    recording = desk.session.snapshot().recording
-    window.undo.stack.clear()
-    desk.toggle_recording()
-    journey.until(lambda: desk.session.snapshot().recording is None, "the recording closed")
+    target_later = model.session.snapshot().last.target_kpa
+    recording = model.session.snapshot().recording
+    window.model.undo.clear()
+    model.run.toggle_recording()
+    journey.until(lambda: model.session.snapshot().recording is None, "the recording closed")
     board.kill()
     journey.done(
         shown_s=round(shown_s, 2), back_s=round(back_s, 2), said=said, state=state.value, at_rest_kpa=at_rest,
@@ -355,25 +355,25 @@ def unplug(journey: Journey, way: str = "pty") -> None:
 def hundred_cycles(journey: Journey, speed: str = "100") -> None:
     """The plan of a hundred cycles, watched on its page while it runs; then its figures."""
     board = RestartedBoard(journey.folder, "pty", float(speed))
-    window, desk = journey.window, journey.window.desk
+    window, model = journey.window, journey.window.model
     journey.connect_to(board.port)
     journey.click(window.navigation.buttons["Repeat"])
     journey.click("Choose the plan")
-    journey.until(lambda: desk.sequence.plan.name == "repeatability", "the plan")
+    journey.until(lambda: model.sequence.plan.name == "repeatability", "the plan")
     journey.start_run()
     journey.click(window.navigation.buttons["Repeat"])
     while_running = 0
-    model = desk.repeatability
+    model = model.repeatability
     while journey.state() in (SessionState.RUNNING, SessionState.FINISHING):
         QTest.qWait(50)
         if model.result is not None and not while_running:
             while_running = model.result.cycles
             journey.keep("9-repeat-running")
     journey.note("run ended")
-    ended = desk.session.snapshot().run_ended
+    ended = model.session.snapshot().run_ended
     assert ended is not None
     journey.until(
-        lambda: model.result is not None and model.result.cycles == desk.sequence.plan.cycles, "all cycles", 120
+        lambda: model.result is not None and model.result.cycles == model.sequence.plan.cycles, "all cycles", 120
     )
     journey.note("all cycles shown")
     QTest.qWait(300)
@@ -388,7 +388,7 @@ def hundred_cycles(journey: Journey, speed: str = "100") -> None:
         ended=str(ended.end),
         while_running=while_running,
         figures=figures,
-        lost=desk.session.snapshot().health.statistics.lost,
+        lost=model.session.snapshot().health.statistics.lost,
     )
 
 

@@ -21,36 +21,36 @@ GOING = (SessionState.RUNNING, SessionState.FINISHING)
 
 def watch(journey: Journey, seed: str, cycles: int, fault: str | None) -> None:
     """Calibrate, connect, run cycles with the shadow's page open; say which alarms came."""
-    desk = journey.window.desk
-    desk.calibration.analyse(SAMPLE)
-    journey.until(lambda: desk.calibration.result is not None, "the analysis", 120)
-    desk.accept_calibration()
-    desk.shadow.prepare()
-    journey.until(lambda: desk.shadow.model is not None, "the shadow", 120)
+    model = journey.window.model
+    model.calibration.analyse(SAMPLE)
+    journey.until(lambda: model.calibration.result is not None, "the analysis", 120)
+    model.calibration.request_acceptance()
+    model.shadow.prepare()
+    journey.until(lambda: model.shadow.model is not None, "the shadow", 120)
     command = [sys.executable, "-m", "boat_daq", "board", "--pty", "--speed", f"{SPEED:g}", "--seed", seed]
     board = subprocess.Popen(command + (["--fault", fault] if fault else []), stdout=subprocess.PIPE, text=True)
     assert board.stdout is not None
-    desk.connection.connect(board.stdout.readline().strip())
-    journey.until(desk.connected, "the board")
-    journey.until(lambda: desk.live.inverse is not None, "the live elongation")
-    desk.sequence.choose("repeatability")
-    desk.sequence.plan = dataclasses.replace(desk.sequence.plan, cycles=cycles)
+    model.connection.connect(board.stdout.readline().strip())
+    journey.until(model.connected, "the board")
+    journey.until(lambda: model.live.inverse is not None, "the live elongation")
+    model.sequence.choose("repeatability")
+    model.sequence.plan = dataclasses.replace(model.sequence.plan, cycles=cycles)
     journey.click(journey.window.live.sequence.buttons["arm"])
     journey.until(lambda: journey.state() is SessionState.ARMED, "armed")
     journey.click(journey.window.live.sequence.buttons["start"])
     journey.until(lambda: journey.state() is SessionState.RUNNING, "running")
     journey.click(journey.window.navigation.buttons["Shadow"])
     for frame in range(6):
-        journey.until(lambda n=frame: len(desk.monitor.marks) > n, "a cycle", 60)
+        journey.until(lambda n=frame: len(model.monitor.marks) > n, "a cycle", 60)
         journey.keep(f"shadow-{frame}")
     journey.until(lambda: journey.state() not in GOING, "the end of the run", 180)
-    journey.until(lambda: len(desk.monitor.marks) >= cycles - 1, "the last cycle", 20)
+    journey.until(lambda: len(model.monitor.marks) >= cycles - 1, "the last cycle", 20)
     journey.keep("shadow-end")
     board.terminate()
     board.wait()
-    rows = [dataclasses.astuple(row) for row in desk.monitor.rows()]
-    alarms = [(a.illness, a.since_cycle, a.cycle) for a in desk.monitor.alarms]
-    journey.done(cycles=len(desk.monitor.marks), alarms=alarms, rows=rows)
+    rows = [dataclasses.astuple(row) for row in model.monitor.rows()]
+    alarms = [(a.illness, a.since_cycle, a.cycle) for a in model.monitor.alarms]
+    journey.done(cycles=len(model.monitor.marks), alarms=alarms, rows=rows)
 
 
 if __name__ == "__main__":

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from PySide6.QtWidgets import QFrame, QGridLayout, QScrollArea, QVBoxLayout, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.services import Panel, Services
+from boat_daq.viewmodels.live.connection import ConnectionModel
 
 STEPS = (
     (
@@ -28,19 +31,19 @@ STEPS = (
 
 
 class FirstSteps(QScrollArea):
-    """Three steps on a `Desk`; the one that comes next is marked."""
+    """Three steps; the one that comes next is marked."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, connection: ConnectionModel, services: Services) -> None:
         super().__init__()
-        self.desk = desk
         frame, inside = widgets.card()
         frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
         inside.setSpacing(style.CARD_PADDING)
         inside.addWidget(widgets.label("From a board to a calibration", "title"))
-        self.board = widgets.button("Connect a board …", desk.ask_connect)
-        self.virtual = widgets.button("Start the virtual board", desk.start_virtual_board, "primary")
-        self.plan = widgets.button("Look at the plan", lambda: desk.request("plan"))
+        self.board = widgets.button("Connect a board …", partial(services.show, Panel.CONNECT))
+        start = partial(services.notices.attempt, connection.start_virtual_board)
+        self.virtual = widgets.button("Start the virtual board", start, "primary")
+        self.plan = widgets.button("Look at the plan", partial(services.show, Panel.PLAN))
         for number, (title, words) in enumerate(STEPS, 1):
             buttons = {1: (self.virtual, self.board), 2: (self.plan,)}.get(number, ())
             inside.addWidget(self._step(str(number), title, words, *buttons))

@@ -23,9 +23,12 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.split_view import Divided
-from boat_daq.viewmodels.app_model import Desk
 from boat_daq.viewmodels.common import formatting
+from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.live import HEADINGS, HEADINGS_SHORT, WINDOWS_S, Span
+from boat_daq.viewmodels.live.overlay import OverlayModel
+from boat_daq.viewmodels.live.run_model import RunModel
+from boat_daq.viewmodels.live.shadow_live import ShadowLive
 
 
 class Figure(QWidget):
@@ -79,12 +82,12 @@ def table(rows: Sequence[Sequence[str]], apart: int) -> str:
 
 
 class LivePage(QWidget):
-    """The live page on a `Desk`."""
+    """The live page on a `RunModel`."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, run: RunModel, overlay: OverlayModel, shadow: ShadowLive, services: Services) -> None:
         super().__init__()
-        self.desk = desk
-        self.plots = LivePlots(desk.live)
+        self.run, self.model, self.services = run, run.live, services
+        self.plots = LivePlots(self.model)
         self.figures = self._figures()
         self.spans = widgets.label("", "small")
         self.spans.setTextFormat(Qt.TextFormat.RichText)
@@ -94,21 +97,21 @@ class LivePage(QWidget):
         self.between.setTextFormat(Qt.TextFormat.RichText)
         self.between.setStyleSheet(f"font-size: {style.FONT_NARROW}px;")
         self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
-        self.sequence = SequencePanel(desk)
-        self.reading = ReadingBar(desk)
-        self.pane = self._pane()
+        self.sequence = SequencePanel(run, services.notices)
+        self.reading = ReadingBar(run, services)
+        self.pane = self._pane(shadow)
         self.middle = Leaves()
-        self.first_steps, self.overlay = FirstSteps(desk), OverlayPlots(desk.overlay)
+        self.first_steps, self.overlay = FirstSteps(run.connection, services), OverlayPlots(overlay)
         for widget in (self.first_steps, self.plots, self.overlay):
             self.middle.addWidget(widget)
         self.overlaid = self.narrow = self.low = False
-        self.photograph = PhotographPanel(self, desk)
+        self.photograph = PhotographPanel(self, run, services)
         self.marker = self._marker()
         left = widgets.column(
             self._head(), self.marker, self.middle, self.spans, self.sequence, self.reading, spacing=style.GAP
         )
         left.setStretchFactor(self.middle, 1)
-        self.sides = Divided("live", desk.preferences, widgets.holder(left), self.pane, style.PANE_WIDTH)
+        self.sides = Divided("live", services.preferences, widgets.holder(left), self.pane, style.PANE_WIDTH)
         self.room, self.left = widgets.page_layout(self), left
         self.room.addWidget(self.sides)
 
@@ -129,7 +132,7 @@ class LivePage(QWidget):
         self.window_choice = widgets.choice(
             "Time shown", [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
         )
-        self.window_choice.setCurrentIndex(WINDOWS_S.index(self.desk.live.window_s))
+        self.window_choice.setCurrentIndex(WINDOWS_S.index(self.model.window_s))
         self.window_choice.activated.connect(lambda _: self.set_window(self.window_choice.currentData()))
         self.hold = widgets.button("Hold picture", self.toggle_hold, tip="Hold the picture; data go on (Space)")
         self.hold.setCheckable(True)
@@ -154,13 +157,13 @@ class LivePage(QWidget):
 
     def ask_marker(self) -> None:
         """Ask for the note of a marker."""
-        self.desk.request("Live")
+        self.services.show(Page.LIVE)
         self.note.clear()
         self.marker.show()
         self.note.setFocus()
 
     def _mark(self) -> None:
-        self.desk.mark(self.note.text().strip())
+        self.run.mark(self.note.text().strip())
         self._marked()
 
     def _marked(self) -> None:
@@ -188,20 +191,20 @@ class LivePage(QWidget):
         self.middle.setCurrentWidget(self.first_steps if wanted else self.plots)
 
     def _choose_middle(self) -> None:
-        has_data = self.desk.live.has_data()
+        has_data = self.model.has_data()
         wanted = self.first_steps if not has_data else self.overlay if self.overlaid else self.plots
         if self.middle.currentWidget() is not wanted:
             self.middle.setCurrentWidget(wanted)
 
-    def _pane(self) -> QTabWidget:
+    def _pane(self, shadow: ShadowLive) -> QTabWidget:
         tabs = QTabWidget()
         tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
         tabs.setDocumentMode(True)
         tabs.tabBar().setDrawBase(False)
-        self.shadow = ShadowPane(self.desk)
-        self.table = ReadingsTable(self.desk, self.desk.readings)
+        self.shadow = ShadowPane(shadow, self.services)
+        self.table = ReadingsTable(self.run.readings, self.services)
         self.table.model.corrected.connect(self.back_to_the_question, Qt.ConnectionType.QueuedConnection)
-        self.plan = PlanForm(self.desk)
+        self.plan = PlanForm(self.run.sequence, self.services)
         tabs.addTab(self.shadow, "Shadow")
         tabs.addTab(self.plan, "Plan")
         tabs.addTab(self.table, "Readings")
@@ -211,35 +214,35 @@ class LivePage(QWidget):
 
     def set_window(self, seconds: float) -> None:
         """Show so many seconds."""
-        self.desk.live.set_window(seconds)
+        self.model.set_window(seconds)
         self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
 
     def toggle_hold(self) -> None:
         """Hold the picture, or follow again."""
-        if self.desk.live.following:
-            self.desk.live.pause()
+        if self.model.following:
+            self.model.pause()
         else:
-            self.desk.live.follow()
+            self.model.follow()
 
     def zoom(self, factor: float) -> None:
         """Show `factor` times the present length."""
-        self.desk.live.zoom(factor)
-        seconds = self.desk.live.window_s
+        self.model.zoom(factor)
+        seconds = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
 
     def remember(self) -> None:
         """Keep the zoom, the arrangement of the plots and what stands beside them for the next start."""
-        seconds = self.desk.live.window_s
-        self.desk.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
-        self.desk.preferences.set("together", self.desk.live.together)
-        self.desk.preferences.set("pane", self.pane.currentIndex())
+        seconds = self.model.window_s
+        self.services.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
+        self.services.preferences.set("together", self.model.together)
+        self.services.preferences.set("pane", self.pane.currentIndex())
 
     def restore(self) -> None:
         """Take what was kept the last time."""
-        seconds = float(self.desk.preferences.get("window_s", 60.0))
+        seconds = float(self.services.preferences.get("window_s", 60.0))
         self.set_window(seconds if seconds > 0 else math.inf)
-        self.desk.live.together = bool(self.desk.preferences.get("together", False))
-        self.pane.setCurrentIndex(self.desk.preferences.get("pane", 0))
+        self.model.together = bool(self.services.preferences.get("together", False))
+        self.pane.setCurrentIndex(self.services.preferences.get("pane", 0))
 
     def show_all(self) -> None:
         """Show the whole session."""
@@ -247,12 +250,12 @@ class LivePage(QWidget):
 
     def toggle_together(self) -> None:
         """Put both signals on one axis, or part them."""
-        self.desk.live.together = not self.desk.live.together
+        self.model.together = not self.model.together
         self.plots.arrange()
 
     def show_plan(self) -> None:
         """Show the plan's form."""
-        self.desk.request("Live")
+        self.services.show(Page.LIVE)
         self.pane.setCurrentWidget(self.plan)
         self.plan.choice.setFocus()
 
@@ -265,7 +268,7 @@ class LivePage(QWidget):
 
     def asks(self) -> bool:
         """Whether a plateau waits for its reading."""
-        return self.desk.snapshot.waiting_for_reading is not None
+        return self.run.snapshot.waiting_for_reading is not None
 
     def import_readings(self) -> None:
         """Import a column of readings from the selected plateau on."""
@@ -274,9 +277,9 @@ class LivePage(QWidget):
 
     def show_readings(self) -> None:
         """Show the table of readings."""
-        self.desk.request("Live")
+        self.services.show(Page.LIVE)
         self.pane.setCurrentWidget(self.table)
-        self.table.refresh(self.desk.snapshot)  # hidden, it knows no plateau to paste to
+        self.table.refresh(self.run.snapshot)  # hidden, it knows no plateau to paste to
         self.table.view.setFocus()
 
     def paste_readings(self) -> None:
@@ -292,7 +295,7 @@ class LivePage(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show figures, run and readings; a few times a second."""
-        head = self.desk.live.headline(snapshot)
+        head = self.model.headline(snapshot)
         self.figures["s1"].set(head.signals[0])
         self.figures["s2"].set(head.signals[1] if len(head.signals) > 1 else formatting.NOTHING)
         self.figures["mm"].set(head.elongation, head.band.replace(" (k = 2)", "") if self.narrow else head.band)
@@ -301,13 +304,13 @@ class LivePage(QWidget):
         self._choose_middle()
         if self.overlay.isVisible():
             self.overlay.draw()
-        self.hold.setChecked(not self.desk.live.following)
+        self.hold.setChecked(not self.model.following)
         limits = snapshot.limits
         self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
         self.plots.arrange()
         self.plots.show_markers()
-        self.plots.show_readings(*self.desk.reading_points())
-        self._show_spans(self.desk.live.statistics())
+        self.plots.show_readings(*self.run.reading_points())
+        self._show_spans(self.model.statistics())
         self.sequence.refresh(snapshot)
         self.reading.refresh(snapshot)
         self.photograph.refresh()
@@ -325,7 +328,7 @@ class LivePage(QWidget):
 
     def _show_spans(self, spans: list[Span]) -> None:
         """Show the statistics between the cursors under the plots; in a small window beside them, standing upright."""
-        rows = [(self.desk.live.difference(), *HEADINGS[1:]), *(span.cells for span in spans)]
+        rows = [(self.model.difference(), *HEADINGS[1:]), *(span.cells for span in spans)]
         beside = self.narrow or self.low
         self.spans.setVisible(bool(spans) and not beside)
         self.spans.setText(table(rows, 4 * style.STEP) if self.spans.isVisible() else "")
@@ -336,7 +339,7 @@ class LivePage(QWidget):
         if spans:
             columns = [("", *HEADINGS_SHORT), *((span.short, *span.cells[1:-1], span.snr) for span in spans)]
             upright = table(list(zip(*columns, strict=True)), style.STEP)
-            self.between.setText(f"<p>{self.desk.live.difference()}</p>{upright}")
+            self.between.setText(f"<p>{self.model.difference()}</p>{upright}")
             if at < 0:
                 self._before = self.pane.currentIndex()
                 self.pane.setCurrentIndex(self.pane.addTab(self.between, "A\u2013B"))

@@ -23,9 +23,10 @@ from boat_daq.gui import style
 from boat_daq.gui.live.picture_file import KINDS, REMEDY, read_picture
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.viewmodels.app_model import Desk
 from boat_daq.viewmodels.common.formatting import NOTHING, number, plain_number
+from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.photograph import Photograph
+from boat_daq.viewmodels.live.run_model import RunModel
 
 NOBODY_WAITS = "Read. No plateau waits for a reading now: it can be taken when one does, or typed."
 MARKS = ("scale 1", "scale 2", "rest", "tip")
@@ -99,11 +100,11 @@ class PictureView(QGraphicsView):
 
 
 class PhotographPanel(QDialog):
-    """The picture and what it says, on a `Desk`."""
+    """The picture, and the reading that its clicks give."""
 
-    def __init__(self, parent: QWidget, desk: Desk) -> None:
+    def __init__(self, parent: QWidget, run: RunModel, services: Services) -> None:
         super().__init__(parent)
-        self.desk = desk
+        self.run, self.services = run, services
         self.state = Photograph()
         self.setWindowTitle("Reading from a photograph")
         self.setModal(False)
@@ -122,7 +123,7 @@ class PhotographPanel(QDialog):
         self.take.setDefault(True)
         self.take.setEnabled(False)
         head = widgets.row(
-            widgets.button("Load …", lambda: ask_open(self, desk, "Open a picture", " ".join(KINDS), self.load)),
+            widgets.button("Load …", lambda: ask_open(self, services, "Open a picture", " ".join(KINDS), self.load)),
             widgets.button("Paste", self.paste), widgets.label("scale clicks are apart by", "muted"), self.distance,
             widgets.label("mm", "muted"), None, self.value, widgets.button("Back", self.back), self.take,
         )  # fmt: skip
@@ -143,7 +144,7 @@ class PhotographPanel(QDialog):
 
     def paste(self) -> None:
         """Show the picture on the clipboard."""
-        self.desk.notices.attempt(lambda: self._show(QGuiApplication.clipboard().pixmap()))
+        self.services.notices.attempt(lambda: self._show(QGuiApplication.clipboard().pixmap()))
 
     def _show(self, pixmap: QPixmap) -> None:
         if pixmap.isNull():
@@ -178,9 +179,9 @@ class PhotographPanel(QDialog):
 
     def _refresh(self) -> None:
         x = self.state.elongation_mm
-        waits = self.desk.snapshot.waiting_for_reading is not None
+        waits = self.run.snapshot.waiting_for_reading is not None
         words = self.state.instruction if waits or x is None else NOBODY_WAITS
-        asked = f"   {self.desk.readings.question(self.desk.snapshot)}" if waits else ""
+        asked = f"   {self.run.readings.question(self.run.snapshot)}" if waits else ""
         widgets.set_text(self.instruction, words + asked)
         self.value.setText(f"{number(x, 2, sign=True)} mm" if x is not None else NOTHING)
         self.take.setEnabled(x is not None and waits)
@@ -188,12 +189,12 @@ class PhotographPanel(QDialog):
 
     def accept_reading(self) -> None:
         """Keep the reading for the plateau that waits."""
-        waiting, x = self.desk.snapshot.waiting_for_reading, self.state.elongation_mm
+        waiting, x = self.run.snapshot.waiting_for_reading, self.state.elongation_mm
         if (
             waiting is not None
             and x is not None
-            and self.desk.notices.attempt(
-                lambda: self.desk.readings.put(waiting.step_id, round(x, 3), "photograph", self.state.resolution_mm)
+            and self.services.notices.attempt(
+                lambda: self.run.readings.put(waiting.step_id, round(x, 3), "photograph", self.state.resolution_mm)
             )
         ):
             self.state = self.state.next_picture()

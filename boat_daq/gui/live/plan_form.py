@@ -10,29 +10,29 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
-from boat_daq.viewmodels.app_model import Desk
-from boat_daq.viewmodels.live.sequence import ENTRIES, limits_text
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.sequence import ENTRIES, SequenceModel, limits_text
 
 FIELD_WIDTH = 64
 
 
 class PlanForm(QScrollArea):
-    """The plan of a `Desk`."""
+    """The plan of a `SequenceModel`."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, sequence: SequenceModel, services: Services) -> None:
         super().__init__()
-        self.desk = desk
+        self.sequence, self.services = sequence, services
         self._revision = -1
         self.setWidgetResizable(True)
         self.setAccessibleName("Plan, and pressure by hand")
-        self.choice = widgets.choice("Plan", [(name, name) for name in desk.sequence.plans])
+        self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans])
         self.choice.activated.connect(lambda _: self._choose())
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the plan is refused")
         self.estimate = widgets.label("", "muted", wrap=True)
         self.limits = widgets.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
-        self.ask_readings.setChecked(desk.sequence.wait_for_reading)
+        self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(self._set_wait)
         self.target = widgets.field("Target pressure in kPa", "0")
         self.ramp = widgets.field("Ramp in kPa per second", "5")
@@ -80,18 +80,18 @@ class PlanForm(QScrollArea):
         return frame
 
     def _field(self, key: str, name: str, tip: str) -> QLineEdit:
-        field = widgets.field(name, self.desk.sequence.value(key), width=FIELD_WIDTH)
+        field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH)
         field.setToolTip(tip)
         field.editingFinished.connect(lambda: self._edit(key, field))
         return field
 
     def _edit(self, key: str, field: QLineEdit) -> None:
-        self.desk.sequence.edit(key, field.text())
+        self.sequence.edit(key, field.text())
         self._show_refused()
 
     def _show_refused(self) -> None:
         """Mark the fields whose entry is not in the plan, and say why of the last one."""
-        refused = self.desk.sequence.refused
+        refused = self.sequence.refused
         for key, field in self.fields.items():
             widgets.set_state(field, "true" if key in refused else "", "wrong")
         widgets.set_text(self.refused, list(refused.values())[-1] if refused else "")
@@ -99,31 +99,31 @@ class PlanForm(QScrollArea):
         self.refused.setVisible(bool(refused))
 
     def _choose(self) -> None:
-        self.desk.sequence.choose(str(self.choice.currentData()))
+        self.sequence.choose(str(self.choice.currentData()))
 
     def _set_wait(self, on: bool) -> None:
-        self.desk.sequence.ask_readings(on)
+        self.sequence.ask_readings(on)
 
     def open(self) -> None:
         """Ask for a plan's file."""
-        ask_open(self, self.desk, "Open a plan", "toml", self._opened)
+        ask_open(self, self.services, "Open a plan", "toml", self._opened)
 
     def _opened(self, path: Path) -> None:
-        self.desk.sequence.open(path)
-        name = self.desk.sequence.plan.name
+        self.sequence.open(path)
+        name = self.sequence.plan.name
         if self.choice.findData(name) < 0:
             self.choice.addItem(name, name)
 
     def save(self) -> None:
         """Ask where to put the plan."""
-        ask_save(self, self.desk, self.desk.sequence.plan.name, "toml", self.desk.sequence.save)
+        ask_save(self, self.services, self.sequence.plan.name, "toml", self.sequence.save)
 
     def _set_pressure(self) -> None:
-        self.desk.set_pressure(self.target.text(), self.ramp.text())
+        self.services.notices.attempt(lambda: self.sequence.set_pressure(self.target.text(), self.ramp.text()))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the plan where it has changed, and what a run locks."""
-        model = self.desk.sequence
+        model = self.sequence
         idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
         for field in (*self.fields.values(), self.choice, self.ask_readings):
             field.setEnabled(idle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
@@ -14,8 +15,10 @@ from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.live.readings import HEADINGS, ReadingsModel, Row
+from boat_daq.viewmodels.live.run_model import RunModel
 
 EDITABLE = 3
 Index = QModelIndex | QPersistentModelIndex
@@ -27,9 +30,9 @@ class ReadingBar(QFrame):
     It stays in its place for the whole run, so that the plots do not jump at every plateau.
     """
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, run: RunModel, services: Services) -> None:
         super().__init__()
-        self.desk = desk
+        self.run, self.notices = run, services.notices
         self.asked: int | None = None
         self.setObjectName("card")
         self.question = widgets.label("", "set", name="Reading asked for", elide=True, least=style.QUESTION_LEAST)
@@ -37,7 +40,7 @@ class ReadingBar(QFrame):
         self.field.setProperty("role", "reading")
         self.field.returnPressed.connect(self.enter)
         self.photo = widgets.button(
-            "Photograph …", lambda: desk.request("photograph"), tip="Read it from a picture of the grid (Ctrl+P)"
+            "Photograph …", partial(services.show, Panel.PHOTOGRAPH), tip="Read it from a picture of the grid (Ctrl+P)"
         )
         self.simulated = widgets.button(
             "Read the grid", self._simulated, tip="What an eye would read on the simulated unit"
@@ -55,13 +58,13 @@ class ReadingBar(QFrame):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the question where a plateau waits, and take the focus once; else what will be asked for next."""
         waiting = snapshot.waiting_for_reading
-        self.setVisible(waiting is not None or self.desk.sequence.asks(snapshot))
+        self.setVisible(waiting is not None or self.run.sequence.asks(snapshot))
         if not self.isVisible():
             self.asked = None
             return
-        widgets.set_text(self.question, self.desk.readings.question(snapshot))
+        widgets.set_text(self.question, self.run.readings.question(snapshot))
         step = waiting.step_id if waiting else None
-        self.simulated.setVisible(self.desk.can_read_simulated())
+        self.simulated.setVisible(self.run.can_read_simulated())
         if step == self.asked and self.field.isReadOnly() is (step is None):
             return
         self.asked = step
@@ -91,16 +94,16 @@ class ReadingBar(QFrame):
         text, step = self.field.text(), self.asked
         if step is None or not text.strip():
             return
-        kept = self.desk.notices.attempt(lambda: self.desk.readings.enter(step, text))
+        kept = self.notices.attempt(lambda: self.run.readings.enter(step, text))
         widgets.set_state(self.field, "" if kept else "true", "wrong")
 
     def _simulated(self) -> None:
         if self.asked is not None:
-            self.desk.read_simulated(self.asked)
+            self.run.read_simulated(self.asked)
 
     def go_without(self) -> None:
         """Let the plateau that waits go on without a reading."""
-        self.desk.notices.attempt(self.desk.session.skip_reading)
+        self.run.skip_reading()
 
 
 def side(column: int) -> Qt.AlignmentFlag:
@@ -114,9 +117,9 @@ class ReadingsTableModel(QAbstractTableModel):
 
     corrected = Signal()  # a reading was typed into its line
 
-    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
+    def __init__(self, readings: ReadingsModel, notices: Notices) -> None:
         super().__init__()
-        self.desk, self.readings = desk, readings
+        self.readings, self.notices = readings, notices
         self.rows: list[Row] = []
 
     def show_rows(self, rows: list[Row]) -> None:
@@ -170,7 +173,7 @@ class ReadingsTableModel(QAbstractTableModel):
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
         """Keep an edited reading."""
         step = self.rows[index.row()].step_id
-        kept = self.desk.notices.attempt(lambda: self.readings.enter(step, str(value)))
+        kept = self.notices.attempt(lambda: self.readings.enter(step, str(value)))
         self.corrected.emit()
         return kept
 
@@ -183,9 +186,9 @@ class ReadingsTableModel(QAbstractTableModel):
 class ReadingsView(QTableView):
     """The table; Ctrl+V pastes a column from the selected plateau on, Delete withdraws."""
 
-    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
+    def __init__(self, readings: ReadingsModel, notices: Notices) -> None:
         super().__init__()
-        self.desk, self.readings = desk, readings
+        self.readings, self.notices = readings, notices
         self.setAccessibleName("Readings of elongation")
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setAlternatingRowColors(True)
@@ -213,7 +216,7 @@ class ReadingsView(QTableView):
             chosen = [index.row() for index in self.selectionModel().selectedRows()]  # a current line is not chosen
             self.readings.paste(text, steps[min(chosen)] if chosen else None)
 
-        self.desk.notices.attempt(deed)
+        self.notices.attempt(deed)
 
     def model_rows(self) -> list[Row]:
         """Return the rows shown."""
@@ -223,7 +226,7 @@ class ReadingsView(QTableView):
     def _withdraw(self) -> None:
         row = self.currentIndex().row()
         if row >= 0:
-            self.desk.notices.attempt(lambda: self.readings.put(self.model_rows()[row].step_id, None, "typed"))
+            self.notices.attempt(lambda: self.readings.put(self.model_rows()[row].step_id, None, "typed"))
 
 
 class ReadingsTable(QWidget):
@@ -234,11 +237,11 @@ class ReadingsTable(QWidget):
     readings : of the run that goes, or of an older recording.
     """
 
-    def __init__(self, desk: Desk, readings: ReadingsModel) -> None:
+    def __init__(self, readings: ReadingsModel, services: Services) -> None:
         super().__init__()
-        self.desk, self.readings = desk, readings
-        self.model = ReadingsTableModel(desk, readings)
-        self.view = ReadingsView(desk, readings)
+        self.readings, self.services = readings, services
+        self.model = ReadingsTableModel(readings, services.notices)
+        self.view = ReadingsView(readings, services.notices)
         self.view.setModel(self.model)
         header = self.view.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
@@ -279,7 +282,7 @@ class ReadingsTable(QWidget):
         """Ask for a file with a column of readings."""
         ask_open(
             self,
-            self.desk,
+            self.services,
             "Import readings",
             "csv txt tsv",
             lambda path: self.view.paste(read_text(path)),

@@ -12,7 +12,8 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import Drawing, progress_text, state_text
 
 LABELS = {
@@ -76,11 +77,11 @@ class StaircasePicture(QWidget):
 
 
 class SequencePanel(QFrame):
-    """The run's line on a `Desk`."""
+    """The line of a `RunModel`: state, progress, buttons."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, run: RunModel, notices: Notices) -> None:
         super().__init__()
-        self.desk = desk
+        self.run, self.notices = run, notices
         self.setObjectName("card")
         self.picture = StaircasePicture("The plan and how far it is")
         self.state = widgets.label("", "subtitle")
@@ -107,19 +108,19 @@ class SequencePanel(QFrame):
 
     def press(self, key: str) -> None:
         """Press a button and show at once what it did."""
-        self.desk.press(key)
-        self.refresh(self.desk.tick())
+        self.run.press(key)
+        self.refresh(self.run.snapshot)
 
     def _go_on(self) -> None:
-        self.desk.notices.attempt(self.desk.going_on.go_on)
-        self.refresh(self.desk.tick())
+        self.notices.attempt(self.run.resumption.arm)
+        self.refresh(self.run.snapshot)
 
     def _calibrate(self) -> None:
-        self.desk.notices.attempt(self.desk.calibrate_now)
+        self.notices.attempt(self.run.calibration.take)
 
     def _show_choice(self, first_cycle: int) -> None:
         """Where a broken run can go on, part that from beginning anew; where one was read, calibrating comes first."""
-        reads = self.desk.offers_calibration
+        reads = self.run.calibration.open
         self.calibrate.setVisible(reads)
         self.go_on.setVisible(bool(first_cycle))
         widgets.set_text(self.go_on, f"Go on at cycle {first_cycle}")
@@ -130,7 +131,7 @@ class SequencePanel(QFrame):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show state, progress and the buttons that may be pressed."""
-        model = self.desk.sequence
+        model = self.run.sequence
         widgets.set_text(self.state, state_text(snapshot))
         widgets.set_text(self.progress, progress_text(snapshot) or f"{model.plan.name}: {model.estimate}")
         allowed = model.allowed(snapshot)
@@ -138,7 +139,7 @@ class SequencePanel(QFrame):
             if key not in allowed and button.hasFocus():
                 button.clearFocus()  # else it goes to the next button, and Space presses that one
             button.setVisible(key in allowed)
-        self._show_choice(self.desk.going_on.first_cycle if "arm" in allowed else 0)
+        self._show_choice(self.run.resumption.first_cycle if "arm" in allowed else 0)
         self.picture.show_drawing(model.drawing(snapshot))
 
     def paint_theme(self, theme: Theme) -> None:

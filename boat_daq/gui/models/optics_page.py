@@ -14,8 +14,8 @@ from boat_daq.gui.models.optics_plots import MapsCard, ParetoCard, ResponseCard,
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.reflow import ReflowingPage
-from boat_daq.viewmodels.app_model import Desk
-from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM, OpticsModel
 
 FROM_FILE = "file"
 WHAT_COMES = (
@@ -25,11 +25,11 @@ WHAT_COMES = (
 
 
 class OpticsPage(ReflowingPage):
-    """The optics page on a `Desk`."""
+    """The optics page."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: OpticsModel, services: Services) -> None:
         super().__init__()
-        self.desk, self.model = desk, desk.optics
+        self.model, self.services = model, services
         self._revision = -1
         self.scene, self.response = SceneCard(), ResponseCard()
         self.maps, self.pareto = MapsCard(self.model), ParetoCard(self.model)
@@ -86,7 +86,7 @@ class OpticsPage(ReflowingPage):
         return frame
 
     def _deeds(self) -> QHBoxLayout:
-        attempt = self.desk.notices.attempt
+        attempt = self.services.notices.attempt
         self.outcome = widgets.label("", "muted", wrap=True, name="What the sweep and the search found")
         self.look = widgets.button("Show it", self.model.look_at_optimum, name="Show the optimised design")
         self.search_button = widgets.button("Optimise", partial(attempt, self.model.toggle_search))
@@ -99,13 +99,13 @@ class OpticsPage(ReflowingPage):
     def _choose(self) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())
         self.model.choose((int(n), float(width), float(depth), float(spacing)), str(self.face.currentData()))
-        self.refresh(self.desk.snapshot)
+        self._show_model()
 
     def _choose_curves(self) -> None:
         name = str(self.curves.currentData())
         if name == FROM_FILE:
             self._show_choices()  # until a file is chosen, what was taken before stays
-            ask_open(self, self.desk, "Open deformation curves", "csv txt", self.take_file)
+            ask_open(self, self.services, "Open deformation curves", "csv txt", self.take_file)
         else:
             self.model.set_curves(name)
 
@@ -127,7 +127,11 @@ class OpticsPage(ReflowingPage):
         self.rays.setCurrentIndex(self.rays.findData(self.model.rays))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show design, sweep and search where they have changed; the first look traces the paper's design."""
+        """Show design, sweep and search where they have changed."""
+        self._show_model()
+
+    def _show_model(self) -> None:
+        """Show what has changed; the first call traces the paper's design."""
         model = self.model
         if model.result is None and not model.tracing and not model.problem:
             model.choose(model.values)

@@ -23,10 +23,10 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.reflow import ReflowingPage
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import axis
-from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA
-from boat_daq.viewmodels.live.shadow_monitor import SERIES, AlarmRow
+from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA, ShadowLive
+from boat_daq.viewmodels.live.shadow_monitor import SERIES, AlarmRow, ShadowMonitor
 
 FRAME_MS = 16
 ALARM_SIZE, ALARM_LINES = 16, 4
@@ -54,11 +54,11 @@ class NominalCard(PlotCard):
         self.plot.y_range(-5.0, 5.0)
         self._framed = False
 
-    def show_desk(self, desk: Desk) -> None:
+    def show_model(self, model: ShadowLive) -> None:
         """Draw the nominal curve once it is known, and the last seconds' way."""
-        nominal = desk.shadow.nominal_curve()
+        nominal = model.nominal_curve()
         if nominal is None:
-            self.readout.setText("preparing the shadow …" if not desk.shadow.problem else desk.shadow.problem)
+            self.readout.setText("preparing the shadow …" if not model.problem else model.problem)
             return
         pressure, mm, low, high = nominal
         if not self._framed:
@@ -66,17 +66,17 @@ class NominalCard(PlotCard):
             self.band.fill(pressure, low, high)
             self.nominal.set(pressure, mm)
             self.plot.fit()
-        self.trace.set(*desk.shadow.trace())
+        self.trace.set(*model.trace())
         self.readout.setText("- - nominal with its band (k = 2)   — measured, last minute")
 
 
 class CyclesCard(PlotCard):
     """One figure of every cycle, and where the alarms stand in it."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, monitor: ShadowMonitor) -> None:
         super().__init__("Cycle by cycle")
         self.heading.explain("One figure of each cycle of the run: where it drifts, something has changed.")
-        self.monitor = desk.monitor
+        self.monitor = monitor
         self.figure = widgets.choice("Figure of each cycle", [(s.title, name) for name, s in SERIES.items()])
         self.figure.activated.connect(lambda _: self.show_cycles())
         self.bar.insertWidget(1, self.figure)
@@ -137,15 +137,15 @@ class AlarmTable(QTableWidget):
 
 
 class ShadowPage(ReflowingPage):
-    """The shadow's page on a `Desk`."""
+    """The shadow's page."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: ShadowLive, monitor: ShadowMonitor, services: Services) -> None:
         super().__init__()
-        self.desk = desk
+        self.model, self.monitor = model, monitor
         self._revision = -1
-        self.pane = ShadowPane(desk)
+        self.pane = ShadowPane(model, services)
         self.pane.setContentsMargins(0, -style.GAP, 0, 0)
-        self.nominal, self.cycles = NominalCard(), CyclesCard(desk)
+        self.nominal, self.cycles = NominalCard(), CyclesCard(monitor)
         right = QVBoxLayout()
         right.setSpacing(style.GAP)
         right.addWidget(self.nominal, 4)
@@ -179,13 +179,13 @@ class ShadowPage(ReflowingPage):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show figures, trace and alarms."""
-        self.desk.shadow.prepare()
+        self.model.prepare()
         self.pane.refresh(snapshot)
-        self.nominal.show_desk(self.desk)
-        if self.desk.monitor.revision != self._revision:
-            self._revision = self.desk.monitor.revision
+        self.nominal.show_model(self.model)
+        if self.monitor.revision != self._revision:
+            self._revision = self.monitor.revision
             self.cycles.show_cycles()
-            rows = self.desk.monitor.rows()
+            rows = self.monitor.rows()
             self.alarms.show_rows(rows)
             self.alarms.setVisible(bool(rows))
-            self.verdict.setText(self.desk.monitor.verdict())
+            self.verdict.setText(self.monitor.verdict())

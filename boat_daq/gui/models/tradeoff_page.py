@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from analysis.fidelity import LEVELS
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.models.atlas_card import NO_LIMIT, AtlasCard
@@ -25,9 +26,11 @@ from boat_daq.gui.models.tradeoff_chart import TradeoffCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.reflow import ReflowingPage
-from boat_daq.viewmodels.app_model import FIDELITIES, Desk
 from boat_daq.viewmodels.common.formatting import duration_text
-from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS
+from boat_daq.viewmodels.common.precision import Precision
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.models.atlas import AtlasModel
+from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel
 from boat_daq.viewmodels.models.tradeoff_report import MethodChart, error_text
 
 FIDELITY_WORDS = {
@@ -46,9 +49,9 @@ NOTHING_YET = (
 class MethodList(QListWidget):
     """The methods: a tick takes one into the measurement, a selected one is looked at."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, tradeoff: TradeoffModel) -> None:
         super().__init__()
-        self.tradeoff = desk.tradeoff
+        self.tradeoff = tradeoff
         self.setAccessibleName("Methods; ticked ones are measured, the selected one is shown")
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         for name in ENTRIES:
@@ -118,17 +121,17 @@ class SettingsTable(QTableWidget):
 
 
 class TradeoffPage(ReflowingPage):
-    """The trade-off page on a `Desk`."""
+    """The trade-off page."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: TradeoffModel, atlas: AtlasModel, precision: Precision, services: Services) -> None:
         super().__init__()
-        self.desk, self.model = desk, desk.tradeoff
+        self.model, self.maps, self.precision, self.services = model, atlas, precision, services
         self._revision = (-1, -1)
         self.model.measurer = "boat_daq.gui.models.tradeoff_jobs:measure_methods"
-        self.methods = MethodList(desk)
+        self.methods = MethodList(model)
         self.first = self.methods
         self.chart, self.table = TradeoffCard(), SettingsTable()
-        self.atlas = AtlasCard(desk.atlas, desk.notices.attempt)
+        self.atlas = AtlasCard(atlas, services.notices.attempt)
         self.words = widgets.label(NOTHING_YET, "muted", wrap=True, name="What the rule chose, and why")
         self.measured = widgets.label("", "small", wrap=True)
         across = QHBoxLayout()
@@ -145,12 +148,12 @@ class TradeoffPage(ReflowingPage):
         )
         self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
         self.kind.activated.connect(lambda _: self.model.set_quick(bool(self.kind.currentData())))
-        self.level = widgets.choice("How fine the program computes", [(FIDELITY_WORDS[n], n) for n in FIDELITIES])
+        self.level = widgets.choice("How fine the program computes", [(FIDELITY_WORDS[n], n) for n in LEVELS])
         self.level.setToolTip(
             "Fidelity: optics, shadow, uncertainty and live plots are computed as finely as this (Models menu too)"
         )
-        self.level.activated.connect(lambda _: self.desk.set_fidelity(str(self.level.currentData())))
-        attempt = self.desk.notices.attempt
+        self.level.activated.connect(lambda _: self.precision.choose(self.level.currentData()))
+        attempt = self.services.notices.attempt
         self.start = widgets.button("Measure", partial(attempt, self.model.toggle), "primary")
         self.progress = QProgressBar()
         self.progress.setAccessibleName("Progress of the measurement")
@@ -198,14 +201,14 @@ class TradeoffPage(ReflowingPage):
         self.upper.setMinimumHeight(2 * style.STACKED_HEIGHT + style.GAP if self.narrow else 0)
 
     def _ask_open(self) -> None:
-        ask_open(self, self.desk, "Open a measured trade-off", "json", self.model.load)
+        ask_open(self, self.services, "Open a measured trade-off", "json", self.model.load)
 
     def _ask_save(self) -> None:
-        ask_save(self, self.desk, "tradeoff", "json csv", self.model.save)
+        ask_save(self, self.services, "tradeoff", "json csv", self.model.save)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the measurement under way; the rest where it has changed."""
-        self.level.setCurrentIndex(self.level.findData(self.desk.fidelity))
+        self.level.setCurrentIndex(self.level.findData(self.precision.level))
         work = self.model.work
         widgets.set_text(self.start, "Stop" if work is not None else "Measure")
         self.progress.setVisible(work is not None)
@@ -215,7 +218,7 @@ class TradeoffPage(ReflowingPage):
         widgets.set_text(self.status, self.model.status())
         self.status.setVisible(bool(self.status.text()))
         self.atlas.refresh()
-        revision = (self.model.revision, self.desk.atlas.revision)
+        revision = (self.model.revision, self.maps.revision)
         if revision == self._revision:
             return
         self._revision = revision

@@ -20,9 +20,9 @@ from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
-from boat_daq.viewmodels.app_model import Desk
 from boat_daq.viewmodels.common import tables
-from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowPicture
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowLive, ShadowPicture
 
 ROOM_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # what the view shows of (x, z)
 LINES = 6
@@ -139,13 +139,13 @@ def _polygon(points: NDArray[np.float64]) -> QPolygonF:
 
 
 class ShadowPane(QWidget):
-    """The pane on a `Desk`; taken away like a `PlotCard`."""
+    """The pane on a `ShadowLive`; copied and saved like a `PlotCard`."""
 
     title = "Shadow"
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: ShadowLive, services: Services) -> None:
         super().__init__()
-        self.desk = desk
+        self.model, self.services = model, services
         self.view = ShadowView()
         self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES])
         self.quantity.activated.connect(lambda _: self._choose(str(self.quantity.currentData())))
@@ -168,25 +168,25 @@ class ShadowPane(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, style.GAP, 0, 0)
         layout.addWidget(frame)
-        self._choose(desk.shadow.quantity)
+        self._choose(model.quantity)
 
     def _choose(self, quantity: str) -> None:
-        self.desk.shadow.quantity = quantity
+        self.model.quantity = quantity
         self._follow()
 
     def _follow(self) -> None:
         """Show what the model is set to, wherever it was set."""
-        quantity = self.desk.shadow.quantity
+        quantity = self.model.quantity
         full, unit, _ = SCALES[quantity]
         words = ("0", f"{quantity} {full:g} {unit} or more")
         if self.view.scale_words != words:
             self.view.scale_words = words
             self.view.update()
         self.quantity.setCurrentIndex(self.quantity.findData(quantity))
-        self.cost.setChecked(self.desk.shadow.show_cost)
+        self.cost.setChecked(self.model.show_cost)
 
     def _show_cost(self, on: bool) -> None:
-        self.desk.shadow.show_cost = on
+        self.model.show_cost = on
 
     def _menu_button(self) -> QToolButton:
         tool = QToolButton()
@@ -197,7 +197,7 @@ class ShadowPane(QWidget):
         tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
         tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         menu = QMenu(tool)
-        menu.addAction("Copy picture", lambda: self.desk.notices.attempt(self.copy, done=f"Copied: {self.title}"))
+        menu.addAction("Copy picture", lambda: self.services.notices.attempt(self.copy, done=f"Copied: {self.title}"))
         for kind in ("png", "svg", "csv"):
             menu.addAction(f"Save {kind.upper()} \u2026", partial(self._ask_save, kind))
         menu.addSeparator()
@@ -207,8 +207,8 @@ class ShadowPane(QWidget):
         return tool
 
     def _ask_save(self, suffix: str) -> None:
-        if self.desk.notices.attempt(self.require_data):
-            ask_save(self, self.desk, self.title, suffix, self.save)
+        if self.services.notices.attempt(self.require_data):
+            ask_save(self, self.services, self.title, suffix, self.save)
 
     def require_data(self) -> None:
         """Let nothing be taken away where nothing is.
@@ -255,7 +255,7 @@ class ShadowPane(QWidget):
 
     def columns(self) -> dict[str, Any]:
         """Return the outline at rest, the guides and the tracked points as they are drawn, mm."""
-        picture = self.desk.shadow.picture()
+        picture = self.model.picture()
         named = {f"guide {i}": guide for i, guide in enumerate(picture.guides, 1)} | {"tracked": picture.tracked}
         named = {"outline at rest": picture.rest} | {name: points for name, points in named.items() if len(points)}
         return {f"{name}, {axis} (mm)": points[:, k] for name, points in named.items() for k, axis in enumerate("xz")}
@@ -263,12 +263,12 @@ class ShadowPane(QWidget):
     def draw(self) -> None:
         """Draw one frame."""
         if self.isVisible():
-            self.view.show_picture(self.desk.shadow.picture())
+            self.view.show_picture(self.model.picture())
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the figures under the picture."""
         self._follow()
-        lines = self.desk.shadow.picture().lines
+        lines = self.model.picture().lines
         for i in range(LINES):
             name, value, state = lines[i] if i < len(lines) else ("", "", "")
             widgets.set_text(self.names[i], name)

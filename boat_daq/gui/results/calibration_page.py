@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
@@ -28,8 +30,8 @@ from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.split_view import Divided
-from boat_daq.viewmodels.app_model import Desk
-from boat_daq.viewmodels.results.analysis_view import LoopSet, SensorResult
+from boat_daq.viewmodels.common.services import Page, Panel, Services
+from boat_daq.viewmodels.results.analysis_view import LoopSet, RunResult, SensorResult
 from boat_daq.viewmodels.results.calibration import CalibrationModel, CurveShown, sensor_words
 from boat_daq.viewmodels.results.closed_run import ClosedRun
 
@@ -166,11 +168,13 @@ class Remarks(QScrollArea):
 
 
 class CalibrationPage(QWidget):
-    """The calibration page on a `Desk`."""
+    """The calibration page."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(
+        self, model: CalibrationModel, show_repeatability: Callable[[RunResult], None], services: Services
+    ) -> None:
         super().__init__()
-        self.desk = desk
+        self.model, self.show_repeatability, self.services = model, show_repeatability, services
         self._revision = -1
         self.curves = [CurveCard(n) for n in range(1, SENSORS + 1)]
         self.loops, self.actuator = LoopCard(), ActuatorCard()
@@ -182,16 +186,11 @@ class CalibrationPage(QWidget):
                 "Here come each sensor's points and curve with its bands, the hysteresis loops and the figures "
                 "with their intervals. Run the calibration plan on the Live page, enter the readings, analyse it here.",
                 "Analyse the last run",
-                desk.analyse_current,
+                partial(services.notices.attempt, model.analyse_current),
             )
         )
         self.stack.addWidget(self._filled())
         widgets.page_layout(self).addWidget(self.stack)
-
-    @property
-    def model(self) -> CalibrationModel:
-        """Return the view model."""
-        return self.desk.calibration
 
     def _filled(self) -> QWidget:
         body = QWidget()
@@ -214,20 +213,17 @@ class CalibrationPage(QWidget):
         left.setSpacing(style.GAP)
         left.addWidget(self.upper, 5)
         left.addLayout(lower, 4)
-        layout.addWidget(self.desk_splitter(left), 1)
+        sides = (widgets.holder(left), self._side())
+        layout.addWidget(Divided("calibration", self.services.preferences, *sides, SIDE, stacks=True), 1)
         return body
-
-    def desk_splitter(self, left: QVBoxLayout) -> QWidget:
-        """Return plots and figures side by side, their border to be moved."""
-        return Divided("calibration", self.desk.preferences, widgets.holder(left), self._side(), SIDE, stacks=True)
 
     def _head(self) -> QWidget:
         frame, inside = widgets.card()
         self.verdict = widgets.label("", "subtitle", elide=True)
         self.headline = widgets.label("", "muted", elide=True)
-        self.sample = widgets.button(BANDS, lambda: self.desk.notices.attempt(self.model.sample), tip=BANDS_TIP)
+        self.sample = widgets.button(BANDS, lambda: self.services.notices.attempt(self.model.sample), tip=BANDS_TIP)
         self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
-        self.report = widgets.button("Report …", lambda: self.desk.request("report"))
+        self.report = widgets.button("Report …", partial(self.services.show, Panel.REPORT))
         self.again = widgets.button("Analyse again", self._again)
         buttons = widgets.row(
             self.again,
@@ -257,16 +253,17 @@ class CalibrationPage(QWidget):
         return self.judgement
 
     def _accept(self) -> None:
-        self.desk.accept_calibration(anyway=bool(self.model.poor()))  # its button says so
+        self.model.request_acceptance(anyway=bool(self.model.poor()))  # its button says so
 
     def _edit_readings(self) -> None:
         """Show the readings of the run in a panel beside the window."""
 
         def deed() -> None:
             assert self.model.last_path is not None
-            ClosedReadings(self.window(), self.desk, ClosedRun(self.model.last_path)).show()
+            run = ClosedRun(self.model.last_path)
+            ClosedReadings(self.window(), run, self.model.analyse, self.services).show()
 
-        self.desk.notices.attempt(deed)
+        self.services.notices.attempt(deed)
 
     def _next_step(self) -> None:
         """Do what brings what is missing."""
@@ -276,10 +273,10 @@ class CalibrationPage(QWidget):
         if lacking.key == "readings":
             self._edit_readings()
         elif lacking.key == "repeat":
-            self.desk.repeatability.show(result)
-            self.desk.request("Repeat")
+            self.show_repeatability(result)
+            self.services.show(Page.REPEAT)
         else:
-            self.desk.request("plan")
+            self.services.show(Panel.PLAN)
 
     def _side(self) -> QWidget:
         frame, inside = widgets.card()
@@ -307,10 +304,10 @@ class CalibrationPage(QWidget):
     def _again(self) -> None:
         path = self.model.last_path
         if path is not None:
-            self.desk.notices.attempt(lambda: self.model.analyse(path))
+            self.services.notices.attempt(lambda: self.model.analyse(path))
 
     def _open(self) -> None:
-        ask_open(self, self.desk, "Open a recording", "boat csv", lambda path: self.model.analyse(Path(path)))
+        ask_open(self, self.services, "Open a recording", "boat csv", lambda path: self.model.analyse(Path(path)))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Put the buttons under the verdict where both have no room beside each other."""

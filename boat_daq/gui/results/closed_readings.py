@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QDialog, QVBoxLayout, QWidget
 
@@ -9,7 +12,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.live.readings_panel import ReadingsTable
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.results.closed_run import ClosedRun
 
@@ -20,14 +23,14 @@ NOTHING_GOES_ON = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
 class ClosedReadings(QDialog):
     """Edits the readings of a closed recording; what was entered before stays in the file."""
 
-    def __init__(self, parent: QWidget, desk: Desk, run: ClosedRun) -> None:
+    def __init__(self, parent: QWidget, run: ClosedRun, calibrate: Callable[[Path], None], services: Services) -> None:
         super().__init__(parent)
-        self.desk, self.run = desk, run
+        self.run, self.analyse, self.services = run, calibrate, services
         self.setWindowTitle(f"Readings of {run.path.name}")
         self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(style.FORM_WIDTH, style.WINDOW_MINIMUM[1])
-        self.table = ReadingsTable(desk, ReadingsModel(run, desk.changes))
+        self.table = ReadingsTable(ReadingsModel(run, services.undo), services)
         self.table.empty.setText("This recording has no plateaus: it was made without a plan of steps.")
         self.calibrate = widgets.button("Calibrate", self._calibrate, "primary", tip="Analyse it with these readings")
         layout = QVBoxLayout(self)
@@ -50,6 +53,6 @@ class ClosedReadings(QDialog):
         self.table.refresh(NOTHING_GOES_ON)
 
     def _calibrate(self) -> None:
-        if self.desk.notices.attempt(lambda: self.desk.calibration.analyse(self.run.path)):
-            self.desk.request("Calibrate")
+        if self.services.notices.attempt(lambda: self.analyse(self.run.path)):
+            self.services.show(Page.CALIBRATE)
             self.close()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,10 +19,10 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.split_view import Divided
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.results.analysis_view import RunResult
 from boat_daq.viewmodels.results.calibration import sensor_words
-from boat_daq.viewmodels.results.repeatability import GROUPS
+from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 
 SENSORS = 2
 NO_FIGURE = "No cycle of this run has this figure; the table says why on hover."
@@ -42,9 +44,9 @@ class LoopsByCycle(PlotCard):
             self.plot.curve(f"Group {i + 1}", ramp_colour(i, GROUPS), gaps=True) for i in range(GROUPS)
         ]
 
-    def show_groups(self, desk: Desk) -> None:
+    def show_groups(self, model: RepeatabilityModel) -> None:
         """Draw the groups of cycles."""
-        result, groups = desk.repeatability.result, desk.repeatability.groups()
+        result, groups = model.result, model.groups()
         assert result is not None
         for i, curve in enumerate(self.curves):
             cycles = groups[i] if i < len(groups) else range(0)
@@ -77,11 +79,11 @@ class CycleFigureCard(PlotCard):
 
 
 class RepeatPage(QWidget):
-    """The repeatability page on a `Desk`."""
+    """The repeatability page."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: RepeatabilityModel, choose_plan: Callable[[], None], services: Services) -> None:
         super().__init__()
-        self.desk = desk
+        self.model, self.services = model, services
         self._revision = -1
         self.words = widgets.label("", "subtitle", elide=True)
         self.warm_up = widgets.label("", "muted")
@@ -107,7 +109,7 @@ class RepeatPage(QWidget):
         self.breaks.setLayout(inside)
         self.break_lines: list[tuple[CycleFigureCard, Any]] = []
         self.stack = Leaves()
-        self.missing = EmptyState(*desk.repeatability.missing(), "Choose the plan", desk.choose_repeatability)
+        self.missing = EmptyState(*model.missing(), "Choose the plan", choose_plan)
         self.stack.addWidget(self.missing)
         self.stack.addWidget(self._filled())
         widgets.page_layout(self).addWidget(self.stack)
@@ -118,9 +120,8 @@ class RepeatPage(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(style.GAP)
         head, inside = widgets.card()
-        inside.addLayout(
-            widgets.row(self.words, self.warm_up, None, widgets.button("Report …", lambda: self.desk.request("report")))
-        )
+        report = widgets.button("Report …", partial(self.services.show, Panel.REPORT))
+        inside.addLayout(widgets.row(self.words, self.warm_up, None, report))
         layout.addWidget(head)
         grid = QGridLayout()
         grid.setContentsMargins(0, 0, 0, 0)
@@ -142,12 +143,13 @@ class RepeatPage(QWidget):
         self.tabs.addTab(self.table, "Figures")
         column.addWidget(self.tabs)
         width = style.PANE_WIDTH_WIDE - 8 * style.STEP
-        layout.addWidget(Divided("repeat", self.desk.preferences, widgets.holder(grid), side, width, stacks=True), 1)
+        sides = (widgets.holder(grid), side)
+        layout.addWidget(Divided("repeat", self.services.preferences, *sides, width, stacks=True), 1)
         return body
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""
-        model = self.desk.repeatability
+        model = self.model
         if model.revision == self._revision:
             return
         self._revision = model.revision
@@ -161,7 +163,7 @@ class RepeatPage(QWidget):
         if result is None or not result.cycles:
             return
         for card in self.loops[: len(result.sensors)]:
-            card.show_groups(self.desk)
+            card.show_groups(model)
         for i in range(min(SENSORS, len(result.sensors))):
             numbers, top, bottom = model.extremes(i)
             each = model.cycles(i)

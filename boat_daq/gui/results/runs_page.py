@@ -43,9 +43,9 @@ from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.tooltips import as_words
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.results.closed_run import ClosedRun
-from boat_daq.viewmodels.results.runs import HEADINGS, MOST_COMPARED, RunEntry, obstacle, told
+from boat_daq.viewmodels.results.runs import HEADINGS, MOST_COMPARED, RunActions, RunEntry, RunsModel, obstacle, told
 
 SPEEDS = (1, 5, 20, 100)
 LEAST_LINES = 3  # of the list; a lower window scrolls the page
@@ -91,11 +91,11 @@ class Thumbnail(QStyledItemDelegate):
 
 
 class RunsPage(QWidget):
-    """The runs of a `Desk`."""
+    """The recordings of a `RunsModel`."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, model: RunsModel, actions: RunActions, services: Services) -> None:
         super().__init__()
-        self.desk = desk
+        self.model, self.elsewhere, self.services = model, actions, services
         self._revision = -1
         self._compared: object = None
         self._untouched = True  # nothing was chosen yet: the newest recording is what most come for
@@ -132,7 +132,7 @@ class RunsPage(QWidget):
             rows.append([plot.curve(f"Run {i + 1}", ramp_colour(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
         self.compare_card.link_x()
         self.numbers = [plot.labels((0.5, 0.5), ground=True) for plot in self.compare_card.plots]
-        back = widgets.button("Back to the units", self.desk.runs.forget_comparison)
+        back = widgets.button("Back to the units", self.model.forget_comparison)
         self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
         return rows
 
@@ -141,7 +141,7 @@ class RunsPage(QWidget):
             "No recording yet",
             "Every started plan is recorded here, with its unit, date, length and cycles. Begin on the Live page.",
             "Go to Live",
-            partial(self.desk.request, "Live"),
+            partial(self.services.show, Page.LIVE),
         )
 
     def _filled(self) -> QWidget:
@@ -249,59 +249,60 @@ class RunsPage(QWidget):
     def open(self) -> None:
         """Analyse the chosen run on the Calibrate page."""
         for path in self._paths()[:1]:
-            self.desk.notices.attempt(partial(self.desk.calibration.analyse, path))
-            self.desk.request("Calibrate")
+            self.services.notices.attempt(partial(self.elsewhere.calibrate, path))
+            self.services.show(Page.CALIBRATE)
 
     def edit_readings(self) -> None:
         """Show the readings of the chosen recording, to be corrected."""
         for path in self._paths()[:1]:
-            self.desk.notices.attempt(partial(self._edit, path))
+            self.services.notices.attempt(partial(self._edit, path))
 
     def _edit(self, path: Path) -> None:
-        self.readings = ClosedReadings(self.window(), self.desk, ClosedRun(path))
+        self.readings = ClosedReadings(self.window(), ClosedRun(path), self.elsewhere.calibrate, self.services)
         self.readings.finished.connect(self._forget_readings)
         self.readings.show()
 
     def _forget_readings(self, _: int) -> None:
         self.readings = None
-        self.desk.runs.look()
+        self.model.look()
 
     def resume(self) -> None:
         """Go on in the chosen run at its next whole cycle."""
         for path in self._paths()[:1]:
-            self.desk.notices.attempt(partial(self.desk.resume, path))
+            self.services.notices.attempt(partial(self.elsewhere.resume, path))
 
     def repeat(self) -> None:
         """Show the repeatability of the chosen run."""
         for path in self._paths()[:1]:
-            self.desk.notices.attempt(partial(self.desk.repeatability.analyse, path))
-            self.desk.request("Repeat")
+            self.services.notices.attempt(partial(self.elsewhere.repeat, path))
+            self.services.show(Page.REPEAT)
 
     def replay(self, speed: int) -> None:
         """Play the chosen run as if it came from a board."""
         for path in self._paths()[:1]:
-            self.desk.replay(path, speed)
+            if self.services.notices.attempt(partial(self.elsewhere.replay, path, speed)):
+                self.services.show(Page.LIVE)
 
     def export(self, kind: str) -> None:
         """Ask where to put the samples of the chosen run."""
         paths = self._paths()
         stem = paths[0].stem if paths else "samples"
-        ask_save(self, self.desk, stem, kind, partial(self.desk.runs.export, paths), done="")
+        ask_save(self, self.services, stem, kind, partial(self.model.export, paths), done="")
 
     def ask_report(self) -> None:
         """Ask where to put the report of the chosen runs."""
         paths = self._paths()
         stem = paths[0].stem if paths else "report"
-        ask_save(self, self.desk, stem, "pdf html", partial(self.desk.runs.report, paths), done="")
+        ask_save(self, self.services, stem, "pdf html", partial(self.model.report, paths), done="")
 
     def compare(self) -> None:
         """Lay the curves of the chosen runs over each other."""
-        self.desk.notices.attempt(lambda: self.desk.runs.compare(self._paths()))
+        self.services.notices.attempt(lambda: self.model.compare(self._paths()))
 
     def recover(self) -> None:
         """Close properly what a killed session left."""
         for path in self._paths():
-            self.desk.notices.attempt(partial(self.desk.runs.recover, path))
+            self.services.notices.attempt(partial(self.model.recover, path))
 
     def _enable(self) -> None:
         chosen = self.selected()
@@ -317,7 +318,7 @@ class RunsPage(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the list where it has changed, and have it looked at again."""
-        runs = self.desk.runs
+        runs = self.model
         runs.look_now_and_then()
         if self.readings is not None:
             self.readings.refresh()
@@ -358,8 +359,8 @@ class RunsPage(QWidget):
             self.list.selectionModel().setCurrentIndex(here, QItemSelectionModel.SelectionFlag.NoUpdate)
 
     def _show_history(self) -> None:
-        unit = self.desk.unit_name
-        ages = self.desk.runs.ages(unit)
+        unit = self.elsewhere.unit()
+        ages = self.model.ages(unit)
         for points, (x, y) in zip(self.ages, ages, strict=False):
             points.set(x, y)
         for points in self.ages[len(ages) :]:
@@ -371,14 +372,14 @@ class RunsPage(QWidget):
             self.history.plots[0].fit(x_margin=0.1)
 
     def _show_comparison(self) -> None:
-        lines, words = self.desk.runs.comparison_lines()
+        lines, words = self.model.comparison_lines()
         self.below.setCurrentIndex(1 if lines else 0)
         self.compare_card.readout.setText(words)
         for labels, curves in zip(self.numbers, lines, strict=False):
             labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves)])
         for row, curves in zip(self.differences, lines, strict=False):
             for i, curve in enumerate(row):
-                x, y = curves[i] if i < len(curves) else self.desk.runs.nothing
+                x, y = curves[i] if i < len(curves) else self.model.nothing
                 curve.set(x, y)
         for plot in self.compare_card.plots:
             plot.fit(smallest=NOTICEABLE_MV)

@@ -9,7 +9,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QWidget
 
-from boat_daq.viewmodels.app_model import Desk
+from boat_daq.viewmodels.common.services import Services
 
 Then = Callable[[Path], object]
 
@@ -38,7 +38,7 @@ class FileDialog(QFileDialog):
 
 
 def ask_save(
-    parent: QWidget, desk: Desk, stem: str, suffix: str, then: Then, *, done: str | None = None
+    parent: QWidget, services: Services, stem: str, suffix: str, then: Then, *, done: str | None = None
 ) -> QFileDialog:
     """Ask where to save a file, then call `then(path)`; its error goes to the strip.
 
@@ -47,30 +47,30 @@ def ask_save(
     suffix : the endings allowed, without dots, parted by spaces; the first is the one taken by default.
     done : what is said when `then` has returned; "Saved" and the name when None, nothing when empty.
     """
-    dialog = _dialog(parent, desk, f"Save {suffix.upper().replace(' ', ' or ')}", suffix)
+    dialog = _dialog(parent, services, f"Save {suffix.upper().replace(' ', ' or ')}", suffix)
     first = suffix.split()[0]
     dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
     dialog.setDefaultSuffix(first)
     dialog.selectFile(f"{re.sub(r'[^A-Za-z0-9_-]+', '-', stem).strip('-')}.{first}")
     dialog.fileSelected.connect(
-        lambda name: _finish(desk, Path(name), then, f"Saved {Path(name).name}" if done is None else done)
+        lambda name: _finish(services, Path(name), then, f"Saved {Path(name).name}" if done is None else done)
     )
     return dialog
 
 
-def ask_open(parent: QWidget, desk: Desk, title: str, suffixes: str, then: Then) -> QFileDialog:
+def ask_open(parent: QWidget, services: Services, title: str, suffixes: str, then: Then) -> QFileDialog:
     """Ask for an existing file with one of the `suffixes` (parted by spaces), then call `then(path)`."""
-    dialog = _dialog(parent, desk, title, suffixes)
+    dialog = _dialog(parent, services, title, suffixes)
     dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
-    dialog.fileSelected.connect(lambda name: _finish(desk, Path(name), then, ""))
+    dialog.fileSelected.connect(lambda name: _finish(services, Path(name), then, ""))
     return dialog
 
 
-def _dialog(parent: QWidget, desk: Desk, title: str, suffixes: str) -> QFileDialog:
+def _dialog(parent: QWidget, services: Services, title: str, suffixes: str) -> QFileDialog:
     kinds = suffixes.upper().replace(" ", ", ")
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
-    usual = desk.recordings if desk.recordings.is_dir() else Path.home()
-    folder = str(desk.preferences.get("folder", str(usual)))
+    usual = services.recordings if services.recordings.is_dir() else Path.home()
+    folder = str(services.preferences.get("folder", str(usual)))
     dialog = FileDialog(parent.window(), title, folder, f"{kinds} ({patterns})")
     dialog.setWindowModality(Qt.WindowModality.NonModal)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
@@ -78,6 +78,6 @@ def _dialog(parent: QWidget, desk: Desk, title: str, suffixes: str) -> QFileDial
     return dialog
 
 
-def _finish(desk: Desk, path: Path, then: Then, done: str) -> None:
-    desk.preferences.set("folder", str(path.parent))
-    desk.notices.attempt(lambda: then(path), done=done)
+def _finish(services: Services, path: Path, then: Then, done: str) -> None:
+    services.preferences.set("folder", str(path.parent))
+    services.notices.attempt(lambda: then(path), done=done)

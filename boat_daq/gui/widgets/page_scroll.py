@@ -7,7 +7,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QFrame, QScrollArea, QVBoxLayout, QWidget
 
 
-class Room(QScrollArea):
+class PageScroll(QScrollArea):
     """Gives its page the window's room, but not less than the page's least.
 
     Qt's own way (`widgetResizable`) asks a page with wrapped words for the height it would like, and scrolls sooner.

@@ -9,7 +9,7 @@ from typing import Any
 
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 
 MAX_BYTES = 4_000_000  # a hundred times the largest
 
@@ -19,19 +19,19 @@ class MeasuredResult(ABC):
 
     Parameters
     ----------
-    bench : where it is made.
+    jobs : where it is made.
     path : where the last one is kept, a JSON file.
     """
 
     name: str
-    """The work's name on the bench."""
+    """The job's name in the runner."""
     noun: str
     """What the result is called when its file is in trouble."""
     again: str
     """What to do when the kept one cannot be read."""
 
-    def __init__(self, bench: Bench, path: Path) -> None:
-        self.bench, self.path = bench, path
+    def __init__(self, jobs: JobRunner, path: Path) -> None:
+        self.jobs, self.path = jobs, path
         self.content: dict[str, Any] | None = None
         self.problem = ""
         self.revision = 0
@@ -57,10 +57,10 @@ class MeasuredResult(ABC):
     @property
     def work(self) -> Work | None:
         """The work under way."""
-        return self.bench.get(self.name)
+        return self.jobs.get(self.name)
 
     def _start(self, work: Work) -> None:
-        self.bench.start(self.name, work, self._ended)
+        self.jobs.start(self.name, work, self._ended)
         self.problem = ""
         self.revision += 1
 

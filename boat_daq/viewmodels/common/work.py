@@ -128,7 +128,7 @@ class Work:
         self._process.join(0.5)
 
 
-class Bench:
+class JobRunner:
     """The pieces of work under way, by name: starting one again cancels the one before."""
 
     def __init__(self) -> None:

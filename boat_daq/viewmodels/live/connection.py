@@ -216,6 +216,15 @@ class ConnectionModel:
             self._preferences.set("port", port.strip())
         self._preferences.set("profile", profile)
 
+    def replay(self, path: Path, speed: float) -> None:
+        """Play a recording as if it came from a board, `speed` times as fast.
+
+        Raises
+        ------
+        BoatDaqError : it cannot be played.
+        """
+        self.session.connect(f"replay:{path}@{speed:g}", unit=self.unit)
+
     def disconnect(self) -> None:
         """Vent and close the link; a virtual board of ours ends."""
         self._board_waits = False

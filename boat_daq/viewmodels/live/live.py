@@ -32,6 +32,9 @@ FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
 class Ring(Protocol):
     """The part of the engine's ring buffer that a page needs."""
 
+    def time_of(self, time_us: int) -> float | None:
+        """Return the ring's time of an instant of board time; None where the ring does not hold it."""
+
     def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, FloatArray]:
         """Return copies of the columns."""
 
@@ -200,6 +203,11 @@ class LiveModel:
         ring = self.ring()
         newest = ring.view(last=1)["time_s"] if ring is not None else np.zeros(0)
         return float(newest[-1]) if newest.size else math.nan
+
+    def time_of(self, time_us: int) -> float | None:
+        """Return the ring's time of an instant of board time; None where the ring does not hold it."""
+        ring = self.ring()
+        return ring.time_of(time_us) if ring is not None else None
 
     def set_window(self, seconds: float) -> None:
         """Show so many seconds (inf: all there is), following again."""

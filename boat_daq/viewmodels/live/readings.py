@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.changes import Change, Changes
 from boat_daq.viewmodels.common.formatting import NOTHING, count, number, plain_number, target
+from boat_daq.viewmodels.common.undo import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
@@ -136,11 +136,10 @@ class ReadingsModel:
     changes : where each entry is kept for undo.
     """
 
-    def __init__(self, session: Keeper, changes: Changes) -> None:
+    def __init__(self, session: Keeper, changes: UndoHistory) -> None:
         self.session = session
         self._changes = changes
         self.resolution_mm = 0.5
-        self.reader = ""
 
     def question(self, snapshot: SessionSnapshot) -> str:
         """Return what the window asks for now, or will ask for next in this run; empty where nothing is asked for."""
@@ -209,7 +208,7 @@ class ReadingsModel:
 
     def _keep(self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None) -> None:
         resolution = resolution_mm or self.resolution_mm
-        self.session.add_reading(step_id, elongation_mm, source, resolution_mm=resolution, reader=self.reader)
+        self.session.add_reading(step_id, elongation_mm, source, resolution_mm=resolution)
 
     def paste(self, text: str, first_step_id: int | None = None) -> int:
         """Enter a column copied from a spreadsheet, from a plateau on; returns how many were entered.

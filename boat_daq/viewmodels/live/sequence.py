@@ -19,9 +19,9 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import Limits, Phase, SessionSnapshot, SessionState
 from boat_daq.engine.toml_values import BadValue, read_text
 from boat_daq.errors import BoatDaqError, OperatorError
-from boat_daq.viewmodels.common.changes import Change, Changes
 from boat_daq.viewmodels.common.formatting import duration, number, plain_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.undo import Change, UndoHistory
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ class SequenceModel:
     changes : where an edit of the plan is kept for undo.
     """
 
-    def __init__(self, session: Session, changes: Changes) -> None:
+    def __init__(self, session: Session, changes: UndoHistory) -> None:
         self.session = session
         self._changes = changes
         self.plans = built_in_plans()
@@ -319,10 +319,14 @@ class SequenceModel:
 
         Raises
         ------
-        BoatDaqError : outside limits, or something stands in the way.
-        ValueError : not a number.
+        OperatorError : not two numbers.
+        BoatDaqError : outside limits, or not now.
         """
-        self.session.set_pressure(plain_number(text), plain_number(ramp))
+        try:
+            target_kpa, ramp_kpa_per_s = plain_number(text), plain_number(ramp)
+        except ValueError:
+            raise OperatorError(f"{text!r} kPa at {ramp!r} kPa/s are not two numbers", "Type e.g. 20 and 5.") from None
+        self.session.set_pressure(target_kpa, ramp_kpa_per_s)
 
 
 def _in_form_words(text: str) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from analysis.arrays import FloatArray
 from boat_daq.viewmodels.common.formatting import NOTHING, number
-from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.live.live import Inverse, Ring, signals
 
 if TYPE_CHECKING:
@@ -93,11 +93,11 @@ class ShadowLive:
     ----------
     ring : gives the ring of the moment.
     inverse : gives the calibration's inverse of the moment, or None.
-    bench : builds the table.
+    jobs : builds the table.
     """
 
-    def __init__(self, ring: Callable[[], Ring | None], inverse: Callable[[], Inverse | None], bench: Bench) -> None:
-        self._ring, self._inverse, self._bench = ring, inverse, bench
+    def __init__(self, ring: Callable[[], Ring | None], inverse: Callable[[], Inverse | None], jobs: JobRunner) -> None:
+        self._ring, self._inverse, self._jobs = ring, inverse, jobs
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="shadow")
         self._loading: Future[Shadow] | None = None
         self._asked, self._level = False, "normal"
@@ -117,7 +117,7 @@ class ShadowLive:
         if not self._asked:
             self._asked = True
             work = Work("Preparing the shadow", "boat_daq.viewmodels.live.shadow_jobs:warm", self._level, report=True)
-            self._bench.start("shadow", work, self._built)
+            self._jobs.start("shadow", work, self._built)
 
     def set_fidelity(self, level: str) -> None:
         """Use another fidelity: its shadow is prepared when it is next asked for; until then the one there is stays."""
@@ -135,7 +135,7 @@ class ShadowLive:
         if self._loading is not None and self._loading.done():
             future, self._loading = self._loading, None
             self.model = future.result()
-            self._bench.cancel("stability")  # of another model
+            self._jobs.cancel("stability")  # of another model
             self._unstable, self._judge, self._not_judged = None, None, ""
 
     def close(self) -> None:
@@ -229,7 +229,7 @@ class ShadowLive:
         if self._unstable is None:
             if self._judge is None:
                 self._judge = Work("Judging stability", "boat_daq.viewmodels.live.shadow_jobs:judge_held", self._level)
-                self._bench.start("stability", self._judge, self._judged)
+                self._jobs.start("stability", self._judge, self._judged)
             return self._not_judged
         unstable = (_step(pressure, HELD_KPA), _step(mm, HELD_MM)) in self._unstable
         return "\u25b2 in balance, but not stable" if unstable else ""

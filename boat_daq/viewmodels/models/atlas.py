@@ -13,7 +13,7 @@ from typing import Any
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count, quantity
 from boat_daq.viewmodels.common.measured_result import MeasuredResult
-from boat_daq.viewmodels.common.work import Bench, Work
+from boat_daq.viewmodels.common.work import JobRunner, Work
 from boat_daq.viewmodels.models.tradeoff_report import error_text
 
 # name in `atlas --json` -> letter in a cell, text
@@ -116,20 +116,20 @@ class AtlasModel(MeasuredResult):
 
     Parameters
     ----------
-    bench : where maps are swept.
+    jobs : where maps are swept.
     folder : where they are kept.
     """
 
     name, noun, again = "atlas", "maps", "sweep again"
 
-    def __init__(self, bench: Bench, folder: Path) -> None:
+    def __init__(self, jobs: JobRunner, folder: Path) -> None:
         self.maps: dict[str, list[MapView]] = {}
-        super().__init__(bench, folder / FILE)
+        super().__init__(jobs, folder / FILE)
 
     def toggle(self, method: str) -> None:
         """Start sweeping a method's maps, or stop."""
         if self.work is not None:
-            self.bench.cancel(self.name)
+            self.jobs.cancel(self.name)
             return
         self._start(
             Work("Mapping where it works", "boat_daq.viewmodels.models.tradeoff_jobs:sweep_method", method, report=True)

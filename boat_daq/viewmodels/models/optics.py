@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.viewmodels.common.formatting import count, number
-from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
 
 Values = tuple[int, float, float, float]
@@ -35,11 +35,11 @@ class OpticsModel:
 
     Parameters
     ----------
-    bench : where rays are traced.
+    jobs : where rays are traced.
     """
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
+    def __init__(self, jobs: JobRunner) -> None:
+        self.jobs = jobs
         self.values: Values = PAPER
         self.face = FACES[0]
         self.curves = next(iter(CURVES))
@@ -56,17 +56,17 @@ class OpticsModel:
     @property
     def tracing(self) -> bool:
         """Whether rays are on their way."""
-        return self.bench.get("optics") is not None
+        return self.jobs.get("optics") is not None
 
     @property
     def sweeping(self) -> bool:
         """Whether a sweep is under way."""
-        return self.bench.get("sweep") is not None
+        return self.jobs.get("sweep") is not None
 
     @property
     def searching(self) -> bool:
         """Whether a search is under way."""
-        return self.bench.get("optimise") is not None
+        return self.jobs.get("optimise") is not None
 
     @property
     def sweep(self) -> SweepSummary | None:
@@ -94,7 +94,7 @@ class OpticsModel:
             def traced(done: Work) -> None:
                 self._traced(done, key)
 
-            self.bench.start("optics", work, traced)
+            self.jobs.start("optics", work, traced)
 
     @property
     def traced_rays(self) -> int:
@@ -170,7 +170,7 @@ class OpticsModel:
     def toggle_sweep(self) -> None:
         """Start a sweep over all designs, or stop the one under way."""
         if self.sweeping:
-            self.bench.cancel("sweep")
+            self.jobs.cancel("sweep")
             return
         curves = self.curves
         work = Work("Sweeping 9 720 simulations", f"{WORK}:sweep", CAVITIES, self.swept_rays, curves, report=True)
@@ -180,7 +180,7 @@ class OpticsModel:
             if found is not None:
                 self._sweeps[curves] = found
 
-        self.bench.start("sweep", work, swept)
+        self.jobs.start("sweep", work, swept)
         self.revision += 1
 
     def sweep_text(self) -> str:
@@ -211,7 +211,7 @@ class OpticsModel:
     def toggle_search(self) -> None:
         """Start the search beyond the grid, or stop the one under way."""
         if self.searching:
-            self.bench.cancel("optimise")
+            self.jobs.cancel("optimise")
             return
         curves = self.curves
         work = Work("Searching beyond the grid", f"{WORK}:search", curves, SEARCH_S, report=True)
@@ -221,7 +221,7 @@ class OpticsModel:
             if found is not None:
                 self._optima[curves] = found
 
-        self.bench.start("optimise", work, searched)
+        self.jobs.start("optimise", work, searched)
         self.revision += 1
 
     def optimum_text(self) -> str:

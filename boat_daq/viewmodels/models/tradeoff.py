@@ -15,7 +15,7 @@ from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.formatting import count
 from boat_daq.viewmodels.common.measured_result import MAX_BYTES, MeasuredResult
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.common.work import Bench, Work
+from boat_daq.viewmodels.common.work import JobRunner, Work
 from boat_daq.viewmodels.models.tradeoff_report import MethodChart, merged, read_report, report_columns
 
 METHODS = {
@@ -42,20 +42,20 @@ class TradeoffModel(MeasuredResult):
 
     Parameters
     ----------
-    bench : where methods are measured.
+    jobs : where methods are measured.
     folder : where the last result is kept.
     preferences : remember what was chosen.
     """
 
     name, noun, again = "tradeoff", "result", "measure again"
 
-    def __init__(self, bench: Bench, folder: Path, preferences: Preferences) -> None:
+    def __init__(self, jobs: JobRunner, folder: Path, preferences: Preferences) -> None:
         self.preferences = preferences
         self.measurer = (
             "boat_daq.viewmodels.models.tradeoff_jobs:measure_methods"  # the window has one that paints, too
         )
         self.charts: dict[str, MethodChart] = {}
-        super().__init__(bench, folder / FILE)
+        super().__init__(jobs, folder / FILE)
 
     # ---- what is chosen ------------------------------------------------------------------------------------------
 
@@ -104,7 +104,7 @@ class TradeoffModel(MeasuredResult):
         OperatorError : no method is chosen.
         """
         if self.work is not None:
-            self.bench.cancel(self.name)
+            self.jobs.cancel(self.name)
             return
         if not self.chosen:
             raise OperatorError("no method is chosen to be measured", "Tick one or more in the list of methods.")

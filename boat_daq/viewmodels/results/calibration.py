@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,11 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.changes import Change, Changes, History
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
-from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.common.undo import Change
+from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.results.acceptance import Missing, missing, poor, remarks, rests_on, sources
 from boat_daq.viewmodels.results.analysis_view import Band, PosteriorResult, RunResult, SensorResult
 
@@ -67,13 +70,21 @@ class CalibrationModel:
     ----------
     session : its recording is closed before it is analysed.
     units : where calibrations are kept.
-    bench : where the work is done.
-    changes : where an acceptance is kept for undo.
+    jobs : where the work is done.
+    services : of the window.
+    newest : returns the newest recording, also of an earlier start.
     """
 
-    def __init__(self, session: Session, units: UnitLibrary, bench: Bench, changes: Changes | None = None) -> None:
-        self.session, self.units, self.bench = session, units, bench
-        self._changes = changes if changes is not None else History()
+    def __init__(
+        self,
+        session: Session,
+        units: UnitLibrary,
+        jobs: JobRunner,
+        services: Services,
+        newest: Callable[[], Path | None] = lambda: None,
+    ) -> None:
+        self.session, self.units, self.jobs = session, units, jobs
+        self._services, self._newest = services, newest
         self.fidelity: Fidelity = fidelity()
         self.result: RunResult | None = None
         self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
@@ -88,10 +99,10 @@ class CalibrationModel:
     @property
     def working(self) -> bool:
         """Whether an analysis is under way."""
-        return self.bench.get("analysis") is not None
+        return self.jobs.get("analysis") is not None
 
     def analyse_current(self) -> None:
-        """Close the recording that runs and analyse it; the last one where none runs.
+        """Close the recording that runs and analyse it; the last one where none runs, of an earlier start too.
 
         Raises
         ------
@@ -102,6 +113,7 @@ class CalibrationModel:
             raise OperatorError("the sequence still runs", "Wait for its end, or stop it; its whole cycles count.")
         if snapshot.recording is not None:
             self.last_path = self.session.stop_recording() or snapshot.recording
+        self.last_path = self.last_path or self._newest()
         if self.last_path is None:
             raise OperatorError("nothing has been recorded yet", "Run a plan, or open a recording on the Runs page.")
         self.analyse(self.last_path)
@@ -111,7 +123,7 @@ class CalibrationModel:
         self.last_path, self.result, self.posterior, self.failure, self.accepted = path, None, (), None, None
         self.before, self.agreements = None, ()
         self.revision += 1
-        self.bench.start(
+        self.jobs.start(
             "analysis",
             Work(f"Analysing {path.name}", ANALYSIS, str(path), level=self.fidelity.level, report=True),
             self._analysed,
@@ -157,7 +169,7 @@ class CalibrationModel:
             max_steps=self.fidelity.posterior_steps,
             report=True,
         )
-        self.bench.start("posterior", work, self._sampled)
+        self.jobs.start("posterior", work, self._sampled)
 
     def _sampled(self, work: Work) -> None:
         if work.state is WorkState.DONE:
@@ -304,6 +316,21 @@ class CalibrationModel:
                 )
         return tuple(rows)
 
+    def request_acceptance(self, *, anyway: bool = False) -> None:
+        """Accept the calibration; one below its bounds only with `anyway`, which is offered."""
+        poor, notices = self.poor(), self._services.notices
+        if poor and not anyway:
+            notices.say(
+                Level.WARNING,
+                f"this calibration is poor. {'. '.join(poor)}",
+                "Look at its readings, or accept it as it is.",
+                action_text="Accept anyway",
+                action=partial(self.request_acceptance, anyway=True),
+            )
+            return
+        done = f"Calibration accepted{' though poor' if poor else ''}; the elongation is shown on the Live page"
+        notices.attempt(self.accept, done=done)
+
     def accept(self, operator: str = "") -> dict[str, Any]:
         """Store the calibration with its unit, undoably; returns what was stored.
 
@@ -326,7 +353,7 @@ class CalibrationModel:
             "posterior": [dict(p.content) for p in self.posterior],
             "poor": list(self.poor()),
         }
-        self._changes.push(Change("acceptance", *self._acceptance(self.result, finite(content), operator)))
+        self._services.undo.push(Change("acceptance", *self._acceptance(self.result, finite(content), operator)))
         return content
 
     def _acceptance(

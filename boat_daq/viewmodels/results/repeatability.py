@@ -18,7 +18,7 @@ from analysis.arrays import FloatArray
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
-from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.results.analysis_view import CycleSeries, RunResult
 
 ANALYSIS = "boat_daq.viewmodels.results.calibration_jobs:analyse_run"
@@ -38,12 +38,12 @@ class RepeatabilityModel:
 
     Parameters
     ----------
-    bench : where the work is done.
+    jobs : where the work is done.
     clock : seconds, monotonic.
     """
 
-    def __init__(self, bench: Bench, clock: Callable[[], float] = monotonic) -> None:
-        self.bench, self._clock = bench, clock
+    def __init__(self, jobs: JobRunner, clock: Callable[[], float] = monotonic) -> None:
+        self.jobs, self._clock = jobs, clock
         self.level = fidelity().level
         self.result: RunResult | None = None
         self.failure = ""  # why the last run could not be read
@@ -68,7 +68,7 @@ class RepeatabilityModel:
         self._ended_at = np.inf
         enough = progress.complete_cycles >= self._asked_cycles + 1 or progress.complete_cycles < self._asked_cycles
         continuous = getattr(snapshot.plan, "kind", "") == "continuous" and progress.complete_cycles >= 2
-        free = self._clock() - self._asked_at >= EVERY_S and self.bench.get("repeatability") is None
+        free = self._clock() - self._asked_at >= EVERY_S and self.jobs.get("repeatability") is None
         if continuous and enough and free:
             self._asked_at, self._asked_cycles = self._clock(), progress.complete_cycles
             self._followed = snapshot.recording
@@ -79,14 +79,14 @@ class RepeatabilityModel:
         if self._followed is None:
             return
         self._ended_at = min(self._ended_at, self._clock())
-        if self._clock() - self._ended_at >= WRITTEN_S and self.bench.get("repeatability") is None:
+        if self._clock() - self._ended_at >= WRITTEN_S and self.jobs.get("repeatability") is None:
             path, self._followed = self._followed, None
             self.analyse(path)
 
     def analyse(self, path: Path, *, label: str = "") -> None:
         """Analyse a recording in the background."""
         work = Work(label or f"Repeatability of {path.name}", ANALYSIS, str(path), level=self.level, report=True)
-        self.bench.start("repeatability", work, self._analysed)
+        self.jobs.start("repeatability", work, self._analysed)
 
     def _analysed(self, work: Work) -> None:
         if work.state is WorkState.DONE:

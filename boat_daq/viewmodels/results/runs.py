@@ -23,7 +23,8 @@ from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
-from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+from boat_daq.viewmodels.common.notices import Level, Notices
+from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.results.analysis_view import RunResult
 from protocol.errors import ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording
@@ -153,6 +154,17 @@ def _began(run: RunEntry) -> tuple[str, str]:
     return (run.summary.started_utc if run.summary is not None else "", run.path.name)
 
 
+@dataclass(frozen=True, slots=True)
+class RunActions:
+    """What other pages do with a chosen recording, and the name of the unit on the bench."""
+
+    calibrate: Callable[[Path], None]
+    repeat: Callable[[Path], None]
+    resume: Callable[[Path], None]
+    replay: Callable[[Path, float], None]
+    unit: Callable[[], str]
+
+
 class RunsModel:
     """State of the page.
 
@@ -160,14 +172,13 @@ class RunsModel:
     ----------
     folder : of the recordings.
     units : the units and their calibrations.
-    bench : where exports and reports are made.
+    jobs : where exports and reports are made.
+    notices : where it is reported how they end.
     """
 
-    def __init__(self, folder: Path, units: UnitLibrary, bench: Bench) -> None:
-        self.folder, self.units, self.bench = folder, units, bench
+    def __init__(self, folder: Path, units: UnitLibrary, jobs: JobRunner, notices: Notices) -> None:
+        self.folder, self.units, self.jobs, self._notices = folder, units, jobs, notices
         self.runs: list[RunEntry] = []
-        self.done: list[str] = []
-        self.failures: list[tuple[str, str, str]] = []
         self.comparison: tuple[RunResult, ...] = ()
         self.nothing = (np.zeros(0), np.zeros(0))
         self.revision = 0
@@ -219,7 +230,7 @@ class RunsModel:
     def recover(self, path: Path) -> None:
         """Close properly what a killed session left, in the background."""
         work = Work(f"Recovering {path.name}", "boat_daq.engine.recording.recovery:recover", path, report=True)
-        self.bench.start("recover", work, lambda work: self.finished(work, f"{path.name} is recovered and complete"))
+        self.jobs.start("recover", work, lambda work: self.finished(work, f"{path.name} is recovered and complete"))
 
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
         """Make a broken run ready to go on, in the background; `then` is called with it.
@@ -233,13 +244,13 @@ class RunsModel:
         def ready(work: Work) -> None:
             if work.state is WorkState.DONE:
                 then(work.result)
-            elif work.failure is not None:
-                self.failures.append((work.failure.cause, work.failure.remedy, work.failure.details))
+            else:
+                self._failed(work)
 
         work = Work(
             f"Looking at {path.name}", "boat_daq.engine.recording.resumption:prepare_resumption", path, report=True
         )
-        self.bench.start("resume", work, ready)
+        self.jobs.start("resume", work, ready)
 
     def export(self, paths: list[Path], target: Path) -> None:
         """Write the samples of one recording as CSV or Parquet, as the ending of `target` says, in the background.
@@ -259,7 +270,7 @@ class RunsModel:
             kind,
             report=True,
         )
-        self.bench.start("export", work, lambda work: self.finished(work, f"Saved {target.name}"))
+        self.jobs.start("export", work, lambda work: self.finished(work, f"Saved {target.name}"))
 
     def compare(self, paths: list[Path]) -> None:
         """Analyse two to four recordings in the background, to lay their curves over each other.
@@ -271,7 +282,7 @@ class RunsModel:
         if not 2 <= len(paths) <= MOST_COMPARED:
             raise OperatorError(f"{count(len(paths), 'recording')} chosen to compare", "Choose two to four lines.")
         work = Work("Comparing", "boat_daq.viewmodels.results.run_jobs:compare_runs", paths, report=True)
-        self.bench.start("compare", work, self._compared)
+        self.jobs.start("compare", work, self._compared)
 
     def forget_comparison(self) -> None:
         """Compare nothing any more."""
@@ -280,8 +291,8 @@ class RunsModel:
     def _compared(self, work: Work) -> None:
         if work.state is WorkState.DONE:
             self.comparison = work.result
-        elif work.failure is not None:
-            self.failures.append((work.failure.cause, work.failure.remedy, work.failure.details))
+        else:
+            self._failed(work)
 
     def comparison_lines(self) -> tuple[list[list[tuple[FloatArray, FloatArray]]], str]:
         """Return for each sensor every run's curve less the first run's, over its range, and the words above them."""
@@ -305,15 +316,19 @@ class RunsModel:
         if not paths:
             raise OperatorError("no recording was chosen", "Choose one line or several.")
         work = Work("Making the report", "boat_daq.viewmodels.results.run_jobs:report_runs", paths, target, report=True)
-        self.bench.start("report", work, lambda work: self.finished(work, f"Saved {target.name}"))
+        self.jobs.start("report", work, lambda work: self.finished(work, f"Saved {target.name}"))
 
     def finished(self, work: Work, done: str) -> None:
-        """Keep what became of a piece of work, to be told."""
+        """Report how a job has ended."""
         if work.state is WorkState.DONE:
-            self.done.append(done)
-        elif work.failure is not None:
-            self.failures.append((work.failure.cause, work.failure.remedy, work.failure.details))
+            self._notices.inform(done)
+        else:
+            self._failed(work)
         self.look()
+
+    def _failed(self, work: Work) -> None:
+        if work.failure is not None:
+            self._notices.say(Level.WARNING, work.failure.cause, work.failure.remedy, details=work.failure.details)
 
     def unit_lines(self) -> list[tuple[str, ...]]:
         """Return the units with each of their calibrations: unit, date, sensitivities, recording."""

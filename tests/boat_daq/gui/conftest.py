@@ -48,9 +48,9 @@ def live(make):
 @pytest.fixture
 def whole(live):
     """A window on a connected board with every page made."""
-    from boat_daq.viewmodels.app_model import PAGES
+    from boat_daq.viewmodels.common.services import Page
 
-    for name in PAGES:
+    for name in Page:
         live.open_page(name)
     return live
 

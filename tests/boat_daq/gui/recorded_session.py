@@ -11,6 +11,10 @@ import numpy as np
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, SessionSnapshot, SessionState
+from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.common.undo import UndoHistory
 from protocol.recording import BoardState, SampleFlag, sample_dtype
 
 if TYPE_CHECKING:
@@ -75,12 +79,17 @@ class RecordedSession:
 def window_on(session: RecordedSession, folder: Path) -> MainWindow:
     """A window on `session`; what it keeps lies in `folder`."""
     from boat_daq.engine.settings import UnitLibrary
-    from boat_daq.gui.main_window import MainWindow
-    from boat_daq.viewmodels.app_model import Desk
+    from boat_daq.gui import app
+    from boat_daq.viewmodels.app_model import AppModel
 
-    desk = Desk(session, folder / "config", folder / "recordings", UnitLibrary(folder / "units"))
-    desk.shadow.prepare = lambda: None  # a helper process has no place in these tests
-    return MainWindow(desk)
+    model = AppModel(session, folder / "config", folder / "recordings", UnitLibrary(folder / "units"))
+    model.shadow.prepare = lambda: None  # a helper process has no place in these tests
+    return app.window_on(model)
+
+
+def services_in(folder: Path) -> Services:
+    """The services of a window that keeps its things in `folder`."""
+    return Services(Notices(), Preferences(folder / "config"), UndoHistory(), folder / "recordings")
 
 
 def idle() -> SessionSnapshot:

@@ -20,6 +20,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, RunEnding, SessionState
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.services import Panel
 from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -34,8 +35,8 @@ ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0, 600.0)
 def running(live):
     """A window in a run that stops at its plateaus for readings, between two of them."""
     live.resize(1280, 800)
-    live.desk.sequence.arm()
-    live.desk.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.model.sequence.arm()
+    live.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
     live.refresh()
     return live
 
@@ -47,7 +48,7 @@ def test_the_plots_do_not_move_when_a_plateau_asks(running, qtbot):
     QApplication.processEvents()
     before = plots.size()
     assert (bar.question.text(), bar.field.isReadOnly()) == ("Next: +20 kPa, unloading, cycle 1", True)
-    running.desk.session.change(waiting_for_reading=ASKED)
+    running.model.session.change(waiting_for_reading=ASKED)
     running.refresh()
     QApplication.processEvents()
     assert (bar.question.text(), bar.field.isReadOnly()) == ("Elongation at +20 kPa, unloading, cycle 1", False)
@@ -57,11 +58,11 @@ def test_the_plots_do_not_move_when_a_plateau_asks(running, qtbot):
 def test_the_keyboard_comes_back_to_the_question(running, qtbot):
     """After a marker's note, and after a correction in the table, digits go to the plateau that waits."""
     live, field = running.live, running.live.reading.field
-    running.desk.session.marks = (
+    running.model.session.marks = (
         StepMark(1, 1, "unloading", 30.0, 10.0, 0),
         StepMark(2, 1, "unloading", 20.0, 10.0, 1),
     )
-    running.desk.session.change(waiting_for_reading=ASKED)
+    running.model.session.change(waiting_for_reading=ASKED)
     live.show_readings()
     running.refresh()
     live.ask_marker()
@@ -76,29 +77,29 @@ def test_the_keyboard_comes_back_to_the_question(running, qtbot):
 def test_what_is_typed_too_early_is_no_reading(running, qtbot):
     """Digits and Enter between two plateaus enter nothing; the focus is in the field when the question comes."""
     bar = running.live.reading
-    running.desk.session.change(waiting_for_reading=ASKED)
+    running.model.session.change(waiting_for_reading=ASKED)
     running.refresh()
     bar.field.setFocus()
-    running.desk.session.change(waiting_for_reading=None)
+    running.model.session.change(waiting_for_reading=None)
     running.refresh()
     QTest.keyClicks(bar.field, "1.5")
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
-    assert (bar.field.text(), running.desk.session.kept) == ("", [])
+    assert (bar.field.text(), running.model.session.kept) == ("", [])
     assert not bar.skip.isEnabled()
 
 
 def test_no_question_stands_in_a_run_that_asks_for_none(live):
     """A continuous plan has no plateau to read: its run keeps the room for the plots."""
-    live.desk.sequence.choose("repeatability")
-    live.desk.sequence.arm()
-    live.desk.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.model.sequence.choose("repeatability")
+    live.model.sequence.arm()
+    live.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
     live.refresh()
     assert not live.live.reading.isVisible()
 
 
 def test_escape_closes_the_dialog_in_front_and_vents(live, qtbot):
     """A hand on the keyboard gets out of the connect panel; the key vents all the same, and again without a dialog."""
-    live.desk.ask_connect()
+    live.model.services.show(Panel.CONNECT)
     live.connect_panel.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live.connect_panel, timeout=PATIENCE_MS)
     live.vent()
@@ -107,13 +108,13 @@ def test_escape_closes_the_dialog_in_front_and_vents(live, qtbot):
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
     live.vent()
     assert live.isVisible()
-    assert live.desk.session.asked.count("vent") == 2
+    assert live.model.session.asked.count("vent") == 2
 
 
 def test_tab_goes_on_from_every_field_of_the_connect_panel(live, qtbot):
     """The profile's field used to keep the key for itself: the virtual board was out of the keyboard's reach."""
     panel = live.connect_panel
-    live.desk.ask_connect()
+    live.model.services.show(Panel.CONNECT)
     panel.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is panel, timeout=PATIENCE_MS)
     seen = set()
@@ -129,8 +130,8 @@ def test_a_broken_run_resumed_or_begins_anew_by_two_buttons(live):
     panel, arm = live.live.sequence, live.live.sequence.buttons["arm"]
     live.refresh()
     assert (arm.text(), arm.property("role"), panel.go_on.isVisible()) == ("Arm", "primary", False)
-    live.desk.session.change(recording=Path("SA1.boat"))
-    live.desk.going_on.first_cycle = 3
+    live.model.session.change(recording=Path("SA1.boat"))
+    live.model.run.resumption.first_cycle = 3
     live.refresh()
     assert (arm.text(), arm.property("role")) == ("Begin anew", "")
     assert (panel.go_on.text(), panel.go_on.isVisible()) == ("Go on at cycle 3", True)
@@ -138,27 +139,27 @@ def test_a_broken_run_resumed_or_begins_anew_by_two_buttons(live):
 
 def test_an_offer_can_be_dismissed(live):
     """The offer "The run is finished: Calibrate" stays until it is taken, or sent away with the mouse."""
-    live.desk.notices.say(Level.INFORMATION, "an offer", action_text="Do it", action=lambda: None)
+    live.model.notices.say(Level.INFORMATION, "an offer", action_text="Do it", action=lambda: None)
     live.refresh()
     assert live.strip.close_.isVisible()
     live.strip.close_.click()
-    assert live.desk.notices.current() is None
-    live.desk.notices.inform("a remark, which leaves by itself")
+    assert live.model.notices.current() is None
+    live.model.notices.inform("a remark, which leaves by itself")
     live.refresh()
     assert not live.strip.close_.isVisible()
 
 
 def test_the_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
     """After a new start "Analyse the last run" takes the recording that was written last."""
-    folder = live.desk.recordings
+    folder = live.model.services.recordings
     folder.mkdir()
     for i, name in enumerate(("b.boat", "a.boat")):
         path = folder / name
         path.touch()
         os.utime(path, ns=(i, i))
     asked: list[Path] = []
-    monkeypatch.setattr(live.desk.calibration, "analyse", asked.append)
-    live.desk.analyse_current()
+    monkeypatch.setattr(live.model.calibration, "analyse", asked.append)
+    live.model.calibration.analyse_current()
     assert asked == [folder / "a.boat"]
 
 
@@ -191,21 +192,21 @@ def test_a_focused_button_is_pressed_by_space_and_enter(live, qtbot, key):
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
     live.live.sequence.buttons["arm"].setFocus()
     QTest.keyClick(live.windowHandle(), key)
-    assert live.desk.session.asked.count("arm") == 1
-    assert live.desk.live.following
+    assert live.model.session.asked.count("arm") == 1
+    assert live.model.live.following
     live.live.sequence.buttons["arm"].clearFocus()
     QTest.keyClick(live.windowHandle(), Qt.Key.Key_Space)
-    assert (live.desk.live.following, live.desk.session.asked.count("arm")) == (False, 1)
+    assert (live.model.live.following, live.model.session.asked.count("arm")) == (False, 1)
 
 
 def test_a_button_that_goes_takes_no_other_with_it(live, qtbot):
     """Start is pressed and gone: the focus is nowhere, not on Pause, where the next Space would vent."""
     live.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
-    live.desk.session.change(state=SessionState.ARMED)
+    live.model.session.change(state=SessionState.ARMED)
     live.refresh()
     live.live.sequence.buttons["start"].setFocus()
-    live.desk.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
     live.refresh()
     assert live.live.sequence.buttons["pause"].isVisible()
     assert QApplication.focusWidget() is None
@@ -213,26 +214,26 @@ def test_a_button_that_goes_takes_no_other_with_it(live, qtbot):
 
 def test_a_cleared_fault_does_not_stand_before_the_next_step(live):
     """The strip kept the fault after it was cleared, and hid the offer to calibrate behind it."""
-    live.desk.session.change(state=SessionState.FAULT)
+    live.model.session.change(state=SessionState.FAULT)
     live.refresh()
-    live.desk.notices.say(Level.FAULT, "the board did not answer")
-    live.desk.notices.inform("what comes next")
-    assert live.desk.notices.current().level is Level.FAULT
-    live.desk.session.change(state=SessionState.IDLE)
+    live.model.notices.say(Level.FAULT, "the board did not answer")
+    live.model.notices.inform("what comes next")
+    assert live.model.notices.current().level is Level.FAULT
+    live.model.session.change(state=SessionState.IDLE)
     live.refresh()
-    assert live.desk.notices.current().cause == "what comes next"
+    assert live.model.notices.current().cause == "what comes next"
 
 
 def test_each_run_has_a_recording_of_its_own(live):
     """Armed again, the recording that holds a run is closed first; one that was only begun by hand goes on."""
-    session = live.desk.session
+    session = live.model.session
     session.change(recording=Path("SA1.boat"))
     live.refresh()
-    live.desk.press("arm")
+    live.model.run.press("arm")
     assert session.asked[-1:] == ["arm"]
     assert "stop_recording" not in session.asked
     session.marks = (StepMark(1, 0, "start", 50.0, 10.0, 0),)
-    live.desk.press("arm")
+    live.model.run.press("arm")
     assert session.asked[-2:] == ["stop_recording", "arm"]
 
 
@@ -243,8 +244,8 @@ def test_no_table_of_figures_scrolls_sideways(whole, width):
     cells = (FigureText("256.3", "definition"), FigureText("190.6", "definition"))
     rows = tuple(FigureRow(name, "mV/mm", cells) for name in ("Sensitivity", "Repeatability, worst") * 7)
     shown = dataclasses.replace(result(), figures=rows)
-    whole.desk.calibration.show(shown)
-    whole.desk.repeatability.show(shown)
+    whole.model.calibration.show(shown)
+    whole.model.repeatability.show(shown)
     whole.resize(width, 533)
     for name in ("Calibrate", "Repeat"):
         whole.go(name)
@@ -252,7 +253,7 @@ def test_no_table_of_figures_scrolls_sideways(whole, width):
         table = whole.pages[name].table
         assert table.isVisible()
         assert table.horizontalScrollBar().maximum() == 0
-        assert whole.rooms[name].horizontalScrollBar().maximum() == 0
+        assert whole.scrolls[name].horizontalScrollBar().maximum() == 0
 
 
 @pytest.mark.nightly
@@ -262,15 +263,15 @@ def test_nothing_beside_the_plots_scrolls_sideways(live, qtbot, index):
     live.resize(853, 533)
     live.live.pane.setCurrentIndex(index)
     live.refresh()
-    qtbot.waitUntil(lambda: live.rooms["Live"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
+    qtbot.waitUntil(lambda: live.scrolls["Live"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
     bars = [bar for bar in live.live.pane.findChildren(QScrollBar) if bar.orientation() is Qt.Orientation.Horizontal]
     assert [bar.maximum() for bar in bars if bar.isVisible()] == []
 
 
 def test_the_list_of_runs_keeps_to_the_window(live, qtbot):
     """Its buttons used to push the page beyond the window at 150 % on 1280 x 800."""
-    live.desk.recordings.mkdir()
-    shutil.copy(SAMPLE, live.desk.recordings)
+    live.model.services.recordings.mkdir()
+    shutil.copy(SAMPLE, live.model.services.recordings)
     live.resize(853, 533)
     live.go("Runs")
 
@@ -280,7 +281,7 @@ def test_the_list_of_runs_keeps_to_the_window(live, qtbot):
 
     qtbot.waitUntil(listed, timeout=PATIENCE_MS)
     live.pages["Runs"].list.selectRow(0)
-    qtbot.waitUntil(lambda: live.rooms["Runs"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
+    qtbot.waitUntil(lambda: live.scrolls["Runs"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
     assert live.pages["Runs"].buttons["report"].isVisible()
 
 
@@ -299,7 +300,7 @@ def test_an_empty_page_never_scrolls(empty, qtbot, name):
     """An empty Calibrate page used to ask for the height of the filled one behind it."""
     empty.resize(853, 533)
     empty.go(name)
-    room = empty.rooms[name]
+    room = empty.scrolls[name]
     qtbot.waitUntil(lambda: room.verticalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
     assert room.horizontalScrollBar().maximum() == 0
     assert empty.pages[name].stack.currentIndex() == 0
@@ -308,9 +309,9 @@ def test_an_empty_page_never_scrolls(empty, qtbot, name):
 def test_a_run_that_is_started_elsewhere_is_shown_and_asks_from_everywhere(running):
     """F6 on the Calibrate page used to run unseen, and the plateau waited for a reading that nobody was asked for."""
     running.go("Runs")
-    running.desk.press("start")
+    running.model.run.press("start")
     assert running.page == "Live"
-    running.desk.session.change(waiting_for_reading=ASKED)
+    running.model.session.change(waiting_for_reading=ASKED)
     running.refresh()
     live = running.navigation.buttons["Live"]
     assert live.text() == "Live"
@@ -326,10 +327,10 @@ def test_a_run_that_is_started_elsewhere_is_shown_and_asks_from_everywhere(runni
 @pytest.mark.parametrize("state", [SessionState.FAULT, SessionState.ABORTED])
 def test_a_run_that_broke_off_says_why_where_its_button_is(live, state):
     """The strip's message goes once the link is up again: "Fault" stood there without a reason."""
-    live.desk.session.change(state=state, run_ended=RunEnding(RunEnd.FAULT, "the board was unplugged"), progress=None)
+    live.model.session.change(state=state, run_ended=RunEnding(RunEnd.FAULT, "the board was unplugged"), progress=None)
     live.refresh()
     assert live.live.sequence.progress.text() == "the board was unplugged"
-    live.desk.session.change(state=SessionState.IDLE, run_ended=RunEnding(RunEnd.FINISHED))
+    live.model.session.change(state=SessionState.IDLE, run_ended=RunEnding(RunEnd.FINISHED))
     live.refresh()
     assert "plateaus" in live.live.sequence.progress.text()
 
@@ -339,18 +340,18 @@ def test_a_column_is_pasted_whatever_stands_beside_the_plots(live):
     live.live.pane.setCurrentWidget(live.live.plan)
     QApplication.clipboard().setText("4.1\n3.4")
     live.live.paste_readings()
-    assert "no plateau" in live.desk.notices.current().cause
+    assert "no plateau" in live.model.notices.current().cause
     live.live.pane.setCurrentWidget(live.live.plan)
-    live.desk.session.marks = tuple(
+    live.model.session.marks = tuple(
         StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6, status="reached") for n in (1, 2, 3)
     )
     live.live.paste_readings()
-    assert [(r.step_id, r.elongation_mm) for r in live.desk.session.kept] == [(1, 4.1), (2, 3.4)]
+    assert [(r.step_id, r.elongation_mm) for r in live.model.session.kept] == [(1, 4.1), (2, 3.4)]
 
 
 def test_a_recording_under_way_keeps_its_place_in_the_list(live, qtbot):
     """The list went by the time a file was last written: lines changed places under the mouse every few seconds."""
-    folder, runs = live.desk.recordings, live.desk.runs
+    folder, runs = live.model.services.recordings, live.model.runs
     folder.mkdir()
     for name in ("a", "b"):
         shutil.copy(SAMPLE, folder / f"{name}.boat")
@@ -370,18 +371,18 @@ def test_a_recording_under_way_keeps_its_place_in_the_list(live, qtbot):
 
 def test_chosen_runs_stay_chosen_when_the_list_is_read_again(live, qtbot):
     """Two runs chosen to be compared; a recording under way renews the list every few seconds, and left one of them."""
-    live.desk.recordings.mkdir()
+    live.model.services.recordings.mkdir()
     for name in "abc":
-        shutil.copy(SAMPLE, live.desk.recordings / f"{name}.boat")
+        shutil.copy(SAMPLE, live.model.services.recordings / f"{name}.boat")
     live.go("Runs")
-    page, runs = live.pages["Runs"], live.desk.runs
+    page, runs = live.pages["Runs"], live.model.runs
     qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 3, timeout=PATIENCE_MS)
     page._choose([0, 1])
     chosen = [run.path.name for run in page.selected()]
     assert chosen == ["c.boat", "b.boat"]
     runs.runs = [runs.runs[2], runs.runs[0], runs.runs[1]]  # as if another order had come
     runs.revision += 1
-    page.refresh(live.desk.snapshot)
+    page.refresh(live.model.snapshot)
     assert sorted(run.path.name for run in page.selected()) == sorted(chosen)
     assert page.buttons["compare"].isEnabled()
 
@@ -390,14 +391,14 @@ def test_no_box_of_a_file_dialog_stands_between_hand_and_vent(live, qtbot, tmp_p
     """A missing file and one that is there already were told by modal boxes: VENT could not be clicked behind them."""
     there, opened, saved = tmp_path / "there.csv", [], []
     there.write_text("kept")
-    dialog = ask_open(live, live.desk, "Open", "csv", opened.append)
+    dialog = ask_open(live, live.model.services, "Open", "csv", opened.append)
     for path, title in ((tmp_path / "missing.csv", "no missing.csv"), (there, "")):
         dialog.findChild(QLineEdit).setText(str(path))
         dialog.accept()
         assert QApplication.activeModalWidget() is None
         assert title in dialog.windowTitle()
     assert opened == [there]
-    dialog = ask_save(live, live.desk, "plot", "csv", saved.append)
+    dialog = ask_save(live, live.model.services, "plot", "csv", saved.append)
     dialog.findChild(QLineEdit).setText(str(there))
     dialog.accept()
     assert QApplication.activeModalWidget() is None
@@ -413,13 +414,13 @@ def test_escape_vents_over_a_modal_box(live, qtbot):
     qtbot.waitUntil(lambda: QApplication.activeModalWidget() is box, timeout=PATIENCE_MS)
     live.window_keys.watch(box.windowHandle())
     QTest.keyClick(box.windowHandle(), Qt.Key.Key_Escape)
-    assert "vent" in live.desk.session.asked
+    assert "vent" in live.model.session.asked
 
 
 def test_nothing_of_an_earlier_run_is_left_on_the_calibration_page(live):
     """A run without readings, opened after one with, was shown with the curves of the other."""
     live.go("Calibrate")
-    page, model = live.pages["Calibrate"], live.desk.calibration
+    page, model = live.pages["Calibrate"], live.model.calibration
     model.show(result())
     live.refresh()
     card = page.curves[0]
@@ -445,7 +446,7 @@ def test_nothing_of_an_earlier_run_is_left_on_the_calibration_page(live):
 )
 def test_the_next_step_is_offered_in_the_run_s_own_words(running, end, words):
     """A run that was stopped with some plateaus read was called finished."""
-    running.desk.readings.put(4, 1.5, "typed")
-    running.desk.session.change(state=SessionState.IDLE, progress=None, run_ended=RunEnding(end))
+    running.model.readings.put(4, 1.5, "typed")
+    running.model.session.change(state=SessionState.IDLE, progress=None, run_ended=RunEnding(end))
     running.refresh()
-    assert running.desk.notices.current().cause == f"{words}, 1 plateau read"
+    assert running.model.notices.current().cause == f"{words}, 1 plateau read"

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication
 
 from boat_daq.gui.app import make_window
 from boat_daq.gui.collector import Collector
-from boat_daq.viewmodels.app_model import PAGES
+from boat_daq.viewmodels.common.services import Page
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, window_on
 
 
@@ -20,7 +20,7 @@ from tests.boat_daq.gui.recorded_session import RecordedSession, connected, fill
 def collected(qtbot):
     """A window at 10 kHz and its collector."""
     window = make_window(10_000)
-    collector = Collector(window)
+    collector = Collector(window, window.page_made)
     yield window, collector
     collector.settled.stop()
     gc.unfreeze()
@@ -35,7 +35,7 @@ def test_a_closed_window_leaves_nothing_behind(qtbot, tmp_path):
     before = set(QApplication.allWidgets())
     session = RecordedSession(connected(), filled_ring(10.0))
     ring, window = weakref.ref(session.ring), window_on(session, tmp_path)
-    for name in PAGES:
+    for name in Page:
         window.open_page(name)
     window.show()
     qtbot.waitExposed(window)
@@ -51,7 +51,7 @@ def test_a_closed_window_leaves_nothing_behind(qtbot, tmp_path):
 def test_what_lives_as_long_as_the_window_is_not_collected_again(collected):
     """After the start, and after each page that is made, a full collection has next to nothing to look at."""
     window, collector = collected
-    assert window.desk.session.settings.rate_hz == 10_000
+    assert window.model.session.settings.rate_hz == 10_000
     assert collector.settled.isActive()
     collector.settled.stop()
     collector.settle()
@@ -89,7 +89,7 @@ def test_garbage_ends_on_the_windows_thread(collected):
 def test_python_collects_by_itself_again_once_the_window_is_gone(qtbot):
     """Scripts and tests that open a window and close it are left as they were."""
     window = make_window()
-    Collector(window)
+    Collector(window, window.page_made)
     assert not gc.isenabled()
     window.close()
     window.deleteLater()

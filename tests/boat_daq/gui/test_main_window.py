@@ -25,7 +25,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, Message, MessageKind, ReadingRequest, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
-from boat_daq.viewmodels.app_model import PAGES
+from boat_daq.viewmodels.common.services import Page, Panel
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
@@ -47,7 +47,7 @@ def test_data_replace_the_first_steps(live):
 
 def test_every_page_opens(whole):
     """Each page of the navigation can be gone to and refreshed."""
-    for name in PAGES:
+    for name in Page:
         whole.go(name)
         whole.refresh()
         assert whole.page == name
@@ -78,14 +78,14 @@ def test_no_dialog_is_modal(live):
     """No panel of the window stops the rest of it."""
     live.show_keys()
     live.live.open_photograph()
-    live.show_request("connect")
+    live.show_place(Panel.CONNECT)
     assert [dialog for dialog in live.findChildren(QDialog) if dialog.isModal()] == []
 
 
 def test_vent_acts_on_the_press(live):
     """The red button vents when it is pressed, not when it is let go."""
     QTest.mousePress(live.header.vent, Qt.MouseButton.LeftButton)
-    assert live.desk.session.asked == ["vent"]
+    assert live.model.session.asked == ["vent"]
 
 
 def test_a_warning_stands_with_cause_and_remedy(make):
@@ -114,9 +114,9 @@ def test_typed_readings_can_be_undone_and_redone(make):
     QTest.keyClicks(bar.field, "2,31")
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     assert session.kept[-1].elongation_mm == 2.31
-    window.undo.stack.undo()
+    window.model.undo.undo()
     assert session.kept[-1].elongation_mm is None
-    window.undo.stack.redo()
+    window.model.undo.redo()
     assert session.kept[-1].elongation_mm == 2.31
 
 
@@ -141,7 +141,7 @@ def test_a_refused_plan_says_which_field(live):
     field.setText("7")
     field.editingFinished.emit()
     assert "divide the span" in live.live.plan.refused.text()
-    assert live.desk.sequence.plan.step_kpa == 10.0
+    assert live.model.sequence.plan.step_kpa == 10.0
 
 
 def test_an_edit_of_the_plan_can_be_undone(live):
@@ -150,10 +150,10 @@ def test_an_edit_of_the_plan_can_be_undone(live):
     field = live.live.plan.fields["cycles"]
     field.setText("2")
     field.editingFinished.emit()
-    assert live.desk.sequence.plan.cycles == 2
-    live.undo.stack.undo()
+    assert live.model.sequence.plan.cycles == 2
+    live.model.undo.undo()
     live.refresh()
-    assert live.desk.sequence.plan.cycles == 5
+    assert live.model.sequence.plan.cycles == 5
     assert field.text() == "5"
 
 
@@ -181,12 +181,12 @@ def test_cursors_give_statistics(live):
 def test_holding_stops_the_picture_not_the_data(live):
     """A held picture keeps its range while the ring goes on."""
     live.live.toggle_hold()
-    before = live.desk.live.span_s()
+    before = live.model.live.span_s()
     ring = filled_ring(400.0)
-    live.desk.session.ring = ring
-    assert live.desk.live.span_s() == before
+    live.model.session.ring = ring
+    assert live.model.live.span_s() == before
     live.live.toggle_hold()
-    assert live.desk.live.span_s()[1] == pytest.approx(399.99)
+    assert live.model.live.span_s()[1] == pytest.approx(399.99)
 
 
 def test_the_mouse_moves_the_picture_off_following(live):
@@ -195,8 +195,8 @@ def test_the_mouse_moves_the_picture_off_following(live):
     box = live.live.plots.first.item.getViewBox()
     box.setXRange(100.0, 110.0, padding=0)
     box.sigRangeChangedManually.emit([True, True])
-    assert not live.desk.live.following
-    assert live.desk.live.span_s() == pytest.approx((100.0, 110.0))
+    assert not live.model.live.following
+    assert live.model.live.span_s() == pytest.approx((100.0, 110.0))
 
 
 def test_every_plot_saves(live, tmp_path):
@@ -222,13 +222,13 @@ def test_the_window_remembers(make, tmp_path):
     first.close()
     second = make(RecordedSession(connected(), filled_ring(10.0)))
     assert second.page == "Runs"
-    assert second.desk.live.window_s == 300.0
+    assert second.model.live.window_s == 300.0
     assert second.theme is style.DARK
 
 
 def test_themes_repaint_without_an_error(whole):
     """Light and dark can be changed at any time, with every page open."""
-    for name in PAGES:
+    for name in Page:
         whole.go(name)
     whole.set_theme(style.DARK)
     assert whole.styleSheet() == style.style_sheet(style.DARK)
@@ -308,7 +308,7 @@ def test_a_file_dialog_does_not_stop_the_window(live, tmp_path):
     dialog.fileSelected.emit(str(tmp_path / "shown.csv"))
     live.refresh()
     assert (tmp_path / "shown.csv").stat().st_size > 1000
-    assert live.desk.preferences.get("folder") == str(tmp_path)
+    assert live.model.preferences.get("folder") == str(tmp_path)
     assert live.strip.text.text() == "Saved shown.csv."
 
 
@@ -395,7 +395,7 @@ def test_what_was_said_of_a_lost_link_leaves_when_it_is_back(make):
 
 def test_a_picture_that_goes_on_is_the_picture_drawn_whole(live):
     """Samples added behind the lines' ends show the same pixels as a picture that is drawn anew with them."""
-    ring, plots = live.desk.session.ring, live.live.plots
+    ring, plots = live.model.session.ring, live.live.plots
     live.frame_timer.stop()
     live.calm_timer.stop()
     newest_s, shown = float(ring.view(last=1)["time_s"][0]), []

@@ -26,8 +26,8 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import ReadingRequest, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.palette import shown
-from boat_daq.viewmodels.app_model import PAGES
 from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.common.work import Work
 from boat_daq.viewmodels.live.live import HEADINGS_SHORT, Elongation, Marker
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -64,7 +64,7 @@ def test_a_key_closes_the_palette_and_does_its_deed(live, keys):
     assert live.palette_.isVisible()
     run_shortcut(live, keys)
     assert not live.palette_.isVisible()
-    assert (live.page, live.desk.session.asked) == (("Live", ["vent"]) if keys == "Esc" else ("Calibrate", []))
+    assert (live.page, live.model.session.asked) == (("Live", ["vent"]) if keys == "Esc" else ("Calibrate", []))
 
 
 def test_commands_say_when_they_cannot(live):
@@ -108,7 +108,7 @@ def test_the_keyboard_reaches_every_button_of_the_live_page(live):
     assert [w.accessibleName() for w in wanted if w not in reached] == []
     assert [w for w in reached if not (w.accessibleName() or getattr(w, "text", str)())] == []
     live.navigation.buttons["Live"].setFocus()
-    for name in PAGES[1:]:  # the pages are one stop of Tab; the arrows go on from there
+    for name in Page[1:]:  # the pages are one stop of Tab; the arrows go on from there
         QTest.keyClick(QApplication.focusWidget() or live.focusWidget(), Qt.Key.Key_Down)
         assert live.page == name
 
@@ -158,7 +158,7 @@ def test_an_error_has_cause_remedy_details_and_a_copy(live):
     def wrong() -> None:
         raise ZeroDivisionError("nothing to divide by")
 
-    live.desk.notices.attempt(wrong)
+    live.model.notices.attempt(wrong)
     live.refresh()
     assert "Nothing to divide by" in live.strip.text.text()
     live.strip.more.click()
@@ -172,7 +172,7 @@ def test_an_error_has_cause_remedy_details_and_a_copy(live):
 def test_a_proposal_is_taken_by_a_key(live):
     """What the strip offers is done by Ctrl+J, once."""
     done = []
-    live.desk.notices.say(Level.WARNING, "x", "y", action_text="Do", action=lambda: done.append(1))
+    live.model.notices.say(Level.WARNING, "x", "y", action_text="Do", action=lambda: done.append(1))
     live.refresh()
     run_shortcut(live, "Ctrl+J")
     live.refresh()
@@ -182,7 +182,7 @@ def test_a_proposal_is_taken_by_a_key(live):
 
 def test_work_has_a_bar_and_a_cancel(live):
     """While a helper computes there is a bar; the key for cancel ends it."""
-    work = live.desk.bench.start("long", Work("Waiting", "time:sleep", 60), lambda work: None)
+    work = live.model.jobs.start("long", Work("Waiting", "time:sleep", 60), lambda work: None)
     live.refresh()
     assert live.strip.bar.isVisible()
     assert live.strip.work.text() == "Waiting"
@@ -199,7 +199,7 @@ def test_markers_by_keys_are_seen_and_kept(live):
     QTest.keyClick(live.live.note, Qt.Key.Key_Return)
     live.refresh()
     plot, line = live.live.plots._markers[0]
-    assert (plot.title, line.label.format, live.desk.session.asked[-1]) == ("Signal 1", "tapped", "mark")
+    assert (plot.title, line.label.format, live.model.session.asked[-1]) == ("Signal 1", "tapped", "mark")
     assert line.value() == pytest.approx(299.99)
 
 
@@ -209,10 +209,10 @@ def test_words_of_cursors_and_markers_are_whole(live, height):
     live.resize(840, height)
     live.refresh()
     live.draw()
-    plots, (low, high) = live.live.plots, live.desk.live.span_s()
+    plots, (low, high) = live.live.plots, live.model.live.span_s()
     plots.place_cursor("a")
     plots.place_cursor("b")
-    live.desk.live.markers += [
+    live.model.live.markers += [
         Marker(high - 0.01, "tube {touched}"),
         Marker(low + 0.5, "a note that goes on and on, much too long"),
     ]
@@ -233,7 +233,7 @@ def test_words_of_cursors_and_markers_are_whole(live, height):
 def test_a_small_window_has_room_for_the_statistics(live):
     """Between the cursors at 853 x 533: every figure stands beside the plots, whole, and nothing is pushed out."""
     live.resize(853, 533)
-    live.desk.live.inverse = lambda mv: Elongation(
+    live.model.live.inverse = lambda mv: Elongation(
         (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
     )
     page = live.live
@@ -247,7 +247,7 @@ def test_a_small_window_has_room_for_the_statistics(live):
     assert page.between.sizeHint().width() <= page.between.width()
     assert page.between.sizeHint().height() <= page.between.height()
     assert all(f">{words}<" in page.between.text() for words in (*HEADINGS_SHORT, "1, mV", "2, mV", "mm", "kPa"))
-    room = live.rooms["Live"]
+    room = live.scrolls["Live"]
     assert (room.horizontalScrollBar().maximum(), room.verticalScrollBar().maximum()) == (0, 0)
     page.plots.place_cursor("a")
     live.refresh()
@@ -343,7 +343,7 @@ def move(widget, at: QPoint) -> None:
 def test_an_rx8_line_is_pasted(empty, qtbot):
     """A line of Bridge Control Panel goes in where a profile goes, and the port is opened with it."""
     panel = empty.connect_panel
-    empty.show_request("connect")
+    empty.show_place(Panel.CONNECT)
     line = "RX8 [h=43] @1T @0T @1P @0P @1S1 @0S1 @1S2 @0S2 @0Aux [t=00]"
     QGuiApplication.clipboard().setText(line)
     panel.profile.setFocus()
@@ -351,8 +351,8 @@ def test_an_rx8_line_is_pasted(empty, qtbot):
     assert panel.profile.toPlainText() == line
     panel.port.setEditText("/dev/ttyACM9")
     panel.connect_button.click()
-    assert "connect" in empty.desk.session.asked
-    assert empty.desk.preferences.get("profile") == line
+    assert "connect" in empty.model.session.asked
+    assert empty.model.preferences.get("profile") == line
 
 
 def test_a_refused_line_stays_in_the_panel_with_its_reason(empty):
@@ -363,19 +363,19 @@ def test_a_refused_line_stays_in_the_panel_with_its_reason(empty):
         ("/nowhere/profile.toml", "cannot be read"),
         ('kind = "lines"\nname = "x"', "device"),
     ):
-        empty.show_request("connect")
+        empty.show_place(Panel.CONNECT)
         panel.port.setEditText("/dev/ttyACM9")
         panel.profile.setPlainText(pasted)
         panel.connect_button.click()
         assert panel.isVisible()
         assert says in panel.refused.text()
-        assert empty.desk.session.asked == []
-    empty.show_request("connect")
+        assert empty.model.session.asked == []
+    empty.show_place(Panel.CONNECT)
     assert not panel.refused.isVisible()
     panel.profile.setPlainText("")
     panel.connect_button.click()
-    assert empty.desk.session.asked == ["connect"]
-    assert empty.desk.notices.current() is None  # mended, it is not complained of any more
+    assert empty.model.session.asked == ["connect"]
+    assert empty.model.notices.current() is None  # mended, it is not complained of any more
 
 
 def test_a_bug_report_is_packed_without_names(live, tmp_path, qtbot):
@@ -384,7 +384,7 @@ def test_a_bug_report_is_packed_without_names(live, tmp_path, qtbot):
     dialog = next(d for d in live.findChildren(QFileDialog))
     path = tmp_path / "report.zip"
     dialog.fileSelected.emit(str(path))
-    qtbot.waitUntil(lambda: (live.refresh(), live.desk.bench.get("bug report"))[1] is None, timeout=60_000)
+    qtbot.waitUntil(lambda: (live.refresh(), live.model.jobs.get("bug report"))[1] is None, timeout=60_000)
     live.refresh()
     assert "versions.json" in zipfile.ZipFile(path).namelist()
     assert live.strip.text.text().startswith("Saved report.zip, without names")
@@ -455,10 +455,10 @@ def test_waiting_for_readings_can_be_undone(live):
     live.refresh()
     box = live.live.plan.ask_readings
     box.click()
-    assert live.desk.sequence.wait_for_reading is False
-    live.undo.stack.undo()
+    assert live.model.sequence.wait_for_reading is False
+    live.model.undo.undo()
     live.refresh()
-    assert (live.desk.sequence.wait_for_reading, box.isChecked()) == (True, True)
-    live.undo.stack.redo()
+    assert (live.model.sequence.wait_for_reading, box.isChecked()) == (True, True)
+    live.model.undo.redo()
     live.refresh()
-    assert (live.desk.sequence.wait_for_reading, box.isChecked()) == (False, False)
+    assert (live.model.sequence.wait_for_reading, box.isChecked()) == (False, False)

@@ -22,9 +22,9 @@ def listed(window, names):
     broken = dataclasses.replace(run.summary, status="interrupted", stop_reason=None, steps=3)
     damaged = dataclasses.replace(run, summary=None, problem="/a/long/way/to/x.boat cannot be read: it is malformed")
     made = [dataclasses.replace(run, path=run.path.with_name(name)) for name in names]
-    window.desk.runs.runs = [dataclasses.replace(made[0], summary=broken), damaged, *made[1:]]
-    window.desk.runs.look = lambda: None
-    window.desk.runs.revision += 1
+    window.model.runs.runs = [dataclasses.replace(made[0], summary=broken), damaged, *made[1:]]
+    window.model.runs.look = lambda: None
+    window.model.runs.revision += 1
     window.go("Runs")
     QApplication.processEvents()
     return window.pages["Runs"]
@@ -38,7 +38,7 @@ def test_the_list_of_runs_fits_and_tells_what_it_leaves_out(live, width):
     choose(page, 0)
     QApplication.processEvents()
     table = page.list
-    assert live.rooms["Runs"].horizontalScrollBar().maximum() == 0
+    assert live.scrolls["Runs"].horizontalScrollBar().maximum() == 0
     assert table.horizontalScrollBar().maximum() == 0
     assert table.columnWidth(HEADINGS.index("File")) >= table.fontMetrics().horizontalAdvance(
         "20261121-221530_SA1.boat"
@@ -54,10 +54,10 @@ def test_the_list_of_runs_fits_and_tells_what_it_leaves_out(live, width):
 def test_the_head_is_never_cut(live, width):
     """At 853 px the figures of the link and the unit's calibration were cut; what is wrong is never left out."""
     live.resize(width, 533)
-    live.desk.session.change(
+    live.model.session.change(
         hello=HELLO, health=HealthSnapshot(LinkStatistics(lost=12), 100.0, 100.0, 0.0, 3.0, None, None, None, ())
     )
-    live.desk.unit_text = lambda _: "SA1  ·  calibrated 2026-11-22"
+    live.model.unit.text = lambda _: "SA1  ·  calibrated 2026-11-22"
     live.refresh()
     QApplication.processEvents()
     head = live.header
@@ -67,7 +67,7 @@ def test_the_head_is_never_cut(live, width):
     assert "12 lost" in [f.text() for f in head.figures if f.isVisible()]
     assert "3 ms behind" in head.link.toolTip()
     assert "2026-11-22" in head.unit.toolTip()
-    assert head.unit.text() == live.desk.unit_text(None)[: None if width == 1280 else -11]
+    assert head.unit.text() == live.model.unit.text(None)[: None if width == 1280 else -11]
 
 
 @pytest.mark.parametrize("width", [NARROW, 960, 1280])
@@ -75,11 +75,11 @@ def test_no_page_of_the_models_scrolls_sideways(live, width):
     """A page that asked for the width of its sides beside each other was never narrow enough to stand them over."""
     live.resize(width, 533)
     for name in ("Optics", "Shadow", "Trade-off"):
-        live.desk.optics.choose = lambda *_: None
+        live.model.optics.choose = lambda *_: None
         live.go(name)
         QApplication.processEvents()
         QApplication.processEvents()
-        assert live.rooms[name].horizontalScrollBar().maximum() == 0, name
+        assert live.scrolls[name].horizontalScrollBar().maximum() == 0, name
         assert live.pages[name].width() >= live.pages[name].layout().minimumSize().width(), name
 
 

@@ -57,37 +57,37 @@ def test_an_unchosen_paste_overwrites_nothing(make):
     session = RecordedSession(connected(), filled_ring(10.0))
     session.marks = tuple(StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6) for n in (1, 2, 3, 4))
     window = make(session)
-    window.desk.readings.put(1, 4.0, "typed")
+    window.model.readings.put(1, 4.0, "typed")
     window.live.show_readings()
     window.live.table.view.paste("2\tunloading\t30\t3,0\n2\tunloading\t20\t2,1")
     assert [(r.step_id, r.elongation_mm) for r in session.kept[1:]] == [(2, 3.0), (3, 2.1)]
     window.live.table.view.paste("1\n2")
     assert len(session.kept) == 3
-    assert "plateaus follow" in window.desk.notices.current().cause
+    assert "plateaus follow" in window.model.notices.current().cause
     window.live.table.view.paste("4\n3\n2\n1")
     assert [r.elongation_mm for r in session.kept[3:]] == [4.0, 3.0, 2.0, 1.0]
 
 
 def test_a_refused_plan_is_marked_and_not_armed(live):
     """A step of 20 kPa was refused in red, and Arm ran the old step of 10 kPa."""
-    plan, model = live.live.plan, live.desk.sequence
+    plan, model = live.live.plan, live.model.sequence
     plan.fields["step_kpa"].setText("20")
     plan.fields["step_kpa"].editingFinished.emit()
     assert plan.refused.text() == "Step must divide the span of 90 kPa evenly."
-    live.desk.press("arm")
-    assert live.desk.session.asked == []
-    assert "Step must divide" in live.desk.notices.current().cause
+    live.model.run.press("arm")
+    assert live.model.session.asked == []
+    assert "Step must divide" in live.model.notices.current().cause
     plan.fields["cycles"].setText("2")
     plan.fields["cycles"].editingFinished.emit()
-    plan.refresh(live.desk.snapshot)
+    plan.refresh(live.model.snapshot)
     assert (model.plan.cycles, plan.fields["step_kpa"].text(), plan.fields["step_kpa"].property("wrong")) == (
         2, "20", "true",
     )  # fmt: skip
     plan.fields["high_kpa"].setText("40")
     plan.fields["high_kpa"].editingFinished.emit()
     assert (model.plan.high_kpa, model.plan.step_kpa, model.refused) == (40.0, 20.0, {})
-    live.desk.press("arm")
-    assert "arm" in live.desk.session.asked
+    live.model.run.press("arm")
+    assert "arm" in live.model.session.asked
 
 
 def test_a_photograph_read_before_its_plateau_waits_can_be_taken_then(make):
@@ -111,10 +111,10 @@ def test_a_photograph_read_before_its_plateau_waits_can_be_taken_then(make):
 
 def test_the_list_of_runs_does_not_scroll_sideways_on_a_narrow_window(live, qtbot):
     """At 853 px (150 % on 1280) the last columns were out of sight."""
-    live.desk.recordings.mkdir()
-    shutil.copy(SAMPLE, live.desk.recordings / "SA1_2026-11-21_223500.boat")
+    live.model.services.recordings.mkdir()
+    shutil.copy(SAMPLE, live.model.services.recordings / "SA1_2026-11-21_223500.boat")
     live.go("Runs")
-    live.desk.runs.look()
+    live.model.runs.look()
     qtbot.waitUntil(lambda: (live.refresh(), live.pages["Runs"].list.rowCount())[1] == 1, timeout=PATIENCE_MS)
     for width, thumbnail in ((853, THUMBNAIL[0] // 2), (1280, THUMBNAIL[0])):
         live.resize(width, 500)
@@ -127,10 +127,10 @@ def test_the_list_of_runs_does_not_scroll_sideways_on_a_narrow_window(live, qtbo
 
 def test_plots_of_the_optics_say_what_comes_before_they_have_it(live, monkeypatch):
     """Empty axes from 0 to 1 stood there, like data that are missing."""
-    monkeypatch.setattr(live.desk.optics, "choose", lambda *_: None)
+    monkeypatch.setattr(live.model.optics, "choose", lambda *_: None)
     live.go("Optics")
     page = live.pages["Optics"]
-    page.response.show_result(live.desk.optics)
+    page.response.show_result(live.model.optics)
     for card in (page.scene, page.response, page.pareto):
         assert not card.view.isVisible()
         assert "here" in card.empty_text.text()
@@ -141,11 +141,11 @@ def test_plots_of_the_optics_say_what_comes_before_they_have_it(live, monkeypatc
 
 def test_a_slip_on_close_does_not_end_a_run(live):
     """Ctrl+Q beside Ctrl+1 stopped a run without a word; asked again at once, it is meant."""
-    live.desk.session.change(state=SessionState.RUNNING)
+    live.model.session.change(state=SessionState.RUNNING)
     live.refresh()
     live.leave()
     assert live.isVisible()
-    assert live.desk.notices.current().cause == "a run is under way"
+    assert live.model.notices.current().cause == "a run is under way"
     live.leave()
     assert not live.isVisible()
 
@@ -159,10 +159,10 @@ def test_without_a_run_the_window_closes_at_once(live):
 def test_what_cannot_be_analysed_says_its_remedy_under_its_cause(live):
     """Both stood in one line, cut with an ellipsis before the remedy, over axes from 0 to 1."""
     live.go("Calibrate")
-    model, page = live.desk.calibration, live.pages["Calibrate"]
+    model, page = live.model.calibration, live.pages["Calibrate"]
     model.failure = OperatorError("x.boat is not a recording", "Choose another one.")
     model.revision += 1
-    page.refresh(live.desk.snapshot)
+    page.refresh(live.model.snapshot)
     assert (page.verdict.text(), page.headline.text()) == ("\u25a0 x.boat is not a recording", "Choose another one.")
     assert all(card.empty_text.text() == "Nothing to show." for card in page.curves)
 
@@ -171,7 +171,7 @@ def test_the_palette_knows_ordinary_words(live):
     """ "quit" proposed to edit the plan, and "night", "marker", "begin" nothing at all."""
     palette = live.palette_
     assert set(ALSO) <= {command.text for command in live.commands.commands}
-    live.desk.session.change(state=SessionState.ARMED)
+    live.model.session.change(state=SessionState.ARMED)
     live.refresh()
     for typed, meant in (
         ("quit", "Close the window"), ("exit", "Close the window"), ("night", "Dark"), ("start", "Start"),
@@ -184,7 +184,7 @@ def test_the_palette_knows_ordinary_words(live):
 
 def test_a_remembered_window_fits_a_screen_that_became_smaller(live, monkeypatch):
     """Remembered at 100 %, opened at 150 %: VENT stood beyond the edge of the screen."""
-    live.desk.preferences.set("geometry", "remembered")
+    live.model.preferences.set("geometry", "remembered")
     live.resize(1280, 800)
     monkeypatch.setattr(live, "screen", lambda: SimpleNamespace(availableSize=lambda: QSize(1280, 800)))
     live.fit_screen()

@@ -14,8 +14,8 @@ from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import Progress, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.changes import History
-from boat_daq.viewmodels.common.work import Bench, Work, WorkState
+from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.live.conversion import Preparation, prepare
 from boat_daq.viewmodels.models import optics_jobs as optics_work
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
@@ -26,7 +26,7 @@ from boat_daq.viewmodels.results.analysis_view import PosteriorResult, figure_te
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 from boat_daq.viewmodels.results.runs import RunsModel, read_run
-from tests.boat_daq.gui.recorded_session import RecordedSession, connected
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, services_in
 
 
 def until(condition, timeout_s=60.0):
@@ -92,7 +92,7 @@ def test_a_refusal_and_a_crash_are_told_apart():
 
 def test_cancelling_ends_the_process():
     """A cancelled work is over at once, and its place on the bench is free."""
-    bench, ended = Bench(), []
+    bench, ended = JobRunner(), []
     work = bench.start("long", Work("Sleeping", "time:sleep", 60), ended.append)
     bench.cancel("long")
     bench.poll()
@@ -105,7 +105,8 @@ def test_cancelling_ends_the_process():
 
 
 def model_on(tmp_path, result=None):
-    model = CalibrationModel(RecordedSession(connected()), UnitLibrary(tmp_path / "units"), Bench())
+    units, services = UnitLibrary(tmp_path / "units"), services_in(tmp_path)
+    model = CalibrationModel(RecordedSession(connected()), units, JobRunner(), services)
     model.show(result)
     return model
 
@@ -156,8 +157,9 @@ def test_the_next_calibration_is_compared_with_the_last(tmp_path, result):
 
 def test_an_acceptance_can_be_undone(tmp_path, result):
     """Undo brings the calibration before back into force, or none; nothing stored is ever taken away."""
-    history, units = History(), UnitLibrary(tmp_path / "units")
-    model = CalibrationModel(RecordedSession(connected()), units, Bench(), history)
+    services, units = services_in(tmp_path), UnitLibrary(tmp_path / "units")
+    history = services.undo
+    model = CalibrationModel(RecordedSession(connected()), units, JobRunner(), services)
     model.show(result)
     model.accept()
     history.undo()
@@ -231,7 +233,7 @@ def test_a_damaged_file_is_said_with_its_reason(tmp_path):
     path.write_bytes(b"no recording")
     model = model_on(tmp_path)
     model.analyse(path)
-    until(lambda: (model.bench.poll(), model.failure)[1] is not None)
+    until(lambda: (model.jobs.poll(), model.failure)[1] is not None)
     state, words = model.verdict()
     assert state == "fault"
     assert "broken.boat" in words
@@ -262,7 +264,7 @@ def test_figures_say_definition_and_interval():
 
 def test_cycles_in_groups_cover_all_once(result):
     """However many cycles, at most a dozen groups, each cycle in exactly one."""
-    model = RepeatabilityModel(Bench())
+    model = RepeatabilityModel(JobRunner())
     for n in (1, 2, 12, 13, 100):
         model.show(dataclasses.replace(result, cycles=n))
         groups = model.groups()
@@ -272,7 +274,7 @@ def test_cycles_in_groups_cover_all_once(result):
 
 def test_drift_begins_at_the_first_cycle(result):
     """The change of both ends is counted from the first cycle."""
-    model = RepeatabilityModel(Bench())
+    model = RepeatabilityModel(JobRunner())
     model.show(result)
     numbers, top, bottom = model.extremes(0)
     assert numbers.tolist() == [1.0, 2.0]
@@ -281,7 +283,7 @@ def test_drift_begins_at_the_first_cycle(result):
 
 def test_every_cycle_has_its_figures(result):
     """Sensitivity by the readings of each cycle near the run's own; SNR and hysteresis near the run's."""
-    model = RepeatabilityModel(Bench())
+    model = RepeatabilityModel(JobRunner())
     assert model.warm_up() == ""
     model.show(result)
     each = model.cycles(0)
@@ -300,7 +302,7 @@ def test_every_cycle_has_its_figures(result):
 def test_a_running_plan_is_read_again_now_and_then(recording):
     """Only a continuous run, only after new cycles, and never more often than the share of the machine allows."""
     now, asked = [100.0], []
-    model = RepeatabilityModel(Bench(), lambda: now[0])
+    model = RepeatabilityModel(JobRunner(), lambda: now[0])
     model.analyse = lambda path, label="": asked.append(path)
     progress = Progress("repeatability", 9, 200, 5, 100, 4, (), "loading", "ramping", 50.0, 1.0, 90.0, 900.0)
     plan = built_in_plans()["repeatability"]
@@ -344,7 +346,7 @@ def test_runs_are_listed_with_what_they_are(recording, tmp_path):
 
 def test_the_list_comes_by_polling(recording, tmp_path):
     """The folder is read beside the window; a second look without change is no change."""
-    model = RunsModel(recording.parent, UnitLibrary(tmp_path), Bench())
+    model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
     model.look()
     until(lambda: (model.poll(), model.runs)[1])
     revision = model.revision
@@ -371,7 +373,7 @@ def test_exports_read_back(recording, tmp_path):
 
 def test_a_run_compared_with_itself_differs_by_nothing(recording, tmp_path):
     """The difference of two equal runs is zero over the range."""
-    model = RunsModel(recording.parent, UnitLibrary(tmp_path), Bench())
+    model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
     model.comparison = run_work.compare_runs([recording, recording])
     lines, words = model.comparison_lines()
     assert len(lines) == 2
@@ -390,7 +392,7 @@ def test_a_design_comes_with_all_its_states():
     assert np.all((found.ndr >= 0) & (found.ndr <= 350))
     rays = found.scenes[7].released
     assert np.nanmin(rays[:, 0]) >= -1.0
-    model = OpticsModel(Bench())
+    model = OpticsModel(JobRunner())
     model.result = found
     model.state = 0
     assert "state 0 of 14" in model.state_text()
@@ -400,7 +402,7 @@ def test_a_design_comes_with_all_its_states():
 def test_a_cell_of_a_map_is_its_design():
     """A click takes spacing across and depth up; beside the map it takes nothing."""
     chosen = []
-    model = OpticsModel(Bench())
+    model = OpticsModel(JobRunner())
     model.choose = lambda values, face: chosen.append((values, face))
     model.pick(5, 1.0, 4.3, 0.2)
     model.pick(5, 1.0, 6.5, 0.2)

@@ -8,14 +8,14 @@ from unittest.mock import Mock
 import pytest
 
 from analysis.fidelity import fidelity
-from boat_daq.viewmodels.common.changes import History
 from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.undo import UndoHistory
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 
 
 def sequence(folder: Path) -> SequenceModel:
-    model = SequenceModel(Mock(), History())
+    model = SequenceModel(Mock(), UndoHistory())
     model.remember_in(Preferences(folder))
     return model
 

@@ -11,19 +11,16 @@ import pytest
 from analysis import load_recording
 from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.recording.resumption import BrokenRun
-from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, RunEnding, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.changes import History
-from boat_daq.viewmodels.common.notices import Notices
-from boat_daq.viewmodels.common.work import Bench
+from boat_daq.viewmodels.common.undo import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel
+from boat_daq.viewmodels.live.resume_run import ResumeRun
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.results.closed_run import ClosedRun
-from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, told
-from boat_daq.viewmodels.resume_run import GoingOn
+from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, obstacle, read_run, told
 from protocol.recording import RunEnd
-from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle, services_in
 
 SAMPLE = Path(__file__).parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
 
@@ -36,7 +33,7 @@ def closed(tmp_path):
 
 def test_readings_of_an_older_run_are_corrected_by_newer_rows(closed):
     """A correction, its undo and its redo are rows behind the first; the last one counts, for the analysis too."""
-    history, run = History(), ClosedRun(closed)
+    history, run = UndoHistory(), ClosedRun(closed)
     table = ReadingsModel(run, history)
     rows = table.rows(idle())
     step, before, entered = rows[4].step_id, rows[4].elongation_mm, len(run.readings())
@@ -75,11 +72,10 @@ def test_which_runs_can_go_on(closed):
     assert not dataclasses.replace(run, summary=None).resumable
 
 
-def going_on(tmp_path, session):
-    """A `GoingOn` on a session that only shows."""
-    runs = RunsModel(tmp_path, UnitLibrary(tmp_path / "units"), Bench())
-    notices, shown = Notices(), []
-    return GoingOn(session, SequenceModel(session, History()), runs, notices, lambda: shown.append(1)), notices, runs
+def resumption(tmp_path, session, read=lambda path, then: None):
+    """A `ResumeRun` on a session that only shows, and its notices."""
+    services = services_in(tmp_path)
+    return ResumeRun(session, SequenceModel(session, UndoHistory()), read, services), services.notices
 
 
 def marks(plan, cycles):
@@ -100,12 +96,12 @@ def test_a_run_broken_by_an_unplug_is_offered_to_go_on(tmp_path):
         run_ended=RunEnding(RunEnd.FAULT, "unplugged"),
         state=SessionState.FAULT,
     )
-    model, notices, runs = going_on(tmp_path, session)
-    model.watch(dataclasses.replace(session.shown, link=LinkState.LOST))
-    model.watch(session.shown)
+    model, notices = resumption(tmp_path, session)
+    model.follow(dataclasses.replace(session.shown, link=LinkState.LOST))
+    model.follow(session.shown)
     assert notices.current() is None
     session.change(state=SessionState.IDLE)
-    model.watch(session.shown)
+    model.follow(session.shown)
     offer = notices.current()
     assert offer is not None
     assert "after 2 whole cycles" in offer.cause
@@ -114,9 +110,8 @@ def test_a_run_broken_by_an_unplug_is_offered_to_go_on(tmp_path):
     offer.action()
     assert session.asked == ["arm"]
     session.change(state=SessionState.ARMED)
-    model.watch(session.shown)
+    model.follow(session.shown)
     assert notices.current() is None
-    runs.close()
 
 
 @pytest.mark.parametrize("cycles", [0, 5])
@@ -131,29 +126,34 @@ def test_nothing_is_offered_where_nothing_is_left(tmp_path, cycles):
         run_ended=RunEnding(RunEnd.FAULT, "unplugged"),
         state=SessionState.FAULT,
     )
-    model, notices, runs = going_on(tmp_path, session)
-    model.watch(session.shown)
+    model, notices = resumption(tmp_path, session)
+    model.follow(session.shown)
     session.change(state=SessionState.IDLE)
-    model.watch(session.shown)
+    model.follow(session.shown)
     assert notices.current() is None
-    runs.close()
 
 
 def test_a_closed_run_resumed_only_on_a_free_board(tmp_path, closed):
     """Without a board, or while something is recorded, it is refused; else armed, and Start is left to the hand."""
     session = RecordedSession(idle())
-    model, notices, runs = going_on(tmp_path, session)
+    model, notices = resumption(tmp_path, session)
     with pytest.raises(OperatorError, match="no board"):
         model.resume(closed, session.shown)
     with pytest.raises(OperatorError, match="being recorded"):
         model.resume(closed, dataclasses.replace(connected(), recording=tmp_path / "other.boat"))
     plan = built_in_plans()["calibration"]
     broken = BrokenRun(closed, {}, plan, (), (), 3, 2, "stopped")
-    runs.resume = lambda path, then: then(broken)
-    model.resume(closed, connected())
+    session = RecordedSession(idle())
+    model, notices = resumption(tmp_path, session, lambda path, then: then(broken))
+    with pytest.raises(OperatorError, match="no board"):
+        model.resume(closed)
+    session.shown = dataclasses.replace(connected(), recording=tmp_path / "other.boat")
+    with pytest.raises(OperatorError, match="being recorded"):
+        model.resume(closed)
+    session.shown = connected()
+    model.resume(closed)
     assert session.asked == ["resume_recording", "arm"]
-    assert "goes on at cycle 3: press Start" in notices.current().cause
-    runs.close()
+    assert "resumes at cycle 3: press Start" in notices.current().cause
 
 
 def test_what_cannot_be_done_with_the_chosen_runs_says_why(closed):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.snapshot import LinkState, Phase, Progress, ReadingRequest, SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.changes import History
+from boat_daq.viewmodels.common.undo import UndoHistory
 from boat_daq.viewmodels.live.connection import link_text
 from boat_daq.viewmodels.live.live import HEADINGS, HEADINGS_SHORT, Elongation, LiveModel, with_holes
 from boat_daq.viewmodels.live.overlay import OverlayModel
@@ -200,7 +200,7 @@ def test_every_state_has_its_buttons():
     """No state of a session is without a line in the table, and every button does something."""
     assert set(BUTTONS) == set(SessionState)
     session = RecordedSession(connected())
-    model = SequenceModel(session, History())
+    model = SequenceModel(session, UndoHistory())
     for button in {b for row in BUTTONS.values() for b in row}:
         model.press(button)
     assert sorted(session.asked) == sorted(["arm", "start", "disarm", "pause", "resume", "stop", "clear_fault"])
@@ -209,7 +209,7 @@ def test_every_state_has_its_buttons():
 def test_a_board_that_cannot_be_commanded_offers_nothing():
     """A replay or a text profile shows data; no button of the run is offered."""
     session = RecordedSession(dataclasses.replace(connected(), can_command=False))
-    assert SequenceModel(session, History()).allowed(session.snapshot()) == ()
+    assert SequenceModel(session, UndoHistory()).allowed(session.snapshot()) == ()
 
 
 @pytest.mark.parametrize(
@@ -223,14 +223,14 @@ def test_a_board_that_cannot_be_commanded_offers_nothing():
 )
 def test_a_bad_entry_is_refused_and_changes_nothing(key, text, part):
     """The refusal names the reason; the plan stays as it was."""
-    model = SequenceModel(RecordedSession(idle()), History())
+    model = SequenceModel(RecordedSession(idle()), UndoHistory())
     assert part in model.edit(key, text)
     assert model.plan == PLAN
 
 
 def test_an_entry_is_kept_and_undone():
     """A good entry changes the plan through the history."""
-    history = History()
+    history = UndoHistory()
     model = SequenceModel(RecordedSession(idle()), history)
     assert model.edit("low_kpa", "\u221230") == ""
     assert model.plan.low_kpa == -30.0
@@ -284,7 +284,7 @@ def test_a_remark_says_which_plateau_and_how_much():
     session = read_session()
     mark = session.marks[13]
     session.add_reading(14, elongation(mark) + 2.0, "typed")
-    row = ReadingsModel(session, History()).rows(session.snapshot())[13]
+    row = ReadingsModel(session, UndoHistory()).rows(session.snapshot())[13]
     assert row.cells[-1].startswith("+") and row.cells[-1].endswith(" mm?")
     assert (mark.target_kpa, mark.branch, mark.cycle) == (0.0, "loading", 1)
     assert " mm at 0 kPa, loading, cycle 1, where the running fit says " in row.hover
@@ -299,7 +299,7 @@ def test_what_became_of_a_plateau_stands_in_its_line(status, detail, word):
     """Only a plateau that still drifted is called not steady; one that was never reached is called that."""
     session = RecordedSession(connected())
     session.marks = (dataclasses.replace(plateaus(1)[2], status=status, detail=detail),)
-    (row,) = ReadingsModel(session, History()).rows(session.snapshot())
+    (row,) = ReadingsModel(session, UndoHistory()).rows(session.snapshot())
     assert row.cells[-1] == word
     assert ("+30 kPa, unloading, cycle 1" in row.hover) is bool(word)
 
@@ -309,7 +309,7 @@ def test_a_plateau_that_was_cut_short_is_not_missing():
     session = RecordedSession(connected())
     cut = plateaus(1)[5]
     session.marks = (*plateaus(1)[:5], dataclasses.replace(cut, status="aborted"))
-    model = ReadingsModel(session, History())
+    model = ReadingsModel(session, UndoHistory())
     for mark in session.marks[:5]:
         session.add_reading(mark.number, 1.0, "typed")
     assert model.summary(model.rows(session.snapshot())) == "all 5 plateaus read"
@@ -320,7 +320,7 @@ def test_a_plateau_that_was_cut_short_is_not_missing():
 def test_the_way_out_asks_for_no_reading():
     """The vent at the end is a step, but no plateau: it has no line, is not counted, and takes no value of a paste."""
     session = read_session(StepMark(99, 0, "end", 0.0, 0.0, 10**6, status="reached"))
-    model, n = ReadingsModel(session, History()), len(plateaus())
+    model, n = ReadingsModel(session, UndoHistory()), len(plateaus())
     rows = model.rows(session.snapshot())
     assert len(rows) == n
     assert model.summary(rows) == f"all {n} plateaus read"
@@ -334,7 +334,7 @@ def test_a_paste_enters_all_or_nothing():
     """A bad line is named and nothing is kept; a good column goes line by line from the chosen plateau on."""
     session = RecordedSession(connected())
     session.marks = plateaus(1)
-    history = History()
+    history = UndoHistory()
     model = ReadingsModel(session, history)
     with pytest.raises(OperatorError, match="line 3"):
         model.paste("mm\n1.0\nx\n2.0", 1)
@@ -352,7 +352,7 @@ def test_the_question_names_the_plateau():
     session = RecordedSession(dataclasses.replace(
         connected(), waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.1, 99.0)))  # fmt: skip
     session.marks = plateaus(1)
-    model = ReadingsModel(session, History())
+    model = ReadingsModel(session, UndoHistory())
     assert model.question(session.snapshot()) == "Elongation at +30 kPa, unloading, cycle 1"
     assert [row.step_id for row in model.rows(session.snapshot()) if row.current] == [3]
 

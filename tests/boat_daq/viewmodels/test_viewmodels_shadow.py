@@ -11,7 +11,7 @@ import pytest
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Phase, Progress
 from boat_daq.viewmodels.common.formatting import number
-from boat_daq.viewmodels.common.work import Bench, Failure, WorkState
+from boat_daq.viewmodels.common.work import Failure, JobRunner, WorkState
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live import Elongation
 from boat_daq.viewmodels.live.overlay import OverlayModel
@@ -45,7 +45,7 @@ def model():
 
 
 def pane_on(ring, model, inverse):
-    pane = ShadowLive(lambda: ring, lambda: inverse, Bench())
+    pane = ShadowLive(lambda: ring, lambda: inverse, JobRunner())
     pane.model = model
     return pane
 
@@ -124,7 +124,7 @@ def held(ring, model, monkeypatch, elongation, pressure=-42.0):
     started = []
     monkeypatch.setattr(shadow_live, "Work", Helper)
     pane = pane_on(ring, model, None)
-    pane._bench.start = lambda name, work, then: started.append((work, then))
+    pane._jobs.start = lambda name, work, then: started.append((work, then))
     pane.now = lambda: Moment(pressure, elongation, 0.3, True)
     return pane, started
 

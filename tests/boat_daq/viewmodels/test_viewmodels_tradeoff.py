@@ -15,7 +15,7 @@ from analysis.tradeoff import Method, Setting
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import duration_text, power_text
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.common.work import Bench, WorkState
+from boat_daq.viewmodels.common.work import JobRunner, WorkState
 from boat_daq.viewmodels.models import tradeoff_jobs
 from boat_daq.viewmodels.models.atlas import AtlasModel, read_maps
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel
@@ -83,27 +83,27 @@ def test_the_last_result_is_there_at_the_next_start(tmp_path):
     """A loaded result is kept; a broken file is said, not fatal; the CSV has a row for each point."""
     source = tmp_path / "given.json"
     source.write_text(json.dumps(report()), encoding="utf-8")
-    model = TradeoffModel(Bench(), tmp_path / "config", Preferences(tmp_path / "config"))
+    model = TradeoffModel(JobRunner(), tmp_path / "config", Preferences(tmp_path / "config"))
     model.load(source)
     model.save(tmp_path / "out.csv")
     assert len((tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()) == 3
-    again = TradeoffModel(Bench(), tmp_path / "config", Preferences(tmp_path / "config"))
+    again = TradeoffModel(JobRunner(), tmp_path / "config", Preferences(tmp_path / "config"))
     assert list(again.charts) == ["inverse"]
     again.path.write_text("{", encoding="utf-8")
-    broken = TradeoffModel(Bench(), tmp_path / "config", Preferences(tmp_path / "config"))
+    broken = TradeoffModel(JobRunner(), tmp_path / "config", Preferences(tmp_path / "config"))
     assert broken.charts == {}
     assert "measure again" in broken.status()
 
 
 def test_nothing_chosen_is_refused(tmp_path):
     """A measurement of no method says what to tick; a tick is remembered."""
-    model = TradeoffModel(Bench(), tmp_path, Preferences(tmp_path))
+    model = TradeoffModel(JobRunner(), tmp_path, Preferences(tmp_path))
     for name in METHODS:
         model.choose(name, on=False)
     with pytest.raises(OperatorError, match="no method is chosen"):
         model.toggle()
     model.choose("tracer", on=True)
-    assert TradeoffModel(Bench(), tmp_path, Preferences(tmp_path)).chosen == ("tracer",)
+    assert TradeoffModel(JobRunner(), tmp_path, Preferences(tmp_path)).chosen == ("tracer",)
 
 
 def test_what_the_helper_measures_is_what_the_page_reads(monkeypatch):
@@ -158,7 +158,7 @@ def study():
 def test_a_swept_map_is_read_with_its_words(monkeypatch, tmp_path):
     """Outcome, error and what was said stand at their place; beside the map there are no words."""
     monkeypatch.setattr(tradeoff_jobs, "chosen_studies", lambda names: [study()])
-    model = AtlasModel(Bench(), tmp_path)
+    model = AtlasModel(JobRunner(), tmp_path)
     model.take(json.loads(json.dumps(tradeoff_jobs.sweep_method("fit"))))
     shown = model.maps["fit"][0]
     assert [p.outcome for p in shown.cells[0]] == ["works", "degraded", "refused"]
@@ -197,16 +197,16 @@ def swept(method, name="map", outcome="works"):
 
 def test_a_new_sweep_replaces_its_method_and_keeps_the_others(tmp_path):
     """What the helper sends joins what was kept, and is there at the next start; a broken file is said."""
-    model = AtlasModel(Bench(), tmp_path)
+    model = AtlasModel(JobRunner(), tmp_path)
     work = SimpleNamespace(state=WorkState.DONE, failure=None, result=None)
     for result in (swept("fit"), swept("alarms"), swept("fit", outcome="refused")):
         work.result = result
         model._ended(work)
-    again = AtlasModel(Bench(), tmp_path)
+    again = AtlasModel(JobRunner(), tmp_path)
     assert {m: shown[0].cells[0][0].outcome for m, shown in again.maps.items()} == {
         "alarms": "works",
         "fit": "refused",
     }
     assert again.status("figures") == "not mapped yet"
     again.path.write_text("[]", encoding="utf-8")
-    assert AtlasModel(Bench(), tmp_path).status("fit") == "\u25b2 the last maps could not be read; sweep again"
+    assert AtlasModel(JobRunner(), tmp_path).status("fit") == "\u25b2 the last maps could not be read; sweep again"

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common import formatting, tables
-from boat_daq.viewmodels.common.changes import Change, History
 from boat_daq.viewmodels.common.matching import ranked
 from boat_daq.viewmodels.common.notices import Level, Notices
 from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.undo import Change, UndoHistory
 from boat_daq.viewmodels.live import axis
 
 finite = st.floats(-1e9, 1e9)
@@ -134,7 +134,7 @@ def test_preferences_last_and_a_broken_file_is_no_end(tmp_path):
 def test_history_undoes_in_order():
     """Undo takes the last change back first; redo does it again; a new change forgets what was undone."""
     values = [0]
-    history = History()
+    history = UndoHistory()
     for n in (1, 2):
         history.push(Change(f"{n}", lambda n=n: values.append(n), values.pop))
     history.undo()

@@ -9,12 +9,13 @@ import pytest
 from PySide6.QtCore import QPointF
 
 from analysis.fidelity import fidelity
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.common.work import Failure, WorkState
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
 from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
-from tests.boat_daq.gui.models.test_tradeoff_page import desk  # noqa: F401 - a fixture
+from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 NORMAL = fidelity("normal")
 LINE = np.array([[0.0, 0.0], [75.0, 1.0]])
@@ -63,25 +64,25 @@ def swept(rays=250):
 
 
 @pytest.fixture
-def page(qtbot, desk, monkeypatch):  # noqa: F811 - the fixture above
+def page(qtbot, app_model, monkeypatch):  # noqa: F811 - the fixture above
     """The page, shown, with the paper's design traced."""
     from boat_daq.gui.models.optics_page import OpticsPage
 
     FakeWork.made = []
     monkeypatch.setattr(optics, "Work", FakeWork)
-    shown = OpticsPage(desk)
+    shown = OpticsPage(app_model.optics, app_model.services)
     qtbot.addWidget(shown)
     shown.resize(1100, 700)
     shown.show()
-    shown.refresh(desk.snapshot)
+    shown.refresh(app_model.snapshot)
     FakeWork.made[-1].bring(traced())
     tell(shown)
     return shown
 
 
 def tell(page):
-    page.desk.bench.poll()
-    page.refresh(page.desk.snapshot)
+    page.model.jobs.poll()
+    page.refresh(SessionSnapshot(SessionState.IDLE, LinkState.CLOSED))
 
 
 def test_the_search_is_started_stopped_and_says_what_it_gained(page):
@@ -141,7 +142,7 @@ def test_a_trace_that_comes_late_is_not_shown_for_another_design(page):
     late.bring(traced((3, 0.5, 0.5, 0.5)))
     page.model.values = PAPER
     page.model.result = None
-    page.desk.bench.poll()
+    page.model.jobs.poll()
     assert page.model.result is None
     page.model.choose((3, 0.5, 0.5, 0.5))
     assert page.model.result is late.result

@@ -8,7 +8,7 @@ import pytest
 from analysis.errors import DataError
 from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
 from boat_daq.viewmodels.live.shadow_monitor import CycleMark
-from tests.boat_daq.gui.models.test_tradeoff_page import desk  # noqa: F401 - a fixture
+from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 
 def mark(cycle, deviation=0.04, loss=-130.0):
@@ -16,18 +16,18 @@ def mark(cycle, deviation=0.04, loss=-130.0):
 
 
 @pytest.fixture
-def page(qtbot, desk):  # noqa: F811 - the fixture above
+def page(qtbot, app_model):  # noqa: F811 - the fixture above
     """The page on a monitor that has seen a leak."""
     from boat_daq.gui.models.shadow_page import ShadowPage
 
-    desk.shadow.prepare = lambda: None
-    shown = ShadowPage(desk)
+    app_model.shadow.prepare = lambda: None
+    shown = ShadowPage(app_model.shadow, app_model.monitor, app_model.services)
     qtbot.addWidget(shown)
-    desk.monitor.marks = [mark(c, loss=-130.0 + 2.0 * (c > 9)) for c in range(1, 13)]
-    desk.monitor.alarms = [Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, ("leak",))]
-    desk.monitor.revision += 1
+    app_model.monitor.marks = [mark(c, loss=-130.0 + 2.0 * (c > 9)) for c in range(1, 13)]
+    app_model.monitor.alarms = [Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, ("leak",))]
+    app_model.monitor.revision += 1
     shown.show()
-    shown.refresh(desk.snapshot)
+    shown.refresh(app_model.snapshot)
     return shown
 
 
@@ -48,26 +48,26 @@ def test_each_figure_of_the_cycles_can_be_drawn(page):
     page.cycles.show_cycles()
     assert page.cycles.points.y.tolist() == [0.0] * 9 + [2.0] * 3
     assert page.cycles.plot.unit == "%/min"
-    page.desk.monitor.marks = [CycleMark(1, 0.0, np.nan, mark(1).figures)]
+    page.monitor.marks = [CycleMark(1, 0.0, np.nan, mark(1).figures)]
     page.cycles.figure.setCurrentIndex(page.cycles.figure.findData("deviation"))
     page.cycles.show_cycles()
     assert page.cycles.points.x.size == 0
 
 
-def test_no_alarm_is_said_too(page):
+def test_no_alarm_is_said_too(page, app_model):  # noqa: F811 - the fixture above
     """A healthy run says so, with the rate of false alarms that is allowed."""
     doubtful = Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, (), independent=False)
-    page.desk.monitor.alarms = [doubtful]
-    assert page.desk.monitor.rows()[0].sure == "2\u2009500 cycles or fewer"
-    page.desk.monitor.alarms = []
-    page.desk.monitor.revision += 1
-    page.refresh(page.desk.snapshot)
+    page.monitor.alarms = [doubtful]
+    assert page.monitor.rows()[0].sure == "2\u2009500 cycles or fewer"
+    page.monitor.alarms = []
+    page.monitor.revision += 1
+    page.refresh(app_model.snapshot)
     healthy, rate = "\u25cf none in 12 cycles", "one false alarm in 1\u2009000 healthy cycles is allowed"
     assert page.verdict.text() == f"{healthy}; too few cycles yet to promise a leak or softening; {rate}"
     assert not page.alarms.isVisible()
 
 
-def test_a_cycle_that_cannot_be_judged_is_said_and_the_next_one_counts(page):
+def test_a_cycle_that_cannot_be_judged_is_said_and_the_next_one_counts(page, app_model):  # noqa: F811 - the fixture above
     """Its error comes to the strip; the window goes on; an alarm found with it is told with the next look."""
 
     class Done:
@@ -84,13 +84,13 @@ def test_a_cycle_that_cannot_be_judged_is_said_and_the_next_one_counts(page):
 
     alarm = Alarm("leak", "loss", "%/min", 2.0, 13, 13, 9000.0)
     bad = DataError("no elongation is known in this cycle", "check the calibration's range")
-    page.desk.monitor._told = len(page.desk.monitor.alarms)
-    page.desk.monitor._futures = [Done((mark(13), [alarm], {})), Done(bad), Done((mark(15), [], {}))]
-    page.desk.tick()
-    assert page.desk.notices.current().cause == "no elongation is known in this cycle"
-    page.desk.tick()
-    assert any("leak since cycle 13" in notice.cause for notice in page.desk.notices.history)
-    assert [m.cycle for m in page.desk.monitor.marks][-2:] == [13, 15]
+    page.monitor._told = len(page.monitor.alarms)
+    page.monitor._futures = [Done((mark(13), [alarm], {})), Done(bad), Done((mark(15), [], {}))]
+    app_model.tick()
+    assert app_model.notices.current().cause == "no elongation is known in this cycle"
+    app_model.tick()
+    assert any("leak since cycle 13" in notice.cause for notice in app_model.notices.history)
+    assert [m.cycle for m in page.monitor.marks][-2:] == [13, 15]
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "csv"])
@@ -102,10 +102,10 @@ def test_the_picture_of_the_shadow_is_saved(page, tmp_path, suffix):
     assert path.read_bytes().startswith(start)
 
 
-def test_what_a_command_sets_is_seen_in_the_pane(page):
+def test_what_a_command_sets_is_seen_in_the_pane(page, app_model):  # noqa: F811 - the fixture above
     """Colour and cost are the model's: both panes follow, scale and all."""
-    page.desk.shadow.quantity, page.desk.shadow.show_cost = "strain", True
-    page.refresh(page.desk.snapshot)
+    page.model.quantity, page.model.show_cost = "strain", True
+    page.refresh(app_model.snapshot)
     assert page.pane.quantity.currentData() == "strain"
     assert page.pane.cost.isChecked()
     assert page.pane.view.scale_words[1] == "strain 20 % or more"

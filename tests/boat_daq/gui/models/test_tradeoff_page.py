@@ -21,30 +21,30 @@ from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import point, report
 
 
 @pytest.fixture
-def desk(qtbot, tmp_path):
-    """A desk on a session that only shows."""
+def app_model(qtbot, tmp_path):
+    """A model on a session that only shows."""
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui.app import make_application
-    from boat_daq.viewmodels.app_model import Desk
+    from boat_daq.viewmodels.app_model import AppModel
 
     make_application()
-    made = Desk(RecordedSession(idle()), tmp_path / "config", tmp_path / "rec", UnitLibrary(tmp_path / "units"))
+    made = AppModel(RecordedSession(idle()), tmp_path / "config", tmp_path / "rec", UnitLibrary(tmp_path / "units"))
     yield made
     made.close()
 
 
 @pytest.fixture
-def page(qtbot, desk):
+def page(qtbot, app_model):
     """The page, shown, with one method measured."""
     from boat_daq.gui.models.tradeoff_page import TradeoffPage
 
-    shown = TradeoffPage(desk)
+    shown = TradeoffPage(app_model.tradeoff, app_model.atlas, app_model.precision, app_model.services)
     qtbot.addWidget(shown)
     shown.resize(1100, 700)
-    desk.tradeoff.take(report())
-    desk.tradeoff.show("inverse")
+    app_model.tradeoff.take(report())
+    app_model.tradeoff.show("inverse")
     shown.show()
-    shown.refresh(desk.snapshot)
+    shown.refresh(app_model.snapshot)
     return shown
 
 
@@ -84,7 +84,7 @@ def test_the_chart_is_saved(page, tmp_path, suffix):
     assert suffix != "csv" or b"fine,2.0,0.0,0.001" in content
 
 
-def test_a_measurement_is_started_watched_and_stopped(page, desk, monkeypatch):
+def test_a_measurement_is_started_watched_and_stopped(page, app_model, monkeypatch):
     """The button starts and stops, the bar follows, the result is drawn; a tick takes a method out."""
 
     class FakeWork:
@@ -104,34 +104,34 @@ def test_a_measurement_is_started_watched_and_stopped(page, desk, monkeypatch):
     monkeypatch.setattr(tradeoff, "Work", FakeWork)
     page.methods.item(0).setCheckState(Qt.CheckState.Unchecked)
     page.start.click()
-    page.refresh(desk.snapshot)
+    page.refresh(app_model.snapshot)
     assert asked == [(tuple(tradeoff.METHODS)[1:], True)]
     assert (page.start.text(), page.progress.value()) == ("Stop", 400)
-    work = desk.tradeoff.work
+    work = app_model.tradeoff.work
     work.state, work.result = WorkState.DONE, report("tracer")
-    desk.bench.poll()
-    page.refresh(desk.snapshot)
+    app_model.jobs.poll()
+    page.refresh(app_model.snapshot)
     assert page.start.text() == "Measure"
-    assert set(desk.tradeoff.charts) == {"inverse", "tracer"}
+    assert set(app_model.tradeoff.charts) == {"inverse", "tracer"}
     page.start.click()
     page.start.click()
-    desk.bench.poll()
-    assert desk.tradeoff.work is None
+    app_model.jobs.poll()
+    assert app_model.tradeoff.work is None
 
 
-def test_a_map_is_told_by_colour_hatching_and_letter(page, desk):
+def test_a_map_is_told_by_colour_hatching_and_letter(page, app_model):
     """A place that works has the plain ground, a refused one is hatched; pointing at it says what was answered."""
     axis = {"name": "noise", "unit": "mV", "values": [1.0, 2.0], "labels": []}
     cells = [
         [{"outcome": "works", "error": 0.0, "said": ""}, {"outcome": "refused", "error": None, "said": "too much"}]
     ]
-    desk.atlas.take(
+    app_model.atlas.take(
         {"maps": [{
             "name": "m", "method": "inverse", "title": "A map", "truth": "t", "unit": "mm", "tolerance": 0.1,
             "x": axis, "y": axis | {"values": [0.0]}, "cells": cells,
         }]}
     )  # fmt: skip
-    page.refresh(desk.snapshot)
+    page.refresh(app_model.snapshot)
     card = page.atlas
     item, cells = card.items[0]
     centre = [item.getViewBox().mapViewToScene(QPointF(x, 0.5)) for x in (0.5, 1.5)]
@@ -148,15 +148,15 @@ def test_a_map_is_told_by_colour_hatching_and_letter(page, desk):
     assert card.columns()["message"] == ["", "too much"]
 
 
-def test_a_method_without_a_chart_shows_its_map_alone(page, desk):
+def test_a_method_without_a_chart_shows_its_map_alone(page, app_model):
     """Nothing empty stands above the maps."""
-    desk.tradeoff.show("fit")
-    page.refresh(desk.snapshot)
+    app_model.tradeoff.show("fit")
+    page.refresh(app_model.snapshot)
     assert not page.upper.isVisible()
     assert page.atlas.readout.text() == "not mapped yet"
 
 
-def test_the_fidelity_reaches_what_the_window_computes_and_stays(page, desk):
+def test_the_fidelity_reaches_what_the_window_computes_and_stays(page, app_model):
     """Draft and reference move rays, table, sampler and live points; the choice is there at the next start."""
     from boat_daq.viewmodels.common.preferences import Preferences
 
@@ -164,16 +164,16 @@ def test_the_fidelity_reaches_what_the_window_computes_and_stays(page, desk):
     assert draft.rays < reference.rays
     page.level.setCurrentIndex(page.level.findData("draft"))
     page.level.activated.emit(page.level.currentIndex())
-    assert (desk.live.points_a_column, desk.optics.traced_rays, desk.calibration.fidelity) == (
+    assert (app_model.live.points_a_column, app_model.optics.traced_rays, app_model.calibration.fidelity) == (
         draft.points_a_column, draft.rays, draft,
     )  # fmt: skip
-    desk.set_fidelity("reference")
-    page.refresh(desk.snapshot)
+    app_model.precision.choose("reference")
+    page.refresh(app_model.snapshot)
     assert page.level.currentData() == "reference"
-    assert desk.optics.swept_rays == reference.ranking_rays
-    assert Preferences(desk.folder).get("fidelity") == "reference"
-    desk.preferences.set("fidelity", "nonsense")
-    assert desk.fidelity == "normal"
+    assert app_model.optics.swept_rays == reference.ranking_rays
+    assert Preferences(app_model.folder).get("fidelity") == "reference"
+    app_model.preferences.set("fidelity", "nonsense")
+    assert app_model.precision.level == "normal"
 
 
 @pytest.mark.parametrize(("low", "high", "labels"), [(-1.2, 0.1, ["0.1", "0.2", "0.5", "1"]), (-14.0, 0.0, 8)])
@@ -187,9 +187,9 @@ def test_a_logarithmic_axis_has_round_labels(qtbot, low, high, labels):
 
 def test_on_a_narrow_page_the_table_stands_under_the_chart(page, qtbot):
     """Beside each other where there is room; over each other, each with a height of its own, where there is not."""
-    from boat_daq.gui.widgets.page_scroll import Room
+    from boat_daq.gui.widgets.page_scroll import PageScroll
 
-    room = Room()
+    room = PageScroll()
     qtbot.addWidget(room)
     room.setWidget(page)
     room.resize(1100, 700)

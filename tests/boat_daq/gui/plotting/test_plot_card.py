@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication, QToolButton
 from boat_daq.engine.plan import StepMark
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
-from boat_daq.viewmodels.app_model import PAGES
+from boat_daq.viewmodels.common.services import Page
 from tests.boat_daq.gui.models.test_optics_page import swept, traced
 from tests.boat_daq.gui.models.test_shadow_page import mark
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -35,27 +35,27 @@ SHOWN = {"Live": 2, "Calibrate": 4, "Repeat": 4, "Runs": 2, "Optics": 4, "Shadow
 
 def fill(window, page: str) -> None:
     """Give a page what it draws."""
-    desk = window.desk
+    model = window.model
     if page == "Calibrate":
-        desk.calibration.show(result())
+        model.calibration.show(result())
     elif page == "Repeat":
-        desk.repeatability.show(result())
+        model.repeatability.show(result())
     elif page == "Runs":
-        desk.runs.ages = lambda unit: [(np.arange(1.0, 4.0), np.array([39.0, 39.5, 38.0])), (np.arange(1.0, 4.0),) * 2]
-        desk.runs.unit_lines = lambda: [("SA1", "2026-01-01", "39 / 29", "run.boat")]
-        desk.runs.revision += 1
+        model.runs.ages = lambda unit: [(np.arange(1.0, 4.0), np.array([39.0, 39.5, 38.0])), (np.arange(1.0, 4.0),) * 2]
+        model.runs.unit_lines = lambda: [("SA1", "2026-01-01", "39 / 29", "run.boat")]
+        model.runs.revision += 1
     elif page == "Optics":
-        desk.optics.result, desk.optics._sweeps["default"] = traced(), swept()
-        desk.optics.revision += 1
+        model.optics.result, model.optics._sweeps["default"] = traced(), swept()
+        model.optics.revision += 1
     elif page == "Shadow":
         pressure = np.linspace(-45.0, 55.0, 21)
-        desk.shadow.nominal_curve = lambda: (pressure, 0.07 * pressure, 0.06 * pressure, 0.08 * pressure)
-        desk.monitor.marks = [mark(cycle) for cycle in (1, 2, 3)]
-        desk.monitor.revision += 1
+        model.shadow.nominal_curve = lambda: (pressure, 0.07 * pressure, 0.06 * pressure, 0.08 * pressure)
+        model.monitor.marks = [mark(cycle) for cycle in (1, 2, 3)]
+        model.monitor.revision += 1
     elif page == "Trade-off":
-        desk.tradeoff.take(report())
-        desk.atlas.take(mapped("inverse"))
-        desk.tradeoff.show("inverse")
+        model.tradeoff.take(report())
+        model.atlas.take(mapped("inverse"))
+        model.tradeoff.show("inverse")
 
 
 @pytest.fixture
@@ -67,8 +67,8 @@ def loaded(make, monkeypatch, tmp_path, request):
     )
     window = make(session)
 
-    def answer(parent, desk, stem, suffix, then, *, done=None):
-        desk.notices.attempt(lambda: then(tmp_path / f"saved.{suffix}"))
+    def answer(parent, model, stem, suffix, then, *, done=None):
+        model.notices.attempt(lambda: then(tmp_path / f"saved.{suffix}"))
 
     monkeypatch.setattr("boat_daq.gui.main_window.ask_save", answer)
     monkeypatch.setattr("boat_daq.gui.plotting.shadow_pane.ask_save", answer)
@@ -77,7 +77,7 @@ def loaded(make, monkeypatch, tmp_path, request):
     window.go(request.param)
     window.refresh()
     window.draw()
-    window.pages[request.param].refresh(window.desk.snapshot)
+    window.pages[request.param].refresh(window.model.snapshot)
     QApplication.processEvents()
     return window
 
@@ -94,7 +94,7 @@ def looked_at(window, page):
     if page == "Live":
         window.live.toggle_overlay()
     elif page == "Runs":
-        window.desk.runs.comparison = (result(), result(5.0))
+        window.model.runs.comparison = (result(), result(5.0))
     else:
         return
     window.refresh()
@@ -133,7 +133,7 @@ def check_numbers(path, card) -> None:
                     assert any(column[: len(written)] == written for column in columns), f"{card.title}: {layer.name}"
 
 
-@pytest.mark.parametrize("loaded", PAGES, indirect=True, ids=PAGES)
+@pytest.mark.parametrize("loaded", tuple(Page), indirect=True, ids=tuple(Page))
 def test_every_plot_leaves_by_menu_and_by_keyboard(loaded, tmp_path, request):
     """Copy, PNG, SVG and CSV of each plot; the file holds the picture, or the drawn numbers with units."""
     page, clipboard, seen = loaded.page, QGuiApplication.clipboard(), []
@@ -158,7 +158,7 @@ def test_every_plot_leaves_by_menu_and_by_keyboard(loaded, tmp_path, request):
                 way()
                 if kind == "copy":
                     check_picture(clipboard.image(), card.title)
-                    assert loaded.desk.notices.current().cause == f"Copied: {card.title}"
+                    assert loaded.model.notices.current().cause == f"Copied: {card.title}"
                 elif kind == "png":
                     check_picture(QImage(str(path)), card.title)
                 elif kind == "svg":
@@ -177,12 +177,12 @@ def test_what_is_empty_is_not_saved_and_says_what_comes(empty, tmp_path):
     button_of(card).setFocus()
     for keys in ("Ctrl+Shift+C", "Ctrl+S", "Ctrl+E"):
         run_shortcut(empty, keys)
-        assert "nothing is drawn yet" in empty.desk.notices.current().cause
-        assert "accepted calibration" in empty.desk.notices.current().remedy
-        empty.desk.notices.dismiss(empty.desk.notices.current())
+        assert "nothing is drawn yet" in empty.model.notices.current().cause
+        assert "accepted calibration" in empty.model.notices.current().remedy
+        empty.model.notices.dismiss(empty.model.notices.current())
 
 
 def test_without_a_plot_the_keys_say_so(empty):
     """Before the first sample the live page has none; the keys did nothing."""
     run_shortcut(empty, "Ctrl+S")
-    assert empty.desk.notices.current().cause == "no plot is shown"
+    assert empty.model.notices.current().cause == "no plot is shown"

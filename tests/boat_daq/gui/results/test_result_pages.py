@@ -61,15 +61,15 @@ def result(offset: float = 0.0, flags: tuple[str, ...] = (), **more) -> RunResul
 
 def test_the_last_calibration_stands_beside_this_one(live):
     """Accept one, look at another 2 mV away: its curve is drawn, the coefficients and E_n stand in the table."""
-    desk = live.desk
+    model = live.model
     live.go("Calibrate")
     page = live.pages["Calibrate"]
-    desk.calibration.show(result())
+    model.calibration.show(result())
     live.refresh()
     assert "no earlier calibration" in page.comparison.text()
     run_shortcut(live, "Ctrl+Return")
-    desk.calibration.accepted = None
-    desk.calibration.show(result(offset=2.0))
+    model.calibration.accepted = None
+    model.calibration.show(result(offset=2.0))
     live.refresh()
     assert page.beside.rowCount() == 8
     assert page.beside.item(0, 2).text() != page.beside.item(0, 1).text()
@@ -81,15 +81,15 @@ def test_the_last_calibration_stands_beside_this_one(live):
 
 def test_an_acceptance_is_undone_by_a_key(live):
     """Ctrl+Return stores and uses it, Ctrl+Z takes it out of force, Ctrl+Shift+Z puts it back."""
-    desk = live.desk
+    model = live.model
     live.go("Calibrate")
-    desk.calibration.show(result())
+    model.calibration.show(result())
     live.refresh()
     page = live.pages["Calibrate"]
     for keys, in_force in (("Ctrl+Return", True), ("Ctrl+Z", False), ("Ctrl+Shift+Z", True)):
         run_shortcut(live, keys)
         live.refresh()
-        assert (desk.units.load("SA1").calibration is not None) is in_force
+        assert (model.units.load("SA1").calibration is not None) is in_force
         assert page.accept.isEnabled() is not in_force
         assert ("calibrated 20" in live.header.unit.text()) is in_force
 
@@ -97,7 +97,7 @@ def test_an_acceptance_is_undone_by_a_key(live):
 def test_curve_and_bands_are_of_the_posterior_once_it_is_there(live):
     """The mean with both of its bands; without a posterior the fit's own."""
     live.go("Calibrate")
-    live.desk.calibration.show(result())
+    live.model.calibration.show(result())
     live.refresh()
     card = live.pages["Calibrate"].curves[0]
     assert card.readout.text().endswith("fit")
@@ -107,8 +107,8 @@ def test_curve_and_bands_are_of_the_posterior_once_it_is_there(live):
         PosteriorResult(GRID, fit + 3, (fit + 2, fit + 4), (fit, fit + 6), (fit - 5, fit + 9),
                         {"converged": True, "n_eff": 9000.0, "acceptance": 0.4})
     ] * 2  # fmt: skip
-    live.desk.calibration.posterior = tuple(found)
-    live.desk.calibration.revision += 1
+    live.model.calibration.posterior = tuple(found)
+    live.model.calibration.revision += 1
     live.refresh()
     assert card.readout.text().endswith("emcee")
     assert card.curve.y == pytest.approx(fit + 3)
@@ -123,7 +123,7 @@ def test_every_cycle_is_drawn_and_a_break_is_seen(live):
     broken = result(breaks=(BreakResult(4.5, "the run was broken after 4 cycles (interrupted)", rows),))
     live.go("Repeat")
     page = live.pages["Repeat"]
-    live.desk.repeatability.show(broken)
+    live.model.repeatability.show(broken)
     live.refresh()
     for card in (page.hysteresis, page.sensitivity, page.snr):
         assert card.sensors[0].x.tolist() == list(range(1, CYCLES + 1))
@@ -132,7 +132,7 @@ def test_every_cycle_is_drawn_and_a_break_is_seen(live):
     assert page.tabs.count() == 2
     assert page.tested.item(0, 3).text() == "▲ 0.0004"
     assert "broken after 4 cycles" in page.broken.text()
-    live.desk.repeatability.show(dataclasses.replace(broken, breaks=()))
+    live.model.repeatability.show(dataclasses.replace(broken, breaks=()))
     live.refresh()
     assert (page.break_lines, page.tabs.count()) == ([], 1)
 
@@ -150,12 +150,12 @@ def poor_result(**more) -> RunResult:
 @pytest.mark.parametrize("size", [(1280, 800), (853, 533)])
 def test_what_is_poor_stands_beside_the_offer_to_accept(live, size):
     """Figures, bounds and their source are said in sight of a button that is not the next step; accepting is marked."""
-    desk = live.desk
-    desk.preparation.ask = lambda content: None  # the live conversion is not looked at here
+    model = live.model
+    model.unit.preparation.ask = lambda content: None  # the live conversion is not looked at here
     live.resize(*size)
     live.go("Calibrate")
     page = live.pages["Calibrate"]
-    desk.calibration.show(result())
+    model.calibration.show(result())
     live.refresh()
     assert (page.accept.text(), page.accept.property("role"), page.judgement.isVisible()) == (
         "Accept",
@@ -163,7 +163,7 @@ def test_what_is_poor_stands_beside_the_offer_to_accept(live, size):
         False,
     )
     assert page.verdict.property("state") == "ok"
-    desk.calibration.show(poor_result())
+    model.calibration.show(poor_result())
     live.refresh()
     QApplication.processEvents()
     assert page.verdict.property("state") == "warning"
@@ -173,12 +173,12 @@ def test_what_is_poor_stands_beside_the_offer_to_accept(live, size):
     for widget in (page.accept, page.poor, page.bounds):
         assert whole_in_sight(live, widget)
     page.accept.click()
-    stored = desk.units.load("SA1").calibration
+    stored = model.units.load("SA1").calibration
     assert stored is not None
     assert stored.content["poor"] == [page.poor.text()]
     live.refresh()
     assert "though poor" in page.verdict.text()
-    assert desk.unit_text(desk.snapshot).endswith(", poor")
+    assert model.unit.text(model.snapshot).endswith(", poor")
 
 
 def test_a_curve_that_turns_says_why_and_leads_to_its_readings(live):
@@ -188,8 +188,8 @@ def test_a_curve_that_turns_says_why_and_leads_to_its_readings(live):
     whole = result(flags=("recorded at night", "Sensor 1: the reading +4.20 mm at 0 kPa is off the curve"))
     fit = whole.sensors[0].content["fit"] | {"monotone": False}
     turned = dataclasses.replace(whole.sensors[0], content=whole.sensors[0].content | {"fit": fit})
-    live.desk.calibration.show(dataclasses.replace(whole, sensors=(turned, whole.sensors[1])))
-    live.desk.calibration.last_path = Path("run.boat")
+    live.model.calibration.show(dataclasses.replace(whole, sensors=(turned, whole.sensors[1])))
+    live.model.calibration.last_path = Path("run.boat")
     live.refresh()
     assert page.verdict.text().endswith("the curve turns inside its range")
     assert "one signal would stand for two elongations" in page.poor.text()
@@ -201,35 +201,35 @@ def test_readings_are_corrected_from_the_calibration_page(live, tmp_path, qtbot)
     """The panel beside the window shows a correction, and its undo, by itself."""
     path = Path(shutil.copy(SAMPLE, tmp_path / "older.boat"))
     live.go("Calibrate")
-    live.desk.calibration.show(poor_result())
-    live.desk.calibration.last_path = path
+    live.model.calibration.show(poor_result())
+    live.model.calibration.last_path = path
     live.refresh()
     live.pages["Calibrate"].look.click()
     (panel,) = live.findChildren(ClosedReadings)
     before, index = panel.table.model.rows[2].cells[3], panel.table.model.index(2, 3)
     panel.table.model.setData(index, "1.25")
     qtbot.waitUntil(lambda: index.data() == "1.25", timeout=10_000)
-    live.undo.stack.undo()
+    live.model.undo.undo()
     qtbot.waitUntil(lambda: index.data() == before, timeout=10_000)
     panel.close()
 
 
 def test_a_key_alone_accepts_nothing_poor(live):
     """Ctrl+Return on a poor calibration asks in the strip, without a box; its answer accepts."""
-    desk = live.desk
-    desk.preparation.ask = lambda content: None  # the live conversion is not looked at here
+    model = live.model
+    model.unit.preparation.ask = lambda content: None  # the live conversion is not looked at here
     live.go("Calibrate")
-    desk.calibration.show(poor_result())
+    model.calibration.show(poor_result())
     live.refresh()
     run_shortcut(live, "Ctrl+Return")
-    assert desk.units.load("SA1").calibration is None
-    notice = desk.notices.current()
+    assert model.units.load("SA1").calibration is None
+    notice = model.notices.current()
     assert notice is not None
     assert "R\u00b2 0.7512 (at least 0.9988)" in notice.cause
     assert (notice.action_text, QApplication.activeModalWidget()) == ("Accept anyway", None)
     assert notice.action is not None
     notice.action()
-    assert desk.units.load("SA1").calibration is not None
+    assert model.units.load("SA1").calibration is not None
 
 
 def test_remarks_scroll_and_leave_the_figures_and_the_offer_in_sight(live):
@@ -240,7 +240,7 @@ def test_remarks_scroll_and_leave_the_figures_and_the_offer_in_sight(live):
     flags = tuple(
         f"Sensor 1: the reading +6.86 mm at +50 kPa, unloading, cycle {i} is off the curve" for i in range(40)
     )
-    live.desk.calibration.show(dataclasses.replace(poor_result(), flags=flags))
+    live.model.calibration.show(dataclasses.replace(poor_result(), flags=flags))
     live.refresh()
     QApplication.processEvents()
     assert page.flags.text().count("\u25b2") == 40
@@ -270,7 +270,7 @@ def test_what_is_missing_for_a_curve_stands_in_its_place(live, run, title, actio
     """Without readings, cycles or plateaus: no empty axes, but what is missing, and the next step as a button."""
     live.go("Calibrate")
     page = live.pages["Calibrate"]
-    live.desk.calibration.show(run)
+    live.model.calibration.show(run)
     live.refresh()
     assert not any(card.isVisible() for card in page.curves)
     assert not page.actuator.view.isVisible()
@@ -278,7 +278,7 @@ def test_what_is_missing_for_a_curve_stands_in_its_place(live, run, title, actio
     assert page.missing.title.text() == title
     assert (page.missing.button.text() if page.missing.button.isVisible() else "") == action
     assert title in page.verdict.text()
-    live.desk.calibration.show(result())
+    live.model.calibration.show(result())
     live.refresh()
     assert all(card.isVisible() for card in page.curves)
 
@@ -287,10 +287,10 @@ def test_the_next_step_of_a_run_without_plateaus_is_the_other_page(live):
     """The button shows the run on the Repeat page."""
     live.go("Calibrate")
     run = dataclasses.replace(without_readings(0), plateaus=0)
-    live.desk.calibration.show(run)
+    live.model.calibration.show(run)
     live.refresh()
     live.pages["Calibrate"].missing.button.click()
-    assert (live.page, live.desk.repeatability.result) == ("Repeat", run)
+    assert (live.page, live.model.repeatability.result) == ("Repeat", run)
 
 
 def test_one_count_of_plateaus(live):
@@ -301,17 +301,17 @@ def test_one_count_of_plateaus(live):
         (19, "19 of 37 plateaus read, all in the curve"),
         (20, "20 of 37 plateaus read, 19 in the curve"),
     ):
-        live.desk.calibration.show(dataclasses.replace(result(), plateaus=37, read=read))
+        live.model.calibration.show(dataclasses.replace(result(), plateaus=37, read=read))
         live.refresh()
         assert words in page.headline.text()
-    live.desk.calibration.show(dataclasses.replace(result(), plateaus=19, read=19))
+    live.model.calibration.show(dataclasses.replace(result(), plateaus=19, read=19))
     live.refresh()
     assert "all 19 plateaus read, all in the curve" in page.headline.text()
 
 
 def test_repeat_says_what_is_missing(live):
     """No run, a run without a whole cycle, one that cannot be read: words and the next step, never empty axes."""
-    desk, model = live.desk, live.desk.repeatability
+    app_model, model = live.model, live.model.repeatability
     live.go("Repeat")
     page = live.pages["Repeat"]
     live.refresh()
@@ -329,7 +329,7 @@ def test_repeat_says_what_is_missing(live):
     live.refresh()
     assert (page.missing.isVisible(), page.missing.words.text()) == (True, "damaged. Recover it.")
     page.missing.button.click()
-    assert desk.sequence.plan.name == "repeatability"
+    assert app_model.sequence.plan.name == "repeatability"
 
 
 def test_a_figure_that_no_cycle_has_is_said(live):
@@ -339,7 +339,7 @@ def test_a_figure_that_no_cycle_has_is_said(live):
     whole = result()
     none = dataclasses.replace(whole.sensors[0].cycles, hysteresis_percent_fso=np.full(CYCLES, np.nan))
     sensors = tuple(dataclasses.replace(s, cycles=none) for s in whole.sensors)
-    live.desk.repeatability.show(dataclasses.replace(whole, sensors=sensors))
+    live.model.repeatability.show(dataclasses.replace(whole, sensors=sensors))
     live.refresh()
     assert (page.hysteresis.view.isVisible(), page.hysteresis.empty_text.isVisible()) == (False, True)
     assert page.snr.view.isVisible()
@@ -347,6 +347,6 @@ def test_a_figure_that_no_cycle_has_is_said(live):
 
 def whole_in_sight(window, widget) -> bool:
     """Whether all of a widget is inside the window's page without scrolling."""
-    room = window.rooms["Calibrate"].viewport()
+    room = window.scrolls["Calibrate"].viewport()
     place = widget.mapTo(room, QPoint(0, 0))
     return widget.isVisible() and room.rect().contains(QRect(place, widget.size()))

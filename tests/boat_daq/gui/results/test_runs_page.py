@@ -53,7 +53,7 @@ def save_as(window, target: Path) -> None:
 
 def wait(window, qtbot, name: str) -> None:
     """Wait for a piece of work to end."""
-    qtbot.waitUntil(lambda: (window.refresh(), window.desk.bench.get(name))[1] is None, timeout=PATIENCE_MS)
+    qtbot.waitUntil(lambda: (window.refresh(), window.model.jobs.get(name))[1] is None, timeout=PATIENCE_MS)
     window.refresh()
 
 
@@ -79,7 +79,7 @@ def test_exports_and_report_are_made(runs, tmp_path, qtbot):
     save_as(window, tmp_path / "run.parquet")
     wait(window, qtbot, "export")
     assert (tmp_path / "run.parquet").read_bytes()[:4] == b"PAR1"
-    forget_readings(window.desk.runs.runs[0].path)
+    forget_readings(window.model.runs.runs[0].path)
     page.buttons["report"].click()
     save_as(window, tmp_path / "run.html")
     wait(window, qtbot, "report")
@@ -107,7 +107,7 @@ def test_replay_plays_in_real_time(runs):
     window, page = runs
     choose(page, 1)
     path, asked = page.selected()[0].path, []
-    window.desk.session.connect = lambda url, **more: asked.append(url)
+    window.model.session.connect = lambda url, **more: asked.append(url)
     page.buttons["replay"].menu().actions()[2].trigger()
     assert asked == [f"replay:{path}@20"]
     assert window.page == "Live"
@@ -116,15 +116,15 @@ def test_replay_plays_in_real_time(runs):
 def test_the_page_s_key_leads_to_the_list_and_the_newest_run_is_chosen(runs):
     """After Ctrl+4 it took five Tabs to the list, where nothing was chosen and every button was grey."""
     window, page = runs
-    assert [run.path for run in page.selected()] == [window.desk.runs.runs[0].path]
+    assert [run.path for run in page.selected()] == [window.model.runs.runs[0].path]
     assert page.buttons["open"].isEnabled()
     window.go("Live")
     run_shortcut(window, "Ctrl+4")
     assert window.focusWidget() is page.list
     QTest.keyClick(page.list, Qt.Key.Key_Down)
-    assert [run.path for run in page.selected()] == [window.desk.runs.runs[1].path]
+    assert [run.path for run in page.selected()] == [window.model.runs.runs[1].path]
     page.list.clearSelection()
-    window.desk.runs.revision += 1
+    window.model.runs.revision += 1
     window.refresh()
     assert page.selected() == []  # what a hand has put away stays away
 
@@ -136,7 +136,7 @@ def test_a_key_that_can_do_nothing_says_why(runs):
     for go_to, said in (("Runs", "two to four"), ("Live", "Go to the Runs page")):
         window.go(go_to)
         run_shortcut(window, "Ctrl+Alt+M")
-        notice = window.desk.notices.current()
+        notice = window.model.notices.current()
         assert "Compare the chosen runs" in notice.cause
         assert said in notice.remedy
         window.commands.refresh()

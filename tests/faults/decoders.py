@@ -1,6 +1,6 @@
-"""Everything that reads bytes from outside, in one table: what the fuzzers and the tests of hostile files go through.
+"""Everything that reads bytes from outside, in one table: called by the fuzzers and the tests of hostile files.
 
-An entry takes bytes and either uses them or refuses them by one of the three families of errors; anything else that
+An entry takes bytes and either uses them or raises an error of one of the three families; anything else that
 is raised is a finding. Where two ways of decoding must agree, the entry compares them.
 """
 
@@ -57,7 +57,7 @@ Decoder = Callable[[bytes], object]
 
 @cache
 def folder() -> Path:
-    """A folder for the files of one run, in memory where there is such a place."""
+    """Return a folder for the files of one process, in memory where the system has such a folder."""
     shared = Path("/dev/shm")
     made = Path(tempfile.mkdtemp(prefix="boat-fuzz-", dir=shared if shared.is_dir() else None))
     atexit.register(shutil.rmtree, made, ignore_errors=True)
@@ -65,7 +65,7 @@ def folder() -> Path:
 
 
 def kept(data: bytes, name: str) -> Path:
-    """A file that holds the bytes; what an earlier input left beside it is gone."""
+    """Write the bytes to a file and return its path; files of an earlier input are removed."""
     shutil.rmtree(folder(), ignore_errors=True)
     folder().mkdir()
     path = folder() / name
@@ -74,7 +74,7 @@ def kept(data: bytes, name: str) -> Path:
 
 
 def attempt(read: Callable[[], object]) -> object:
-    """What a reader returns; None where it refused, with a cause."""
+    """Return what a reader returns, None where it raised an error that has a cause."""
     try:
         return read()
     except REFUSALS as refusal:
@@ -173,7 +173,7 @@ def rx8_format(data: bytes) -> None:
 
 
 def recording(data: bytes) -> None:
-    """A file that says it is a recording, through every door that opens one."""
+    """A file with a recording's suffix, through every function that opens one."""
     path = kept(data, "run.boat")
     before = path.read_bytes()
     for read in (load_recording, summarise, verify_recording):
@@ -193,7 +193,7 @@ def _small_recording() -> bytes:
 
 
 def cells(data: bytes) -> None:
-    """A sound recording in which some cells hold what they never should: another type, giant numbers, odd JSON."""
+    """A valid recording in which some cells hold another type, giant numbers or unexpected JSON."""
     path = kept(_small_recording(), "run.boat")
     with closing(sqlite3.connect(path)) as db:
         tables = [row[0] for row in db.execute("SELECT name FROM sqlite_schema WHERE type = 'table' ORDER BY name")]

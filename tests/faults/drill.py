@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Drill:
-    """One board, one session, one recording; `close` before looking at the file."""
+    """One board, one session, one recording; `close` before reading the file."""
 
     def __init__(self, home: Path, session: Session, *, truth: Path) -> None:
         self.path = home / "run.boat"
@@ -45,9 +45,9 @@ class Drill:
         self.session.start()
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], seconds: float = 60.0) -> SessionSnapshot:
-        """Wait for a state; it has come when this returns."""
+        """Return the first snapshot that meets the condition; fail if none does in time."""
         seen = self.session.wait(condition, seconds)
-        assert condition(seen), f"never came: {seen.state}, {seen.link}, {[m.cause for m in seen.messages][-5:]}"
+        assert condition(seen), f"not reached: {seen.state}, {seen.link}, {[m.cause for m in seen.messages][-5:]}"
         return seen
 
     def until_sample(self, index: int) -> None:
@@ -55,7 +55,7 @@ class Drill:
         self.wait(lambda s: s.recorded_s * 100 > index or s.link is LinkState.LOST, 120)
 
     def close(self) -> Recording:
-        """Close the recording, see that it is identical to its bytes, and return it."""
+        """Close the recording, check that it is identical to its bytes, and return it."""
         self.session.stop_recording()
         verdict = verify_recording(self.path)
         assert verdict.identical, verdict.difference
@@ -66,28 +66,28 @@ class Drill:
         return read_boat_file(self.path)
 
     def ends(self) -> tuple[int, int]:
-        """Index of the first and of the last sample in the file."""
+        """Return the index of the first and of the last sample in the file."""
         index = self.again().index
         return int(index[0]), int(index[-1])
 
     def rows(self, sql: str) -> list[tuple[Any, ...]]:
-        """Rows of the recording."""
+        """Return rows of the recording."""
         with closing(open_recording(self.path)) as db:
             return db.execute(sql).fetchall()
 
     def commands(self) -> list[tuple[int, Command]]:
-        """Sequence number and command of everything that was sent, repetitions included."""
+        """Return sequence number and command of every frame sent, repetitions included."""
         sent = b"".join(raw for (raw,) in self.rows("SELECT raw FROM chunk WHERE direction = 1 ORDER BY id"))
         decoded = [(frame.seq, decode_command(frame)) for frame in FrameReader().receive(sent)]
         return [(seq, command) for seq, command in decoded if not isinstance(command, int)]
 
     def truth(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """The board's own run, index, time, pressure, elongation and signals, one row a sample that it took."""
+        """Return the board's own run, index, time, pressure, elongation and signals, one row per sample."""
         lines = self._truth.read_text(encoding="utf-8").splitlines()[2:-1]
         return np.array([line.split(",") for line in lines], dtype=float)
 
     def vented(self) -> bool:
-        """Whether the board itself is at rest."""
+        """Return whether the board's own pressure is ambient."""
         return abs(self.truth()[-1, 3]) < 1.0
 
 

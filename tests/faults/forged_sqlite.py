@@ -1,4 +1,4 @@
-"""SQLite files that no SQLite would write, made byte by byte."""
+"""SQLite files that SQLite itself never writes, made byte by byte."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ JOURNAL = bytes.fromhex("d9d505f920a163d7")  # begins SQLite's rollback journal,
 
 
 def varint(number: int) -> bytes:
-    """A number as SQLite keeps it, up to 28 bits."""
+    """Return a number as SQLite stores it, up to 28 bits."""
     groups = [number >> shift & 127 for shift in (21, 14, 7, 0)]
     while len(groups) > 1 and not groups[0]:
         del groups[0]
@@ -19,7 +19,7 @@ def varint(number: int) -> bytes:
 
 
 def shared_pages(path: Path, rows: int) -> None:
-    """Let many rows of `block` share the pages of one long value: a file of 4 MB that says it holds 4 MB x `rows`."""
+    """Let many rows of `block` share the pages of one long value: a file of 4 MB that claims 4 MB x `rows`."""
     with closing(sqlite3.connect(path, isolation_level=None)) as db:
         db.execute("PRAGMA journal_mode=DELETE")
         db.execute("DELETE FROM block")
@@ -60,14 +60,14 @@ def shared_pages(path: Path, rows: int) -> None:
 
 
 def journal_that_names(path: Path, other: Path) -> Path:
-    """Lay a journal beside a database, as if a change of several files had been broken off, `other` among them."""
+    """Write a journal beside a database, as if a transaction over several files, `other` among them, had been cut."""
     content, nonce = path.read_bytes(), 12_345
     head = JOURNAL + struct.pack(">5I", 1, nonce, len(content) // 4096, 512, 4096)
     page = content[:4096]
     checksum = (nonce + sum(page[at] for at in range(4096 - 200, 0, -200))) & 0xFFFFFFFF
     body = head.ljust(512, b"\0") + struct.pack(">I", 1) + page + struct.pack(">I", checksum)
     name = str(other).encode()
-    told = struct.pack(">I", 2**30 // 4096 + 1) + name + struct.pack(">II", len(name), sum(name)) + JOURNAL
+    names = struct.pack(">I", 2**30 // 4096 + 1) + name + struct.pack(">II", len(name), sum(name)) + JOURNAL
     journal = path.with_name(path.name + "-journal")
-    journal.write_bytes(body.ljust(-(-len(body) // 512) * 512, b"\0") + told)
+    journal.write_bytes(body.ljust(-(-len(body) // 512) * 512, b"\0") + names)
     return journal

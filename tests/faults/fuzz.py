@@ -1,7 +1,7 @@
 """Coverage-guided fuzzing of every decoder: `make fuzz SECONDS=3600`, or `python -m tests.faults.fuzz 60 csv mesh`.
 
 Each decoder has its share of the time, in a process of its own, from the seeds of `seeds.py` and what earlier runs
-have found to be new (kept in FOLDER). A finding ends its process; the input stays in FOLDER and is said at the end.
+have found to be new (stored in FOLDER). A finding ends its process; the input stays in FOLDER and is printed.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def fuzz(name: str, seconds: int) -> None:
 
 
 def main(seconds: int, names: list[str]) -> int:
-    """Fuzz decoders one after the other; 1 where something was found."""
+    """Fuzz decoders one after the other; return 1 if something was found."""
     from tests.faults.decoders import DECODERS
 
     names = names or list(DECODERS)
@@ -57,8 +57,8 @@ def main(seconds: int, names: list[str]) -> int:
         with log.open("w") as file:
             command = [sys.executable, "-m", "tests.faults.fuzz", "--one", name, str(share)]
             code = subprocess.run(command, stdout=file, stderr=subprocess.STDOUT).returncode
-        told = log.read_text(errors="replace").splitlines()
-        runs = next((line.split()[-1] for line in told if "number_of_executed_units" in line), "?")
+        lines = log.read_text(errors="replace").splitlines()
+        runs = next((line.split()[-1] for line in lines if "number_of_executed_units" in line), "?")
         print(f"{name}: {share} s, {runs} inputs, {'nothing found' if code == 0 else f'FOUND, see {log}'}", flush=True)
         found += [name] if code else []
     return 1 if found else 0

@@ -1,4 +1,4 @@
-"""A few of something with every change, many of it at night."""
+"""Parameters of tests that inject a fault a few times with every change and many times at night."""
 
 from __future__ import annotations
 

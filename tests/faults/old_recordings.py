@@ -1,4 +1,4 @@
-"""Small recordings of the virtual board, laid out as any version of the program has laid them out."""
+"""Small recordings of the virtual board in every layout that the program has ever written."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SCHEMAS = {path.stem: path for path in sorted((Path(__file__).parent / "schemas"
 
 
 def write_recording(path: Path, *, blocks: int = 4) -> Path:
-    """Record 200 ms of board time a block with today's program, a marker and a reading in it, and close it."""
+    """Record `blocks` blocks of 200 ms of board time with a marker, a reading and a result, and return the path."""
     source = Source()
     recorder = Recorder(path, meta_of(source.link))
     recorder.attached(source.link.decoder_state())
@@ -33,7 +33,7 @@ def write_recording(path: Path, *, blocks: int = 4) -> Path:
 
 
 def write_old_recording(path: Path, schema: str, *, status: str = "closed") -> Path:
-    """The same session as the program of that schema would have written it: what it had no column for is left out."""
+    """Write the same session in an older layout, without the columns that it lacks, and return the path."""
     new = write_recording(path.with_name("new.boat"))
     with closing(sqlite3.connect(path)) as db:
         db.executescript(SCHEMAS[schema].read_text(encoding="utf-8"))

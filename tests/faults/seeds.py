@@ -1,4 +1,4 @@
-"""One or more good inputs of every decoder, to begin from."""
+"""One or more valid inputs of every decoder: where mutation and fuzzing start."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def _link() -> list[bytes]:
 
 
 def _commands() -> list[bytes]:
-    asked = (Identify(), Heartbeat(2000), SetLimits(-40_000, 50_000), Start(100), SetPressure(20_000, 5_000), Vent())
-    pieces = [encode_command(command, 0).rstrip(b"\0") for command in asked]
+    commands = (Identify(), Heartbeat(2000), SetLimits(-40_000, 50_000), Start(100), SetPressure(20_000, 5_000), Vent())
+    pieces = [encode_command(command, 0).rstrip(b"\0") for command in commands]
     return [b"".join(piece.ljust(16, b"\1") for piece in pieces)]
 
 
@@ -93,7 +93,7 @@ def _arrays() -> bytes:
 
 
 def seeds(name: str) -> list[bytes]:
-    """Good inputs of a decoder."""
+    """Return valid inputs of a decoder."""
     profiles = [path.read_bytes() for path in sorted(Path(ROOT / "protocol" / "profiles").glob("*.toml"))]
     match name:
         case "framing" | "bulk":

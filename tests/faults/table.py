@@ -1,7 +1,7 @@
-"""docs/FAULTS.md from the tests' own marks: `python -m tests.faults.table` writes it, `test_table.py` holds it.
+"""docs/FAULTS.md from the tests' own marks: `python -m tests.faults.table` writes it, `test_table.py` compares it.
 
-A test says what it injects by `@pytest.mark.fault(NUMBER, how="...", times=N)`, on a function, a class or a parameter.
-The marks are read from the source, not by running it: what the page says stands above the test that does it.
+A test declares what it injects by `@pytest.mark.fault(NUMBER, how="...", times=N)` on a function, class or parameter.
+The marks are read from the source without running it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ HEAD = """# Faults: what is injected, how often, and what must come of it
 
 Made from the marks of the tests by `make faults`; do not edit. Each row of a fault is a test: how it injects the fault,
 how many times, where it is, and when it runs (CI: with every change, `make test`; nightly: `make nightly`). The outcome
-is what the test looks for; nothing recorded may ever be lost or altered on the way, nobody gets a traceback, and
-pressure never goes where it should not.
+is what the test checks; in addition no recorded sample is lost or altered, no user sees a traceback, and
+pressure never leaves its limits.
 """
 
 
@@ -47,14 +47,14 @@ class Injection:
 
 
 def faults() -> tuple[Fault, ...]:
-    """The 54, in order."""
+    """Return the 54 faults, in order."""
     rows = tomllib.loads((Path(__file__).parent / "faults.toml").read_text(encoding="utf-8"))["fault"]
     return tuple(Fault(**row) for row in rows)
 
 
 @cache
 def injections() -> list[Injection]:
-    """Every mark in tests/, in the order of faults and files."""
+    """Return every mark in tests/, by fault and file."""
     files = sorted((ROOT / "tests").rglob("test_*.py"))
     found = [mark for path in files for mark in _marks(path)]
     return sorted(found, key=lambda mark: (mark.number, mark.nightly))
@@ -87,7 +87,7 @@ def _marks(path: Path) -> Iterator[Injection]:
 
 
 def _fault_calls(node: ast.AST, nightly: bool = False) -> Iterator[tuple[ast.Call, bool]]:
-    """Give the marks and the `few_and_many` below a decorator, and whether theirs is a nightly parameter."""
+    """Yield the marks and `few_and_many` calls inside a decorator, and whether each is a nightly parameter."""
     if isinstance(node, ast.Call) and (ast.unparse(node.func) == "pytest.mark.fault" or _is_few_and_many(node)):
         yield node, nightly
         return
@@ -110,7 +110,7 @@ def _is_nightly(node: ast.AST) -> bool:
 
 
 def page() -> str:
-    """The page's text."""
+    """Return the text of docs/FAULTS.md."""
     marks = injections()
     lines = [HEAD]
     group = ""

@@ -19,9 +19,9 @@ X = np.tile(np.linspace(-2.7, 3.8, 10), 9)
 TRUTH = np.polynomial.Polynomial(PAPER[0])
 
 
-@pytest.mark.fault(42, how="branches that share no stretch, and branches that share one", times=2)
-def test_branches_that_do_not_overlap() -> None:
-    """Undefined, with the reason; where they touch by a stretch it is the distance there."""
+@pytest.mark.fault(42, how="branches that do not overlap, and branches that overlap in part", times=2)
+def test_loop_width_is_undefined_without_overlap() -> None:
+    """The loop width is undefined, with the reason; where they overlap it is their distance there."""
     low, high = np.array([-40.0, -20.0, -10.0]), np.array([10.0, 30.0, 50.0])
     apart = loop_width(np.array([[low], [high]]), np.array([[low], [high + 3.0]]), np.ones((5, 1)))
     assert np.isnan(apart.mean_loop)
@@ -34,7 +34,7 @@ def test_branches_that_do_not_overlap() -> None:
 
 @pytest.mark.fault(43, how="two of 90 points 40 standard deviations off", times=1)
 def test_outliers_widen_the_band_and_are_named() -> None:
-    """The band is that of the scatter which the data have, several times wider; the worst point is named."""
+    """The band is several times wider, as wide as the scatter of the data; the worst point is named."""
     y = TRUTH(X) + 1.3 * np.random.default_rng(0).standard_normal(X.size)
     spoiled = y.copy()
     spoiled[[14, 61]] += 52.0
@@ -42,12 +42,12 @@ def test_outliers_widen_the_band_and_are_named() -> None:
     widths = [np.subtract(*p.curve_band(np.array([0.5]), 0.95)[::-1])[0] for p in (clean, wide)]
     # both scatters are known: 1.3 mV, and 1.3 mV with two of 90 points 52 mV off
     assert widths[1] / widths[0] == pytest.approx(np.hypot(1.3, 52.0 * np.sqrt(2 / 90)) / 1.3, rel=0.25)
-    assert any("off the curve" in said for said in reservations(fit_calibration(X, spoiled)))
-    assert not any("off the curve" in said for said in reservations(fit_calibration(X, y)))
+    assert any("off the curve" in text for text in reservations(fit_calibration(X, spoiled)))
+    assert not any("off the curve" in text for text in reservations(fit_calibration(X, y)))
 
 
 def table(path: Path, **spoiled: str) -> Path:
-    """A CSV of 40 samples in two segments; the named columns hold that text in row 10."""
+    """Write a CSV of 40 samples in two segments; the named columns hold the given text in row 10."""
     rows = np.arange(40)
     columns = {
         "index": rows, "time_s": rows * 0.01, "pressure_kpa": 50.0 - rows, "target_kpa": 50.0 - rows,
@@ -55,15 +55,15 @@ def table(path: Path, **spoiled: str) -> Path:
         "segment": 1 + rows // 20,
     }  # fmt: skip
     text = {name: [f"{value:g}" for value in values] for name, values in columns.items()}
-    for name, word in spoiled.items():
-        text[name][10] = word
+    for name, cell in spoiled.items():
+        text[name][10] = cell
     lines = ["# vref_mv: 3300", "# adc_bits: 12", ",".join(text), *map(",".join, zip(*text.values(), strict=True))]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 
 @pytest.mark.fault(37, how="NaN, Inf and an empty cell in each column of a table", times=32)
-@pytest.mark.parametrize("word", ["nan", "inf", "-inf", ""])
+@pytest.mark.parametrize("cell", ["nan", "inf", "-inf", ""])
 @pytest.mark.parametrize(
     ("column", "counted"),
     [
@@ -72,14 +72,12 @@ def table(path: Path, **spoiled: str) -> Path:
         ("segment", "implausible"), ("index", "import_notes"),
     ],
 )  # fmt: skip
-def test_a_cell_that_is_no_number_costs_its_row_and_nothing_else(
-    tmp_path: Path, column: str, counted: str, word: str
-) -> None:
-    """Left out with a count; no other row loses its state, its flags or its segment for it."""
+def test_cell_without_number_excludes_only_its_row(tmp_path: Path, column: str, counted: str, cell: str) -> None:
+    """It is left out and counted; every other row keeps its state, flags and segment."""
     whole = load_recording(table(tmp_path / "whole.csv"))
-    run = load_recording(table(tmp_path / "run.csv", **{column: word}))
-    told = {**run.meta, **run.masked}[counted]
-    assert told == 1 or "index" in told[0]
+    run = load_recording(table(tmp_path / "run.csv", **{column: cell}))
+    count = {**run.meta, **run.masked}[counted]
+    assert count == 1 or "index" in count[0]
     rows = np.delete(np.arange(40), 10) if column == "time_s" else np.arange(40)
     assert run.n == rows.size
     others = np.flatnonzero(rows != 10)
@@ -93,8 +91,8 @@ def test_a_cell_that_is_no_number_costs_its_row_and_nothing_else(
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
 @pytest.mark.fault(45, how="one scene with a million rays", times=1_000_000)
-def test_a_million_rays() -> None:
-    """It ends, every ray and all power are accounted for, and NDR is that of a thousandth of the rays."""
+def test_million_rays_close_the_power_balance() -> None:
+    """The power balance closes over every ray, and NDR agrees with that of a thousandth of the rays."""
     guide = Waveguide()
     frame = frames_of(default_curves(), guide)[7]
     many, few = (trace(frame, Design(5, 1.0, 0.5, 0.9), guide, Light(rays=rays)) for rays in (1_000_000, 1_000))

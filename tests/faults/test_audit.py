@@ -1,4 +1,4 @@
-"""`make audit` never takes silence for an all-clear."""
+"""`make audit` never takes a missing answer for "nothing found"."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ OURS = {"name": "boat-daq", "skip_reason": "distribution marked as editable"}  #
 
 
 @pytest.mark.parametrize(
-    ("packages", "code", "word"),
+    ("packages", "code", "text"),
     [
         ([GOOD], 0, "1 packages looked up, 0 known"),
-        ([GOOD, WEAK], 1, "WEAK old 1.0: PYSEC-1, mended in 1.1"),
+        ([GOOD, WEAK], 1, "WEAK old 1.0: PYSEC-1, fixed in 1.1"),
         ([GOOD, OURS], 0, "1 packages looked up, 0 known"),
         ([GOOD, SKIPPED], 3, "NOT AUDITED: 1 packages"),
         (None, 3, "NOT AUDITED: the advisory service gave no answer"),
     ],
 )
-def test_the_verdict(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], packages: object, code: int, word: str
+def test_audit_distinguishes_four_verdicts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], packages: object, code: int, text: str
 ) -> None:
-    """Clean, weak, unknown, out of reach: four different things."""
-    said = "" if packages is None else json.dumps({"dependencies": packages})
+    """No vulnerability, some, unknown packages and no answer are four different verdicts."""
+    output = "" if packages is None else json.dumps({"dependencies": packages})
 
     class Done:
-        stdout, stderr = said, "connection refused"
+        stdout, stderr = output, "connection refused"
 
     monkeypatch.setattr(audit.subprocess, "run", lambda *_, **__: Done())
     assert audit.main() == code
-    assert word in capsys.readouterr().out
+    assert text in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""The thread of the window does nothing for a while: reader and writer go on."""
+"""The window's thread is blocked for seconds: reader and writer continue."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ pytestmark = needs_pty
 
 
 def compute(seconds: float) -> int:
-    """Keep the interpreter busy, as a page that draws too much does."""
+    """Hold the interpreter for that time, as a page that draws too much does."""
     end, n = time.monotonic() + seconds, 0
     while time.monotonic() < end:
         n += sum(range(1000))
@@ -37,8 +37,8 @@ def compute(seconds: float) -> int:
         ),
     ],
 )
-def test_reader_and_writer_go_on(tmp_path: Path, seconds: float) -> None:
-    """Nothing is lost while nobody looks, and what came meanwhile is in the file."""
+def test_reader_and_writer_continue_while_interpreter_is_busy(tmp_path: Path, seconds: float) -> None:
+    """No sample is lost, and those of the blocked time are in the file."""
     with drill(tmp_path, speed=20.0) as found:
         found.wait(lambda s: s.recorded_s > 2)
         before = found.session.snapshot().recorded_s
@@ -52,8 +52,8 @@ def test_reader_and_writer_go_on(tmp_path: Path, seconds: float) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.fault(27, how="the window's own thread blocked for 10 s, on a board at 20x over a pty", times=1)
-def test_a_blocked_window(tmp_path: Path, qtbot: object) -> None:
-    """The real window on the real session: blocked for 10 s, it draws again afterwards and has lost nothing."""
+def test_blocked_window_loses_no_sample(tmp_path: Path, qtbot: object) -> None:
+    """Blocked for 10 s, the window draws again afterwards and no sample is lost."""
     from boat_daq.gui.app import make_application, window_on
     from boat_daq.viewmodels.app_model import AppModel
 

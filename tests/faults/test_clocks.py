@@ -1,4 +1,4 @@
-"""Wall clocks that jump, zones that change, and a day that is longer than memory."""
+"""Wall clocks that jump, time zones that change, and a recording of a day in bounded memory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.faults.old_recordings import write_recording
 
 
 class JumpingClock(datetime):
-    """A wall clock that somebody sets while the program runs."""
+    """A wall clock that is set while the program runs."""
 
     jump = timedelta(0)
 
@@ -35,7 +35,7 @@ class JumpingClock(datetime):
 
 @pytest.mark.fault(34, how="the wall clock set 3 h back, an hour on, and to 1970, while it is recorded", times=3)
 @pytest.mark.parametrize("jump_h", [-3.0, 1.0, -495_000.0])
-def test_a_clock_that_jumps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jump_h: float) -> None:
+def test_clock_jump_changes_no_duration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jump_h: float) -> None:
     """Durations, sample times and their order are those of the monotonic clock and the board; UTC has its offset."""
     monkeypatch.setattr(recording_file, "datetime", JumpingClock)
     monkeypatch.setattr(JumpingClock, "jump", timedelta(0))
@@ -64,10 +64,10 @@ def test_a_clock_that_jumps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jum
 @pytest.mark.skipif(not hasattr(time, "tzset"), reason="the zone cannot be set here")
 @pytest.mark.fault(34, how="a time zone with daylight saving, before and after its change", times=2)
 @pytest.mark.parametrize(("zone", "offset_h"), [("AAA-1BBB,J1,J365", 2), ("AAA-1", 1)])
-def test_the_offset_stands_in_the_file(
+def test_start_is_stored_with_its_offset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, zone: str, offset_h: int
 ) -> None:
-    """The same instant, named with the offset that was in force."""
+    """The session's start has the offset that was in force."""
     monkeypatch.setenv("TZ", zone)
     time.tzset()
     try:
@@ -100,7 +100,7 @@ print(summarise(path).samples)
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_AS is Linux's")
 @pytest.mark.fault(35, how="a day of 8.64 million samples, summed up in 1 GB of address space", times=1)
-def test_a_day_is_summed_up_in_bounded_memory(tmp_path: Path) -> None:
+def test_summary_of_a_day_takes_bounded_memory(tmp_path: Path) -> None:
     """Every sample of the day is counted, from the overview, without its samples in memory."""
     from boat_daq.engine.recording.rows import OverviewRows
 

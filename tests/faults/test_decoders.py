@@ -1,4 +1,4 @@
-"""Every decoder takes any bytes or refuses them in words; what fuzzing has ever found goes through again."""
+"""Every decoder takes any bytes or refuses them with a cause; every earlier finding of the fuzzers is tried again."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SLOW = {"recording": 6, "cells": 10, "mesh": 20, "csv": 40, "elongation": 40, "c
 
 
 def mutated(seed: bytes, rng: random.Random) -> bytes:
-    """A good input with a few bytes changed, lost, repeated, or cut off."""
+    """Return a valid input with a few bytes changed, removed, repeated or cut off."""
     data = bytearray(seed)
     for _ in range(rng.randint(1, 6)):
         at = rng.randrange(len(data) + 1)
@@ -36,14 +36,14 @@ def mutated(seed: bytes, rng: random.Random) -> bytes:
 
 
 @pytest.mark.parametrize("path", FINDINGS, ids=lambda path: path.name)
-def test_what_fuzzing_found_stays_mended(path: Path) -> None:
-    """Each input that a fuzzer ever got a traceback, or no end, out of."""
+def test_earlier_findings_cause_no_traceback(path: Path) -> None:
+    """Inputs that once caused a traceback or an endless loop."""
     assert DECODERS[path.name.rsplit("-", 1)[0].replace("_", " ")](path.read_bytes()) is None
 
 
 @pytest.mark.parametrize("name", sorted(DECODERS))
-def test_good_inputs_damaged(name: str) -> None:
-    """Good inputs, and those with a few bytes changed: used or refused, never a traceback."""
+def test_mutated_inputs_cause_no_traceback(name: str) -> None:
+    """Valid inputs are used, mutated ones used or refused, without a traceback."""
     rng = random.Random(name)
     good = seeds(name)
     for seed in good:
@@ -55,15 +55,15 @@ def test_good_inputs_damaged(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(set(DECODERS) - set(SLOW)))
 @given(data=st.binary(max_size=200))
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_any_bytes(name: str, data: bytes) -> None:
-    """Bytes without any meaning."""
+def test_random_bytes_cause_no_traceback(name: str, data: bytes) -> None:
+    """Random bytes are used or refused, without a traceback."""
     assert DECODERS[name](data) is None
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", sorted(DECODERS))
-def test_good_inputs_damaged_at_length(name: str) -> None:
+def test_many_mutated_inputs_cause_no_traceback(name: str) -> None:
     """The same with a hundred times as many."""
     rng = random.Random(f"{name} at night")
     good = seeds(name)

@@ -73,7 +73,7 @@ def test_path_is_obeyed_wherever_it_leads(tmp_path: Path) -> None:
 
 
 @pytest.mark.fault(51, how="a link in the place of a new recording", times=1)
-def test_a_link_is_not_written_through(tmp_path: Path) -> None:
+def test_link_in_place_of_a_recording_is_not_written_through(tmp_path: Path) -> None:
     """A new recording never opens what is there already, a dangling link included."""
     (tmp_path / "run.boat").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OperatorError, match="exists already"):

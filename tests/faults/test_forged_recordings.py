@@ -1,4 +1,4 @@
-"""Recordings that somebody made: refused everywhere, in bounded memory and time, and never run."""
+"""Forged recordings: refused by every reader, in bounded memory and time, and nothing in them is executed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_recording(tmp_path_factory.mktemp("sound") / "run.boat")
 
 
-# ---- recordings that somebody made -----------------------------------------------------------------------------------
+# ---- forged recordings -----------------------------------------------------------------------------------------------
 
 ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x AS key, x AS value FROM n"
 BREAK = (
@@ -65,8 +65,8 @@ FORGED = {
 
 
 @pytest.mark.parametrize("name", sorted(FORGED))
-def test_a_forged_recording_is_refused_everywhere(sound: Path, tmp_path: Path, name: str) -> None:
-    """Refused in words by whoever opens it, without running what it holds, and left as it is."""
+def test_forged_recording_is_refused_by_every_reader(sound: Path, tmp_path: Path, name: str) -> None:
+    """Every reader refuses it with a cause, executes nothing in it and leaves the file as it is."""
     path = tmp_path / "run.boat"
     shutil.copy(sound, path)
     with closing(sqlite3.connect(path)) as db:
@@ -93,8 +93,8 @@ def test_a_forged_recording_is_refused_everywhere(sound: Path, tmp_path: Path, n
     assert path.read_bytes() == content
 
 
-def test_pages_that_lead_back_to_themselves_end(sound: Path, tmp_path: Path) -> None:
-    """A forged tree in which a page is its own child, many times over: given up, not followed for ever."""
+def test_cyclic_pages_are_refused(sound: Path, tmp_path: Path) -> None:
+    """A B-tree in which a page is its own child is refused, not followed without end."""
     content = bytearray(sound.read_bytes())
     with closing(sqlite3.connect(sound)) as db:
         pages = dict(db.execute("SELECT name, rootpage FROM sqlite_schema WHERE type = 'table'"))
@@ -118,8 +118,8 @@ def test_pages_that_lead_back_to_themselves_end(sound: Path, tmp_path: Path) -> 
     assert recovery.samples > 50
 
 
-def test_a_sweep_with_a_view_in_it_is_refused(tmp_path: Path) -> None:
-    """The other kind of SQLite file that the program opens."""
+def test_sweep_file_with_a_view_is_refused(tmp_path: Path) -> None:
+    """The results file of a sweep is the other kind of SQLite file that the program opens."""
     SweepFile(tmp_path / "sweep.sqlite", {"rays": 1})
     with closing(sqlite3.connect(tmp_path / "sweep.sqlite")) as db:
         db.execute("CREATE VIEW v AS SELECT 1")
@@ -128,8 +128,8 @@ def test_a_sweep_with_a_view_in_it_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["closed", "unknown"])
-def test_a_file_that_is_none_of_ours_says_so(tmp_path: Path, name: str) -> None:
-    """A text with the right ending, a database of another program."""
+def test_file_of_another_kind_is_refused(tmp_path: Path, name: str) -> None:
+    """A text file with the right suffix, a database of another program."""
     path = tmp_path / f"{name}.boat"
     if name == "closed":
         path.write_text("time,pressure\n1,2\n", encoding="utf-8")
@@ -141,8 +141,8 @@ def test_a_file_that_is_none_of_ours_says_so(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("time_s", ["1e31", "-1e13"])
-def test_a_time_that_no_clock_reaches_is_refused_and_leaves_no_file(tmp_path: Path, time_s: str) -> None:
-    """More microseconds than 64 bits hold would wrap round into some other time."""
+def test_time_beyond_64_bits_is_refused_without_a_file(tmp_path: Path, time_s: str) -> None:
+    """More microseconds than 64 bits hold would wrap into another time."""
     path = tmp_path / "table.csv"
     first, second = sorted(["0", time_s], key=float)
     path.write_text(f"time_s,pressure_kpa,s1_mv\n{first},1,2\n{second},3,4\n", encoding="utf-8")
@@ -153,7 +153,7 @@ def test_a_time_that_no_clock_reaches_is_refused_and_leaves_no_file(tmp_path: Pa
 
 # ---- what lies beside a recording ------------------------------------------------------------------------------------
 
-DOORS = {
+READERS = {
     "load": load_recording,
     "verify": verify_recording,
     "recover": recover,
@@ -164,17 +164,17 @@ DOORS = {
 
 
 @pytest.mark.fault(51, how="a journal beside a recording that names another file, which SQLite would delete", times=6)
-@pytest.mark.parametrize("door", sorted(DOORS))
-def test_a_journal_deletes_no_other_file(sound: Path, tmp_path: Path, door: str) -> None:
-    """Refused by whoever opens the recording; the other file is there as it was. SQLite itself deletes it."""
+@pytest.mark.parametrize("reader", sorted(READERS))
+def test_forged_journal_deletes_no_other_file(sound: Path, tmp_path: Path, reader: str) -> None:
+    """Every reader refuses the recording and the other file is unchanged; SQLite alone would delete it."""
     path, other = tmp_path / "run.boat", tmp_path / "precious.txt"
     shutil.copy(sound, path)
     other.write_text("precious", encoding="utf-8")
     journal_that_names(path, other)
     with pytest.raises(REFUSALS):
-        DOORS[door](path)  # type: ignore[operator]
+        READERS[reader](path)  # type: ignore[operator]
     assert other.read_text(encoding="utf-8") == "precious"
-    if door == "recover":  # shows that the forgery is one
+    if reader == "recover":  # shows that the forged journal is effective
         with closing(sqlite3.connect(path)) as db:
             db.execute("SELECT count(*) FROM sqlite_schema").fetchone()
         assert not other.exists()
@@ -184,10 +184,8 @@ def test_a_journal_deletes_no_other_file(sound: Path, tmp_path: Path, door: str)
 @pytest.mark.fault(51, how="links to another file in the place of a recording's log, journal and lock", times=8)
 @pytest.mark.parametrize("suffix", ["-wal", "-shm", "-journal", "-lock"])
 @pytest.mark.parametrize("status", ["closed", "recording"])
-def test_a_link_beside_a_recording_is_not_written_through(
-    sound: Path, tmp_path: Path, suffix: str, status: str
-) -> None:
-    """Used without harm or refused; what the link leads to is as it was."""
+def test_link_beside_a_recording_is_not_written_through(sound: Path, tmp_path: Path, suffix: str, status: str) -> None:
+    """The recording is used or refused; the target of the link is unchanged."""
     path, other = tmp_path / "run.boat", tmp_path / "precious.txt"
     shutil.copy(sound, path)
     with closing(sqlite3.connect(path)) as db:
@@ -196,9 +194,9 @@ def test_a_link_beside_a_recording_is_not_written_through(
         db.commit()
     other.write_text("precious", encoding="utf-8")
     path.with_name(path.name + suffix).symlink_to(other)
-    for door in DOORS.values():
+    for read in READERS.values():
         with suppress(*REFUSALS):
-            found = door(path)  # type: ignore[operator]
+            found = read(path)  # type: ignore[operator]
             if isinstance(found, RecordingFile):
                 found.close()
     assert other.read_text(encoding="utf-8") == "precious"
@@ -206,8 +204,8 @@ def test_a_link_beside_a_recording_is_not_written_through(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
 @pytest.mark.fault(30, how="a program killed with -9 while it adds a result to a closed recording", times=1)
-def test_what_a_killed_analysis_half_added_is_undone(sound: Path, tmp_path: Path) -> None:
-    """The journal that it leaves shuts out every reader; they say so, and recover undoes the half."""
+def test_recover_rolls_back_a_killed_analysis(sound: Path, tmp_path: Path) -> None:
+    """Every reader refuses the recording because of the journal that is left; `recover` rolls it back."""
     path = tmp_path / "run.boat"
     shutil.copy(sound, path)
     subprocess.run([sys.executable, "-c", HALF_ADDED, str(path)], check=False, timeout=60)

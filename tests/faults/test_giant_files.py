@@ -1,4 +1,4 @@
-"""Giant and far-off files: refused in words, in bounded memory."""
+"""Giant files and values: refused with a cause, in bounded memory."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ readers = {
     "settings.toml": (lambda p: load_settings(p.parent),), "SA1.toml": (lambda p: UnitLibrary(p.parent).load("SA1"),),
     "mesh.vtu": (read_mesh,), "mesh.msh": (read_mesh,), "run.boat": (load_recording,),
     "shared.boat": (load_recording, verify_recording),
-    "words.boat": (load_recording, verify_recording, summarise, recover),
+    "text.boat": (load_recording, verify_recording, summarise, recover),
 }
-for name, doors in readers.items():
-    for door in doors:
+for name, functions in readers.items():
+    for read in functions:
         try:
-            door(folder / name)
-            print("TAKEN", name, door)
+            read(folder / name)
+            print("TAKEN", name, read)
         except Exception as error:
             if not getattr(error, "cause", ""):
-                print("TRACEBACK", name, door, repr(error)[:200])
+                print("TRACEBACK", name, read, repr(error)[:200])
 recovery = recover(folder / "shared.boat")
 if recovery.status != "salvaged" or recovery.path.stat().st_size > 2 * (folder / "shared.boat").stat().st_size:
     print("SALVAGED", recovery)
@@ -66,17 +66,17 @@ if recovery.status != "salvaged" or recovery.path.stat().st_size > 2 * (folder /
 
 
 def hollow(path: Path, head: bytes) -> None:
-    """A file of 1 GB that takes no room: `head`, and then a hole."""
+    """Write a sparse file of 1 GB: `head`, then a hole."""
     with path.open("wb") as file:
         file.write(head)
         file.truncate(1 << 30)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_AS and holes in files are Linux's")
-@pytest.mark.fault(52, how="a recording of 4 MB that says it holds 4 GB, and one whose note is 40 MB of JSON", times=8)
+@pytest.mark.fault(52, how="a recording of 4 MB that claims 4 GB, and one whose note is 40 MB of JSON", times=8)
 @pytest.mark.fault(52, how="files of 1 GB without a line's end, and a million columns, with 300 MB of memory", times=16)
 def test_giant_files_are_refused_in_bounded_memory(tmp_path: Path) -> None:
-    """Every kind of file that the program reads: refused in words, with 300 MB beyond what the program itself takes."""
+    """Every kind of file that the program reads is refused with a cause, within 300 MB beyond the program itself."""
     hollow(tmp_path / "line.csv", b"1,2,3," * 400_000)
     (tmp_path / "columns.csv").write_bytes(b"a," * 1_000_000 + b"\n" + b"1," * 1_000_000 + b"\n")
     hollow(tmp_path / "rows.csv", b"x,z\n" + b"1,2\n" * 1000)
@@ -84,7 +84,7 @@ def test_giant_files_are_refused_in_bounded_memory(tmp_path: Path) -> None:
         hollow(tmp_path / name, b"x = 1\n")
     hollow(tmp_path / "run.boat", b"SQLite format 3\0")
     shared_pages(write_recording(tmp_path / "shared.boat"), rows=1000)
-    with closing(sqlite3.connect(write_recording(tmp_path / "words.boat"))) as db:
+    with closing(sqlite3.connect(write_recording(tmp_path / "text.boat"))) as db:
         db.execute("UPDATE session SET value = ? WHERE key = 'note'", (f"[{'{},' * 13_000_000}0]",))
         db.commit()
     done = subprocess.run(
@@ -94,8 +94,8 @@ def test_giant_files_are_refused_in_bounded_memory(tmp_path: Path) -> None:
     assert done.stdout == ""
 
 
-def test_a_mesh_with_a_point_far_away_is_refused(tmp_path: Path) -> None:
-    """Its areas would not be finite."""
+def test_mesh_with_a_distant_point_is_refused(tmp_path: Path) -> None:
+    """Its element areas would not be finite."""
     (path := tmp_path / "mesh.vtu").write_bytes(seeds("mesh")[0])
     assert len(read_mesh(path).nodes)
     found = meshio.read(path)
@@ -105,8 +105,8 @@ def test_a_mesh_with_a_point_far_away_is_refused(tmp_path: Path) -> None:
         read_mesh(path)
 
 
-def test_a_quote_that_never_ends_is_one_text(tmp_path: Path) -> None:
-    """A cell beyond the standard library's 131,072 signs, in a row, a header and a comment: no traceback."""
+def test_unclosed_quote_is_one_text(tmp_path: Path) -> None:
+    """A cell beyond the standard library's 131,072 characters, in a row, a header and a comment: no traceback."""
     long = '"' + "4," * 70_000
     good = "time_s,pressure_kpa,s1_mv\n0,1,2\n1,2,3\n2,3,4\n"
     (tmp_path / "row.csv").write_text(good + f"3,4,{long}", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Hosts killed at random instants under pressure, over a real pseudo-terminal: does the board vent, every time?"""
+"""Hosts killed at random instants under pressure, over a real pseudo-terminal: the board vents every time."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ for line in sys.stdin:  # imports are paid once; each host is a process of its o
 
 
 class Truth:
-    """The board's own pressure, read on as its file grows."""
+    """The board's own pressure, read as its file grows."""
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file
@@ -68,7 +68,7 @@ class Truth:
         self.peak_kpa = 0.0
 
     def look(self) -> float:
-        """Read on; return the newest pressure, kPa."""
+        """Read what was added and return the newest pressure, kPa."""
         *lines, self._rest = (self._rest + self._file.read()).split("\n")
         for line in lines:
             cells = line.split(",")
@@ -78,7 +78,7 @@ class Truth:
         return self.pressure_kpa
 
     def until(self, condition: object, seconds: float) -> bool:
-        """Whether `condition(pressure)` came within that time."""
+        """Return whether `condition(pressure)` became true within that time."""
         deadline = time.monotonic() + seconds
         while not condition(self.look()):  # type: ignore[operator]
             if time.monotonic() > deadline:
@@ -89,7 +89,7 @@ class Truth:
 
 @pytest.fixture
 def hosts() -> Iterator[subprocess.Popen[str]]:
-    """A process that starts hosts, one a line."""
+    """A process that starts a host for each line it reads."""
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, "-c", HOSTS], stdin=pipe, stdout=pipe, text=True, cwd=ROOT) as process:
         yield process
@@ -100,8 +100,8 @@ def hosts() -> Iterator[subprocess.Popen[str]]:
     "times",
     few_and_many(18, "a host killed with -9 at random instants under pressure, over a pty", 2, 200, timeout_s=3600),
 )
-def test_the_board_vents_whenever_its_host_is_killed(tmp_path: Path, hosts: subprocess.Popen[str], times: int) -> None:
-    """Vented within its watchdog's time; the next start says why, finds the file, and recovers it identical."""
+def test_board_vents_whenever_its_host_is_killed(tmp_path: Path, hosts: subprocess.Popen[str], times: int) -> None:
+    """Vented within its watchdog's time; the next session reports the cause, and the file recovers identical."""
     assert hosts.stdin is not None
     assert hosts.stdout is not None
     instants = random.Random(times)
@@ -122,18 +122,18 @@ def test_the_board_vents_whenever_its_host_is_killed(tmp_path: Path, hosts: subp
             assert recover(path).status == "recovered"
             assert verify_recording(path).identical
             path.unlink()
-            assert_told(board.url, tmp_path)
+            assert_next_session_reports_it(board.url, tmp_path)
         assert truth.peak_kpa < 55.0
 
 
-def assert_told(url: str, folder: Path) -> None:
-    """The next program that connects finds a vented board and is told why."""
+def assert_next_session_reports_it(url: str, folder: Path) -> None:
+    """The next session finds a vented board and reports the cause."""
     session = Session(Settings(), UnitLibrary(folder / "units"))
     try:
         session.connect(url)
         seen = session.wait_connected()
-        told = [seen.latched, *(message.cause for message in seen.messages)]
-        assert any("host may have died" in cause for cause in told), told
+        causes = [seen.latched, *(message.cause for message in seen.messages)]
+        assert any("host may have died" in cause for cause in causes), causes
         assert seen.last is None or abs(seen.last.pressure_kpa) < 1.0
     finally:
         session.close()

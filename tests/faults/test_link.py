@@ -30,7 +30,7 @@ LONG = dataclasses.replace(SHORT, cycles=4)
 
 
 def damaged(data: bytes, share: float, rng: random.Random) -> bytes:
-    """`data` with that share of its bytes flipped in one bit, lost, or doubled."""
+    """Return `data` with that share of its bytes flipped in one bit, removed or doubled."""
     out = bytearray()
     last = 0
     for _ in range(round(len(data) * share)):
@@ -45,7 +45,7 @@ def damaged(data: bytes, share: float, rng: random.Random) -> bytes:
 
 
 def count_losses(frames: int, share: float) -> None:
-    """Send that many frames with damage: what arrives was sent, and what does not is counted to the last one."""
+    """Decode that many damaged frames: every sample that arrives was sent, every other is counted as lost."""
     rng = random.Random(frames)
     link = Connection()
     link.receive(stream(HELLO), 0)
@@ -72,7 +72,7 @@ def count_losses(frames: int, share: float) -> None:
 
 @pytest.mark.fault(1, how="1e-3 of the bytes of 50,000 frames flipped, lost or doubled", times=50_000)
 def test_losses_are_counted_exactly() -> None:
-    """No wrong sample; those delivered and those counted as lost are all that were sent."""
+    """No wrong sample; delivered and lost samples add up to those sent."""
     count_losses(50_000, 1e-3)
 
 
@@ -80,13 +80,13 @@ def test_losses_are_counted_exactly() -> None:
 @pytest.mark.timeout(1800)
 @pytest.mark.fault(1, how="1e-3 of the bytes of 1e6 frames flipped, lost or doubled", times=1_000_000)
 def test_losses_of_a_million_frames_are_counted_exactly() -> None:
-    """The same with a million."""
+    """The same with a million frames."""
     count_losses(1_000_000, 1e-3)
 
 
 @pytest.mark.fault(2, how="every byte of 30 frames lost, one at a time, from the bytes of a session", times=900)
 def test_every_single_byte_deletion_resynchronises_within_one_frame() -> None:
-    """The sample that was hit is lost and counted, the next one is delivered; a lost delimiter costs the next too."""
+    """The damaged sample is lost and counted, the next delivered; a removed delimiter loses the next one too."""
     head, body = stream(HELLO, sample(0)), stream(*(sample(i) for i in range(1, 30)), sample(30))
     ends = np.cumsum([len(run) + 1 for run in body.split(b"\0")[:-1]])
     for at in range(len(body)):
@@ -100,7 +100,7 @@ def test_every_single_byte_deletion_resynchronises_within_one_frame() -> None:
 
 
 def check_samples(found: Drill, tolerance_mv: float = 12.0) -> int:
-    """Every recorded sample lies at the board's own values for its index; returns how many there are."""
+    """Check every recorded sample against the board's own values for its index; return how many there are."""
     run, truth = found.close(), found.truth()
     own = {int(index): row for index, row in zip(truth[:, 1], truth, strict=True)}
     at = np.array([own[int(index)] for index in run.index])
@@ -112,7 +112,7 @@ def check_samples(found: Drill, tolerance_mv: float = 12.0) -> int:
 
 
 @pytest.mark.fault(1, 2, how="`bit_flips` at 1e-3 and `drop_byte` at 5e-4 a byte, recorded over a pty", times=1)
-def test_a_bad_line_loses_frames_and_nothing_else(tmp_path: Path) -> None:
+def test_damaged_link_loses_only_counted_frames(tmp_path: Path) -> None:
     """Frames are dropped and counted; every sample in the file is the board's own."""
     with drill(tmp_path, "bit_flips@1:0.001", "drop_byte@1:0.0005") as found:
         found.until_sample(4_000)
@@ -128,8 +128,8 @@ def test_a_bad_line_loses_frames_and_nothing_else(tmp_path: Path) -> None:
 @pytest.mark.fault(5, how="`index_gap` of 1, 7, 255 and 256 samples, recorded over a pty", times=4)
 @pytest.mark.fault(6, how="`duplicate` and `reorder`, recorded over a pty", times=2)
 @pytest.mark.fault(7, how="`clock_wrap`, recorded over a pty", times=1)
-def test_a_line_that_does_everything_wrong(tmp_path: Path) -> None:
-    """Garbage skipped, repeats dropped, gaps exact, absurd values kept and flagged, time monotone; nothing spliced."""
+def test_every_link_fault_in_one_recording_is_handled(tmp_path: Path) -> None:
+    """Garbage skipped, repeats dropped, gaps exact, absurd values stored and flagged, time monotone; one segment."""
     gaps = (1, 7, 255, 256)
     faults = [f"index_gap@{108 + 4 * number}:{lost}" for number, lost in enumerate(gaps)]
     faults += ["garbage@102:5000", "boot_text@103:20", "duplicate@104:5", "reorder@105:5", "absurd_value@106:3"]
@@ -152,8 +152,8 @@ def test_a_line_that_does_everything_wrong(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.fault(5, how="`index_gap` of 70,000 samples, recorded over a pty", times=1)
-def test_a_gap_of_seventy_thousand(tmp_path: Path) -> None:
-    """More than the index's low half: exact to the sample."""
+def test_gap_of_70000_samples_is_exact(tmp_path: Path) -> None:
+    """More than 16 bits of the index: exact to the sample."""
     with drill(tmp_path, "index_gap@600:70000", speed=200.0) as found:
         found.wait(lambda s: s.recorded_s > 1400.0, 120)
         found.close()
@@ -162,8 +162,8 @@ def test_a_gap_of_seventy_thousand(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.fault(4, how="`absurd_value` in a run under pressure, over a pty", times=1)
-def test_an_absurd_pressure_is_the_interlocks(tmp_path: Path) -> None:
-    """5 MPa with a good checksum in a run: vented, latched with its reason, one end."""
+def test_absurd_pressure_trips_the_interlock(tmp_path: Path) -> None:
+    """5 MPa with a valid checksum in a run: vented, latched with its cause, one end of the run."""
     with drill(tmp_path, "absurd_value@40:3", speed=20.0) as found:
         found.start(LONG)
         seen = found.wait(lambda s: s.state in OVER)
@@ -175,8 +175,8 @@ def test_an_absurd_pressure_is_the_interlocks(tmp_path: Path) -> None:
 
 
 @pytest.mark.fault(9, how="`slow_rate` of 62 Hz and `jitter` of 4 ms, recorded over a pty", times=1)
-def test_a_slow_and_unsteady_board(tmp_path: Path) -> None:
-    """The rate that is shown is the one that came; times are the board's."""
+def test_slow_jittering_board_keeps_its_times(tmp_path: Path) -> None:
+    """The rate shown is the rate received; times are the board's."""
     with drill(tmp_path, "slow_rate@0:62", "jitter@0:4") as found:
         found.wait(lambda s: s.recorded_s > 30.0)
         run = found.close()
@@ -190,7 +190,7 @@ def test_a_slow_and_unsteady_board(tmp_path: Path) -> None:
 @pytest.mark.nightly
 @pytest.mark.fault(8, how="`drift_ppm` of 200 and 10,000 on a board at 1x, recorded over a pty for a minute", times=2)
 @pytest.mark.parametrize(("ppm", "warned"), [(200, False), (10_000, True)])
-def test_a_clock_that_drifts(tmp_path: Path, ppm: int, warned: bool) -> None:
+def test_clock_drift_is_shown_and_warned_of(tmp_path: Path, ppm: int, warned: bool) -> None:
     """The rate is shown and warned of above 0.5 %; raw times stay the board's."""
     with drill(tmp_path, f"drift_ppm@0:{ppm}", speed=1.0) as found:
         time.sleep(60.0)
@@ -202,8 +202,8 @@ def test_a_clock_that_drifts(tmp_path: Path, ppm: int, warned: bool) -> None:
 
 
 @pytest.mark.fault(10, how="`reset` in a run under pressure, over a pty", times=1)
-def test_a_board_that_resets_in_a_run(tmp_path: Path) -> None:
-    """A new segment, the unit vented, the run ended with its reason; samples before and after are never spliced."""
+def test_board_reset_ends_the_run_in_a_new_segment(tmp_path: Path) -> None:
+    """A new segment, the unit vented, the run ended with its cause; samples before and after are never spliced."""
     with drill(tmp_path, "reset@40:2", speed=20.0) as found:
         found.start(LONG)
         seen = found.wait(lambda s: s.state in OVER)
@@ -217,8 +217,8 @@ def test_a_board_that_resets_in_a_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.fault(12, how="`silent` for 30 s in a run under pressure, over a pty", times=1)
-def test_a_board_that_falls_silent_is_vented(tmp_path: Path) -> None:
-    """The port stays open and says nothing: told, a vent sent into the silence, and the board obeys it."""
+def test_silent_board_is_vented(tmp_path: Path) -> None:
+    """The port stays open without data: a message, a VENT is sent, and the board executes it."""
     with drill(tmp_path, "silent@12:0", speed=5.0) as found:
         found.start(LONG)
         seen = found.wait(lambda s: s.state in OVER, 30)
@@ -231,8 +231,8 @@ def test_a_board_that_falls_silent_is_vented(tmp_path: Path) -> None:
 
 @pytest.mark.fault(16, how="`frozen_channel` in a run, over a pty", times=1)
 @pytest.mark.fault(23, how="`ambient_step` of 300 mV and `flicker` of 20 mV in a run, over a pty", times=2)
-def test_a_frozen_channel_and_a_lamp(tmp_path: Path) -> None:
-    """One sensor stands still: an alarm with its number. A lamp shows in the dark counts, not in the signal."""
+def test_frozen_channel_raises_alarm_and_lamp_cancels(tmp_path: Path) -> None:
+    """A frozen sensor raises an alarm with its number. A lamp changes the dark counts, not the signal."""
     with drill(tmp_path, "ambient_step@100:300", "flicker@100:20", "frozen_channel@120:1") as found:
         found.start(dataclasses.replace(SHORT, cycles=6))
         seen = found.wait(lambda s: s.state in OVER)
@@ -251,8 +251,8 @@ def test_a_frozen_channel_and_a_lamp(tmp_path: Path) -> None:
 
 
 @pytest.mark.fault(17, how="every answer lost from 5 s on, in a run over a pty", times=1)
-def test_a_board_that_stops_answering_is_vented(tmp_path: Path) -> None:
-    """A command goes out three times with one number, then vent and latch."""
+def test_board_without_answers_is_vented(tmp_path: Path) -> None:
+    """A command is sent three times with one sequence number, then the unit is vented and the fault latched."""
     with drill(tmp_path, "ack_lost@20:1000", speed=10.0) as found:
         found.start(LONG)
         seen = found.wait(lambda s: s.state in OVER)
@@ -266,8 +266,8 @@ def test_a_board_that_stops_answering_is_vented(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.fault(17, how="a SET_PRESSURE refused with status 4 in a run, over a pty", times=1)
-def test_a_refused_pressure_ends_the_run(tmp_path: Path) -> None:
-    """Refused is not done."""
+def test_refused_pressure_ends_the_run(tmp_path: Path) -> None:
+    """A refused command is not taken for an executed one."""
     with drill(tmp_path, "ack_refused@60:4") as found:
         found.start(LONG)
         assert found.wait(lambda s: s.state in OVER).state is SessionState.FAULT
@@ -276,8 +276,8 @@ def test_a_refused_pressure_ends_the_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.fault(19, how="`overshoot` of 4 kPa at a limit of 20 kPa, in a run over a pty", times=1)
-def test_an_overshoot_beyond_the_margin_aborts(tmp_path: Path) -> None:
-    """24 kPa where 20 are allowed: vented, the peak in the file."""
+def test_overshoot_beyond_the_margin_aborts(tmp_path: Path) -> None:
+    """24 kPa at a limit of 20 kPa: vented, the peak in the file."""
     plan = dataclasses.replace(SHORT, high_kpa=20.0, low_kpa=-20.0, step_kpa=20.0)
     with drill(tmp_path, "overshoot@0:6", unit=Unit("SA1", -40.0, 20.0)) as found:
         found.start(plan)
@@ -299,7 +299,7 @@ def test_an_overshoot_beyond_the_margin_aborts(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_target_that_is_never_reached(tmp_path: Path, fault: str) -> None:
+def test_unreached_target_ends_the_run(tmp_path: Path, fault: str) -> None:
     """The step times out, the unit is vented, the cycle is incomplete."""
     with drill(tmp_path, fault, speed=100.0) as found:
         found.start(LONG)
@@ -312,7 +312,7 @@ def test_a_target_that_is_never_reached(tmp_path: Path, fault: str) -> None:
 
 
 @pytest.mark.fault(22, how="`saturate` of sensor 1, recorded over a pty", times=1)
-def test_a_saturated_sensor_is_flagged_and_left_out(tmp_path: Path) -> None:
+def test_saturated_sensor_is_flagged_and_left_out(tmp_path: Path) -> None:
     """Flagged in the file, left out of every figure, and counted."""
     with drill(tmp_path, "saturate@100:1") as found:
         found.wait(lambda s: s.recorded_s > 110)
@@ -329,8 +329,8 @@ def test_a_saturated_sensor_is_flagged_and_left_out(tmp_path: Path) -> None:
 @pytest.mark.timeout(600)
 @pytest.mark.fault(26, how="`record` stopped (SIGSTOP) for 0.5 s and 5 s under pressure, on a board at 1x", times=2)
 @pytest.mark.parametrize("stall_s", [0.5, 5.0])
-def test_a_host_that_sleeps(tmp_path: Path, stall_s: float) -> None:
-    """What came meanwhile is in the buffers, or an exact gap; after 5 s the board has vented by itself."""
+def test_suspended_host_loses_no_uncounted_sample(tmp_path: Path, stall_s: float) -> None:
+    """Samples of that time are in the buffers, or an exact gap; after 5 s the board has vented by its watchdog."""
     truth = tmp_path / "truth.csv"
     with serve(BoardSettings(truth=str(truth))) as board:
         command = [sys.executable, "-m", "boat_daq", "record", "--port", board.url, "--plan", "repeatability"]
@@ -354,15 +354,15 @@ def test_a_host_that_sleeps(tmp_path: Path, stall_s: float) -> None:
 
 
 def pressure_now(truth: Path) -> float:
-    """The board's own pressure at its newest sample, kPa; 0 before the first."""
+    """Return the board's own pressure at its newest sample, kPa; 0 before the first."""
     lines = truth.read_text(encoding="utf-8").splitlines()[2:-1]
     return float(lines[-1].split(",")[3]) if lines else 0.0
 
 
 @pytest.mark.nightly
 @pytest.mark.fault(11, how="`unplug` for 8 s of board time while only listening, over a pty", times=1)
-def test_a_cable_pulled_while_listening(tmp_path: Path) -> None:
-    """Data of before and after are kept, in segments; the board is taken up again by its identity."""
+def test_replugged_board_continues_in_a_new_segment(tmp_path: Path) -> None:
+    """Data before and after are stored in two segments; the board is recognised by its identity."""
     link = tmp_path / "port"
     session = Session(Settings(), UnitLibrary(tmp_path / "units"))
     try:

@@ -1,4 +1,4 @@
-"""Recordings of older and newer programs: read as they are, upgraded beside a backup, never harmed."""
+"""Recordings of older and newer programs: read as they are, upgraded with a backup, never damaged."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ OLD = sorted(SCHEMAS)
 
 
 @pytest.fixture(scope="module")
-def shelf(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One recording of every layout, and today's."""
-    folder = tmp_path_factory.mktemp("shelf")
+def layouts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write one recording of every older layout and one of today's; return their folder."""
+    folder = tmp_path_factory.mktemp("layouts")
     for schema in OLD:
         write_old_recording(folder / f"{schema}.boat", schema)
     write_recording(folder / "now.boat")
@@ -38,21 +38,21 @@ def shelf(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(params=OLD)
-def old(request: pytest.FixtureRequest, shelf: Path, tmp_path: Path) -> Iterator[Path]:
+def old(request: pytest.FixtureRequest, layouts: Path, tmp_path: Path) -> Iterator[Path]:
     path = tmp_path / "run.boat"
-    shutil.copy(shelf / f"{request.param}.boat", path)
+    shutil.copy(layouts / f"{request.param}.boat", path)
     yield path
 
 
-def test_there_is_a_recording_of_every_layout(shelf: Path) -> None:
+def test_every_layout_has_a_recording(layouts: Path) -> None:
     """The three layouts that were called version 1, as their commits laid them out, and today's."""
     assert len(OLD) == 3
-    assert {layout_version(shelf / f"{name}.boat") for name in OLD} == {1}
-    assert layout_version(shelf / "now.boat") == SCHEMA_VERSION == 2
+    assert {layout_version(layouts / f"{name}.boat") for name in OLD} == {1}
+    assert layout_version(layouts / "now.boat") == SCHEMA_VERSION == 2
 
 
-def test_an_older_recording_is_read_as_it_is(old: Path) -> None:
-    """Every reader takes it, verifies it from its bytes, and leaves each byte of it alone."""
+def test_older_recording_is_read_unchanged(old: Path) -> None:
+    """Every reader opens it, it verifies from its bytes, and no byte of it changes."""
     content = old.read_bytes()
     run = load_recording(old)
     assert run.n == summarise(old).samples == verify_recording(old).samples > 50
@@ -63,8 +63,8 @@ def test_an_older_recording_is_read_as_it_is(old: Path) -> None:
     assert [entry.name for entry in old.parent.iterdir()] == ["run.boat"]
 
 
-def test_an_upgrade_keeps_every_value_and_the_original(old: Path) -> None:
-    """Same samples, today's layout, and the file as it was beside it, to the last byte; a second time does nothing."""
+def test_upgrade_keeps_every_value_and_the_original(old: Path) -> None:
+    """Same samples, today's layout, the original beside it byte for byte; a second upgrade changes nothing."""
     content, before = old.read_bytes(), load_recording(old)
     done = upgrade(old)
     assert (done.status, done.version_before, done.version) == ("upgraded", 1, SCHEMA_VERSION)
@@ -82,24 +82,24 @@ def test_an_upgrade_keeps_every_value_and_the_original(old: Path) -> None:
     RecordingFile.reopen(old).close()
 
 
-def test_no_backup_is_overwritten(old: Path, shelf: Path) -> None:
+def test_second_upgrade_makes_a_second_backup(old: Path, layouts: Path) -> None:
     """The same file upgraded twice under one name leaves two backups."""
     first = upgrade(old).backup
-    shutil.copy(shelf / "1_first.boat", old)
+    shutil.copy(layouts / "1_first.boat", old)
     second = upgrade(old).backup
     assert first is not None
     assert second is not None
     assert first != second
-    assert second.read_bytes() == (shelf / "1_first.boat").read_bytes()
+    assert second.read_bytes() == (layouts / "1_first.boat").read_bytes()
 
 
 @pytest.mark.parametrize("step", ["copyfile", "_add_columns", "_keep", "replace"])
-def test_an_upgrade_that_breaks_off_leaves_the_original(
-    shelf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+def test_failed_upgrade_leaves_the_original(
+    layouts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    """Whichever step the disk refuses: the name still leads to the file as it was, and no half copy stays."""
+    """Whichever step the disk refuses: the file is as it was, and no partial copy remains."""
     path = tmp_path / "run.boat"
-    shutil.copy(shelf / "1_first.boat", path)
+    shutil.copy(layouts / "1_first.boat", path)
     content = path.read_bytes()
 
     def fail(*_: object) -> None:
@@ -114,8 +114,8 @@ def test_an_upgrade_that_breaks_off_leaves_the_original(
     assert not list(tmp_path.glob("*-lock"))
 
 
-def test_an_interrupted_old_session_is_recovered_first(tmp_path: Path) -> None:
-    """Closed in place as any killed session, still in its own layout; then it can be upgraded."""
+def test_interrupted_old_recording_is_recovered_before_upgrade(tmp_path: Path) -> None:
+    """It is closed in place as any killed session, in its own layout; then it can be upgraded."""
     path = write_old_recording(tmp_path / "run.boat", "1_first", status="recording")
     with pytest.raises(OperatorError, match="not closed"):
         upgrade(path)
@@ -125,7 +125,7 @@ def test_an_interrupted_old_session_is_recovered_first(tmp_path: Path) -> None:
     assert verify_recording(path).identical
 
 
-def test_a_recording_under_way_is_left_alone(tmp_path: Path) -> None:
+def test_recording_in_progress_is_not_upgraded(tmp_path: Path) -> None:
     """Its writer's lock refuses the upgrade."""
     path = write_old_recording(tmp_path / "run.boat", "1_decoder")
     held = RecordingFile.reopen(path)
@@ -135,18 +135,18 @@ def test_a_recording_under_way_is_left_alone(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def newer(shelf: Path, tmp_path: Path) -> Path:
-    """As a newer program could make it: a column and a table more."""
+def newer(layouts: Path, tmp_path: Path) -> Path:
+    """Return a recording as a newer program could write it, with one column more."""
     path = tmp_path / "run.boat"
-    shutil.copy(shelf / "now.boat", path)
+    shutil.copy(layouts / "now.boat", path)
     with closing(sqlite3.connect(path)) as db:
-        db.execute("ALTER TABLE step ADD COLUMN mood TEXT")
+        db.execute("ALTER TABLE step ADD COLUMN later TEXT")
         db.execute(f"PRAGMA user_version={SCHEMA_VERSION + 1}")
     return path
 
 
-def test_a_newer_recording_is_read_and_never_written(newer: Path) -> None:
-    """Additive changes do not hinder reading; whatever would write says which versions, and to update."""
+def test_newer_recording_is_read_and_never_written(newer: Path) -> None:
+    """Additive changes do not prevent reading; every writer refuses, naming both versions and the remedy."""
     content = newer.read_bytes()
     assert load_recording(newer).n > 50
     writers = (
@@ -163,8 +163,8 @@ def test_a_newer_recording_is_read_and_never_written(newer: Path) -> None:
     assert newer.read_bytes() == content
 
 
-def test_a_newer_recording_that_broke_with_ours_is_refused(newer: Path) -> None:
-    """Versions from 100 on say that they are no longer additive."""
+def test_incompatible_newer_recording_is_refused(newer: Path) -> None:
+    """Versions from 100 on are not additive."""
     with closing(sqlite3.connect(newer)) as db:
         db.execute("PRAGMA user_version=100")
     with pytest.raises(RecordingError, match="layout 100") as refusal:
@@ -172,17 +172,15 @@ def test_a_newer_recording_that_broke_with_ours_is_refused(newer: Path) -> None:
     assert refusal.value.remedy == "Update boat-daq."
 
 
-def test_what_an_older_program_did_not_keep_stays_unknown(shelf: Path) -> None:
-    """No checksum is made up for samples of an older program; damage in them is found by their bytes all the same."""
-    with closing(open_recording(shelf / "1_decoder.boat")) as db:
+def test_missing_checksums_stay_missing(layouts: Path) -> None:
+    """No checksum is invented for samples of an older program; their bytes still reveal damage."""
+    with closing(open_recording(layouts / "1_decoder.boat")) as db:
         assert db.execute("SELECT count(*), count(crc32) FROM block").fetchone()[1] == 0
         assert read_session(db)["status"] == "closed"
 
 
-def test_a_broken_run_of_an_older_program_goes_on_in_todays_layout(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What is written into it from now on would not fit: it is upgraded first, and its backup is the file as it was."""
+def test_resuming_an_older_recording_upgrades_it_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """New rows need today's layout: the file is upgraded first, with a backup of the original."""
     from boat_daq.engine.recording import resumption
 
     path = write_old_recording(tmp_path / "run.boat", "1_first")

@@ -1,4 +1,4 @@
-"""Boards and schedulers elsewhere need a word from the user."""
+"""Boards and schedulers on other computers need --allow-remote."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from boat_daq.errors import DeviceError, OperatorError
 @pytest.mark.parametrize(
     "address", ["tcp://10.0.0.7:8786", "scheduler.example:8786", "tls://192.0.2.1:1", "tcp://[::]:1"]
 )
-def test_a_scheduler_elsewhere_needs_a_word(address: str) -> None:
-    """Loopback only, unless the user vouches for the network."""
+def test_remote_scheduler_needs_allow_remote(address: str) -> None:
+    """Only loopback addresses are accepted without the option."""
     with pytest.raises(RequestError, match="not on this computer") as refusal:
         check_scheduler(address, allow_remote=False)
     assert "--allow-remote" in refusal.value.remedy
@@ -23,13 +23,13 @@ def test_a_scheduler_elsewhere_needs_a_word(address: str) -> None:
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "localhost:8786", "tcp://[::1]:8786", "inproc://a/b"])
-def test_a_scheduler_here_needs_none(address: str) -> None:
-    """This computer's own addresses."""
+def test_local_scheduler_needs_no_option(address: str) -> None:
+    """Addresses of this computer are accepted."""
     check_scheduler(address, allow_remote=False)
 
 
-def test_boards_are_here_by_default() -> None:
-    """A host does not look elsewhere, and a virtual board does not listen elsewhere, without the word for it."""
+def test_boards_are_local_by_default() -> None:
+    """Without the option a host connects, and a virtual board listens, on this computer only."""
     with pytest.raises(DeviceError, match="not this machine") as host:
         open_transport("socket://192.0.2.1:7777")
     with pytest.raises(OperatorError) as board:
@@ -39,8 +39,8 @@ def test_boards_are_here_by_default() -> None:
 
 
 @pytest.mark.parametrize("command", [["record"], ["board"], ["batch"], ["optics", "sweep"]])
-def test_the_word_is_an_option(command: list[str]) -> None:
-    """Each command that can leave this computer has it."""
+def test_commands_have_the_option_allow_remote(command: list[str]) -> None:
+    """Each command that can connect to another computer has it."""
     from typer.testing import CliRunner
 
     from boat_daq.cli import app

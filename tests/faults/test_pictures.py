@@ -1,4 +1,4 @@
-"""Pictures from anywhere: bombs, torn files, other kinds, no file at all. Refused in words, in bounded memory."""
+"""Pictures from anywhere: decompression bombs, torn files, other formats, no file. Refused in bounded memory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def chunk(kind: bytes, content: bytes) -> bytes:
 
 
 def png(width: int, height: int, data: bytes, more: bytes = b"") -> bytes:
-    """A PNG that says it is so large, of 8-bit grey; `more` are chunks before its data."""
+    """Return a PNG whose header states this size, of 8-bit grey; `more` are chunks before its data."""
     head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
     return b"\x89PNG\r\n\x1a\n" + head + more + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
@@ -91,8 +91,8 @@ SHORT = 500 << 20  # what decoding may take beyond the program itself: 256 MB of
 
 @pytest.mark.fault(52, how="pictures that are bombs, torn, of other kinds, drawings that name files", times=20)
 @pytest.mark.parametrize("name", sorted(HOSTILE))
-def test_what_is_no_picture_of_the_grid_is_refused(tmp_path: Path, qtbot: object, name: str) -> None:
-    """The photograph panel says so, and keeps the picture that it had."""
+def test_hostile_picture_is_refused(tmp_path: Path, qtbot: object, name: str) -> None:
+    """The photograph panel raises the error and keeps its picture."""
     parent = QWidget()
     panel = PhotographPanel(parent, cast("Any", None), cast("Any", None))
     before = panel.state
@@ -105,15 +105,15 @@ def test_what_is_no_picture_of_the_grid_is_refused(tmp_path: Path, qtbot: object
 
 
 @pytest.mark.parametrize("name", sorted(HARMLESS))
-def test_a_picture_is_told_by_what_it_holds(tmp_path: Path, qtbot: object, name: str) -> None:
-    """Wrong endings and giant comments do no harm."""
+def test_picture_is_recognised_by_its_content(tmp_path: Path, qtbot: object, name: str) -> None:
+    """Wrong suffixes and giant comments are accepted."""
     (tmp_path / name).write_bytes(HARMLESS[name])
     shown = read_picture(tmp_path / name)
     assert (shown.width(), shown.height()) == (64, 48)
 
 
-def test_a_picture_stands_as_its_camera_held_it(tmp_path: Path, qtbot: object) -> None:
-    """Orientation 6: turned by a quarter."""
+def test_picture_is_rotated_by_its_orientation(tmp_path: Path, qtbot: object) -> None:
+    """Orientation 6: rotated by 90 degrees."""
     turned = Image.Exif()
     turned[0x112] = 6
     (tmp_path / "a.jpg").write_bytes(picture("jpeg", exif=turned))
@@ -122,8 +122,8 @@ def test_a_picture_stands_as_its_camera_held_it(tmp_path: Path, qtbot: object) -
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices with names")
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "missing", "hole"])
-def test_what_is_no_picture_file_is_not_opened(tmp_path: Path, qtbot: object, kind: str) -> None:
-    """A pipe would be waited for without end, a device read without end."""
+def test_pipe_or_device_is_not_opened_as_a_picture(tmp_path: Path, qtbot: object, kind: str) -> None:
+    """Reading a pipe would wait, reading a device would not end."""
     path = tmp_path / "a.png"
     match kind:
         case "pipe":
@@ -159,8 +159,8 @@ for path in sorted(Path(sys.argv[1]).iterdir()):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_AS is Linux's")
-def test_pictures_take_bounded_memory(tmp_path: Path) -> None:
-    """All of them in one process that may take 500 MB, and a minute, more than the program itself."""
+def test_hostile_pictures_take_bounded_memory(tmp_path: Path) -> None:
+    """All of them in one process that may use 500 MB and one minute beyond the program itself."""
     for name, content in (HOSTILE | HARMLESS).items():
         (tmp_path / name).write_bytes(content)
     command = [sys.executable, "-c", BOUNDED, str(tmp_path), str(SHORT)]

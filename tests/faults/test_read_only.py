@@ -1,4 +1,4 @@
-"""A folder, a file and a home that may not be written: what cannot be done is said, with the remedy; the rest goes on.
+"""Folders, files and homes without permission to write: the message has cause and remedy, everything else works.
 
 Root may write anywhere, so these run without the capability that lets it.
 """
@@ -49,14 +49,14 @@ print(json.dumps(done))
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a command."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
     err: str
 
     def refused(self) -> str:
-        """Return what was said, once it is a cause and a remedy."""
+        """Return the message after checking that it is a cause and a remedy."""
         assert self.code == 1, self.err
         cause, remedy = self.err.strip().splitlines()[-2:]
         assert cause.startswith("error: ")
@@ -67,7 +67,7 @@ class Done:
 
 @contextmanager
 def unwritable(folder: Path) -> Iterator[Path]:
-    """A folder in which, and below which, nothing may be written for a while."""
+    """Make a folder and all below it read-only for the block."""
     places = [folder, *folder.rglob("*")]
     for place in places:
         place.chmod(0o555 if place.is_dir() else 0o444)
@@ -80,7 +80,7 @@ def unwritable(folder: Path) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A folder of recordings, closed and interrupted, that may not be written."""
+    """Return a read-only folder of recordings, one closed and one interrupted."""
     folder = tmp_path_factory.mktemp("archive")
     write_recording(folder / "closed.boat")
     source = Source()
@@ -95,19 +95,19 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
-def carried_out(home: Path, commands: dict[str, list[str]]) -> dict[str, Done]:
-    """What comes of commands, all in one process of a user who may write neither in the archive nor at home."""
+def results_of(home: Path, commands: dict[str, list[str]]) -> dict[str, Done]:
+    """Run commands in one process of a user who may write neither in the archive nor at home; return the results."""
     env = {**os.environ, "BOAT_DAQ_HOME": str(home / "boat-daq"), "COLUMNS": "400", "QT_QPA_PLATFORM": "offscreen"}
     command = [*ROOTLESS, sys.executable, "-c", COMMANDS, json.dumps(list(commands.values()))]
     with unwritable(home):
-        said = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env, timeout=200)
-    assert said.returncode == 0, said.stderr
-    return {name: Done(*found) for name, found in zip(commands, json.loads(said.stdout), strict=True)}
+        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=env, timeout=200)
+    assert done.returncode == 0, done.stderr
+    return {name: Done(*found) for name, found in zip(commands, json.loads(done.stdout), strict=True)}
 
 
 @pytest.fixture(scope="module")
 def done(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Done]:
-    """A session's commands."""
+    """Return the results of the commands of a session."""
     home, place = tmp_path_factory.mktemp("home"), tmp_path_factory.mktemp("place")
     for suffix in ("", "-wal"):
         shutil.copyfile(archive / f"interrupted.boat{suffix}", place / f"copy.boat{suffix}")
@@ -123,12 +123,12 @@ def done(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, D
             "recover of the interrupted": ["recover", str(archive / "interrupted.boat")],
             "recover of its copy": ["recover", str(place / "copy.boat")],
         }
-        return carried_out(home, commands)
+        return results_of(home, commands)
 
 
 @pytest.fixture(scope="module")
 def analysed(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Done]:
-    """Commands that take seconds to load what they need."""
+    """Return the results of commands that import the analysis."""
     closed, short = str(archive / "closed.boat"), ["--no-mcmc", "--no-shadow"]
     commands = {
         "report": ["report", closed, *short, "--out", str(archive / "a.html")],
@@ -136,77 +136,77 @@ def analysed(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[st
         "batch": ["batch", str(archive), "--out", str(archive / "a.csv")],
         "analyze": ["analyze", closed, *short, "--seed", "7"],
     }
-    return carried_out(tmp_path_factory.mktemp("home"), commands)
+    return results_of(tmp_path_factory.mktemp("home"), commands)
 
 
 def assert_untouched(archive: Path) -> None:
-    """Nothing came to be there."""
+    """Check that the archive holds what it held."""
     assert {path.name for path in archive.iterdir()} == {"closed.boat", "interrupted.boat", "interrupted.boat-wal"}
 
 
 @pytest.mark.fault(29, how="`record` with a home that may not be written, over a pty", times=1)
-def test_a_session_needs_no_home(done: dict[str, Done]) -> None:
-    """No log, no settings, no units: it records all the same."""
+def test_recording_needs_no_writable_home(done: dict[str, Done]) -> None:
+    """Without log, settings and units it records."""
     assert done["record here"].code == 0, done["record here"].err
     assert "0 lost" in done["record here"].out + done["record here"].err
 
 
 @pytest.mark.fault(29, how="a folder without permission to write: record and bugreport", times=2)
 @pytest.mark.parametrize("command", ["record there", "bugreport"])
-def test_what_cannot_be_written_is_said(done: dict[str, Done], archive: Path, command: str) -> None:
-    """The path or its folder, the reason, the remedy; nothing is half made."""
-    said = done[command].refused()
-    assert str(archive) in said
-    assert "Permission denied" in said
+def test_unwritable_folder_is_reported(done: dict[str, Done], archive: Path, command: str) -> None:
+    """The message names path, reason and remedy; no partial file remains."""
+    message = done[command].refused()
+    assert str(archive) in message
+    assert "Permission denied" in message
     assert_untouched(archive)
 
 
 @pytest.mark.nightly
 @pytest.mark.fault(29, how="a folder without permission to write: report, export and batch", times=3)
 @pytest.mark.parametrize("command", ["report", "export", "batch"])
-def test_what_an_analysis_cannot_write_is_said(analysed: dict[str, Done], archive: Path, command: str) -> None:
-    """The same of what is made of a recording."""
-    said = analysed[command].refused()
-    assert str(archive) in said
-    assert "Permission denied" in said
+def test_unwritable_folder_of_an_analysis_is_reported(analysed: dict[str, Done], archive: Path, command: str) -> None:
+    """The same for files made from a recording."""
+    message = analysed[command].refused()
+    assert str(archive) in message
+    assert "Permission denied" in message
     assert_untouched(archive)
 
 
 @pytest.mark.fault(29, how="a recording that may not be written: read and recovered", times=2)
-def test_a_recording_that_may_not_be_written_is_read(done: dict[str, Done]) -> None:
-    """What was closed needs no recovery."""
+def test_read_only_recording_is_read(done: dict[str, Done]) -> None:
+    """A closed recording needs no recovery."""
     assert done["info"].code == 0
     assert done["recover"].out.startswith("was closed properly")
 
 
 @pytest.mark.nightly
 @pytest.mark.fault(29, how="a recording that may not be written: analysed", times=1)
-def test_a_result_that_cannot_be_kept_is_shown(analysed: dict[str, Done]) -> None:
-    """And said not to be kept."""
+def test_result_that_cannot_be_stored_is_shown(analysed: dict[str, Done]) -> None:
+    """The message states that it was not stored."""
     assert analysed["analyze"].code == 0, analysed["analyze"].err
     assert "was not kept" in analysed["analyze"].err
 
 
 @pytest.mark.fault(29, how="an interrupted recording in a folder that may not be written", times=2)
-def test_an_interrupted_recording_says_what_to_copy(done: dict[str, Done]) -> None:
-    """Its log cannot be read there; a copy of both files recovers."""
+def test_interrupted_recording_names_the_files_to_copy(done: dict[str, Done]) -> None:
+    """Its log cannot be read there: the message names both files to copy, and the copy recovers."""
     for command in ("info of the interrupted", "recover of the interrupted"):
-        said = done[command].refused()
-        assert "its folder is read-only" in said
-        assert "interrupted.boat-wal" in said
+        message = done[command].refused()
+        assert "its folder is read-only" in message
+        assert "interrupted.boat-wal" in message
     assert done["recover of its copy"].out.startswith("recovered")
 
 
-def test_a_window_that_cannot_store_its_settings_goes_on(tmp_path: Path) -> None:
-    """Told once, with the remedy; the values last as long as the window."""
+def test_window_works_without_storing_its_settings(tmp_path: Path) -> None:
+    """One message with the remedy; the values last as long as the window."""
     from boat_daq.viewmodels.common.preferences import Preferences
 
-    told: list[tuple[str, str]] = []
+    messages: list[tuple[str, str]] = []
     (tmp_path / "file").touch()
-    remembered = Preferences(tmp_path / "file", lambda *words: told.append(words))
+    remembered = Preferences(tmp_path / "file", lambda *message: messages.append(message))
     remembered.set("page", "Runs")
     remembered.set("page", "Optics")
     assert remembered.get("page") == "Optics"
-    assert len(told) == 1
-    assert "cannot be stored" in told[0][0]
-    assert told[0][1]
+    assert len(messages) == 1
+    assert "cannot be stored" in messages[0][0]
+    assert messages[0][1]

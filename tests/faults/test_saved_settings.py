@@ -32,7 +32,7 @@ for number in range(1, 10**9):
 @pytest.mark.skipif(sys.platform == "win32", reason="kill -9")
 @pytest.mark.parametrize("times", few_and_many(30, "settings and units killed with -9 while they are saved", 3, 100))
 def test_settings_and_units_survive_a_kill(tmp_path: Path, times: int) -> None:
-    """Always a whole file and a whole backup; no calibration that was stored is ever missing."""
+    """File and backup are always complete; no stored calibration is ever missing."""
     rng = random.Random(times)
     most = 0
     for number in range(times):

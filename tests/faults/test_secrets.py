@@ -27,29 +27,29 @@ KNOWN = {
 }
 WORD = re.compile(r"[A-Za-z0-9+/_=-]{32,}")
 HEX = re.compile(r"[0-9a-f]+|[0-9A-F]+")
-BITS_A_SIGN = 4.6  # of text in base64; identifiers and paths stay below, hexadecimal cannot reach it
+BITS_PER_CHARACTER = 4.6  # of text in base64; identifiers and paths stay below, hexadecimal cannot reach it
 DATA = {".json", ".svg", ".csv"}  # vectors and drawings: long runs of digits and paths
 
 
 def suspicious(text: str, *, entropy: bool = True) -> list[str]:
-    """What looks like a secret in a text."""
+    """Return what looks like a secret in a text."""
     found = [name for name, pattern in KNOWN.items() if re.search(pattern, text)]
     words = WORD.findall(text) if entropy else []
     return found + [
         f"random text {word[:12]}..."
         for word in words
-        if not HEX.fullmatch(word) and bits_a_sign(word) > BITS_A_SIGN and re.search(r"[0-9]", word)
+        if not HEX.fullmatch(word) and bits_per_character(word) > BITS_PER_CHARACTER and re.search(r"[0-9]", word)
     ]
 
 
-def bits_a_sign(word: str) -> float:
-    """Shannon's entropy of the word's own signs."""
+def bits_per_character(word: str) -> float:
+    """Return the Shannon entropy of a word's characters, bits per character."""
     n = len(word)
     return -sum(k / n * math.log2(k / n) for k in Counter(word).values())
 
 
 def tracked() -> list[Path]:
-    """The files of the repository."""
+    """Return the tracked files of the repository."""
     done = subprocess.run(["git", "ls-files", "-z"], capture_output=True, cwd=ROOT)
     if done.returncode:
         pytest.skip("not a git checkout")
@@ -57,16 +57,16 @@ def tracked() -> list[Path]:
 
 
 def test_no_secret_is_tracked() -> None:
-    """Well-known kinds of keys, passwords in addresses and assignments, and random text in sources."""
+    """No known kind of key, no password in an address or assignment, no random text in sources."""
     found = {}
     for path in tracked():
         try:
             text = path.read_text(encoding="utf-8")
         except (UnicodeDecodeError, FileNotFoundError):
             continue
-        told = suspicious(text, entropy=path.suffix not in DATA) if path != Path(__file__).resolve() else []
-        if told:
-            found[str(path.relative_to(ROOT))] = told
+        secrets = suspicious(text, entropy=path.suffix not in DATA) if path != Path(__file__).resolve() else []
+        if secrets:
+            found[str(path.relative_to(ROOT))] = secrets
     assert found == {}
 
 
@@ -81,8 +81,8 @@ def test_no_secret_is_tracked() -> None:
         "key = 9f" + "Qz7Lw2RtYv8KpXc4NmBj6HgDs1FaEu3ToIi5+/Wx",
     ],
 )
-def test_what_it_looks_for_is_found(text: str) -> None:
-    """Each kind, made up here."""
+def test_each_kind_of_secret_is_found(text: str) -> None:
+    """Each kind, invented here."""
     assert suspicious(text)
 
 
@@ -90,6 +90,6 @@ def test_what_it_looks_for_is_found(text: str) -> None:
     "text",
     ["tests/faults/test_what_is_no_picture_of_the_grid", "0" * 64, "2144df1c" * 8, "a" * 80, "https://a.example/b"],
 )
-def test_what_is_plain_is_not(text: str) -> None:
+def test_plain_text_is_not_a_secret(text: str) -> None:
     """Long names, checksums and addresses are no secrets."""
     assert suspicious(text) == []

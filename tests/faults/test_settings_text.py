@@ -1,4 +1,4 @@
-"""Settings, units, plans, profiles and the window's memory by a hostile hand: refused in bounded memory."""
+"""Hostile settings, units, plans, profiles and window state: refused in bounded memory."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ HOSTILE = {
     "a key of parts": f"{'.'.join(['a'] * 4000)} = 1",
     "a quoted key of parts": f"""{'."a b" . '.join(["'a'"] * 1000)} = 1""",
     "a heading of parts": f"[{'.'.join(['a'] * 4000)}]",
-    "a word for a number": 'rate_hz = "100"',
+    "text for a number": 'rate_hz = "100"',
     "true for a number": "rate_hz = true",
-    "a key of one long word": f"{'a' * 9000} = 1",
+    "a key of one long part": f"{'a' * 9000} = 1",
     "a date that is none": "rate_hz = 2026-99-99",
     "a NUL": "rate_hz = 1\0",
 }
@@ -42,8 +42,8 @@ HOSTILE = {
 
 @pytest.mark.fault(53, how="settings, unit, plan, profile and actuator that are hostile TOML", times=75)
 @pytest.mark.parametrize("name", sorted(HOSTILE))
-def test_hostile_toml_is_refused_in_few_words(tmp_path: Path, name: str) -> None:
-    """By every reader of TOML, with a cause that fits three lines."""
+def test_hostile_toml_is_refused_in_three_lines(tmp_path: Path, name: str) -> None:
+    """Every reader of TOML refuses it with a cause of at most three lines."""
     path = tmp_path / "settings.toml"
     path.write_text(HOSTILE[name], encoding="utf-8")
     (tmp_path / "SA1.toml").write_text(HOSTILE[name], encoding="utf-8")
@@ -57,16 +57,16 @@ def test_hostile_toml_is_refused_in_few_words(tmp_path: Path, name: str) -> None
         assert 0 < len(refusal.value.cause) < 400
 
 
-def test_an_actuators_number_is_one(tmp_path: Path) -> None:
-    """Numbers without end for a real parameter."""
+def test_actuator_parameter_must_be_finite(tmp_path: Path) -> None:
+    """A parameter of the actuator must be a finite number."""
     for text in (f"wall_mm = {WHOLE}", f"cells = 0x{'f' * 8000}", "wall_mm = nan"):
         (tmp_path / "a.toml").write_text(text, encoding="utf-8")
         with pytest.raises(REFUSALS, match=r"wall_mm|cells"):
             read_parameters(tmp_path / "a.toml")
 
 
-def test_keys_that_a_hand_writes_pass() -> None:
-    """Both sides of the bound on a key's parts, and dots that are none of a key's."""
+def test_keys_of_ordinary_length_pass() -> None:
+    """Both sides of the bound on a key's parts, and dots outside keys."""
     few = ".".join(["a"] * KEY_PARTS_MAX)
     assert read_toml(f"{few} = 1")
     with pytest.raises(ValueError, match=f"more than {KEY_PARTS_MAX} parts .at line 2"):
@@ -96,7 +96,7 @@ for key in (".".join(["a"] * 40_000), '"a".' * 40_000 + "a"):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_AS is Linux's")
 @pytest.mark.fault(52, how="TOML keys of 40,000 parts with 150 MB of memory", times=6)
-def test_a_long_key_takes_bounded_memory() -> None:
+def test_long_key_takes_bounded_memory() -> None:
     """The standard library's reader takes gigabytes for the same 80 kB."""
     done = subprocess.run([sys.executable, "-c", BOUNDED], capture_output=True, text=True, cwd=ROOT, timeout=100)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr[-1000:]
@@ -111,10 +111,10 @@ JSONS = {
 }
 
 
-@pytest.mark.fault(53, how="what the window remembers, as hostile JSON", times=5)
+@pytest.mark.fault(53, how="the window's stored state, as hostile JSON", times=5)
 @pytest.mark.parametrize("name", sorted(JSONS))
-def test_a_window_forgets_what_it_cannot_read(tmp_path: Path, name: str) -> None:
-    """Defaults, and the next thing remembered makes a good file."""
+def test_unreadable_window_state_gives_defaults(tmp_path: Path, name: str) -> None:
+    """Defaults hold, and the next value stored makes a valid file."""
     (tmp_path / "window.json").write_text(JSONS[name], encoding="utf-8", errors="surrogateescape")
     remembered = Preferences(tmp_path)
     assert remembered.get("page", "Live") == "Live"
@@ -122,7 +122,7 @@ def test_a_window_forgets_what_it_cannot_read(tmp_path: Path, name: str) -> None
     assert json.loads((tmp_path / "window.json").read_text(encoding="utf-8")) == {"page": "Runs"}
 
 
-def test_json_is_read_within_a_bound(tmp_path: Path) -> None:
+def test_json_beyond_its_bound_is_refused(tmp_path: Path) -> None:
     """Both sides of it."""
     path = tmp_path / "a.json"
     path.write_text('"' + "x" * 98 + '"', encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The program's own source: how it opens databases, builds SQL, and that it evaluates nothing it reads."""
+"""Rules for the program's source: how databases are opened and SQL is built, and that no input is evaluated."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import pytest
 
 from tests.faults.drill import ROOT
 
-PRODUCT = [path for room in ("protocol", "analysis", "boat_daq") for path in sorted((ROOT / room).rglob("*.py"))]
+PRODUCT = [path for package in ("protocol", "analysis", "boat_daq") for path in sorted((ROOT / package).rglob("*.py"))]
 
 
 @cache
 def sources() -> list[tuple[Path, str]]:
-    """The product's files and what stands in them."""
+    """Return the program's files with their text."""
     return [(path, path.read_text(encoding="utf-8")) for path in PRODUCT]
 
 
 def functions_that(calls: str) -> list[tuple[Path, str]]:
-    """Every function of the product, with its source, that has that call in it."""
+    """Return every function of the program, with its source, that contains a call."""
     trees = [(path, ast.parse(source)) for path, source in sources() if calls in source]
     functions = [(path, node) for path, tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
     return [(path, ast.unparse(node)) for path, node in functions if calls in ast.unparse(node)]
 
 
-def test_no_database_is_opened_unguarded() -> None:
-    """Whatever opens SQLite hardens the connection at once, or opens what it has just made itself."""
+def test_every_database_connection_is_hardened() -> None:
+    """A function that opens SQLite hardens the connection at once, or opens a file that it created itself."""
     found = functions_that("sqlite3.connect(")
     assert len(found) >= 7
     for path, source in found:
@@ -35,8 +35,8 @@ def test_no_database_is_opened_unguarded() -> None:
         assert own or "harden(" in source or "trusted_schema=off" in source, path
 
 
-def test_sql_has_parameters_and_the_linter_holds_it() -> None:
-    """S608 is on; where it is waived the line puts in names of columns and tables, never a value."""
+def test_sql_values_are_parameters() -> None:
+    """S608 is enabled; a waived line inserts names of columns and tables, never a value."""
     import tomllib
 
     ruff = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["ruff"]["lint"]
@@ -47,9 +47,9 @@ def test_sql_has_parameters_and_the_linter_holds_it() -> None:
     assert all("VALUES ('" not in line and "= '{" not in line for line in waived)
 
 
-@pytest.mark.fault(50, how="the whole program searched for what would unpickle, evaluate, or read YAML tags", times=1)
-@pytest.mark.fault(51, how="the whole program searched for what would unpack an archive into files", times=1)
-def test_nothing_evaluates_what_it_reads() -> None:
+@pytest.mark.fault(50, how="the whole program searched for calls that unpickle, evaluate, or read YAML tags", times=1)
+@pytest.mark.fault(51, how="the whole program searched for calls that unpack an archive into files", times=1)
+def test_no_input_is_evaluated() -> None:
     """No pickle, YAML, eval or exec; arrays are loaded without objects, archives never unpacked into files."""
     forbidden = {"pickle", "marshal", "shelve", "yaml", "dill", "joblib", "cloudpickle", "tarfile"}
     for path, source in sources():

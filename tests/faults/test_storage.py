@@ -40,7 +40,7 @@ needs_tmpfs = pytest.mark.skipif(
 
 @contextmanager
 def small_disk(folder: Path, megabytes: int) -> Iterator[Path]:
-    """A file system of that size; the test is skipped where mounting is refused."""
+    """Mount a file system of that size; skip the test where mounting is refused."""
     place = folder / "disk"
     place.mkdir()
     command = ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(place)]
@@ -54,9 +54,9 @@ def small_disk(folder: Path, megabytes: int) -> Iterator[Path]:
 
 
 def fill(place: Path, leave_bytes: int) -> None:
-    """Take up the disk's room but for so much."""
+    """Fill the disk but for so many bytes."""
     size = shutil.disk_usage(place).free - leave_bytes
-    with suppress(OSError), (place / "filler").open("wb", buffering=0) as file:  # the recorder takes room as well
+    with suppress(OSError), (place / "filler").open("wb", buffering=0) as file:  # the recorder takes space as well
         for _ in range(0, size, 4096):
             file.write(bytes(4096))
 
@@ -67,8 +67,8 @@ def fill(place: Path, leave_bytes: int) -> None:
 @needs_pty
 @needs_tmpfs
 @pytest.mark.fault(28, how="a tmpfs of 64 MB filled up in a run under pressure, over a pty", times=1)
-def test_a_disk_that_fills_up_stops_the_run(tmp_path: Path) -> None:
-    """The run is aborted and vented, the reason said; what was written opens and is identical to its bytes."""
+def test_full_disk_stops_the_run(tmp_path: Path) -> None:
+    """The run is aborted and vented with a message; what was written opens and is identical to its bytes."""
     with small_disk(tmp_path, 64) as place:
         with drill(tmp_path, home=place) as found:
             found.start(LONG)
@@ -77,8 +77,8 @@ def test_a_disk_that_fills_up_stops_the_run(tmp_path: Path) -> None:
             seen = found.wait(lambda s: s.state in OVER, 30)
             assert seen.state is not SessionState.IDLE
             found.wait(lambda _: found.vented(), 10)
-            told = [message.cause for message in found.session.snapshot().messages]
-            assert any("full" in cause for cause in told), told
+            causes = [message.cause for message in found.session.snapshot().messages]
+            assert any("full" in cause for cause in causes), causes
         shutil.copytree(place, tmp_path / "copy", ignore=shutil.ignore_patterns("filler", "*lock"))
     (left,) = (tmp_path / "copy").glob("*.boat")
     recovery = recover(left)
@@ -89,8 +89,10 @@ def test_a_disk_that_fills_up_stops_the_run(tmp_path: Path) -> None:
 
 @needs_tmpfs
 @pytest.mark.parametrize("instants", few_and_many(28, "a tmpfs filled at random instants while it is written", 3, 60))
-def test_a_disk_full_at_any_instant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, instants: int) -> None:
-    """Whenever the last byte is gone: told once, what was acknowledged is there, and the rest once there is room."""
+def test_disk_full_at_any_instant_loses_no_acknowledged_sample(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, instants: int
+) -> None:
+    """At any instant: one error, acknowledged samples are stored, the others as soon as space is free again."""
     monkeypatch.setattr(recording_file, "SPACE_FLOOR_BYTES", 0)
     rng = random.Random(instants)
     with small_disk(tmp_path, 8) as place:
@@ -98,8 +100,8 @@ def test_a_disk_full_at_any_instant(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             source, errors = Source(), []
             path = place / f"{number}.boat"
             recorder = begin(path, source, on_error=errors.append)
-            room = rng.randrange(20_000, 120_000)
-            fill(place, room)
+            free_bytes = rng.randrange(20_000, 120_000)
+            fill(place, free_bytes)
             deadline = time.monotonic() + 20
             while not errors and time.monotonic() < deadline:
                 recorder(source.next(400_000))
@@ -107,7 +109,7 @@ def test_a_disk_full_at_any_instant(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             assert errors
             assert all("full" in error.cause for error in errors)
             acknowledged = recorder.acknowledged.samples
-            with suppress(RecordingError), closing(open_recording(path)) as db:  # a reader of a log needs room as well
+            with suppress(RecordingError), closing(open_recording(path)) as db:  # a reader of a log needs space as well
                 assert db.execute("SELECT coalesce(sum(n), 0) FROM block").fetchone()[0] >= acknowledged
             (place / "filler").unlink()
             assert recorder.flush(10.0)
@@ -121,8 +123,8 @@ def test_a_disk_full_at_any_instant(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 @needs_pty
 @pytest.mark.fault(29, how="the folder removed in a run under pressure, over a pty", times=1)
-def test_a_folder_that_vanishes_ends_the_run(tmp_path: Path) -> None:
-    """Noticed within seconds: aborted, vented, said."""
+def test_removed_folder_ends_the_run(tmp_path: Path) -> None:
+    """Within seconds the run is aborted and vented, with a message."""
     place = tmp_path / "gone"
     place.mkdir()
     with drill(tmp_path, home=place) as found:
@@ -132,14 +134,14 @@ def test_a_folder_that_vanishes_ends_the_run(tmp_path: Path) -> None:
         seen = found.wait(lambda s: s.state in OVER, 30)
         assert seen.state is not SessionState.IDLE
         found.wait(lambda _: found.vented(), 10)
-        told = [message.cause for message in found.session.snapshot().messages]
-        assert any("moved or removed" in cause or "cannot be written" in cause for cause in told), told
+        causes = [message.cause for message in found.session.snapshot().messages]
+        assert any("moved or removed" in cause or "cannot be written" in cause for cause in causes), causes
 
 
 @needs_tmpfs
 @pytest.mark.fault(29, how="a tmpfs that is read-only: a recording begun, read and recovered there", times=3)
-def test_a_read_only_disk(tmp_path: Path) -> None:
-    """Nothing is begun there; what is on it can be read, and is not recovered in place."""
+def test_read_only_disk_is_read_and_not_written(tmp_path: Path) -> None:
+    """No recording is begun there; those on it can be read, and are not recovered in place."""
     with small_disk(tmp_path, 8) as place:
         path = write_recording(place / "run.boat")
         samples = summarise(path).samples
@@ -155,8 +157,8 @@ def test_a_read_only_disk(tmp_path: Path) -> None:
             append_reading(path, 1, 2.0, source="typed")
 
 
-@pytest.mark.fault(36, how="`record` into 0-byte, directory and existing names, by the recording's own door", times=2)
-def test_names_that_are_taken(tmp_path: Path) -> None:
+@pytest.mark.fault(36, how="`record` into 0-byte, directory and existing names, by `RecordingFile.create`", times=2)
+def test_existing_names_are_not_overwritten(tmp_path: Path) -> None:
     """A 0-byte file and a folder of that name are never overwritten."""
     meta = meta_of(Source().link)
     (tmp_path / "empty.boat").touch()
@@ -175,8 +177,8 @@ def test_names_that_are_taken(tmp_path: Path) -> None:
 
 
 @pytest.mark.fault(33, how="`recover` and `info` by a second process on a recording under way", times=2)
-def test_a_second_program_only_reads(tmp_path: Path) -> None:
-    """It may look, and is refused to write; the first goes on undisturbed."""
+def test_second_program_only_reads(tmp_path: Path) -> None:
+    """It may read and is refused writing; the first program continues."""
     source = Source()
     path = tmp_path / "run.boat"
     recorder = begin(path, source)

@@ -1,4 +1,4 @@
-"""Torn copies and rotten bits: salvaged or refused in words, never half believed."""
+"""Torn copies and flipped bits: salvaged or refused with a cause, never partly believed."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ PAGE = 4096
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A closed recording of some dozen pages."""
+    """Return a closed recording of some dozen pages."""
     return write_recording(tmp_path_factory.mktemp("whole") / "run.boat", blocks=8)
 
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
-    """The two files of a recording under way: the file itself, and its log."""
+    """Return the contents of a recording in progress: the file and its log."""
     folder = tmp_path_factory.mktemp("pair")
     source = Source()
     recorder = begin(folder / "run.boat", source)
@@ -44,7 +44,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
 
 
 def torn(folder: Path, main: bytes, log: bytes | None) -> Recovery | None:
-    """Recover a torn copy: None where it is refused in words; what comes back is sound and holds what it says."""
+    """Recover a torn copy: return None where it is refused with a cause, else the recovery after checking the file."""
     for left in folder.iterdir():
         left.unlink()
     path = folder / "run.boat"
@@ -66,8 +66,8 @@ def torn(folder: Path, main: bytes, log: bytes | None) -> Recovery | None:
 
 
 @pytest.mark.fault(31, how="a copy cut off at every page boundary of the closed file", times=16)
-def test_a_copy_torn_at_every_page_boundary(whole: Path, tmp_path: Path) -> None:
-    """Each opens on what can be read, or says what is wrong; more of the file never gives less."""
+def test_copy_torn_at_any_page_is_recovered_or_refused(whole: Path, tmp_path: Path) -> None:
+    """Each is recovered as far as it can be read, or refused with a cause; the whole file gives most."""
     content = whole.read_bytes()
     got = [torn(tmp_path, content[:end], None) for end in range(0, len(content) + 1, PAGE)]
     samples = [0 if recovery is None else recovery.samples for recovery in got]
@@ -78,8 +78,8 @@ def test_a_copy_torn_at_every_page_boundary(whole: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.fault(31, how="a copy of a recording under way, its log cut at every page of it", times=25)
-def test_a_log_torn_at_every_page_boundary(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
-    """The log's frames are 24 bytes longer than a page: each cut opens on the last whole commit before it."""
+def test_torn_log_gives_the_last_complete_commit(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
+    """The log's frames are 24 bytes longer than a page: each cut gives the last complete commit before it."""
     main, log = pair
     samples = []
     for end in [*range(32, len(log) + 1, PAGE + 24), len(log)]:
@@ -94,8 +94,8 @@ def test_a_log_torn_at_every_page_boundary(pair: tuple[bytes, bytes], tmp_path: 
 
 
 @pytest.mark.fault(31, how="a copy without its log, and a log without its file", times=2)
-def test_half_a_copy(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
-    """The bare file names itself and holds nothing yet; the bare log is nobody's."""
+def test_file_and_log_without_each_other(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
+    """The file without its log has no samples yet; the log without its file is refused."""
     main, log = pair
     recovery = torn(tmp_path, main, None)
     assert recovery is None or recovery.samples == 0
@@ -106,8 +106,8 @@ def test_half_a_copy(pair: tuple[bytes, bytes], tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cuts", few_and_many(31, "the last two pages cut at so many of their 8,192 bytes", 12, 8192))
-def test_the_last_pages_cut_at_any_byte(whole: Path, tmp_path: Path, cuts: int) -> None:
-    """Salvaged or refused in words, never half believed."""
+def test_last_pages_cut_at_any_byte_are_salvaged_or_refused(whole: Path, tmp_path: Path, cuts: int) -> None:
+    """Salvaged with the damage named, or refused with a cause."""
     content = whole.read_bytes()
     for end in np.linspace(len(content) - 2 * PAGE, len(content), cuts, endpoint=False, dtype=int):
         recovery = torn(tmp_path, content[:end], None)
@@ -115,8 +115,8 @@ def test_the_last_pages_cut_at_any_byte(whole: Path, tmp_path: Path, cuts: int) 
 
 
 @pytest.mark.parametrize("flips", few_and_many(32, "one bit flipped anywhere in a closed file", 40, 2000))
-def test_a_flipped_bit_is_found_or_harms_nothing(whole: Path, tmp_path: Path, flips: int) -> None:
-    """Found by recover or verify, or in a place that holds nothing: then every sample is what it was."""
+def test_flipped_bit_is_found_or_changes_no_sample(whole: Path, tmp_path: Path, flips: int) -> None:
+    """Found by `recover` or `verify`, or in unused space: then every sample is what it was."""
     content, rng = whole.read_bytes(), random.Random(flips)
     truth = read_boat_file(whole)
     found = 0

@@ -1,4 +1,4 @@
-"""Words from files that a spreadsheet, a browser, a terminal, a window or Python would run: they stay words."""
+"""Text from files that a spreadsheet, browser, terminal, window or Python would interpret: it remains text."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from analysis.shadow.model.table import read_table
 
 @pytest.mark.fault(49, how="cells that begin with = + - @ TAB and CR, in a table written for a spreadsheet", times=6)
 @pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
-def test_no_cell_of_a_table_is_a_formula(tmp_path: Path, start: str) -> None:
+def test_text_cell_is_no_formula(tmp_path: Path, start: str) -> None:
     """Text gets an apostrophe; numbers, negative ones too, stay numbers."""
     import pandas as pd
 
@@ -32,8 +32,8 @@ def test_no_cell_of_a_table_is_a_formula(tmp_path: Path, start: str) -> None:
     assert float(rows[1][1]) == -1.5
 
 
-class Bomb:
-    """Unpickling it would leave a file."""
+class CreatesFile:
+    """Unpickling it would create a file."""
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -43,12 +43,12 @@ class Bomb:
 
 
 @pytest.mark.fault(50, how="a pickle in an array file, where a cached table is read", times=1)
-def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
-    """An array of objects in the cache of the shadow: not read, not run; the table is built anew."""
+def test_pickle_is_never_loaded(tmp_path: Path) -> None:
+    """An array of objects in the shadow's cache is neither read nor executed."""
     mark = tmp_path / "exploded"
-    np.savez(tmp_path / "table.npz", nodes=np.array([Bomb(str(mark))], dtype=object))
+    np.savez(tmp_path / "table.npz", nodes=np.array([CreatesFile(str(mark))], dtype=object))
     assert read_table(tmp_path / "table.npz") is None
-    (tmp_path / "raw.npz").write_bytes(pickle.dumps(Bomb(str(mark))))
+    (tmp_path / "raw.npz").write_bytes(pickle.dumps(CreatesFile(str(mark))))
     assert read_table(tmp_path / "raw.npz") is None
     assert not mark.exists()
 
@@ -56,8 +56,8 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
 @pytest.mark.fault(
     48, how="markup in the header, the comments and the name of an imported table, up to its report", times=4
 )
-def test_a_tables_markup_is_text_in_its_report(tmp_path: Path) -> None:
-    """A CSV from elsewhere: column names, operator, unit and note are words in the HTML, and nothing is loaded."""
+def test_markup_of_a_table_is_text_in_its_report(tmp_path: Path) -> None:
+    """Column names, operator, unit and note of a CSV are text in the HTML, which loads nothing."""
     bad = "<script src='//x'>alert(1)</script>"
     rows = [f"{0.05 * n:g},{50 * np.cos(n / 60):.4f},{1600 + 200 * np.cos(n / 60):.3f}" for n in range(800)]
     head = [f"# {key}: {bad}" for key in ("operator", "unit", "note")]
@@ -71,30 +71,30 @@ def test_a_tables_markup_is_text_in_its_report(tmp_path: Path) -> None:
     assert "a&<b>" not in html
 
 
-# ---- words in a terminal and on hover --------------------------------------------------------------------------------
+# ---- text in a terminal and in tooltips ------------------------------------------------------------------------------
 
-STEERING = "[/bold] [red]x[/red] :smile: \x1b[2J \x1b]0;title\x07 \x9b31m \r \u202egnp \udcff"
+CONTROL_TEXT = "[/bold] [red]x[/red] :smile: \x1b[2J \x1b]0;title\x07 \x9b31m \r \u202egnp \udcff"
 
 
-@pytest.mark.fault(48, how="markup, control characters and no characters in words that a terminal prints", times=3)
-def test_words_in_a_terminal_are_words(capsys: pytest.CaptureFixture[str]) -> None:
-    """Brackets stay, what would steer the terminal becomes a box; in a message, a line and a table."""
+@pytest.mark.fault(48, how="markup, control characters and lone surrogates in text that a terminal prints", times=3)
+def test_markup_and_control_characters_are_printed_as_text(capsys: pytest.CaptureFixture[str]) -> None:
+    """Brackets remain, control characters become a replacement character; in a message, a line and a table."""
     from rich.table import Table
 
     from boat_daq.commands.console import PlainConsole
 
     console = PlainConsole(width=200)
-    table = Table(STEERING, box=None)
-    table.add_row(STEERING)
-    for thing in (STEERING, table):
+    table = Table(CONTROL_TEXT, box=None)
+    table.add_row(CONTROL_TEXT)
+    for thing in (CONTROL_TEXT, table):
         console.print(thing)
-    said = capsys.readouterr().out
-    assert said.count("[/bold] [red]x[/red] :smile: \ufffd[2J") == 3
-    assert not set(said) & set("\x1b\x07\x9b\r\u202e\udcff")
+    output = capsys.readouterr().out
+    assert output.count("[/bold] [red]x[/red] :smile: \ufffd[2J") == 3
+    assert not set(output) & set("\x1b\x07\x9b\r\u202e\udcff")
 
 
-def test_a_column_of_a_table_cannot_end_the_preview(tmp_path: Path) -> None:
-    """A header that looks like the end of markup: shown, not taken for it."""
+def test_markup_in_a_header_is_shown_in_the_preview(tmp_path: Path) -> None:
+    """A header that looks like the end of markup is shown as text."""
     from typer.testing import CliRunner
 
     from boat_daq.cli import app
@@ -106,8 +106,8 @@ def test_a_column_of_a_table_cannot_end_the_preview(tmp_path: Path) -> None:
     assert "\x1b" not in shown.stdout
 
 
-def test_a_tip_loads_nothing() -> None:
-    """Qt takes a text with a tag for rich text; what is said on hover has none, whoever wrote it."""
+def test_tooltip_escapes_tags() -> None:
+    """Qt takes a text with a tag for rich text; tags from files are escaped in a tooltip."""
     from boat_daq.gui.widgets.tooltips import as_words
 
     bad = "SA1 <img src='file:///etc/passwd'> & <b>x"
@@ -116,8 +116,8 @@ def test_a_tip_loads_nothing() -> None:
     assert "&lt;img src=" in as_words(bad)
 
 
-def test_a_name_that_is_no_utf_8_is_written_with_a_mark(tmp_path: Path) -> None:
-    """Reports and exports of it are files like any other."""
+def test_name_that_is_not_utf_8_is_exported_with_a_replacement(tmp_path: Path) -> None:
+    """An operator's name that is not UTF-8 can be exported."""
     from analysis.data.export import export
 
     run = load_recording(Path(__file__).parents[2] / "recordings" / "simulated_SA1_two_cycles.boat")

@@ -1,4 +1,4 @@
-"""The array types of the board link and the virtual board."""
+"""The array types of the link and the virtual board."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""Errors of the link, by whose fault they are.
+"""Errors of the link, by the side that caused them.
 
     ProtocolError
-    +-- LocalError     this side was asked for something the contract does not allow
-    +-- RemoteError    the other side broke the contract
-    +-- ProfileError   a text profile cannot be used as it is written
+    +-- LocalError     a request of this side is not allowed by the contract
+    +-- RemoteError    the other side violated the contract
+    +-- ProfileError   a text profile is not usable as written
     +-- RecordingError a file is not a recording, or cannot be read as one
         +-- DamagedRecordingError  its rows may still be readable one by one
 
-Damaged bytes are not errors: they are counted, and the stream goes on.
+Damaged bytes are not errors: they are counted, and the stream continues.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ class ProtocolError(Exception):
 
     Parameters
     ----------
-    cause : what happened, in the words of the lab.
-    remedy : what the reader can do about it; may be empty.
+    cause : what happened, in the terms of the lab.
+    remedy : what the user can do about it; may be empty.
     """
 
     def __init__(self, cause: str, remedy: str = "") -> None:
@@ -29,15 +29,15 @@ class ProtocolError(Exception):
 
 
 class LocalError(ProtocolError):
-    """This side was asked for something the contract does not allow."""
+    """A request of this side is not allowed by the contract."""
 
 
 class RemoteError(ProtocolError):
-    """The other side broke the contract."""
+    """The other side violated the contract."""
 
 
 class ProfileError(ProtocolError):
-    """A text profile cannot be used as it is written."""
+    """A text profile is not usable as written."""
 
 
 class RecordingError(ProtocolError):

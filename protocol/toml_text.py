@@ -1,8 +1,8 @@
-"""TOML from anywhere: the standard library's reader, and what it does not bound.
+"""Read untrusted TOML: the standard library's reader with the bounds that it lacks.
 
-`tomllib` takes memory with the square of a dotted key's parts (a key of 100 kB takes tens of gigabytes), raises a
-plain ValueError for a number of more digits than Python converts, and takes integers beyond the 64 bits that TOML
-promises, which later neither become a float nor can be printed.
+`tomllib` needs memory in proportion to the square of a dotted key's parts (tens of gigabytes for a key of 100 kB),
+raises a plain ValueError for a number of more digits than Python converts, and accepts integers beyond the 64 bits of
+TOML, which later can neither become a float nor be printed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def read_toml(text: str) -> dict[str, Any]:
 
     Raises
     ------
-    ValueError : not TOML, or nothing that a hand would write; says the line where there is one.
+    ValueError : not TOML, or beyond these bounds; names the line where there is one.
     """
     if found := _LONG_KEY.search(text):
         line = text.count("\n", 0, found.start()) + 1
@@ -30,14 +30,14 @@ def read_toml(text: str) -> dict[str, Any]:
     try:
         table = tomllib.loads(text)
     except RecursionError:
-        raise ValueError("it is nested too deeply") from None
+        raise ValueError("its tables are nested too deeply") from None
     if not all(-(2**63) <= number < 2**63 for number in _integers(table)):
         raise ValueError("a whole number of more than 64 bits")
     return table
 
 
 def _integers(value: object) -> Iterator[int]:
-    """Give every whole number in a table."""
+    """Yield every integer in a table."""
     match value:
         case int():
             yield value

@@ -1,6 +1,6 @@
-"""The recording: its schema, the check of a file from anywhere, and files of elongations.
+"""The recording: its schema, checks of untrusted files, and files of elongations.
 
-`from protocol.recording import ...` is the contract that other programs import by.
+`from protocol.recording import ...` is the public interface of this package.
 """
 
 from protocol.recording.schema import (

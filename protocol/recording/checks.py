@@ -1,8 +1,8 @@
-"""Is what a file says of itself what a recording can say? Checks of layout and values, for files from anywhere.
+"""Checks of layout and values, for recordings from untrusted sources.
 
-SQLite keeps any type in any column, and runs what a file's schema holds: views, triggers, virtual tables, generated
-columns. So the schema is compared with ours before a row is read, and values are checked by type and size where they
-are used. Nothing is mended here: what does not fit is refused by name.
+SQLite stores any type in any column, and executes what a file's schema holds: views, triggers, virtual tables,
+generated columns. So the schema is compared with that of a recording before a row is read, and values are checked by
+type and size where they are used. Nothing is repaired here: what does not fit is refused by name.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from protocol.errors import RecordingError
+from protocol.errors import DamagedRecordingError, RecordingError
 
-Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (declared type, whether it must be there)
+Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (declared type, whether it is required)
 
-# what sqlite3 raises of a damaged file; a broken name in SQLite's own message cannot be decoded
+# what sqlite3 raises on a damaged file; an invalid name in SQLite's own message cannot be decoded
 DAMAGE = (sqlite3.Error, UnicodeDecodeError, MemoryError)
-MAX_VALUE_BYTES = 64 * 2**20  # no honest text or blob of ours comes near; a larger one is refused by SQLite itself
+MAX_VALUE_BYTES = 64 * 2**20  # far above every text or blob of a recording; a larger one is refused by SQLite itself
 MAX_TEXT = 8 * 2**20  # bytes; as JSON it may take 25 times as many
-_STEPS_A_CALL = 10_000  # of SQLite's machine
+FOREIGN = "The file is damaged, or was not made by boat-daq."
+_STEPS_A_CALL = 10_000  # of SQLite's virtual machine
 _BYTES_A_CALL = 300  # a row of 15 columns takes some 150 steps, and no less than 5 bytes of the file
 _FEWEST_CALLS = 100
 _WHOLE_MAX = 2**62  # differences of two such still fit 64 bits
@@ -37,15 +38,15 @@ _TYPES = {
 
 
 def harden(connection: sqlite3.Connection, *, damaged: bool = False) -> None:
-    """Have a connection trust nothing of the file it has open.
+    """Set a connection to execute nothing that its file holds.
 
     Parameters
     ----------
-    damaged : whether the file is read in spite of its schema, which SQLite's defensive mode would not do.
+    damaged : whether the file is read in spite of its schema, which SQLite's defensive mode refuses.
 
     Raises
     ------
-    sqlite3.Error : the file is no database.
+    sqlite3.Error : the file is not a database.
     """
     for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "mmap_size=0", "temp_store=MEMORY"):
         connection.execute(f"PRAGMA {pragma}")
@@ -74,31 +75,40 @@ def declared(sql: str, tables: Sequence[str]) -> Columns:
 
 
 def refuse_active(path: Path, connection: sqlite3.Connection) -> set[str]:
-    """Return the names of the tables, once nothing in the schema runs when it is read.
+    """Return the names of the tables, provided that nothing in the schema executes when it is read.
 
     Raises
     ------
-    RecordingError : there is a view, a trigger, a virtual table.
+    RecordingError : there is a view, a trigger or a virtual table.
     """
     rows = connection.execute("SELECT type, name, sql FROM main.sqlite_schema LIMIT 1000").fetchall()
     for kind, name, sql in rows:
         if kind in {"view", "trigger"} or "VIRTUAL" in str(sql).upper()[:20]:
             raise RecordingError(
-                f"{path} holds something that runs when read ({name!s:.60})", "It was not made by boat-daq."
+                f"{path} contains code that would run when it is read ({name!s:.60})", "It was not made by boat-daq."
             )
     return {str(name) for kind, name, _ in rows if kind == "table"}
 
 
 def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_lack: set[tuple[str, str]]) -> None:
-    """Refuse a file that lacks a table or a column of ours; where `may_lack` allows it, NULLs stand in for the column.
+    """Refuse a file that lacks a table or a column of a recording; NULLs replace the columns that it may lack.
+
+    Parameters
+    ----------
+    path : for the messages.
+    connection : open on it.
+    ours : tables and columns of a recording.
+    may_lack : (table, column) that older recordings do not have.
 
     Raises
     ------
-    RecordingError : it lacks one, or something in it would run when read.
+    RecordingError : one is missing, or something in the file would execute when read.
     """
     missing = set(ours) - refuse_active(path, connection)
     if missing:
-        raise RecordingError(f"{path} is not a whole recording: no table {min(missing)!r}", f"boat-daq recover {path}")
+        raise DamagedRecordingError(
+            f"{path} is an incomplete recording: it has no table {min(missing)!r}", f"boat-daq recover {path}"
+        )
     theirs = columns_of(connection, tuple(ours))
     for table, columns in ours.items():
         absent = [name for name in columns if name not in theirs[table]]
@@ -112,15 +122,22 @@ def check_layout(path: Path, connection: sqlite3.Connection, ours: Columns, may_
 
 
 def check_values(path: Path, connection: sqlite3.Connection, columns: Columns) -> None:
-    """Refuse rows with a value of another type than its column is declared with, or beyond any measure.
+    """Refuse rows with a value of another type than its column is declared with, or out of all bounds.
 
-    The reading is given up after more steps than a file of that size can need: the pages of a forged file may lead
-    back to themselves, and a scan of it would never end. Nor may texts and blobs be longer together than the file:
-    in a forged one many rows share the pages of one long value.
+    Reading is aborted after more steps than a file of that size can need: the pages of a forged file may be linked in a
+    ring, and a scan of it would never end. Nor may texts and blobs be longer together than the file: in a forged one
+    many rows share the pages of one long value.
+
+    Parameters
+    ----------
+    path : for the size and the messages.
+    connection : open on it.
+    columns : tables and columns to check.
 
     Raises
     ------
-    RecordingError : there is one; names table and column. sqlite3.Error : the rows cannot be read.
+    RecordingError : there is such a value; names table and column.
+    sqlite3.Error : the rows cannot be read.
     """
     size = bytes_of(path)
     left = _FEWEST_CALLS + size // _BYTES_A_CALL
@@ -154,10 +171,7 @@ def _check_table(path: Path, connection: sqlite3.Connection, table: str, kinds: 
     row = connection.execute(sql).fetchone()
     if row is not None:
         column = next(name for name, fits in zip(tests, row, strict=True) if not fits)
-        raise RecordingError(
-            f"{path}: table {table!r} has a value that cannot stand in column {column!r}",
-            "The file is damaged, or was not made by boat-daq.",
-        )
+        raise RecordingError(f"{path}: table {table!r} has an impossible value in column {column!r}", FOREIGN)
 
 
 def _check_lengths(
@@ -169,17 +183,15 @@ def _check_lengths(
     if texts := [f"coalesce(length(CAST({name} AS BLOB)), 0)" for name, (kind, _) in kinds.items() if kind == "TEXT"]:
         for lengths in connection.execute(f"SELECT {', '.join(texts)} FROM {table}"):  # noqa: S608
             held, longest = held + sum(lengths), max(longest, *lengths)
-            if held > size or longest > MAX_TEXT:  # each was read to be measured: no further
+            if held > size or longest > MAX_TEXT:  # each was read to be measured: stop here
                 break
     if held > size or longest > MAX_TEXT:
         what = "more than the file can" if held > size else f"a text of more than {MAX_TEXT} bytes"
-        raise RecordingError(
-            f"{path}: table {table!r} says that it holds {what}", "The file is damaged, or was not made by boat-daq."
-        )
+        raise RecordingError(f"{path}: table {table!r} claims to hold {what}", FOREIGN)
 
 
 def value_fits(declared_as: tuple[str, bool], value: object) -> bool:
-    """Return what `check_values` asks, for one value that was read."""
+    """Return whether one value that was read passes the test of `check_values`."""
     kind, needed = declared_as
     if value is None:
         return not needed
@@ -203,7 +215,7 @@ def _text(value: Any) -> bool:
 
 
 def _time(value: Any) -> bool:
-    """Whether it is a time of day within the millennium, ISO 8601."""
+    """Return whether it is an ISO 8601 time of the years 1900 to 2999."""
     try:
         return isinstance(value, str) and 1900 <= datetime.fromisoformat(value).year < 3000
     except ValueError:
@@ -219,38 +231,43 @@ def _length(value: Any) -> bool:
     return value is None or _number(-1e12, 1e12)(value)
 
 
-def _resumptions(value: Any) -> bool:
-    keys = {"utc": _time, "host_ns": _whole(0, _WHOLE_MAX), "first_chunk": _whole(0, _WHOLE_MAX), "break_s": _length}
+_COUNT = _whole(0, _WHOLE_MAX)
+_BREAK_VALUES: dict[str, Callable[[Any], bool]] = {
+    "utc": _time, "cause": _text, "break_s": _length, "host_ns": _COUNT, "first_segment": _COUNT,
+    "first_chunk": _COUNT, "first_step": _COUNT, "first_cycle": _COUNT, "complete_cycles": _COUNT,
+    "last_result": _COUNT,
+}  # fmt: skip
+
+
+def are_breaks(value: Any) -> bool:
+    """Return whether a session's `resumptions` are a list of breaks."""
     return isinstance(value, list) and all(
-        isinstance(entry, dict) and all(fits(entry.get(key)) for key, fits in keys.items()) for entry in value
+        isinstance(entry, dict) and all(fits(entry.get(key)) for key, fits in _BREAK_VALUES.items()) for entry in value
     )
 
 
-_TOLD: dict[str, Callable[[Any], bool]] = {
+_SESSION_VALUES: dict[str, Callable[[Any], bool]] = {
     "uuid": _text, "status": _text, "program_version": _text, "started_utc": _time, "ended_utc": _time,
     "stop_reason": _text, "operator": _text, "unit": _text, "note": _text, "port": _text, "board_id": _text,
     "profile": _text, "simulated": lambda v: isinstance(v, bool),
-    "started_host_ns": _whole(0, _WHOLE_MAX), "ended_host_ns": _whole(0, _WHOLE_MAX), "n_sensors": _whole(1, 4),
+    "started_host_ns": _COUNT, "ended_host_ns": _COUNT, "n_sensors": _whole(1, 4),
     "sample_kind": lambda v: v in ("counts", "signal"), "sample_dtype": lambda v: isinstance(v, list),
     "vref_mv": _number(0, 1e9), "adc_bits": _whole(1, 32), "polarity": lambda v: v in (-1, 1),
     "rate_hz": _number(0, 1e9), "limits_pa": _limits, "settings": lambda v: isinstance(v, dict),
-    "resumptions": _resumptions,
+    "resumptions": are_breaks,
     "run_end": lambda v: v in ("finished", "stopped", "aborted", "fault", "interrupted"),
 }  # fmt: skip
 
 
 def check_session(meta: Mapping[str, Any]) -> None:
-    """Refuse a session's description with a value that its key cannot have; null means that it is not known.
+    """Refuse a session's description with a value that its key cannot have; null means unknown.
 
     Raises
     ------
     RecordingError : names the key.
     """
-    for key, fits in _TOLD.items():
+    for key, fits in _SESSION_VALUES.items():
         if meta.get(key) is not None and not fits(meta[key]):
-            raise RecordingError(
-                f"the session's description has an unusable {key!r}: {meta[key]!r:.60}",
-                "The file is damaged, or was not made by boat-daq.",
-            )
+            raise RecordingError(f"the session's description has an unusable {key!r}: {meta[key]!r:.60}", FOREIGN)
     if meta.get("sample_kind") == "counts" and None in (meta.get("vref_mv"), meta.get("adc_bits")):
-        raise RecordingError("the session's description does not say what its counts mean (vref_mv, adc_bits)")
+        raise RecordingError("the session's description lacks the scale of its counts (vref_mv, adc_bits)")

@@ -1,12 +1,12 @@
-"""A file of readings: what `record --elongation` and `analyze --elongation` both understand, written down once.
+"""Files of readings, as `record --elongation` and `analyze --elongation` accept them.
 
 One row a plateau with the columns `pressure_kpa,elongation_mm`, in the order of the run; or also `cycle` and `branch`
-("unloading", "loading", "start"), and then any order. Comma, semicolon, tab and bar separate; beside a comma decimals
-may be commas too. Lines that begin with # are comments; other columns are left alone. UTF-8 and UTF-16 as spreadsheets
-write them, else the Windows code page 1252.
+("unloading", "loading", "start"), and then in any order. The separator is a comma, semicolon, tab or bar; unless it is
+the comma, decimals may be commas. Lines that begin with # are comments; other columns are ignored. Encoding: UTF-8
+or UTF-16 as spreadsheets write them, else the Windows code page 1252.
 
-Rules: a row that is not two finite numbers is refused with its line, for by order one lost row would shift every later
-reading to another plateau. What the rows mean for a run is not decided here.
+Rules: a row that is not two finite numbers is refused with its line, because in a file by order one lost row would
+shift every later reading to another plateau. The rows are assigned to plateaus elsewhere.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _HEADER = "the first line must be: pressure_kpa,elongation_mm"
 
 @dataclass(frozen=True, slots=True)
 class ElongationRow:
-    """One row and its line; `cycle` and `branch` are None where the file goes by order."""
+    """One row and its line; `cycle` and `branch` are None in a file by order."""
 
     line: int
     pressure_kpa: float
@@ -41,7 +41,7 @@ def read_elongation_rows(path: Path) -> tuple[ElongationRow, ...]:
 
     Raises
     ------
-    LocalError : it cannot be read, lacks a column, or a row is not numbers; names the line.
+    LocalError : it cannot be read, lacks a column, or a row is not numeric; names the line.
     """
     lines = [(n, line) for n, line in enumerate(_text(path).splitlines(), 1) if line.strip(' ,;|\t"')]
     lines = [(n, line) for n, line in lines if not line.lstrip(' "\t').startswith("#")]
@@ -62,7 +62,7 @@ def read_elongation_rows(path: Path) -> tuple[ElongationRow, ...]:
 def _text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise LocalError(f"{path} is larger than {MAX_BYTES // 1_000_000} MB", "name the right file")
+            raise LocalError(f"{path} is larger than {MAX_BYTES // 1_000_000} MB", "choose the file of elongations")
         content = path.read_bytes()
     except OSError as error:
         raise LocalError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
@@ -87,7 +87,7 @@ def _decoded(content: bytes) -> str:
 def _cells(line: str, separator: str) -> list[str]:
     try:
         cells = next(csv.reader(io.StringIO(line), delimiter=separator), [])
-    except csv.Error:  # a cell beyond csv's limit, or a NUL: no number either
+    except csv.Error:  # a cell beyond csv's limit, or a NUL: not a number either
         return []
     return [cell.strip().strip('"') for cell in cells]
 
@@ -103,10 +103,10 @@ def _row(name: str, line: int, cells: dict[str, str]) -> ElongationRow:
         if cycle is not None and cycle != _number(cells["cycle"]):
             raise ValueError
     except (KeyError, ValueError, OverflowError):
-        raise LocalError(f"{name}, line {line}: a number is missing or is none", "mend that line") from None
+        raise LocalError(f"{name}, line {line}: a number is missing or invalid", "correct that line") from None
     branch = cells["branch"].lower() if "branch" in cells else None
     if not (math.isfinite(pressure_kpa) and math.isfinite(elongation_mm)):
-        raise LocalError(f"{name}, line {line}: not a finite number", "mend that line, or leave it out")
+        raise LocalError(f"{name}, line {line}: not a finite number", "correct or delete that line")
     if branch not in _BRANCHES:
-        raise LocalError(f"{name}, line {line}: there is no branch {branch!r:.40}", "write unloading or loading")
+        raise LocalError(f"{name}, line {line}: unknown branch {branch!r:.40}", "write unloading or loading")
     return ElongationRow(line, pressure_kpa, elongation_mm, cycle, branch)

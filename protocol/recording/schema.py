@@ -1,11 +1,11 @@
-"""The recording's schema: what a `.boat` file holds, described once for writer and readers.
+"""The recording's schema: the content of a `.boat` file, described once for writer and readers.
 
-One SQLite file a session. The raw bytes as they came and, in the same transaction, the samples decoded from them, so
-that every number can be derived again from the bytes. Changes are additive only: a column or a table may be added
-(and `SCHEMA_VERSION` raised), none renamed or given another meaning. So a newer file can be read, though not added to,
-and an older one is read as it is: NULLs stand in for the columns that it lacks (`ADDED`).
+One SQLite file a session. It holds the raw bytes as received and, in the same transaction, the samples decoded from
+them, so that every number can be derived again from the bytes. Changes are additive only: a column or a table may be
+added (and `SCHEMA_VERSION` raised), none renamed or given another meaning. So a newer file can be read, though not
+extended, and an older one is read unchanged: NULLs replace the columns that it lacks (`ADDED`).
 
-Samples are kept in blocks: one row of table `block` holds many samples as little-endian records of `sample_dtype`.
+Samples are stored in blocks: one row of table `block` holds many samples as little-endian records of `sample_dtype`.
 Six lines read them; any language can do the same:
 
     import json, sqlite3, numpy as np
@@ -16,7 +16,7 @@ Six lines read them; any language can do the same:
     samples = np.concatenate([np.frombuffer(blob, dtype) for (blob,) in rows])
 
 Three clocks, never mixed: `time_us` is the board's, unwrapped, and is the time of every analysis; `host_ns` is the
-host's monotonic clock at the arrival of the bytes; UTC with its offset names the session and stands in `session`.
+host's monotonic clock at the arrival of the bytes; UTC with its offset names the session and is stored in `session`.
 """
 
 from __future__ import annotations
@@ -36,8 +36,10 @@ import numpy as np
 from protocol.errors import DamagedRecordingError, RecordingError
 from protocol.recording.checks import (
     DAMAGE,
+    FOREIGN,
     MAX_TEXT,
     Columns,
+    are_breaks,
     check_layout,
     check_session,
     check_values,
@@ -45,9 +47,9 @@ from protocol.recording.checks import (
     harden,
 )
 
-APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, so that `file` and we know the file for ours
+APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, by which `file` and boat-daq identify a recording
 SCHEMA_VERSION = 2  # SQLite's `user_version`
-SCHEMA_BREAK = 100  # from here on a version would no longer be additive: this program cannot read it
+SCHEMA_BREAK = 100  # a version from here on is no longer additive: this program cannot read it
 SUFFIX = ".boat"
 
 SampleKind = Literal["counts", "signal"]
@@ -74,14 +76,14 @@ class BoardState(enum.IntEnum):
 
 
 class SampleFlag(enum.IntFlag):
-    """What is known of a sample: the low byte as the board sent it, the high byte set by the host."""
+    """Flags of a sample: the low byte as the board sent it, the high byte set by the host."""
 
     SATURATED = 0x0001
     ESTOP = 0x0002
     WATCHDOG_ARMED = 0x0004
     PRESSURE_INVALID = 0x0008
     DROPPED_BEFORE = 0x0010
-    IMPLAUSIBLE = 0x0100  # good checksum, absurd value: kept, and left out of every figure
+    IMPLAUSIBLE = 0x0100  # good checksum, impossible value: kept, and left out of every figure
     GAP_BEFORE = 0x0200  # samples are missing between the one before and this one
 
 
@@ -117,13 +119,13 @@ def sample_dtype(n_sensors: int, kind: SampleKind = "counts") -> np.dtype[np.voi
 
 
 def describe_dtype(dtype: np.dtype[np.void]) -> list[tuple[str, str, tuple[int, ...]]]:
-    """Return `dtype` as (name, code, shape) rows, the form kept in `session`."""
+    """Return `dtype` as (name, code, shape) rows, as stored in `session`."""
     assert dtype.fields is not None
     return [(name, field[0].base.str, field[0].shape) for name, field in dtype.fields.items()]
 
 
 def dtype_from_description(rows: list[Any]) -> np.dtype[np.void]:
-    """Return the dtype that `describe_dtype` described; anything but plain numbers is refused.
+    """Return the dtype that `describe_dtype` described; only plain numbers are accepted.
 
     Raises
     ------
@@ -138,17 +140,17 @@ def dtype_from_description(rows: list[Any]) -> np.dtype[np.void]:
 
 
 def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
-    """Return the record of a session's samples: all fields of `sample_dtype`, and what a newer version may have added.
+    """Return the record of a session's samples: all fields of `sample_dtype`, and those added by a newer version.
 
     Raises
     ------
-    RecordingError : the session does not say it, or a field of ours is missing or of another type.
+    RecordingError : the session lacks it, or a field is missing or of another type.
     """
     try:
         dtype = dtype_from_description(meta["sample_dtype"])
         ours = sample_dtype(meta["n_sensors"], meta["sample_kind"])
     except (KeyError, ValueError, TypeError) as error:
-        raise RecordingError(f"the session does not say what its samples are: {error}") from error
+        raise RecordingError(f"the session does not describe its samples: {error}") from error
     for name in ours.names or ():
         if name not in (dtype.names or ()) or dtype[name] != ours[name]:
             raise RecordingError(f"the session's samples have no usable {name!r}", "The file is damaged.")
@@ -158,7 +160,7 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
 # `session` is key -> JSON value. Keys that every recording has:
 SESSION_KEYS = (
     "uuid",  # of this recording
-    "status",  # "recording", "closed", "recovered"; "recording" in a file nobody writes = a killed session
+    "status",  # "recording", "closed", "recovered"; "recording" in a file that no program writes = a killed session
     "simulated",  # true for the virtual board
     "program_version",
     "started_utc",  # ISO 8601 with offset
@@ -178,7 +180,7 @@ SESSION_KEYS = (
     "vref_mv",
     "adc_bits",
     "polarity",  # +1 where the board's voltage rises with light, -1 where its stage inverts
-    "rate_hz",  # as asked for
+    "rate_hz",  # as requested
     "limits_pa",  # [min, max]: the tightest of board, unit and plan
     "settings",  # snapshot
     "plan",  # snapshot of the plan, or null
@@ -189,15 +191,14 @@ _STOP_REASONS: Final = {
     "finished": RunEnd.FINISHED, "stopped": RunEnd.STOPPED, "disconnected": RunEnd.STOPPED,
     "aborted": RunEnd.ABORTED, "interrupted": RunEnd.INTERRUPTED,
 }  # fmt: skip
-# Where a broken run went on, and only there: "resumptions", a list in order, one object for each break:
-# utc and host_ns of that instant, cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk,
-# step and cycle behind it, complete_cycles before it, last_result (id of the newest result of less than the whole run)
-_OF_A_BREAK = ("host_ns", "first_segment", "first_chunk", "first_step", "first_cycle", "complete_cycles", "last_result")
+# Only in a resumed run: "resumptions", a list in order, one object for each break: utc and host_ns of the resumption,
+# cause ("interrupted", "stopped", "aborted: ..."), break_s, the first segment, chunk, step and cycle after it,
+# complete_cycles before it, last_result (id of the newest result of less than the whole run)
 
 TABLES = """
 CREATE TABLE session (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 
--- bytes as they came (direction 0) and as they were sent (direction 1)
+-- bytes as received (direction 0) and as sent (direction 1)
 CREATE TABLE chunk (
     id INTEGER PRIMARY KEY, host_ns INTEGER NOT NULL, direction INTEGER NOT NULL, raw BLOB NOT NULL,
     crc32 INTEGER NOT NULL);
@@ -255,31 +256,31 @@ TABLE_NAMES = (
 # `step.branch`: "unloading" from elongation to compression, "loading" back, "start" and "end" outside the cycles.
 BRANCHES = ("start", "unloading", "loading", "end")
 
-# What a version brought: (table, column, declared type). Files of version 1 may have them or not.
+# What a version added: (table, column, declared type). Files of version 1 may have them or not.
 ADDED: dict[int, tuple[tuple[str, str, str], ...]] = {
     2: (("segment", "decoder", "TEXT"), ("block", "crc32", "INTEGER")),
 }
-LONG_TABLES = ("chunk", "block", "health")  # their values are checked by those who read them whole
+LONG_TABLES = ("chunk", "block", "health")  # their values are checked only where they are read whole
 
 _HEADER: Final = struct.Struct(">16s44xI4xI28x")  # magic, user_version, application_id of SQLite's 100-byte header
 
 
 def open_recording(path: Path | str) -> sqlite3.Connection:
-    """Open a recording for reading, trusting nothing in it.
+    """Open a recording for reading, as an untrusted file.
 
-    The file may come from anywhere: it is opened read-only, its schema is not run (no views, triggers or virtual
-    tables), no value larger than `recording_checks.MAX_VALUE_BYTES` is read, and every value of the short tables has
-    its column's type; `check_long_tables` looks at the others. A recording that is being written, or was left by a
-    killed program, is read up to its last commit. Close the connection soon: while it is open the writer's log grows.
+    It is opened read-only, its schema is not executed (no views, triggers or virtual tables), no value larger than
+    `checks.MAX_VALUE_BYTES` is read, and every value of the short tables has its column's type; `check_long_tables`
+    checks the others. A recording that is being written, or was left by a killed program, is read up to its last
+    commit. Close the connection soon: while it is open the writer's log grows.
 
     Raises
     ------
-    RecordingError : the file is missing, is not a recording, or its schema is not ours.
+    RecordingError : the file is missing, is not a recording, or has another schema.
     """
     path = Path(path)
     version = layout_version(path)
     if version >= SCHEMA_BREAK:
-        raise RecordingError(f"{path} has layout {version}, this program knows {SCHEMA_VERSION}", "Update boat-daq.")
+        raise RecordingError(f"{path} has layout {version}, this program reads {SCHEMA_VERSION}", "Update boat-daq.")
     uri = f"{path.absolute().as_uri()}?mode=ro"
     try:
         connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False, timeout=5.0)
@@ -301,12 +302,12 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
 
 
 def _unreadable(path: Path, error: Exception) -> RecordingError:
-    """Return what it means that SQLite does not read a recording."""
+    """Return the error for a recording that SQLite cannot read."""
     log, journal = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
     if log.exists() and not os.access(path.parent, os.W_OK):
         return RecordingError(
-            f"{path} was not closed, and its folder is read-only: its log cannot be read there",
-            f"Copy it and {log.name} into a folder that you may write to, and boat-daq recover it there.",
+            f"{path} was not closed, and its log cannot be read in a read-only folder",
+            f"Copy it and {log.name} into a writable folder, and run boat-daq recover there.",
         )
     if journal.exists():
         return DamagedRecordingError(f"{path} was left in the middle of a change", f"boat-daq recover {path}")
@@ -315,29 +316,30 @@ def _unreadable(path: Path, error: Exception) -> RecordingError:
 
 @cache
 def layout() -> Columns:
-    """Return what `TABLES` declares."""
+    """Return the columns that `TABLES` declares."""
     return declared(TABLES, TABLE_NAMES)
 
 
 def check_long_tables(path: Path | str, connection: sqlite3.Connection) -> None:
-    """Check the values of the tables that grow with time, for one who reads them whole.
+    """Check the values of the tables that grow with time, before they are read whole.
 
     Raises
     ------
-    RecordingError : a value does not fit its column. sqlite3.Error : the rows cannot be read.
+    RecordingError : a value does not fit its column.
+    sqlite3.Error : the rows cannot be read.
     """
     check_values(Path(path), connection, {name: layout()[name] for name in LONG_TABLES})
 
 
 def layout_version(path: Path) -> int:
-    """Return the version of a recording's layout, from the file's first 100 bytes, before SQLite looks at it.
+    """Return the version of a recording's layout, from the file's first 100 bytes, without SQLite.
 
     Raises
     ------
-    RecordingError : the file is missing, empty, or no recording.
+    RecordingError : the file is missing, empty, or not a recording.
     """
-    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for without end
-        raise RecordingError(f"{path} is no plain file", "Check the name.")
+    if path.exists() and not (path.is_file() or path.is_dir()):  # reading a pipe would block
+        raise RecordingError(f"{path} is not a regular file", "Check the name.")
     try:
         with path.open("rb") as file:
             head = file.read(_HEADER.size)
@@ -358,7 +360,7 @@ def layout_version(path: Path) -> int:
 
 
 def refuse_newer(path: Path) -> None:
-    """Refuse to add to a recording whose layout a newer program made: it could not be kept whole.
+    """Refuse to extend a recording with the layout of a newer program: its content could become inconsistent.
 
     Raises
     ------
@@ -367,7 +369,7 @@ def refuse_newer(path: Path) -> None:
     version = layout_version(path)
     if version > SCHEMA_VERSION:
         raise RecordingError(
-            f"{path} has layout {version}, this program writes {SCHEMA_VERSION}: it is only read here",
+            f"{path} has layout {version}, this program writes {SCHEMA_VERSION} and can only read it",
             "Update boat-daq to add to it.",
         )
 
@@ -381,22 +383,16 @@ def run_end_of(meta: Mapping[str, Any]) -> RunEnd | None:
 
 
 def breaks_of(meta: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the session's `resumptions`, oldest first; none for a run that was never broken.
+    """Return the session's `resumptions`, oldest first; none for a run without interruption.
 
     Raises
     ------
-    RecordingError : they are not what a recording holds.
+    RecordingError : they are not a list of breaks.
     """
     entries = meta.get("resumptions", [])
-    if not isinstance(entries, list) or not all(_is_break(entry) for entry in entries):
-        raise RecordingError("the session's 'resumptions' are not a list of breaks")
-    return entries
-
-
-def _is_break(entry: object) -> bool:
-    if not isinstance(entry, dict) or not all(isinstance(entry.get(key), str) for key in ("utc", "cause")):
-        return False
-    return all(type(entry.get(key)) is int and entry[key] >= 0 for key in _OF_A_BREAK)
+    if not are_breaks(entries):
+        raise RecordingError("the session's 'resumptions' are not a list of breaks", FOREIGN)
+    return list(entries)
 
 
 def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
@@ -404,12 +400,12 @@ def read_session(connection: sqlite3.Connection) -> dict[str, Any]:
 
     Raises
     ------
-    RecordingError : a value is not JSON, or a key that every recording has is missing.
+    RecordingError : a value is not JSON, or a required key is missing.
     """
     try:
         rows = connection.execute("SELECT key, value FROM session").fetchall()
         if sum(len(value) for _, value in rows) > MAX_TEXT:
-            raise RecordingError(f"the session's description is longer than {MAX_TEXT} bytes", "It is no recording's.")
+            raise RecordingError(f"the session's description is longer than {MAX_TEXT} bytes", FOREIGN)
         meta = {str(key): json.loads(value) for key, value in rows}
     except (*DAMAGE, ValueError, TypeError, RecursionError) as error:
         raise RecordingError(f"the session's description cannot be read: {error}") from error

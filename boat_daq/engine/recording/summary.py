@@ -117,7 +117,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     segments = tuple(_segments(db))
     samples = sum(segment.samples for segment in segments)
     if samples * session_dtype(meta).itemsize > bytes_of(path):
-        raise RecordingError(
+        raise DamagedRecordingError(
             f"{path} says that it holds {samples} samples: more samples than its size can hold",
             f"boat-daq recover {path}",
         )

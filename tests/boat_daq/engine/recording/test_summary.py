@@ -118,7 +118,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     """What is no plain file is not opened: a pipe without a writer would hold the reader for ever."""
     os.mkfifo(tmp_path / "run.boat")
-    with pytest.raises(RecordingError, match="no plain file"):
+    with pytest.raises(RecordingError, match="not a regular file"):
         summarise(tmp_path / "run.boat")
 
 

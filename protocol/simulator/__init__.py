@@ -1,1 +1,1 @@
-"""The virtual board: plant, sensors, converter, link and faults, seeded and without a clock."""
+"""The virtual board: plant, sensors, ADC front end, channel and faults, seeded and without a clock."""

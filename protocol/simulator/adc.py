@@ -1,9 +1,9 @@
-"""From a sensor's signal to two ADC counts: ambient light, noise, the converter.
+"""The ADC front end: from a sensor's signal to two counts, with ambient light, noise and quantisation.
 
 The board reads each sensor with its emitter off (dark) and, 50 us later, on (lit); the host subtracts. Both readings
-carry the ambient light: a level, the mains' flicker, whatever a fault adds. Noise is shared between the two so that a
-sample's signal scatters by the unit's figure, quantisation included. Noise belongs to the sample's number, drawn in
-fixed blocks, so that a stream does not depend on how it was cut.
+contain the ambient light: a level, the mains' flicker, and the contribution of faults. Noise is divided between the two
+so that a sample's signal has the specimen's noise, quantisation included. It is a function of the sample's number,
+drawn in fixed blocks, so that a stream does not depend on how it was divided.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AMBIENT_MV = 120.0
 FLICKER_MV = 5.0
 LIT_AFTER_US = 50
 _DARK_NOISE_MV = 0.5
-_FLICKER_PERIOD_US = 9_996  # twice the mains' frequency, which is never quite 50 Hz
+_FLICKER_PERIOD_US = 9_996  # twice the mains' frequency, which is never exactly 50 Hz
 _FLICKER = np.sin(2 * np.pi * np.arange(_FLICKER_PERIOD_US) / _FLICKER_PERIOD_US)
 _RAMP_TOP_MV = 600.0
 _SATURATING_MV = 4000.0
@@ -37,13 +37,18 @@ _BLOCK = 1024
 
 
 class SampleNoise:
-    """Standard normal and uniform numbers that belong to sample numbers: the same for any slicing.
+    """Standard normal and uniform numbers as a function of the sample number: the same for any slicing.
 
-    A row is: pressure, then (lit, dark) of each sensor; the uniform one is the jitter's.
+    A row is: pressure, then (lit, dark) of each sensor; the uniform number is for the jitter.
+
+    Parameters
+    ----------
+    seed : of the board.
+    run : number of its START.
+    n_sensors : number of sensors.
     """
 
     def __init__(self, seed: int, run: int, n_sensors: int) -> None:
-        """Noise of the `run`-th START of a board with that seed."""
         self._key = (seed, run)
         self._columns = 1 + 2 * n_sensors
         self._number = -1
@@ -94,7 +99,8 @@ class FrontEnd:
         signal_mv : without noise, shape (n, sensors).
         time_us : board time of each sample, shape (n,).
         noise : standard normal numbers, shape (n, sensors, 2).
-        faults : those that are on; `since_us` is when `ambient_ramp` began.
+        faults : the active ones, name -> value.
+        since_us : board time at which `ambient_ramp` began.
         """
         n, sensors = signal_mv.shape
         reading_mv = noise * self._noise_mv
@@ -125,5 +131,5 @@ def _ambient_mv(time_us: NDArray[np.int64], faults: Mapping[str, float], since_u
 
 
 def _sensor(number: float, sensors: int) -> int:
-    """Return the place of a sensor numbered from 1; a number out of range means the nearest."""
+    """Return the index of a sensor numbered from 1; a number out of range means the nearest."""
     return min(max(int(number), 1), sensors) - 1

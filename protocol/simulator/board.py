@@ -1,12 +1,12 @@
-"""The board that is not there: the whole contract of protocol/SPEC.md over a simulated unit, without clock or port.
+"""The virtual board: all of protocol/SPEC.md over a simulated specimen, without clock or port.
 
-`receive` takes the host's bytes at the present board time, `advance` moves the board on and returns all it sent
+`receive` takes the host's bytes at the present board time, `advance` passes board time and returns the bytes sent
 meanwhile. Rules of this file:
 
-- The same seed and the same bytes in at the same board times give the same bytes out, however `advance` is cut up: the
-  control ticks at fixed times, noise belongs to the number of a tick or a sample, and what is computed by the block is
-  computed element by element.
-- Everything leaves in the order of board time; between two messages samples are made and framed by the block.
+- The same seed and the same bytes in at the same board times give the same bytes out, however `advance` is divided: the
+  control ticks at fixed times, noise is a function of the number of a tick or a sample, and blocks are computed element
+  by element.
+- Everything is sent in the order of board time; between two messages samples are made and framed by the block.
 """
 
 from __future__ import annotations
@@ -46,29 +46,29 @@ from protocol.simulator.transmitter import Transmitter
 RATE_MAX_HZ = 20_000
 _TICKS_AT_ONCE = 400
 _PUMP_NOISE = 0.15  # kPa/s a tick: some 0.03 kPa of ripple in the pressure
-_SATURATION_QUIET_US = 1_000_000  # a sensor that saturates again sooner has not stopped
+_SATURATION_QUIET_US = 1_000_000  # saturation again within this time is the same event
 _KPA_PER_CYCLE = 180.0  # travel of a full cycle, for softening
 
 
 class VirtualBoard:
-    """A board with one unit on it.
+    """A board with one specimen.
 
     Parameters
     ----------
-    unit : a name of `protocol.simulator.specimens.SPECIMEN_NAMES`.
-    seed : of all noise and of damage on the wire.
-    faults : what goes wrong, and when (`protocol.simulator.faults`).
-    log_truth : keep the noise-free values beside each sample for `take_truth`.
+    specimen : a name of `protocol.simulator.specimens.SPECIMEN_NAMES`.
+    seed : of all noise and of damage on the channel.
+    faults : the faults and their times (`protocol.simulator.faults`).
+    log_truth : keep the noise-free values of each sample for `take_truth`.
 
     Raises
     ------
-    LocalError : no such unit.
+    LocalError : no such specimen.
     """
 
     def __init__(
-        self, unit: str = "SA1", *, seed: int = 0, faults: Iterable[Fault] = (), log_truth: bool = False
+        self, specimen: str = "SA1", *, seed: int = 0, faults: Iterable[Fault] = (), log_truth: bool = False
     ) -> None:
-        self.unit = find_specimen(unit)
+        self.specimen = find_specimen(specimen)
         self.now_us = 0  # board time since power-on
         faults = tuple(faults)
         self._true_us = 0
@@ -77,13 +77,13 @@ class VirtualBoard:
         self._schedule = FaultSchedule(faults)
         self._since_us: dict[str, int] = {}  # when each fault began
         self._transmitter = Transmitter(self.n_sensors, self._schedule, seed)
-        self._boot_at_us: int | None = None  # a board that boots neither hears nor speaks
+        self._boot_at_us: int | None = None  # a booting board neither receives nor sends
         self._refusal: AckStatus | None = None
         self._truth: list[NDArray[np.void]] | None = [] if log_truth else None
         self._pneumatics = Pneumatics()
-        self._body = Body(self.unit.actuator)
-        self._sensors = Sensors(self.unit.sensors, self.unit.range_mm)
-        self._sampler = Sampler(self.unit, seed)
+        self._body = Body(self.specimen.actuator)
+        self._sensors = Sensors(self.specimen.sensors, self.specimen.range_mm)
+        self._sampler = Sampler(self.specimen, seed)
         self._pump_noise = SampleNoise(seed, 0, 0)
         self._travel_kpa = 0.0
         self._later: list[tuple[int, BoardMessage]] = []
@@ -95,12 +95,12 @@ class VirtualBoard:
         self._plant = PlantBlock(-1, found, np.zeros(1, np.int64), np.zeros(1, np.int64))
         self._run(0)
 
-    # ---- what the board's owner calls ----------------------------------------------------------------------------
+    # ---- public interface ----------------------------------------------------------------------------------------
 
     @property
     def n_sensors(self) -> int:
-        """How many sensors the unit has."""
-        return len(self.unit.sensors)
+        """Number of sensors of the specimen."""
+        return len(self.specimen.sensors)
 
     @property
     def pressure_kpa(self) -> float:
@@ -119,11 +119,11 @@ class VirtualBoard:
 
     @property
     def unplugged(self) -> bool:
-        """True while the port is gone: whoever serves the board closes it, and opens it again."""
+        """Whether the port is unplugged: the server of the board closes it, and opens it again."""
         return "unplug" in self._schedule.active
 
     def opened(self) -> None:
-        """Tell the board that its port was opened; some reset on that."""
+        """Notify the board that its port was opened; some reset on that."""
         if "reset_on_open" in self._schedule.active:
             self._reset_control()
             self._transmitter.off = True
@@ -137,18 +137,22 @@ class VirtualBoard:
             if frame.type >= MessageType.IDENTIFY:
                 self._handle(frame)
 
-    def advance(self, dt_us: int, *, room: int | None = None) -> bytes:
-        """Move on by `dt_us` and return the bytes sent since the last call.
+    def advance(self, dt_us: int, *, free_bytes: int | None = None) -> bytes:
+        """Pass `dt_us` of true time and return the bytes sent since the last call.
 
         Parameters
         ----------
         dt_us : true time to pass, microseconds, 0 or more.
-        room : bytes that the transmit buffer can take; samples beyond it are dropped and counted, messages are not.
+        free_bytes : bytes free in the transmit buffer; samples beyond are dropped and counted, messages are not.
+
+        Raises
+        ------
+        ValueError : `dt_us` is negative.
         """
         if dt_us < 0:
             raise ValueError("board time does not run backwards")
         self._true_us += dt_us
-        self._transmitter.room = room
+        self._transmitter.free_bytes = free_bytes
         end = self._board_time(self._true_us)
         while self.now_us < end:
             changes = [time for time in (self._schedule.next_change_us, self._boot_at_us) if time is not None]
@@ -157,29 +161,29 @@ class VirtualBoard:
                 if self.now_us == self._boot_at_us:
                     self._boot(BootReason.RESET_PIN)
                 self._apply_faults(*self._schedule.move_to(self.now_us))
-                self._show_control()
+                self._update_state()
         return self._transmitter.take()
 
     def take_truth(self) -> NDArray[np.void]:
-        """Return the truth of the samples made since the last call (`sampler.truth_dtype`)."""
+        """Return the true values of the samples made since the last call (`sampler.truth_dtype`)."""
         parts, self._truth = self._truth, [] if self._truth is not None else None
         return np.concatenate([np.empty(0, truth_dtype(self.n_sensors)), *(parts or [])])
 
     # ---- time ----------------------------------------------------------------------------------------------------
 
     def _board_time(self, true_us: int) -> int:
-        """Return the board's time at a true time: the same but for a drift."""
+        """Return the board's time at a true time: the same without a drift."""
         if self._drift is None or true_us <= self._drift.start_us:
             return true_us
         start = self._drift.start_us
         return start + (true_us - start) * (1_000_000 + round(self._drift.value)) // 1_000_000
 
     def _clock(self, now_us: int) -> int:
-        """Return what the 32-bit clock shows."""
+        """Return the reading of the 32-bit clock."""
         return (now_us - self._booted_us + self._clock_start_us) & 0xFFFFFFFF
 
     def _reset_control(self) -> None:
-        """Forget what was commanded; a board that reboots lets the pressure out."""
+        """Forget all commands; a board that reboots vents."""
         self._sampler.stop()
         self._later.clear()
         if self.now_us:
@@ -213,13 +217,13 @@ class VirtualBoard:
             vref_mv=VREF_MV,
             pressure_min_pa=HARD_LIMITS_PA[0],
             pressure_max_pa=HARD_LIMITS_PA[1],
-            board_id=self.unit.board_id,
+            board_id=self.specimen.board_id,
         )
 
     # ---- faults --------------------------------------------------------------------------------------------------
 
     def _apply_faults(self, begun: Iterable[Fault], ended: Iterable[Fault]) -> None:
-        """Hand each fault that has begun or ended to the part that it concerns."""
+        """Apply each fault that has begun or ended to the part that it concerns."""
         for fault in begun:
             self._since_us[fault.name] = fault.start_us
             self._begin(fault)
@@ -287,10 +291,10 @@ class VirtualBoard:
         if self._refusal is not None and isinstance(command, SetPressure):
             refusal, self._refusal = self._refusal, None
             return refusal
-        status = self._control.obey(command, self.now_us)
-        self._show_control()
+        status = self._control.execute(command, self.now_us)
+        self._update_state()
         if status is AckStatus.DONE and isinstance(command, Start | Stop):
-            self._transmitter.tell_dropped(self._clock(self.now_us))
+            self._transmitter.report_dropped(self._clock(self.now_us))
         if status is AckStatus.DONE and isinstance(command, Start):
             slow = self._schedule.active.get("slow_rate", command.rate_hz)
             self._sampler.start(self.now_us, round(slow))
@@ -298,14 +302,14 @@ class VirtualBoard:
             self._sampler.stop()
         return status
 
-    def _show_control(self) -> None:
-        """Let the samples after this instant show the state and flags of now, not those of the last tick."""
+    def _update_state(self) -> None:
+        """Give the samples after this instant the present state and flags, not those of the last tick."""
         self._plant.states[-1], self._plant.flags[-1] = self._control.state, self._control.flags
 
-    # ---- the run of time -----------------------------------------------------------------------------------------
+    # ---- passing time --------------------------------------------------------------------------------------------
 
     def _run(self, stop_us: int) -> None:
-        """Run every tick and make every sample up to and with `stop_us`; no fault changes on the way."""
+        """Run every tick and make every sample up to and with `stop_us`; no fault changes in between."""
         messages = self._run_ticks(max(0, stop_us // TICK_US - self._last_tick))
         messages += [item for item in self._later if item[0] <= stop_us]
         self._later = [item for item in self._later if item[0] > stop_us]

@@ -1,8 +1,8 @@
-"""The virtual board's control: its state, its limits, its watchdog, and what each command does (protocol/SPEC.md).
+"""The virtual board's control: its state, its limits, its watchdog and its commands (protocol/SPEC.md).
 
-Rules of this file: levels are looked at on every tick, not edges; the board never leaves its limits on command; it
-vents by itself beyond a limit by more than 2 kPa, on a lost heartbeat, an e-stop, a target not reached, a dead pressure
-sensor; each of these latches FAULT until CLEAR_FAULT finds its cause gone. VENT is obeyed in every state.
+Rules of this file: levels are tested on every tick, not edges; the board never leaves its limits on command; it vents
+by itself beyond a limit by more than 2 kPa, on a lost heartbeat, an e-stop, a target not reached and a failed pressure
+sensor; each of these latches FAULT until CLEAR_FAULT finds its cause gone. VENT is executed in every state.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from protocol.simulator.plant import PUMP_KPA_PER_S, Pneumatics
 HARD_LIMITS_PA = (-45_000, 55_000)  # the lattice buckles below -40 kPa
 MARGIN_PA = 2_000
 TOLERANCE_KPA = 0.5
-PATIENCE_US = 8_000_000  # beyond the ramp's own time, until a target counts as not reached
+TARGET_TIMEOUT_US = 8_000_000  # after the ramp's end, until a target counts as not reached
 HEARTBEAT_MS = range(100, 5001)
 
 _MOVING = (BoardState.RAMPING, BoardState.HOLDING)
 
 
 class BoardControl:
-    """State machine over `Pneumatics`; `tick` before each of its steps, `obey` for each command."""
+    """State machine over `Pneumatics`; `tick` before each of its steps, `execute` for each command."""
 
     def __init__(self, pneumatics: Pneumatics, rate_max_hz: int) -> None:
         self.pneumatics = pneumatics
         self.state = BoardState.IDLE
-        self.events: list[tuple[EventCode, int]] = []  # collected here, taken by the owner
+        self.events: list[tuple[EventCode, int]] = []  # until `take_events`
         self.rate_hz = 0  # samples a second; 0 = none
         self.estop = False
         self.pressure_invalid = False
@@ -49,7 +49,7 @@ class BoardControl:
 
     @property
     def flags(self) -> int:
-        """The flags of a sample that are the control's."""
+        """The control's share of a sample's flags."""
         flags = SampleFlag.ESTOP if self.estop else SampleFlag(0)
         if self._timeout_us:
             flags |= SampleFlag.WATCHDOG_ARMED
@@ -58,12 +58,12 @@ class BoardControl:
         return int(flags)
 
     def take_events(self) -> list[tuple[EventCode, int]]:
-        """Return (code, value) of what happened since the last call."""
+        """Return (code, value) of the events since the last call."""
         events, self.events = self.events, []
         return events
 
     def feed(self, now_us: int) -> None:
-        """Feed the watchdog: a good frame came."""
+        """Feed the watchdog, on a good frame."""
         self._fed_us = now_us
 
     @property
@@ -73,7 +73,7 @@ class BoardControl:
         return self._fed_us + self._timeout_us if armed else None
 
     def set_estop(self, pressed: bool, *, announce: bool = True) -> None:
-        """Press or release the e-stop; found pressed at power-on it is a level without an event."""
+        """Press or release the e-stop; pressed at power-on it is a level without an event."""
         self.estop = pressed
         if pressed:
             self._latch()
@@ -81,13 +81,13 @@ class BoardControl:
             self.events.append((EventCode.ESTOP_PRESSED if pressed else EventCode.ESTOP_RELEASED, 0))
 
     def set_pressure_invalid(self, invalid: bool) -> None:
-        """Fail or mend the pressure sensor; without it nothing can be regulated."""
+        """Fail or restore the pressure sensor; without it nothing can be regulated."""
         self.pressure_invalid = invalid
         if invalid:
             self._latch()
 
     def tick(self, now_us: int) -> None:
-        """Look at everything once."""
+        """Test every condition once."""
         if self.state is BoardState.FAULT:
             return
         if self.watchdog_us is not None and now_us >= self.watchdog_us:
@@ -101,8 +101,8 @@ class BoardControl:
         elif self.state in _MOVING:
             self._follow(now_us, pressure_pa)
 
-    def obey(self, command: Command, now_us: int) -> AckStatus:
-        """Do what a command says, or return why not."""
+    def execute(self, command: Command, now_us: int) -> AckStatus:
+        """Execute a command, or return the status that refuses it."""
         match command:
             case Start():
                 if not 0 < command.rate_hz <= self._rate_max_hz:
@@ -123,11 +123,11 @@ class BoardControl:
         return AckStatus.DONE
 
     def _follow(self, now_us: int, pressure_pa: float) -> None:
-        """RAMPING or HOLDING, and whether the target is overdue."""
+        """Choose RAMPING or HOLDING, and trip where the target is overdue."""
         near = abs(pressure_pa / 1000.0 - self.pneumatics.target_kpa) <= TOLERANCE_KPA
         if near and self.pneumatics.setpoint_arrived:
             self.state = BoardState.HOLDING
-            self._deadline_us = now_us + PATIENCE_US
+            self._deadline_us = now_us + TARGET_TIMEOUT_US
         else:
             self.state = BoardState.RAMPING
             if now_us >= self._deadline_us:
@@ -154,7 +154,7 @@ class BoardControl:
         target_kpa = command.target_pa / 1000.0
         travel_kpa = abs(target_kpa - self.pneumatics.pressure_kpa)
         self.pneumatics.command(target_kpa, command.ramp_pa_per_s / 1000.0)
-        self._deadline_us = now_us + PATIENCE_US + round(1e6 * travel_kpa / self.pneumatics.ramp_kpa_per_s)
+        self._deadline_us = now_us + TARGET_TIMEOUT_US + round(1e6 * travel_kpa / self.pneumatics.ramp_kpa_per_s)
         self.state = BoardState.RAMPING
         return AckStatus.DONE
 
@@ -175,7 +175,7 @@ class BoardControl:
         return AckStatus.DONE
 
     def _set_limits(self, command: SetLimits) -> AckStatus:
-        """Take limits inside the hard ones; a pressure on its way beyond them turns back to the new limit."""
+        """Accept limits inside the hard ones; a target beyond them becomes the new limit."""
         low, high = command.min_pa, command.max_pa
         if not HARD_LIMITS_PA[0] <= low < high <= HARD_LIMITS_PA[1]:
             return AckStatus.OUT_OF_LIMITS

@@ -1,6 +1,6 @@
-"""The wire between virtual board and host, and what it does to bytes: nothing, unless a fault says so.
+"""The channel model between virtual board and host: it changes bytes only where a fault is active.
 
-Damage is drawn byte by byte in the order sent, so that it does not depend on how the bytes were handed over.
+Damage is drawn byte by byte in the order sent, so that it does not depend on how the bytes are divided.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ OTHER_DEVICE = b"T=21.5 C RH=40 %\r\n"
 
 
 class Channel:
-    """Bytes as the board sends them to bytes as they arrive."""
+    """Turns bytes as sent into bytes as received."""
 
     def __init__(self, seed: int) -> None:
         self._generators = {
@@ -21,11 +21,11 @@ class Channel:
         }
         self._until: dict[str, int] = {}  # bytes until the next damage of that name
         self._which_bit = np.random.default_rng((seed, 104))
-        self._said = 0  # by another device
+        self._sent_as_other = 0  # bytes of another device
         self._wrong_baud = np.random.default_rng((seed, 103))
 
     def carry(self, data: bytes, faults: Mapping[str, float]) -> bytes:
-        """Return what arrives of `data` while `faults` are on."""
+        """Return what arrives of `data` while `faults` are active."""
         if "silent" in faults or "unplug" in faults:
             return b""
         if "other_device" in faults:
@@ -46,13 +46,13 @@ class Channel:
         return data
 
     def _other_text(self, length: int) -> bytes:
-        """Return as many bytes of another device's talk as the board would have sent."""
-        start = self._said % len(OTHER_DEVICE)
-        self._said += length
+        """Return as many bytes of another device's text as the board would have sent."""
+        start = self._sent_as_other % len(OTHER_DEVICE)
+        self._sent_as_other += length
         return (OTHER_DEVICE * (length // len(OTHER_DEVICE) + 2))[start : start + length]
 
     def _places(self, name: str, chance: float, length: int) -> list[int]:
-        """Return which of the next `length` bytes are hit, each with the same chance."""
+        """Return which of the next `length` bytes are damaged, each with the same probability."""
         generator = self._generators[name]
         chance = min(max(chance, 1e-12), 1.0)
         place = self._until[name] if name in self._until else int(generator.geometric(chance)) - 1

@@ -1,7 +1,7 @@
-"""What can go wrong with a board, by name: one table, and the schedule that a virtual board follows.
+"""Faults of the virtual board: one table of their kinds, and the schedule of a run.
 
-A fault is written NAME@SECONDS[:VALUE]; SECONDS is board time since power-on. A fault with a duration for its value
-ends by itself (0 = never), one that counts ends when it is used up, every other one stays.
+A fault is written NAME@SECONDS[:VALUE]; SECONDS is board time since power-on. A fault whose value is a duration ends by
+itself (0 = never), one that counts ends when it is used up, every other one stays.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ class FaultKind:
 
     Parameters
     ----------
-    default : value taken where none is given; `value_name` says what it means.
+    default : value where none is given.
+    value_name : unit or meaning of the value.
     lasting : how the fault ends.
-    sentence : what happens.
-    low, high : values that are possible.
+    sentence : its effect.
+    low, high : range of the value.
     """
 
     default: float
@@ -37,58 +38,68 @@ class FaultKind:
 
 
 FAULTS: dict[str, FaultKind] = {
-    # the wire
+    # channel
     "bit_flips": FaultKind(
-        1e-3, "chance per byte", "stays", "One bit of a sent byte is flipped, at that chance.", 0, 1
+        1e-3, "chance per byte", "stays", "One bit of a sent byte is flipped, with that probability.", 0, 1
     ),
-    "drop_byte": FaultKind(1e-3, "chance per byte", "stays", "A sent byte is lost, at that chance.", 0, 1),
-    "garbage": FaultKind(1000, "bytes", "count", "So many random bytes come between two frames."),
+    "drop_byte": FaultKind(1e-3, "chance per byte", "stays", "A sent byte is lost, with that probability.", 0, 1),
+    "garbage": FaultKind(1000, "bytes", "count", "That many random bytes are sent between two frames."),
     "boot_text": FaultKind(1, "lines", "count", "Lines of text and NULs, as a boot loader prints them."),
-    "wrong_baud": FaultKind(0, "seconds", "seconds", "Every byte arrives as another one, as at a wrong baud rate."),
-    "other_device": FaultKind(0, "seconds", "seconds", "The port is another device's: text instead of frames."),
-    "silent": FaultKind(0, "seconds", "seconds", "The port stays open and the board obeys, but sends nothing."),
-    "unplug": FaultKind(3, "seconds", "seconds", "The port is gone, and comes back with the board still running."),
+    "wrong_baud": FaultKind(0, "seconds", "seconds", "Every byte arrives changed, as at a wrong baud rate."),
+    "other_device": FaultKind(0, "seconds", "seconds", "The port belongs to another device: text instead of frames."),
+    "silent": FaultKind(
+        0, "seconds", "seconds", "The port stays open and the board executes commands, but sends nothing."
+    ),
+    "unplug": FaultKind(3, "seconds", "seconds", "The port disappears, and returns with the board still running."),
     # frames
-    "absurd_value": FaultKind(3, "samples", "count", "Good frames say 5 MPa, 65535 counts, dark above lit, in turn."),
-    "index_gap": FaultKind(1, "samples", "count", "So many SAMPLE frames are lost on the way."),
-    "dropped": FaultKind(10, "samples", "count", "The board drops so many samples, flags the next and sends EVENT 9."),
-    "duplicate": FaultKind(1, "samples", "count", "So many SAMPLE frames come twice."),
-    "reorder": FaultKind(1, "pairs", "count", "So many pairs of SAMPLE frames come in the wrong order."),
-    "ack_lost": FaultKind(3, "answers", "count", "So many answers are lost; the commands are obeyed."),
-    "ack_late": FaultKind(400, "ms", "stays", "Answers come that much later."),
+    "absurd_value": FaultKind(3, "samples", "count", "Good frames with 5 MPa, 65535 counts, dark above lit, in turn."),
+    "index_gap": FaultKind(1, "samples", "count", "That many SAMPLE frames are lost in the channel."),
+    "dropped": FaultKind(
+        10, "samples", "count", "The board drops that many samples, flags the next and sends EVENT 9."
+    ),
+    "duplicate": FaultKind(1, "samples", "count", "That many SAMPLE frames arrive twice."),
+    "reorder": FaultKind(1, "pairs", "count", "That many pairs of SAMPLE frames arrive in the wrong order."),
+    "ack_lost": FaultKind(3, "answers", "count", "That many answers are lost; the commands are executed."),
+    "ack_late": FaultKind(400, "ms", "stays", "Answers are delayed by that time."),
     "ack_refused": FaultKind(4, "status", "count", "The next SET_PRESSURE is refused with that status.", 1, 6),
     "wrong_protocol": FaultKind(2, "version", "stays", "HELLO names that version of the protocol.", 0, 255),
     # the board
     "clock_wrap": FaultKind(0, "", "stays", "The 32-bit clock wraps at that time (it starts just short of 2^32)."),
-    "drift_ppm": FaultKind(200, "ppm", "stays", "The board's clock is fast by that much; slow if negative.", -1e5, 1e5),
-    "jitter": FaultKind(2, "ms", "stays", "Each sample is late by up to that much (up to 0.9 of its period)."),
-    "slow_rate": FaultKind(62, "Hz", "stays", "The board samples at that rate, whatever START asked for.", 1, 2e4),
+    "drift_ppm": FaultKind(
+        200, "ppm", "stays", "The board's clock is fast by that value; slow if negative.", -1e5, 1e5
+    ),
+    "jitter": FaultKind(2, "ms", "stays", "Each sample is delayed by up to that time (at most 0.9 of its period)."),
+    "slow_rate": FaultKind(62, "Hz", "stays", "The board samples at that rate, whatever START requested.", 1, 2e4),
     "reset": FaultKind(
         1, "boot reason", "count", "The board reboots: HELLO, vented, its clock at 0, no samples.", 0, 4
     ),
-    "reset_on_open": FaultKind(0.5, "seconds", "stays", "Opening the port resets the board; it boots for so long."),
-    "estop": FaultKind(5, "seconds", "seconds", "The e-stop is pressed; at 0 it was so before, and no EVENT tells."),
+    "reset_on_open": FaultKind(0.5, "seconds", "stays", "Opening the port resets the board; it boots for that time."),
+    "estop": FaultKind(
+        5, "seconds", "seconds", "The e-stop is pressed; at 0 s it is pressed from power-on, without an EVENT."
+    ),
     "pressure_invalid": FaultKind(5, "seconds", "seconds", "The pressure sensor fails: flagged, vented, FAULT."),
     # pneumatics and body
-    "overshoot": FaultKind(4, "kPa", "stays", "Each new target is overshot by that much.", 0, 30),
+    "overshoot": FaultKind(4, "kPa", "stays", "Each new target is overshot by that pressure.", 0, 30),
     "beyond_limit": FaultKind(
-        60, "kPa", "count", "The pressure is found at that value, whatever was commanded.", -90, 150
+        60, "kPa", "count", "The pressure jumps to that value, whatever was commanded.", -90, 150
     ),
     "leak": FaultKind(5, "% per minute", "stays", "The bladder loses that share a minute behind the gauge."),
-    "dead_pump": FaultKind(0, "seconds", "seconds", "The pumps stand still; pressure only leaks or vents away."),
-    "stall": FaultKind(30, "kPa", "stays", "The pumps get no further than that from ambient, either way."),
+    "dead_pump": FaultKind(0, "seconds", "seconds", "The pumps stop; pressure only leaks or vents."),
+    "stall": FaultKind(30, "kPa", "stays", "The pumps reach at most that gauge pressure, positive or negative."),
     "softening": FaultKind(
-        5, "% over 50 cycles", "stays", "The body gets softer with every cycle, by that much.", -100, 100
+        5, "% over 50 cycles", "stays", "The body softens with every cycle, by that share.", -100, 100
     ),
     # sensors
     "frozen_channel": FaultKind(1, "sensor", "stays", "That sensor repeats its last counts.", 1, 2),
-    "saturate": FaultKind(1, "sensor", "stays", "Light from outside drives that sensor to full scale.", 1, 2),
-    "ambient_step": FaultKind(300, "mV", "stays", "A lamp: the ambient light steps up by that much.", -100, 2000),
-    "ambient_ramp": FaultKind(10, "mV/s", "stays", "The ambient light rises at that pace, up to 600 mV.", -100, 1e4),
-    "flicker": FaultKind(
-        200, "mV", "stays", "The ambient light flickers at twice the mains' 50 Hz, by that much.", 0, 1000
+    "saturate": FaultKind(1, "sensor", "stays", "Ambient light drives that sensor to full scale.", 1, 2),
+    "ambient_step": FaultKind(
+        300, "mV", "stays", "A lamp: the ambient light increases at once by that signal.", -100, 2000
     ),
-    "sensor_disagreement": FaultKind(20, "mV", "stays", "The last sensor is off by that much.", -1e3, 1e3),
+    "ambient_ramp": FaultKind(
+        10, "mV/s", "stays", "The ambient light increases at that rate, up to 600 mV.", -100, 1e4
+    ),
+    "flicker": FaultKind(200, "mV", "stays", "The ambient light flickers at 100 Hz with that amplitude.", 0, 1000),
+    "sensor_disagreement": FaultKind(20, "mV", "stays", "The last sensor is offset by that signal.", -1e3, 1e3),
 }
 
 
@@ -102,7 +113,7 @@ class Fault:
 
     @property
     def end_us(self) -> int | None:
-        """When it ends by itself; None where time does not end it."""
+        """When it ends by itself; None where it does not."""
         if FAULTS[self.name].lasting != "seconds" or self.value <= 0:
             return None
         return self.start_us + round(self.value * 1e6)
@@ -118,11 +129,11 @@ def fault_list() -> str:
 
 
 def parse_fault(text: str) -> Fault:
-    """Return the fault that NAME@SECONDS[:VALUE] names; without @SECONDS it is there from power-on.
+    """Return the fault in NAME@SECONDS[:VALUE]; without @SECONDS it begins at power-on.
 
     Raises
     ------
-    LocalError : an unknown name (the remedy lists all), or no number where one belongs.
+    LocalError : an unknown name (the remedy lists all), or an invalid number.
     """
     head, _, value = text.strip().partition(":")
     name, _, seconds = head.partition("@")
@@ -132,18 +143,24 @@ def parse_fault(text: str) -> Fault:
 
 
 def make_fault(name: str, at_s: float = 0.0, value: float | None = None) -> Fault:
-    """Return a fault by name, time and value (the table's, where None).
+    """Return a fault.
+
+    Parameters
+    ----------
+    name : one of `FAULTS`.
+    at_s : board time since power-on.
+    value : default the table's.
 
     Raises
     ------
-    LocalError : an unknown name, a time before power-on, a value that is not possible.
+    LocalError : an unknown name, a time before power-on, a value out of range.
     """
     if name not in FAULTS:
         raise LocalError(f"there is no fault {name!r}", "use one of\n" + fault_list())
     kind = FAULTS[name]
     value = kind.default if value is None else value
     if not 0 <= at_s <= 1e9:
-        raise LocalError(f"the fault {name} cannot be at {at_s:g} s", "count seconds from power-on")
+        raise LocalError(f"the fault {name} cannot begin at {at_s:g} s", "count seconds from power-on")
     if not kind.low <= value <= kind.high:
         raise LocalError(f"the fault {name} cannot have the value {value:g}", f"use {kind.low:g} to {kind.high:g}")
     return Fault(name, round(at_s * 1e6), value)
@@ -160,7 +177,7 @@ def _number(text: str, part: str) -> float:
 
 
 class FaultSchedule:
-    """Which faults are on; moved on in board time by its owner."""
+    """The active faults, in board time."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
         self._coming = sorted(faults, key=lambda fault: fault.start_us)
@@ -175,7 +192,7 @@ class FaultSchedule:
         return min(times, default=None)
 
     def move_to(self, now_us: int) -> tuple[list[Fault], list[Fault]]:
-        """Return what has begun and what has ended up to and with `now_us`."""
+        """Return the faults that have begun and ended up to and with `now_us`."""
         begun = [fault for fault in self._coming if fault.start_us <= now_us]
         self._coming = self._coming[len(begun) :]
         self._on += [fault for fault in begun if FAULTS[fault.name].lasting != "count"]
@@ -186,17 +203,17 @@ class FaultSchedule:
 
 
 class Countdown:
-    """Faults that count: how many are left of each."""
+    """How many are left of each fault that counts."""
 
     def __init__(self) -> None:
         self._left: dict[str, int] = {}
 
     def add(self, name: str, count: float) -> None:
-        """Have `count` more of them."""
+        """Add `count` to the number left."""
         self._left[name] = self._left.get(name, 0) + int(count)
 
     def take(self, name: str, most: int = 1) -> int:
-        """Use up to `most` of what is left, and return how many that were."""
+        """Use at most `most` of the number left, and return how many."""
         if name not in self._left:
             return 0
         taken = min(self._left[name], most)
@@ -207,5 +224,5 @@ class Countdown:
 
     @property
     def left(self) -> Mapping[str, int]:
-        """What is left, by name; empty most of the time."""
+        """The number left, by name."""
         return self._left

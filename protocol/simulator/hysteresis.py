@@ -1,12 +1,12 @@
-"""Hysteresis without a rate: a generalised Prandtl-Ishlinskii operator.
+"""Rate-independent hysteresis: a generalised Prandtl-Ishlinskii operator.
 
 A play operator is a clamp: fed the input v it moves its state w no further than into the interval
 [up(v) - r, down(v) + r], so rising inputs follow one envelope and falling inputs the other (asymmetric loops). A
-weighted sum of plays with growing radii r has return-point memory (a closed minor loop wipes itself out) and congruent
-minor loops, and knows no time (M. Al Janaideh, S. Rakheja, C.-Y. Su, Mechatronics 19, 2009, 656-670).
+weighted sum of plays with growing radii r has return-point memory (a closed minor loop erases itself) and congruent
+minor loops, independent of the rate (M. Al Janaideh, S. Rakheja, C.-Y. Su, Mechatronics 19, 2009, 656-670).
 
-A clamp after a clamp is a clamp. So a block of inputs is a prefix scan over intervals, log2(n) numpy passes for any
-number of plays; and as clamping selects and never rounds, the result is the same however the inputs are cut in blocks.
+The composition of two clamps is a clamp. So a block of inputs is a prefix scan over intervals, log2(n) numpy passes for
+any number of plays; and as clamping selects and never rounds, the result does not depend on the division into blocks.
 """
 
 from __future__ import annotations
@@ -39,10 +39,9 @@ class PlaySum:
 
 
 class Hysteresis:
-    """A `PlaySum` with its memory: `advance` takes inputs in order and returns the outputs."""
+    """A `PlaySum` with its memory, at first in the virgin state: all plays at rest under the input 0."""
 
     def __init__(self, model: PlaySum) -> None:
-        """Begin in the virgin state: all plays at rest under the input 0."""
         self.model = model
         self._radii = np.array(model.radii)
         self._plays = np.zeros(len(model.radii))
@@ -69,13 +68,13 @@ class Hysteresis:
 
 
 def clamp(value: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return `value` moved no further than into [low, high]."""
+    """Return `value` limited to [low, high]."""
     clamped: FloatArray = np.minimum(np.maximum(value, low), high)
     return clamped
 
 
 def compose_clamps(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return for each row the one clamp that equals all clamps up to and with it, applied in turn.
+    """Return for each row the one clamp equal to all clamps up to and with it, applied in turn.
 
     Parameters
     ----------

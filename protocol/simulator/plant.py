@@ -1,10 +1,10 @@
-"""The pneumatics and the body behind the virtual board: from a commanded pressure to elongation and signal.
+"""The plant of the virtual board: from a commanded pressure to elongation and signal.
 
-The regulator steps every 10 ms of board time, one number after the other, as firmware does: a setpoint that moves at
-the commanded ramp (the pumps' own rate at most), a pressure that follows it with lag and a small overshoot, a leak that
-the pumps make good, a valve that vents. Body and sensors take whole blocks of those steps: hysteresis and creep turn
-pressure into elongation, the sensor's cubic and its own small loop turn elongation into signal. Nothing here is drawn
-at random: noise comes in as an argument, so that the noise-free truth is the same code.
+The regulator steps every 10 ms of board time, as firmware does: a setpoint that moves at the commanded ramp (the pumps'
+rate at most), a pressure that follows it with lag and a small overshoot, a leak that the pumps compensate, a valve that
+vents. Body and sensors take whole blocks of those steps: hysteresis and creep turn pressure into elongation, the
+sensor's cubic and its small hysteresis loop turn elongation into signal. Nothing here is random: noise is an argument,
+so that the noise-free truth is computed by the same code.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from protocol.simulator.specimens import SpecimenActuator, SpecimenSensor
 TICK_US = 10_000
 TICK_S = TICK_US / 1e6
 
-PUMP_KPA_PER_S = 40.0  # as fast as the pumps go
-PUMP_REACH_KPA = (-70.0, 90.0)  # as far as they can
+PUMP_KPA_PER_S = 40.0  # the pumps' rate
+PUMP_REACH_KPA = (-70.0, 90.0)  # the pumps' range
 _OMEGA = 9.0  # rad/s of the regulated pressure
 _DAMPING = 0.6
 _VENT_S = 0.25  # time constant of the open valve
-_LINE_LEAK_PER_S = 0.002  # share of the pressure lost when the pumps stand still
+_LINE_LEAK_PER_S = 0.002  # share of the pressure lost while the pumps are off
 
 
 class Pneumatics:
@@ -33,7 +33,7 @@ class Pneumatics:
 
     def __init__(self) -> None:
         self.pressure_kpa = 0.0  # at the gauge
-        self.bladder_kpa = 0.0  # what stretches the body; the same but for a leak behind the gauge
+        self.bladder_kpa = 0.0  # stretches the body; differs by a leak behind the gauge
         self.setpoint_kpa = 0.0
         self.target_kpa = 0.0
         self.ramp_kpa_per_s = PUMP_KPA_PER_S
@@ -46,10 +46,10 @@ class Pneumatics:
         self.leak_per_s = 0.0
         self._rate = 0.0
         self._lost_kpa = 0.0
-        self._beyond_kpa = 0.0  # an exaggerated overshoot still on its way out, with its sign
+        self._beyond_kpa = 0.0  # an exaggerated overshoot not yet reached, with its sign
 
     def command(self, target_kpa: float, ramp_kpa_per_s: float) -> None:
-        """Regulate towards `target_kpa`; a ramp of 0 is as fast as the pumps go."""
+        """Regulate towards `target_kpa`; a ramp of 0 is as fast as the pumps can."""
         if not self.regulated:
             self.setpoint_kpa = self.pressure_kpa
         self.target_kpa = target_kpa
@@ -58,17 +58,17 @@ class Pneumatics:
         self._beyond_kpa = math.copysign(self.overshoot_kpa, target_kpa - self.pressure_kpa)
 
     def vent(self) -> None:
-        """Open the valve, stop the pumps."""
+        """Open the valve and stop the pumps."""
         self.regulated, self.venting = False, True
         self._rate = 0.0
 
     @property
     def setpoint_arrived(self) -> bool:
-        """True when the setpoint has reached the target."""
+        """Whether the setpoint has reached the target."""
         return self.setpoint_kpa == self.target_kpa
 
     def step(self, pump_noise: float) -> None:
-        """Move on by one tick; `pump_noise` is a change of the pressure's rate, kPa/s."""
+        """Advance by one tick; `pump_noise` is a change of the pressure's rate, kPa/s."""
         if self.regulated:
             self._move_setpoint()
         if self.regulated and self.pump_works:
@@ -101,9 +101,9 @@ class Pneumatics:
 class Body:
     """Elongation under the bladder's pressure: a generalised Prandtl-Ishlinskii operator, then creep."""
 
-    def __init__(self, unit: SpecimenActuator) -> None:
-        self._hysteresis = Hysteresis(unit.hysteresis)
-        self._creep = [[share, TICK_S / time_s, 0.0] for share, time_s in unit.creep]
+    def __init__(self, actuator: SpecimenActuator) -> None:
+        self._hysteresis = Hysteresis(actuator.hysteresis)
+        self._creep = [[share, TICK_S / time_s, 0.0] for share, time_s in actuator.creep]
 
     def advance(self, pressure_kpa: FloatArray) -> FloatArray:
         """Return the elongation after each tick, mm, both shape (n,)."""
@@ -122,10 +122,10 @@ class Body:
 
 
 class Sensors:
-    """Noise-free signals of a unit's sensors: each one's cubic and its own small loop over elongation.
+    """Noise-free signals of a specimen's sensors: each one's cubic and its small hysteresis loop over elongation.
 
-    The loop is a lens: plays of growing radius in a band about the middle of the range, their mean slope taken off, so
-    that on a full cycle it closes at both ends and both branches lie about the cubic.
+    The loop is lens-shaped: plays of growing radius about the middle of the range, their mean slope subtracted, so that
+    on a full cycle it closes at both ends and both branches lie about the cubic.
     """
 
     _PLAYS = 8

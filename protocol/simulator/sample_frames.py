@@ -1,8 +1,8 @@
-"""SAMPLE frames by the block: what `messages.encode_message` does to one, as array operations over many.
+"""SAMPLE frames by the block: `messages.encode_message` as array operations over many samples.
 
-- A CRC-32 is affine: the CRC of a body of fixed length is a constant, xor one table entry for each byte at its place.
+- A CRC-32 is affine: the CRC of a body of fixed length is a constant, xor one table entry for each byte and position.
 - The body is shorter than 254 bytes, so COBS is one byte longer than it: each 00 becomes the distance to the next.
-Tests hold every frame against `encode_message`.
+Tests compare every frame with `encode_message`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def body_dtype(n_sensors: int) -> np.dtype[np.void]:
 
 
 def frame_length(n_sensors: int) -> int:
-    """Return the bytes on the wire of one SAMPLE frame."""
+    """Return the transmitted bytes of one SAMPLE frame."""
     return body_dtype(n_sensors).itemsize + CRC_LENGTH + 2
 
 
@@ -38,12 +38,12 @@ def encode_samples(bodies: NDArray[np.void], first_seq: int) -> Bytes:
     Parameters
     ----------
     bodies : records of `body_dtype`, shape (n,); `type` and `seq` are filled in here.
-    first_seq : number of the first frame, counted on modulo 256.
+    first_seq : number of the first frame; the others follow modulo 256.
     """
     n, size = bodies.size, bodies.dtype.itemsize
     bodies["type"] = MessageType.SAMPLE
     bodies["seq"] = (first_seq + np.arange(n)) & 0xFF
-    places = np.empty((size + CRC_LENGTH, n), np.uint8)  # one row a place, so that each step is one long operation
+    places = np.empty((size + CRC_LENGTH, n), np.uint8)  # one row a position, so that each step is one long operation
     places[:size] = bodies.view(np.uint8).reshape(n, size).T
     constant, tables = _crc_tables(size)
     crc = np.full(n, constant, "<u4")
@@ -58,7 +58,7 @@ def _cobs(places: Bytes) -> Bytes:
     length, n = places.shape
     place = np.arange(1, length + 1, dtype=np.uint8)[:, None]
     zero = places == 0
-    here_or_after = np.full((length + 1, n), length + 1, np.uint8)  # place of the next 00; the last is the delimiter
+    here_or_after = np.full((length + 1, n), length + 1, np.uint8)  # position of the next 00; the last is the delimiter
     here_or_after[:length] = np.where(zero, place, length + 1)
     here_or_after = np.minimum.accumulate(here_or_after[::-1], axis=0)[::-1]
     frames = np.zeros((length + 2, n), np.uint8)
@@ -69,7 +69,7 @@ def _cobs(places: Bytes) -> Bytes:
 
 @functools.cache
 def _crc_tables(length: int) -> tuple[int, NDArray[np.uint32]]:
-    """Return the CRC of `length` zeros, and what each byte value changes at each place, shape (length, 256)."""
+    """Return the CRC of `length` zeros, and the change by each byte value at each position, shape (length, 256)."""
     constant = crc32(bytes(length))
     changes = [
         [crc32(bytes((value,)) + bytes(length - place - 1), crc32(bytes(place))) ^ constant for value in range(256)]

@@ -1,7 +1,7 @@
-"""The virtual board's sampling: at which instants, and what each SAMPLE says.
+"""The virtual board's sampling: its instants, and the content of each SAMPLE.
 
-Instant n of a run is at start + floor(n / rate), whatever was sent of it; between the plant's ticks values are
-interpolated. Everything is done element by element, and noise belongs to the number of the instant.
+Instant n of a run is at start + floor(n / rate), whether it is sent or not; between the plant's ticks values are
+interpolated. Everything is computed element by element, and noise is a function of the number of the instant.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from protocol.simulator.specimens import Specimen
 
 
 def truth_dtype(n_sensors: int) -> np.dtype[np.void]:
-    """Return the record of the truth beside one sample: what was there, without noise.
+    """Return the record of the true values of one sample, without noise.
 
-    `run` counts the STARTs of the board from 1; `run` and `index` find the sample in a recording.
+    `run` counts the STARTs of the board from 1; `run` and `index` identify the sample in a recording.
     """
     head = [("run", "<u4"), ("index", "<u4"), ("time_us", "<i8"), ("elongation_mm", "<f8"), ("pressure_kpa", "<f8")]
     return np.dtype([*head, ("signal_mv", "<f8", (n_sensors,))])
@@ -31,7 +31,7 @@ def truth_dtype(n_sensors: int) -> np.dtype[np.void]:
 
 @dataclass(frozen=True, slots=True)
 class PlantBlock:
-    """Values of the plant at consecutive ticks and the board's state from each of them on."""
+    """Values of the plant at consecutive ticks, and the board's state from each tick on."""
 
     first_tick: int
     rows: FloatArray  # (n + 1, 2 + sensors): gauge kPa, elongation mm, signals mV, at the tick and after the last one
@@ -41,7 +41,7 @@ class PlantBlock:
 
 @dataclass(frozen=True, slots=True)
 class SampleBlock:
-    """Consecutive samples: board time, SAMPLE bodies, truth beside them; all shape (n,)."""
+    """Consecutive samples: board time, SAMPLE bodies, true values; all shape (n,)."""
 
     time_us: IntArray
     bodies: NDArray[np.void]
@@ -49,7 +49,7 @@ class SampleBlock:
 
 
 class Sampler:
-    """Makes the samples of a unit, run after run."""
+    """Makes the samples of a specimen, run after run."""
 
     def __init__(self, specimen: Specimen, seed: int) -> None:
         self.run = 0  # STARTs so far
@@ -62,7 +62,7 @@ class Sampler:
         self._anchor = (0, 0)  # an instant's number and time, from which the rate counts
 
     def start(self, now_us: int, rate_hz: int) -> None:
-        """Begin a run: index 0 is now."""
+        """Begin a run with index 0 now."""
         self.run += 1
         self._noise = SampleNoise(self._seed, self.run, self._n_sensors)
         self._rate_hz, self._next, self._anchor = rate_hz, 0, (0, now_us)
@@ -72,7 +72,7 @@ class Sampler:
         self._rate_hz = 0
 
     def change_rate(self, now_us: int, rate_hz: int) -> None:
-        """Go on at another rate, as a board with a wrong divider does."""
+        """Continue at another rate, as a board with a wrong divider does."""
         if self._rate_hz:
             self._anchor = (self._next, max(now_us, self._time_of(self._next)))
             self._rate_hz = rate_hz
@@ -82,7 +82,7 @@ class Sampler:
         return start_us + (index - first) * 1_000_000 // self._rate_hz
 
     def _instants(self, stop_us: int, jitter_ms: float) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return number, time and noise of the instants up to and with `stop_us` that are still to come."""
+        """Return number, time and noise of the next instants up to and with `stop_us`."""
         first, start_us = self._anchor
         last = first + ((stop_us - start_us + 1) * self._rate_hz - 1) // 1_000_000
         index = np.arange(self._next, last + 1)
@@ -97,7 +97,15 @@ class Sampler:
     def make(
         self, plant: PlantBlock, stop_us: int, faults: Mapping[str, float], since_us: Mapping[str, int]
     ) -> SampleBlock:
-        """Return the samples up to and with `stop_us`, which lies within the ticks of `plant`."""
+        """Return the samples up to and with `stop_us`.
+
+        Parameters
+        ----------
+        plant : ticks that enclose `stop_us`.
+        stop_us : board time.
+        faults : the active ones, name -> value.
+        since_us : board time at which each began.
+        """
         if not self._rate_hz:
             nothing = np.empty(0, np.int64)
             return SampleBlock(nothing, self._bodies(0), np.empty(0, truth_dtype(self._n_sensors)))

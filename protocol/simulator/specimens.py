@@ -1,10 +1,10 @@
-"""The sensorized actuators that the virtual board can carry: three, as the paper made three, each with its own truth.
+"""The specimens of the virtual board: three fictitious sensorized actuators with known true values.
 
 SA1 has the paper's figures: its published cubics; elongation -2.70 mm at -40 kPa and +3.80 mm at +50 kPa, the only
 range whose end-to-end slopes give its sensitivities; noise of FSO / 10^(SNR/20); and loops of signal against pressure
-of 4.95 and 4.46 % FSO over its continuous cycle. Most of a loop is the actuator's (elongation against pressure), the
-rest the sensor's. SA2 and SA3 differ as unit-to-unit variability does. "SA1-falling" is SA1 whose stage does not
-invert: its voltage falls as it gets longer.
+of 4.95 and 4.46 % FSO over its continuous cycle. Most of a loop is actuator hysteresis (elongation against pressure),
+the rest sensor hysteresis. SA2 and SA3 differ by a typical unit-to-unit variability. "SA1-falling" is SA1 with a stage
+that does not invert: its voltage falls with elongation.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FALLING = "-falling"
 class SpecimenActuator:
     """From pressure (kPa) to elongation (mm): hysteresis, then creep.
 
-    `creep` holds (share, time constant in s): that share of a change of elongation comes that much later.
+    `creep` holds (share, time constant in s): that share of a change of elongation follows with that time constant.
     """
 
     hysteresis: PlaySum
@@ -36,7 +36,7 @@ class SpecimenSensor:
     Parameters
     ----------
     coefficients : b0..b3 of y(x) = b0 + b1 x + b2 x^2 + b3 x^3, mV per mm^k.
-    loop_mv : half the width of its own loop (signal against elongation) in the middle of the range.
+    loop_mv : half the width of its hysteresis loop (signal against elongation) in the middle of the range.
     noise_mv : rms of one sample's signal, quantisation included.
     """
 
@@ -45,7 +45,7 @@ class SpecimenSensor:
     noise_mv: float
 
     def falling(self) -> SpecimenSensor:
-        """Return the sensor behind a stage that does not invert: mirrored about its signal at rest."""
+        """Return the sensor with a stage that does not invert: mirrored about its signal at rest."""
         b0, b1, b2, b3 = self.coefficients
         return replace(self, coefficients=(b0, -b1, -b2, -b3), loop_mv=-self.loop_mv)
 
@@ -61,7 +61,7 @@ class Specimen:
 
     @property
     def board_id(self) -> str:
-        """The identity in HELLO; 16 characters at most, and it says what it is."""
+        """The identity in HELLO, at most 16 characters; it names the board as simulated."""
         return SIMULATED + self.name.removesuffix(FALLING) + ("-F" if self.name.endswith(FALLING) else "")
 
 
@@ -72,9 +72,9 @@ def _actuator(elastic: float, hysteretic: float, curvature: float) -> SpecimenAc
     return SpecimenActuator(plays, creep=((0.003, 1.0), (0.004, 12.0)))
 
 
-_UNITS = {
-    unit.name: unit
-    for unit in (
+_SPECIMENS = {
+    specimen.name: specimen
+    for specimen in (
         Specimen(
             "SA1",
             _actuator(0.06733402, 0.001095398, 1.102425e-03),
@@ -104,19 +104,19 @@ _UNITS = {
         ),
     )
 }
-SPECIMEN_NAMES = (*_UNITS, *(name + FALLING for name in _UNITS))
+SPECIMEN_NAMES = (*_SPECIMENS, *(name + FALLING for name in _SPECIMENS))
 
 
 def find_specimen(name: str) -> Specimen:
-    """Return the unit of that name; `-falling` behind it mirrors its sensors.
+    """Return the specimen of that name; the ending `-falling` mirrors its sensors.
 
     Raises
     ------
-    LocalError : no such unit.
+    LocalError : no such specimen.
     """
-    unit = _UNITS.get(name.removesuffix(FALLING))
-    if unit is None:
-        raise LocalError(f"there is no unit {name!r}", "use one of " + ", ".join(SPECIMEN_NAMES))
+    specimen = _SPECIMENS.get(name.removesuffix(FALLING))
+    if specimen is None:
+        raise LocalError(f"there is no virtual unit {name!r}", "use one of " + ", ".join(SPECIMEN_NAMES))
     if name.endswith(FALLING):
-        return replace(unit, name=name, sensors=tuple(sensor.falling() for sensor in unit.sensors))
-    return unit
+        return replace(specimen, name=name, sensors=tuple(sensor.falling() for sensor in specimen.sensors))
+    return specimen

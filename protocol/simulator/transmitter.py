@@ -1,8 +1,8 @@
-"""The virtual board's way out: numbered frames, a transmit buffer with an end, and whatever a fault does to them.
+"""The virtual board's transmitter: numbered frames, a finite transmit buffer, and the effects of faults on them.
 
-Samples that find no room are dropped, counted, and told with the next one that does (EVENT 9, flag bit 4) or, if none
-comes, where their run ends; messages always find room. What is dropped never had a sequence number; what is lost on the
-way did.
+Samples beyond the free buffer are dropped, counted, and reported with the next one that fits (EVENT 9, flag bit 4) or,
+if none follows, at the end of their run; messages always fit. A dropped frame never had a sequence number; one lost in
+the channel did.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from protocol.simulator.channel import Channel
 from protocol.simulator.faults import Countdown, FaultSchedule
 from protocol.simulator.sample_frames import encode_samples, frame_length
 
-_EVENT_ROOM = 20  # bytes of an EVENT on the wire, and some
+_EVENT_BYTES = 20  # reserved for an EVENT
 ABSURD_PA = 5_000_000
 ABSURD_COUNTS = 0xFFFF
 
 
 class Transmitter:
-    """Frames in the order of their sending; `take` hands over what has been sent.
+    """Sends frames in order; `take` returns the bytes sent.
 
-    `room` is what the transmit buffer can hold until the next `take`, bytes; None = any number. While `off`, as a board
-    is that boots, nothing leaves.
+    `free_bytes` are free in the transmit buffer until the next `take`; None = unlimited. While `off`, as on a booting
+    board, nothing is sent.
     """
 
     def __init__(self, n_sensors: int, schedule: FaultSchedule, seed: int) -> None:
-        self.room: int | None = None
+        self.free_bytes: int | None = None
         self.countdown = Countdown()
         self._schedule = schedule
         self._frame_length = frame_length(n_sensors)
@@ -40,7 +40,7 @@ class Transmitter:
         self.reset()
 
     def reset(self) -> None:
-        """Start as after a reboot."""
+        """Reset as after a reboot."""
         self.off = False
         self._seq = 0
         self._dropped = 0
@@ -52,7 +52,7 @@ class Transmitter:
         return out
 
     def send_raw(self, data: bytes) -> None:
-        """Send bytes that are no frame of ours, or frames that are ready."""
+        """Send encoded frames, or bytes that are not a frame."""
         if not self.off:
             self._out += self._channel.carry(data, self._schedule.active)
 
@@ -63,32 +63,32 @@ class Transmitter:
         self.send_raw(frame)
 
     def send_samples(self, bodies: NDArray[np.void]) -> None:
-        """Send consecutive samples (`sample_frames.body_dtype`), or drop what finds no room."""
+        """Send consecutive samples (`sample_frames.body_dtype`), or drop those beyond the free buffer."""
         self._make_absurd(bodies)
         lost = self.countdown.take("dropped", bodies.size)
         self._dropped += lost
         bodies = bodies[lost:]
         fitting = bodies.size
-        if self.room is not None:
-            fitting = max(0, (self.room - len(self._out) - _EVENT_ROOM) // self._frame_length)
+        if self.free_bytes is not None:
+            fitting = max(0, (self.free_bytes - len(self._out) - _EVENT_BYTES) // self._frame_length)
         sent = bodies[:fitting]
         if sent.size:
             if self._dropped:
                 sent["flags"][0] |= SampleFlag.DROPPED_BEFORE
-                self.tell_dropped(int(sent["time_us"][0]))
+                self.report_dropped(int(sent["time_us"][0]))
             frames = encode_samples(sent, self._seq)
             self._seq += sent.size
             self.send_raw(self._arrange(frames).tobytes())
         self._dropped += bodies.size - sent.size
 
-    def tell_dropped(self, time_us: int) -> None:
-        """Report what was dropped and not yet told: before the next sample, or where a run of samples ends."""
+    def report_dropped(self, time_us: int) -> None:
+        """Report the dropped samples: before the next sample, or at the end of a run."""
         if self._dropped:
             self.send(BoardEvent(time_us, EventCode.SAMPLES_DROPPED, self._dropped))
             self._dropped = 0
 
     def _make_absurd(self, bodies: NDArray[np.void]) -> None:
-        """Put values into good frames that cannot be: too much pressure, too many counts, dark above lit."""
+        """Put impossible values into good frames: too much pressure, too many counts, dark above lit."""
         for row in range(self.countdown.take("absurd_value", bodies.size)):
             kind = self._absurd % 3
             self._absurd += 1
@@ -100,7 +100,7 @@ class Transmitter:
                 bodies["counts"][row] = bodies["counts"][row][:, ::-1].copy()
 
     def _arrange(self, frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Lose, repeat or swap whole frames, where a fault says so."""
+        """Lose, repeat or swap whole frames, as faults demand."""
         if not self.countdown.left and not len(self._held):
             return frames
         frames = frames[self.countdown.take("index_gap", len(frames)) :]
@@ -109,6 +109,6 @@ class Transmitter:
         swapped = 2 * self.countdown.take("reorder", len(frames) // 2)
         rest = frames[swapped:]
         self._held = frames[:0]
-        if "reorder" in self.countdown.left:  # one is left over: its partner is still to come
+        if "reorder" in self.countdown.left:  # one is left over: its partner follows
             self._held, rest = rest, rest[:0]
         return np.concatenate([frames[np.arange(swapped) ^ 1], rest])

@@ -1,10 +1,10 @@
-"""What an analysis of a virtual unit ought to find: its figures, from the noise-free model driven over a plan's cycle.
+"""True figures of a specimen: the noise-free model driven over a plan's cycle.
 
 The definitions are those of `analysis/METHODS.md`: hysteresis is the largest distance between the two branches on a
 common grid, in % of the full-scale output (of the span, for the actuator); sensitivity is the end-to-end slope of the
 cubic over the range reached; SNR is 20 log10(FSO / noise rms). A staircase's branches are what is measured of it: the
-means of its holds, with straight lines between them (of the sensor's loop, between what they leave of its cubic). Those
-of a continuous cycle are read at every tick.
+means of its holds, with straight lines between them (for the sensor's loop, between their residuals from its cubic).
+Those of a continuous cycle are read at every tick.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from protocol.simulator.plant import TICK_S, Body, Pneumatics, Sensors, cubic
 from protocol.simulator.specimens import find_specimen
 
 CONTINUOUS = (50.0, -40.0, 50.0)
-SETTLED_S = 1.0  # behind the end of a ramp, as `analysis` takes a hold for settled
-STAIRCASE = (*(50.0 - 10.0 * n for n in range(10)), *(-30.0 + 10.0 * n for n in range(9)))
+SETTLED_S = 1.0  # after the end of a ramp, as in `analysis`
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +40,7 @@ class SensorTruth:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The true figures of a unit."""
+    """The true figures of a specimen, `unit` by name."""
 
     unit: str
     range_mm: tuple[float, float]
@@ -61,7 +60,7 @@ class NoiseFreeRun:
     arrivals_s: FloatArray
 
     def holds(self, after_s: float, last_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return mean pressure, elongation and signals of each hold, from `after_s` to `last_s` behind the arrival."""
+        """Return mean pressure, elongation and signals of each hold, from `after_s` to `last_s` after the arrival."""
         rows = [np.searchsorted(self.time_s, self.arrivals_s + t) for t in (after_s, last_s)]
         parts = [slice(first, last) for first, last in zip(*rows, strict=True)]
         pressure, elongation = (
@@ -71,11 +70,18 @@ class NoiseFreeRun:
 
 
 def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: float, dwell_s: float) -> NoiseFreeRun:
-    """Drive a unit from rest through `targets_kpa`, each held for `dwell_s` after its ramp.
+    """Return the noise-free run of a specimen from rest through a sequence of holds.
+
+    Parameters
+    ----------
+    unit : the specimen's name, as in `SPECIMEN_NAMES`.
+    targets_kpa : pressures to hold.
+    ramp_kpa_per_s : rate between them.
+    dwell_s : time of each hold after its ramp.
 
     Raises
     ------
-    LocalError : no such unit.
+    LocalError : no such specimen.
     """
     model = find_specimen(unit)
     pneumatics = Pneumatics()
@@ -101,18 +107,18 @@ def truth_figures(
     ramp_kpa_per_s: float = 10.0,
     dwell_s: float = 0.5,
 ) -> Truth:
-    """Return the true figures of a unit over a cycle, the third one of a run.
+    """Return the true figures of a specimen over a cycle, the third one of a run.
 
     Parameters
     ----------
-    unit : its name, "SA1" or as in `SPECIMEN_NAMES`.
-    cycle_kpa : targets of one cycle, first and last the same; `CONTINUOUS` or `STAIRCASE`, or a plan's own.
-    ramp_kpa_per_s, dwell_s : how the targets are approached and held; a cycle of more than its two ends is a staircase,
-        read from `SETTLED_S` after the arrival on.
+    unit : the specimen's name, as in `SPECIMEN_NAMES`.
+    cycle_kpa : targets of one cycle, first and last the same; more than the three of `CONTINUOUS` are a staircase, read
+        from `SETTLED_S` after each arrival.
+    ramp_kpa_per_s, dwell_s : rate between the targets, and time at each.
 
     Raises
     ------
-    LocalError : no such unit.
+    LocalError : no such specimen.
     """
     model = find_specimen(unit)
     targets = (*cycle_kpa, *cycle_kpa[1:], *cycle_kpa[1:])
@@ -153,8 +159,8 @@ def truth_figures(
 def loop_width(abscissa: FloatArray, ordinate: FloatArray) -> float:
     """Return the largest distance between the falling and the rising branch of one cycle, arrays of shape (n,).
 
-    The cycle starts and ends at its highest abscissa. Each branch is taken through the extremes it reaches in turn, so
-    that ripple about a plateau cannot fold it, and both are interpolated on a grid of the abscissa that they share.
+    The cycle starts and ends at its highest abscissa. Each branch consists of the successive extremes it reaches, so
+    that ripple about a plateau cannot fold it, and both are interpolated on a common grid of the abscissa.
     """
     turn = int(np.argmin(abscissa))
     branches = []

@@ -137,7 +137,7 @@ class BoardServer:
             elif self._plugged:
                 self._pending.clear()
                 self._carrier.closed_by_host()
-        sent = self.board.advance(dt_us, room=self._room())
+        sent = self.board.advance(dt_us, free_bytes=self._room())
         if self._connected:
             self._pending += sent
             self._flush()

@@ -252,8 +252,8 @@ def test_room_in_the_transmit_buffer():
     host = BoardHost()
     host.ask(Start(1000))
     host.take(host.board.advance(100_000))
-    host.take(host.board.advance(1_000_000, room=1000))
-    host.take(host.board.advance(1_000_000, room=0))
+    host.take(host.board.advance(1_000_000, free_bytes=1000))
+    host.take(host.board.advance(1_000_000, free_bytes=0))
     assert host.ask(Heartbeat(1000)) == DONE
     host.take(host.board.advance(100_000))
     index = np.array([sample.index for sample in host.samples])
@@ -387,7 +387,7 @@ def test_samples_dropped_at_the_end_of_a_run_are_told_there():
     host = BoardHost()
     host.ask(Start(1000))
     host.wait(0.1)
-    host.take(host.board.advance(100_000, room=0))
+    host.take(host.board.advance(100_000, free_bytes=0))
     event, ack = host.send(Stop())
     assert (event.code, event.value) == (EventCode.SAMPLES_DROPPED, 100)
     assert ack.status == DONE

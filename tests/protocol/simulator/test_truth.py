@@ -7,7 +7,9 @@ import pytest
 
 from protocol.errors import LocalError
 from protocol.simulator.specimens import SPECIMEN_NAMES, find_specimen
-from protocol.simulator.truth import STAIRCASE, loop_width, noise_free_run, truth_figures
+from protocol.simulator.truth import loop_width, noise_free_run, truth_figures
+
+STAIRCASE = (*(50.0 - 10.0 * n for n in range(10)), *(-30.0 + 10.0 * n for n in range(9)))
 
 # "What the paper's numbers imply": sensitivity, FSO, SNR, noise, hysteresis over 100 cycles; sensor 1 and 2.
 PAPER = {

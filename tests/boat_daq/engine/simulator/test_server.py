@@ -185,10 +185,10 @@ def test_a_board_that_stood_still_itself_does_not_count_that_against_its_host():
     thread = threading.Thread(target=server.run, args=(stop.is_set,))
     advance = server.board.advance
 
-    def starved(dt_us: int, *, room: int | None = None) -> bytes:
+    def starved(dt_us: int, *, free_bytes: int | None = None) -> bytes:
         server.board.advance = advance
         time.sleep(1.5)
-        return advance(dt_us, room=room)
+        return advance(dt_us, free_bytes=free_bytes)
 
     thread.start()
     with Host(server.url) as host:

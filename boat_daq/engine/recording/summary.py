@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq.engine.recording.file_lock import is_being_written
-from protocol.errors import DamagedRecordingError, RecordingError
+from protocol.errors import DamagedRecordingError
 from protocol.recording import (
     RunEnd,
     breaks_of,

@@ -14,19 +14,25 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.atlas.sweep import Answer, Axis, Study, joined
-from analysis.calibration.fit import Calibration, fit_calibration, reservations
+from analysis.calibration.checks import calibration_warnings
+from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.inverse import Inverse
+from analysis.published import NOISE_MV as PUBLISHED_NOISE_MV
+from analysis.published import RANGE_MM, SENSORS
 
-RANGE_MM = (-2.7, 3.8)
-CUBIC = (1651.9842, 46.4413, -2.6934, -0.36251)
-"""The paper's first sensor, mV over mm."""
+CUBIC = SENSORS[0].coefficients
 TURNING_MM = float(np.polynomial.Polynomial(CUBIC).deriv().roots().max())
-NOISE_MV = 1.49
+NOISE_MV = PUBLISHED_NOISE_MV[0]
 SURE = 0.999
 DRAWS = 21
 READINGS = 1000
 ROUNDING = 1e-6
 """Relative to the span of y: what the fit may lose without a word."""
+
+
+def warned(fit: Calibration) -> list[str]:
+    """Return the texts of a calibration's warnings."""
+    return [warning.text for warning in calibration_warnings(fit)]
 
 
 def cubic(x: FloatArray) -> FloatArray:
@@ -52,7 +58,7 @@ def clusters(width: float, degree: float) -> Answer:
     fit = fit_calibration(u, exact(u, wavy(degree)), int(degree))
     at = np.linspace(-1.0, 1.0, 41)
     truth = exact(at, wavy(degree))
-    return Answer(float(np.abs(fit.predict(at) - truth).max() / np.ptp(truth)), joined(reservations(fit)))
+    return Answer(float(np.abs(fit.predict(at) - truth).max() / np.ptp(truth)), joined(warned(fit)))
 
 
 def offset(away: float, degree: float) -> Answer:
@@ -62,7 +68,7 @@ def offset(away: float, degree: float) -> Answer:
     y = exact((x - away) / half, wavy(degree))
     fit = fit_calibration(x, y, int(degree))
     written = np.polynomial.polynomial.polyval(x, fit.coefficients)
-    return Answer(float(np.abs(written - y).max() / np.ptp(y)), joined(reservations(fit)))
+    return Answer(float(np.abs(written - y).max() / np.ptp(y)), joined(warned(fit)))
 
 
 def few_points(count: float, degree: float) -> Answer:
@@ -91,7 +97,7 @@ def _in_band(fit: Calibration) -> Answer:
     low, high = fit.band(at, SURE)
     with np.errstate(invalid="ignore"):
         parts = np.abs(fit.predict(at) - cubic(at)) / ((high - low) / 2)
-    return Answer(float(np.max(np.where(np.isfinite(parts), parts, np.inf))), joined(reservations(fit)))
+    return Answer(float(np.max(np.where(np.isfinite(parts), parts, np.inf))), joined(warned(fit)))
 
 
 def most(answers: Sequence[Answer]) -> Answer:
@@ -120,7 +126,7 @@ def turning(gap_mm: float, place: float) -> Answer:
     beyond = np.abs(found.elongation_mm - truth)[given] > 2.0 * found.standard_uncertainty_mm[given]
     error = float(beyond.mean()) if given.mean() > 0.01 else float("nan")
     outside = f"{1 - given.mean():.0%} of the readings flagged outside the range" if given.mean() < 0.5 else ""
-    return Answer(error, joined([outside, *reservations(fit)]))
+    return Answer(error, joined([outside, *warned(fit)]))
 
 
 _DEGREES = tuple(float(d) for d in range(1, 11))

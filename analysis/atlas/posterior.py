@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.atlas.fit import NOISE_MV, RANGE_MM, cubic
+from analysis.atlas.fit import NOISE_MV, cubic
 from analysis.atlas.sweep import Answer, Axis, Study, joined
 from analysis.calibration.posterior import Posterior, sample_posterior
+from analysis.published import RANGE_MM
 
 LEVELS, CYCLES = 10, 5
 STEP_MM = (RANGE_MM[1] - RANGE_MM[0]) / (LEVELS - 1)
@@ -18,8 +19,7 @@ POSITIONS = np.tile(np.linspace(*RANGE_MM, LEVELS), CYCLES)
 
 def said_by(posterior: Posterior) -> str:
     """What a user is told about a posterior."""
-    slow = f"not converged: {posterior.steps} steps, tau {posterior.tau:.0f}"
-    return joined(["" if posterior.converged else slow, *posterior.reservations])
+    return joined([warning.text for warning in posterior.warnings])
 
 
 def start(ball: float, steps: float) -> Answer:

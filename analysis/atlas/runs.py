@@ -153,7 +153,7 @@ def analysed_with(recording: Recording, text: str) -> Analysis:
 
 def flags_of(found: Analysis) -> str:
     """What the analysis says against its own numbers."""
-    return joined([flag["text"] for flag in found.flags if flag["code"] not in EXPECTED])
+    return joined([warning.sentence for warning in found.warnings if warning.code not in EXPECTED])
 
 
 def judged_run(run: Stairs, recording: Recording | None = None, *, readings: bool = True) -> Answer:

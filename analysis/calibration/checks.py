@@ -1,7 +1,8 @@
-"""Checks of a calibration: is the model right, and is it stable?
+"""Checks of a calibration: is the model right, is it stable, and which points are suspect?
 
 Strategy: replicates (equal x) tell pure error from lack of fit; leaving one cycle out tells how a new cycle would be
-predicted; degrees 1 to 4 are compared by AICc and by that same prediction.
+predicted; degrees 1 to 4 are compared by AICc and by that same prediction. `calibration_warnings` names what the
+coefficients and their uncertainties alone do not show.
 
 Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1 (lack of fit); Hurvich and Tsai, Biometrika 76
 (1989) 297 (AICc); ISO/TS 28038:2018, 6.5 (choice of degree).
@@ -9,6 +10,8 @@ Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1 (lack of fit)
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,8 +20,14 @@ from scipy import stats
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.errors import AnalysisError
+from analysis.warning import Warning, WarningCode
 
 DEGREES = (1, 2, 3, 4)
+MONOMIAL_ROUNDING = 1e-6  # of the span of y: more is seen in a figure
+OUTLIER_CHANCE = 0.02  # that a sound calibration has a point named as an outlier
+NEAR_TURN = 0.07  # of the range: a turning point this near to an end puts what lies twice as far beyond back inside
+EXACT = 1e-9  # of the largest y: what the rounding of an exact fit may leave
+HIGHEST_LEVERAGE = 0.85  # beyond it a point's own error goes into the curve, not into its residual
 
 
 def lack_of_fit(calibration: Calibration) -> dict[str, float] | None:
@@ -115,3 +124,103 @@ def fit_checks(calibration: Calibration, group: FloatArray | None = None) -> dic
     if group is not None and np.unique(group).size > 1:
         content["leave_one_cycle_out"] = leave_one_out(calibration.x, calibration.y, group, calibration.degree)
     return content
+
+
+@dataclass(frozen=True, slots=True)
+class PointNames:
+    """How the points and units of a calibration are called; by default a point is its x and y without units."""
+
+    point: Callable[[int], str] | None = None
+    x_unit: str = ""
+    y_unit: str = ""
+
+    def at(self, calibration: Calibration, i: int, *, both: bool = False) -> str:
+        """Return the name of point `i`, with its y where `both`."""
+        if self.point is not None:
+            return self.point(i)
+        y = f", y = {calibration.y[i]:.6g}" if both else ""
+        return f"the point at x = {calibration.x[i]:.4g}{y}"
+
+    def x(self, value: str) -> str:
+        """Return a value of x with its unit."""
+        return f"{value} {self.x_unit}".strip()
+
+    def y(self, value: str) -> str:
+        """Return a value of y with its unit."""
+        return f"{value} {self.y_unit}".strip()
+
+
+def calibration_warnings(calibration: Calibration, names: PointNames | None = None) -> tuple[Warning, ...]:
+    """Return what the coefficients and their uncertainties alone do not show."""
+    names = names or PointNames()
+    return tuple(Warning(code, "", text) for code, text in _texts(calibration, names))
+
+
+def _texts(calibration: Calibration, names: PointNames) -> Iterator[tuple[WarningCode, str]]:
+    value, last = calibration.y_range
+    if value == last and calibration.n > 1 and calibration.degree > 0:
+        constant = names.y(f"{value:.6g}")
+        at_all = f"y is constant, {constant} at all {calibration.n} points"
+        yield WarningCode.CONSTANT_Y, f"{at_all}: it does not depend on x"
+        return
+    if calibration.dof < 1:
+        yield (
+            WarningCode.NO_UNCERTAINTY,
+            f"{calibration.n} points for {calibration.degree + 1} coefficients: no uncertainty can be given",
+        )
+    powers = np.vander(calibration.x, calibration.degree + 1, increasing=True)
+    rounding = float(np.abs(powers @ calibration.coefficients - calibration.predict(calibration.x)).max())
+    if rounding > MONOMIAL_ROUNDING * (last - value) and rounding > 1e-12 * max(np.abs(calibration.y_range)):
+        yield (
+            WarningCode.MONOMIAL_ROUNDING,
+            f"the coefficients b0, b1, ... give the curve only to {names.y(f'{rounding:.2g}')}: x lies far from zero "
+            f"for its range; fit x - {calibration.fit.basis.centre:g} instead",
+        )
+    yield from _near_turning_points(calibration, names)
+    yield from _suspect_points(calibration, names)
+
+
+def _near_turning_points(calibration: Calibration, names: PointNames) -> Iterator[tuple[WarningCode, str]]:
+    """Name turning points so near to the range that an x beyond the turn would be read as one inside."""
+    low, high = calibration.x_range
+    for turn in calibration.turning_points:
+        beyond = max(low - turn, turn - high)
+        if calibration.monotone and 0.0 <= beyond < NEAR_TURN * (high - low):
+            yield (
+                WarningCode.NEAR_TURNING_POINT,
+                f"the curve turns at x = {names.x(f'{turn:.4g}')}, {names.x(f'{beyond:.2g}')} beyond its "
+                "range: an x as far on the other side of the turn is read as one inside",
+            )
+
+
+def _suspect_points(calibration: Calibration, names: PointNames) -> Iterator[tuple[WarningCode, str]]:
+    """Name the point that is off the curve, and one that could be off unseen; none of an exact fit.
+
+    The largest externally studentised residual against Student's t, Bonferroni's bound over all points (R. D. Cook,
+    S. Weisberg, Residuals and Influence in Regression, 1982, 2.2.2).
+    """
+    fit, dof = calibration.fit, calibration.dof
+    alone = int(np.argmax(fit.leverage))
+    if dof > 0 and fit.leverage[alone] > HIGHEST_LEVERAGE and calibration.degree > 0:
+        yield (
+            WarningCode.HIGH_LEVERAGE,
+            f"{names.at(calibration, alone)} alone determines the curve there (leverage {fit.leverage[alone]:.2f}): "
+            "an error in it would not be seen",
+        )
+    weighted = np.sqrt(fit.weights) * fit.residuals
+    left = 1.0 - fit.leverage
+    if dof < 2 or not calibration.residual_sd > 1e-12 * np.abs(calibration.y).max() or left.min() < 1e-9:
+        return
+    own = weighted**2 / left
+    rest = np.maximum(dof * calibration.residual_sd**2 - own, 0.0) / (dof - 1)
+    with np.errstate(divide="ignore"):
+        studentised = np.sqrt(own / rest)
+    worst = int(np.argmax(studentised))
+    if calibration.n * 2.0 * float(stats.t.sf(studentised[worst], dof - 1)) < OUTLIER_CHANCE:
+        exact = np.sqrt(rest[worst]) <= EXACT * np.abs(calibration.y).max()
+        far = " on which all others lie" if exact else f", {studentised[worst]:.1f} of its standard deviations"
+        yield (
+            WarningCode.OUTLIER,
+            f"{names.at(calibration, worst, both=True)} is {names.y(f'{abs(fit.residuals[worst]):.3g}')} off the curve"
+            f"{far}",
+        )

@@ -10,7 +10,6 @@ refuses (`analysis.calibration.inverse`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,11 +24,6 @@ from analysis.errors import DataError
 from analysis.polynomial import LeastSquares, least_squares
 
 LARGEST = 1e150  # its square is still a number
-MONOMIAL_ROUNDING = 1e-6  # of the span of y: more is seen in a figure
-OUTLIER_CHANCE = 0.02  # of a sound calibration having a point called off
-NEAR_TURN = 0.07  # of the range: a turning point this near to an end puts what lies twice as far beyond back inside
-EXACT = 1e-9  # of the largest y: what the rounding of an exact fit may leave
-HIGHEST_LEVERAGE = 0.85  # beyond it a point's own error goes into the curve, not into its residual
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,98 +166,6 @@ class Calibration:
             "turning_points": list(self.turning_points),
             "monotone": self.monotone,
         }
-
-
-@dataclass(frozen=True, slots=True)
-class Words:
-    """How points and units of a calibration are called; without words a point is its x and y, bare."""
-
-    point: Callable[[int], str] | None = None
-    x_unit: str = ""
-    y_unit: str = ""
-
-    def at(self, calibration: Calibration, i: int, *, both: bool = False) -> str:
-        """Return the name of point `i`."""
-        if self.point is not None:
-            return self.point(i)
-        y = f", y = {calibration.y[i]:.6g}" if both else ""
-        return f"the point at x = {calibration.x[i]:.4g}{y}"
-
-    def x(self, value: str) -> str:
-        """Return a value of x with its unit."""
-        return f"{value} {self.x_unit}".strip()
-
-    def y(self, value: str) -> str:
-        """Return a value of y with its unit."""
-        return f"{value} {self.y_unit}".strip()
-
-
-NO_WORDS = Words()
-
-
-def reservations(calibration: Calibration, words: Words = NO_WORDS) -> tuple[str, ...]:
-    """Say what a reader of the numbers alone would not see, one sentence each; none where all is well."""
-    said = []
-    value, last = calibration.y_range
-    if value == last and calibration.n > 1 and calibration.degree > 0:
-        said.append(f"y is constant, {words.y(f'{value:.6g}')} at all {calibration.n} points: it does not answer to x")
-        return tuple(said)
-    if calibration.dof < 1:
-        said.append(f"{calibration.n} points for {calibration.degree + 1} coefficients: no uncertainty can be given")
-    powers = np.vander(calibration.x, calibration.degree + 1, increasing=True)
-    rounding = float(np.abs(powers @ calibration.coefficients - calibration.predict(calibration.x)).max())
-    span = calibration.y_range[1] - calibration.y_range[0]
-    if rounding > MONOMIAL_ROUNDING * span and rounding > 1e-12 * max(np.abs(calibration.y_range)):
-        said.append(
-            f"the coefficients b0, b1, ... give the curve only to {words.y(f'{rounding:.2g}')}: x lies far from zero "
-            f"for its range; fit x - {calibration.fit.basis.centre:g} instead"
-        )
-    return (*said, *_near_turns(calibration, words), *_suspect_points(calibration, words))
-
-
-def _near_turns(calibration: Calibration, words: Words) -> list[str]:
-    """Say where the curve turns so near to its range that an x beyond the turn would read as one inside."""
-    low, high = calibration.x_range
-    near = NEAR_TURN * (high - low)
-    return [
-        f"the curve turns at x = {words.x(f'{turn:.4g}')}, {words.x(f'{gap:.2g}')} beyond its "
-        "range: an x as far on the other side of the turn reads as one inside"
-        for turn in calibration.turning_points
-        if calibration.monotone and 0.0 <= (gap := max(low - turn, turn - high)) < near
-    ]
-
-
-def _suspect_points(calibration: Calibration, words: Words) -> list[str]:
-    """Say which point is off the curve, and which could be off without being seen; none of an exact fit.
-
-    The largest externally studentised residual against Student's t, Bonferroni's bound over all points (R. D. Cook,
-    S. Weisberg, Residuals and Influence in Regression, 1982, 2.2.2).
-    """
-    fit, dof = calibration.fit, calibration.dof
-    said = []
-    alone = int(np.argmax(fit.leverage))
-    if dof > 0 and fit.leverage[alone] > HIGHEST_LEVERAGE and calibration.degree > 0:
-        said.append(
-            f"{words.at(calibration, alone)} alone holds the curve there (leverage {fit.leverage[alone]:.2f}): "
-            "an error in it would not be seen"
-        )
-    weighted = np.sqrt(fit.weights) * fit.residuals
-    left = 1.0 - fit.leverage
-    if dof < 2 or not calibration.residual_sd > 1e-12 * np.abs(calibration.y).max() or left.min() < 1e-9:
-        return said
-    own = weighted**2 / left
-    rest = np.maximum(dof * calibration.residual_sd**2 - own, 0.0) / (dof - 1)
-    with np.errstate(divide="ignore"):
-        studentised = np.sqrt(own / rest)
-    worst = int(np.argmax(studentised))
-    if calibration.n * 2.0 * float(stats.t.sf(studentised[worst], dof - 1)) < OUTLIER_CHANCE:
-        exact = np.sqrt(rest[worst]) <= EXACT * np.abs(calibration.y).max()
-        far = "on which all others lie" if exact else f"{studentised[worst]:.1f} of its standard deviations"
-        said.append(
-            f"{words.at(calibration, worst, both=True)} is {words.y(f'{abs(fit.residuals[worst]):.3g}')} "
-            f"off the curve{' ' if exact else ', '}{far}"
-        )
-    return said
 
 
 def fit_calibration(

@@ -33,6 +33,7 @@ from scipy import special
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.errors import DataError
+from analysis.warning import Warning, WarningCode
 
 Progress = Callable[[float, float], None]
 
@@ -130,19 +131,25 @@ class Posterior:
             "acceptance": self.acceptance,
             "steps": self.steps,
             "converged": self.converged,
-            "notes": self.reservations,
+            "notes": [warning.text for warning in self.warnings if warning.code is WarningCode.UNCHECKED_CURVE],
+            "warnings": [warning.as_json() for warning in self.warnings],
         }
 
     @property
-    def reservations(self) -> tuple[str, ...]:
-        """What a reader of the band alone would not see, one sentence each; none where all is well."""
+    def warnings(self) -> tuple[Warning, ...]:
+        """What the band alone does not show."""
         positions, calibration = self.calibration.reading, self.calibration
-        if positions is None or positions.n > calibration.degree + 1:
-            return ()
-        return (
-            f"{calibration.n} readings of {positions.n} positions leave no position to check the curve by: the band "
-            "holds the readings' error alone",
-        )
+        found = []
+        if positions is not None and positions.n <= calibration.degree + 1:
+            text = (
+                f"{calibration.n} readings of {positions.n} positions leave no position to check the curve by: the "
+                "band contains the reading error alone"
+            )
+            found.append(Warning(WarningCode.UNCHECKED_CURVE, "", text))
+        if not self.converged:
+            text = f"the posterior is not converged: {self.steps} steps, autocorrelation time {self.tau:.0f}"
+            found.append(Warning(WarningCode.NOT_CONVERGED, "", text))
+        return tuple(found)
 
 
 def sample_posterior(

@@ -1,6 +1,6 @@
 """Which column of a table is what, and in which unit: by the usual words, or by hand, kept as a profile.
 
-Rules: a guess is told in `notes`; a unit that is not known is refused, with the option that would map it.
+Rules: a guess is named in `warnings`; a unit that is not known is refused, with the option that would map it.
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.data.csv_table import Table
 from analysis.errors import FileError, RequestError
+from analysis.pressure_units import KPA_PER_UNIT
+from analysis.warning import Warning, WarningCode
 
 UNITS: dict[str, dict[str, float]] = {
     "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},
-    "pressure_kpa": {
-        "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mpa": 1e3, "bar": 100.0, "mbar": 0.1, "psi": 6.894757293168361,
-        "mmhg": 0.13332236842105263, "torr": 0.13332236842105263, "atm": 101.325,
-    },
+    "pressure_kpa": KPA_PER_UNIT,
+    "target_kpa": KPA_PER_UNIT,
     "signal": {"mv": 1.0, "v": 1e3, "uv": 1e-3, "µv": 1e-3, "μv": 1e-3},
     "elongation_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3},
 }  # fmt: skip
-UNITS["target_kpa"] = UNITS["pressure_kpa"]
 WORDS = {
     "time_s": ("time", "t", "tijd", "zeit", "temps", "tempo", "timestamp", "elapsed", "seconds", "millis", "micros"),
     "pressure_kpa": ("pressure", "p", "druk", "druck", "pression", "pressione", "press", "gauge"),
@@ -52,10 +51,10 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class ColumnMap:
-    """Which column is what. Keys are our names: time_s, pressure_kpa, s1_mv, ... `notes` tell every guess."""
+    """Which column is what. Keys are our names: time_s, pressure_kpa, s1_mv, ... `warnings` name every guess."""
 
     columns: Mapping[str, Column]
-    notes: tuple[str, ...]
+    warnings: tuple[Warning, ...]
 
     def as_profile(self, table: Table) -> dict[str, str]:
         """Return the map as NAME -> COLUMN:UNIT, the form that a profile keeps and `--map` takes."""
@@ -70,7 +69,7 @@ class ColumnMap:
 def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> ColumnMap:
     """Say which column is what: by hand where `columns` says so, else by name and unit."""
     chosen: dict[str, Column] = {}
-    notes: list[str] = []
+    warnings: list[Warning] = []
     for name, text in (columns or {}).items():
         chosen[_our_name(name)] = _by_hand(table, _our_name(name), text)
     taken = {column.position for column in chosen.values()}
@@ -81,13 +80,14 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> Colum
             continue
         if by_hand and (seen.endswith("_mv") or COUNTS.match(seen)):
             continue  # signals were mapped by hand: no others are added
-        chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), notes)
+        chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), warnings)
         taken.add(position)
     found = time_without_header(table) if columns and "time_s" not in chosen else None
     if found is not None and found not in taken:
-        notes.append(f"no header: column {found + 1} never falls, taken as time")
-        chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], notes)
-    return ColumnMap(dict(sorted(chosen.items(), key=lambda item: item[1].position)), tuple(notes))
+        text = f"no header: column {found + 1} never falls, taken as time"
+        warnings.append(Warning(WarningCode.TIME_GUESSED, "", text))
+        chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], warnings)
+    return ColumnMap(dict(sorted(chosen.items(), key=lambda item: item[1].position)), tuple(warnings))
 
 
 def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
@@ -177,7 +177,7 @@ def _unit_of_name(title: str) -> str:
     return tail if tail.lower() in units and tail.lower() != title.strip().lower() else ""
 
 
-def _with_unit(table: Table, name: str, position: int, unit: str, notes: list[str]) -> Column:
+def _with_unit(table: Table, name: str, position: int, unit: str, warnings: list[Warning]) -> Column:
     known = UNITS.get(_kind(name))
     if known is None:
         return Column(position, "", 1.0)
@@ -189,7 +189,8 @@ def _with_unit(table: Table, name: str, position: int, unit: str, notes: list[st
             f"Map it by hand: --map {name}={position + 1}:UNIT with one of {', '.join(known)}.",
         )
     guessed = guess_unit(name, table.columns[position])
-    notes.append(f"column {table.names[position]!r} has no unit: taken as {guessed}")
+    text = f"column {table.names[position]!r} has no unit: taken as {guessed}"
+    warnings.append(Warning(WarningCode.UNIT_GUESSED, "", text))
     return Column(position, guessed, known[guessed.lower()])
 
 

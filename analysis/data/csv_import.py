@@ -102,8 +102,9 @@ def preview(path: str | Path, columns: Mapping[str, str] | None = None, rows: in
         ],
         "map": mapping.as_profile(table),
         "missing": _missing(mapping),
-        "notes": list(mapping.notes),
-        "issues": list(table.issues),
+        "notes": [warning.text for warning in mapping.warnings],
+        "issues": [warning.text for warning in table.warnings],
+        "warnings": [warning.as_json() for warning in (*mapping.warnings, *table.warnings)],
         "broken_rows": table.broken,
         "masked_cells": table.masked,
     }  # fmt: skip
@@ -237,10 +238,10 @@ def _whole_numbers(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> di
 
 def _meta(table: Table, mapping: ColumnMap, path: Path) -> dict[str, Any]:
     meta: dict[str, Any] = {"imported_from": path.name, "import_map": mapping.as_profile(table)}
-    if mapping.notes:
-        meta["import_notes"] = list(mapping.notes)
-    if table.issues:
-        meta["import_issues"] = list(table.issues)
+    if mapping.warnings:
+        meta["import_notes"] = [warning.text for warning in mapping.warnings]
+    if table.warnings:
+        meta["import_issues"] = [warning.text for warning in table.warnings]
     if table.broken:
         meta["broken_rows"] = table.broken
     for comment in table.dialect.comments:

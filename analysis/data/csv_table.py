@@ -23,8 +23,9 @@ import pandas as pd
 
 from analysis.data.csv_dialect import MISSING, Dialect, cells_of, is_comment, number, records, sniff
 from analysis.errors import FileError, RequestError
+from analysis.warning import Warning, WarningCode
 
-NAMED_ISSUES = 10
+MOST_WARNINGS = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
 DAY_S = 86_400.0
 SHOWN_WORDS = 100  # cells of a column of words that are tried as grouped numbers
@@ -41,8 +42,8 @@ _DOTTED = re.compile(rf"^(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}) ({_TIME})$")
 class Table:
     """A read table: numeric columns by position, text columns apart.
 
-    `names` are as in the header without units, or "1", "2", ... without one. `issues` are sentences with line
-    numbers, at most `NAMED_ISSUES`; `broken` counts all rows left out and `masked` all cells that are no number.
+    `names` are as in the header without units, or "1", "2", ... without one. `warnings` name lines, at most
+    `MOST_WARNINGS` of them; `broken` counts all rows left out and `masked` all cells that are no number.
     """
 
     names: tuple[str, ...]
@@ -50,7 +51,7 @@ class Table:
     columns: tuple[npt.NDArray[np.float64], ...]
     text: dict[int, list[str]]
     dialect: Dialect
-    issues: tuple[str, ...]
+    warnings: tuple[Warning, ...]
     broken: int
     masked: int
 
@@ -106,15 +107,16 @@ def read_table(path: str | Path) -> Table:
 
 def _with_clocks(table: Table) -> Table:
     """Turn columns of clock times into seconds since the first, and say so."""
-    columns, units, text, issues = list(table.columns), list(table.units), dict(table.text), list(table.issues)
+    columns, units, text, warnings = list(table.columns), list(table.units), dict(table.text), list(table.warnings)
     for position, words in table.text.items():
         clock = seconds_of(words)
         if clock is None:
             continue
         columns[position], units[position] = clock.seconds, "s"
         del text[position]
-        issues.append(f"column {table.names[position]!r} holds {clock.said}: taken as seconds since its first")
-    return replace(table, columns=tuple(columns), units=tuple(units), text=text, issues=tuple(issues))
+        cause = f"column {table.names[position]!r} holds {clock.kind}: taken as seconds since its first"
+        warnings.append(Warning(WarningCode.CLOCK_COLUMN, "", cause))
+    return replace(table, columns=tuple(columns), units=tuple(units), text=text, warnings=tuple(warnings))
 
 
 def _plain(name: str) -> str:
@@ -187,7 +189,7 @@ def _slow(path: Path, dialect: Dialect) -> Table:
     rows: list[list[float]] = []
     words: list[list[str]] = []
     places: list[int] = []
-    issues: list[str] = []
+    warnings: list[Warning] = []
     broken = 0
     for line_number, line in records(_lines(path, dialect)):
         cells = cells_of(line, dialect.separator)
@@ -195,25 +197,31 @@ def _slow(path: Path, dialect: Dialect) -> Table:
             cells = cells[:width]  # a separator at the end of the line
         if len(cells) != width:
             broken += 1
-            issues.append(f"line {line_number}: {len(cells)} fields where the others have {width}")
+            ragged = f"line {line_number}: {len(cells)} fields where the others have {width}"
+            warnings.append(Warning(WarningCode.RAGGED_ROW, "", ragged))
             continue
         values = [number(cell, dialect.decimal) for cell in cells]
         rows.append([math.nan if v is None else v for v in values])
         words.append([cell.strip() if v is None else "" for cell, v in zip(cells, values, strict=True)])
         places.append(line_number)
     if not rows or broken > MAX_BAD_SHARE * (len(rows) + broken) + 2:
-        raise FileError(f"{path.name}: {broken} rows do not fit the columns; {'; '.join(issues[:3])}", "Mend the file.")
+        first = "; ".join(warning.text for warning in warnings[:3])
+        raise FileError(f"{path.name}: {broken} rows do not fit the columns; {first}", "Correct the file.")
     table = np.asarray(rows)
     columns = tuple(np.ascontiguousarray(table[:, i]) for i in range(width))
     text = {i: [row[i] for row in words] for i in range(width) if all(row[i] for row in words)}
     for place, row in zip(places, words, strict=True):
-        issues += [
-            f"line {place}: {cell[:30]!r} in column {_names(dialect)[i]!r} is not a number"
+        warnings += [
+            Warning(
+                WarningCode.NOT_A_NUMBER,
+                "",
+                f"line {place}: {cell[:30]!r} in column {_names(dialect)[i]!r} is not a number",
+            )
             for i, cell in enumerate(row)
             if cell and i not in text
         ]
     return Table(
-        _names(dialect), _units(dialect), columns, text, dialect, tuple(issues[:NAMED_ISSUES]), broken,
+        _names(dialect), _units(dialect), columns, text, dialect, tuple(warnings[:MOST_WARNINGS]), broken,
         _count_masked(columns, text),
     )  # fmt: skip
 
@@ -228,10 +236,10 @@ def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Seconds since the first row [n], and what the cells are, in words."""
+    """Seconds since the first row [n], and what the cells are."""
 
     seconds: npt.NDArray[np.float64]
-    said: str
+    kind: str
 
 
 def seconds_of(cells: Sequence[str]) -> Clock | None:

@@ -1,13 +1,92 @@
-"""One figure of a report: value, unit, count, interval, or why there is none."""
+"""A figure: value, unit, count, interval, or why there is none; and the one table of all figures.
+
+Names, labels, units and decimals of a window, a report, a CSV and a command line come from `SENSOR_FIGURES` and
+`SYSTEM_FIGURES`.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 from analysis.numbers import NOTHING, rounded
 from analysis.segmentation.losses import Losses
+
+
+@dataclass(frozen=True, slots=True)
+class FigureDefinition:
+    """A figure's key in JSON, label, unit, decimals where no uncertainty gives them, and the source of its term."""
+
+    key: str
+    label: str
+    unit: str
+    decimals: int
+    source: str
+
+    @property
+    def label_with_unit(self) -> str:
+        """The label as the head of a row or an axis, e.g. `Noise, rms, mV`."""
+        return f"{self.label}, {self.unit}"
+
+    @property
+    def phrase_with_unit(self) -> str:
+        """The phrase as the title of an axis, e.g. `noise, rms, mV`."""
+        return f"{self.phrase}, {self.unit}"
+
+    @property
+    def phrase(self) -> str:
+        """The label inside a sentence, e.g. `noise, rms`."""
+        return self.label[0].lower() + self.label[1:]
+
+
+def _by_key(*definitions: FigureDefinition) -> dict[str, FigureDefinition]:
+    return {definition.key: definition for definition in definitions}
+
+
+_ISA, _ISO = "ISA-S37.1", "ISO 5725-2"
+SENSOR_FIGURES = _by_key(
+    FigureDefinition("sensitivity_mv_per_mm", "Sensitivity, end points", "mV/mm", 1, _ISA),
+    FigureDefinition("fso_mv", "Full-scale output", "mV", 1, _ISA),
+    FigureDefinition("system_hysteresis_percent_fso", "Hysteresis, system", "% FSO", 2, _ISA),
+    FigureDefinition("sensor_hysteresis_percent_fso", "Hysteresis, sensor", "% FSO", 2, _ISA),
+    FigureDefinition("nonlinearity_percent_fso", "Non-linearity", "% FSO", 2, _ISA),
+    FigureDefinition("repeatability_percent_fso", "Repeatability, pooled", "% FSO", 2, _ISO),
+    FigureDefinition("repeatability_worst_percent_fso", "Repeatability, worst level", "% FSO", 2, _ISO),
+    FigureDefinition("combined_error_percent_fso", "Combined error", "% FSO", 2, _ISA),
+    FigureDefinition("drift_percent_fso_per_100_cycles", "Drift", "% FSO/100 cycles", 2, "Sen 1968"),
+    FigureDefinition("noise_mv", "Noise, rms", "mV", 2, _ISA),
+    FigureDefinition("snr_db", "Signal-to-noise ratio", "dB", 1, "20 log10(FSO / noise)"),
+    FigureDefinition("slope_at_rest_mv_per_mm", "Slope at rest", "mV/mm", 1, "dy/dx at x = 0"),
+    FigureDefinition("least_squares_slope_mv_per_mm", "Slope, least squares", "mV/mm", 1, _ISA),
+)
+SYSTEM_FIGURES = _by_key(
+    FigureDefinition("system_sensitivity_mv_per_mm", "Sensitivity, system", "mV/mm", 1, "mean over the sensors"),
+    FigureDefinition("actuator_hysteresis_percent", "Hysteresis, actuator", "%", 2, _ISA),
+)
+
+
+class Reason(StrEnum):
+    """Why a figure is void, has no interval, or is not what its name promises."""
+
+    NONE = ""
+    NO_CYCLE = "no_cycle"
+    ONE_CYCLE = "one_cycle"
+    FEW_CYCLES = "few_cycles"
+    NO_COMMON_LEVEL = "no_common_level"
+    NO_SAMPLES = "no_samples"
+    LOSSES = "losses"
+    NO_ELONGATION = "no_elongation"
+    NOT_CALIBRATED = "not_calibrated"
+    REST_OUTSIDE_RANGE = "rest_outside_range"
+    NO_OVERLAP = "no_overlap"
+    NO_FULL_SCALE = "no_full_scale"
+    FULL_SCALE_IS_NOISE = "full_scale_is_noise"
+    NO_NOISE = "no_noise"
+    NO_INTERVAL = "no_interval"
+    UPPER_BOUND = "upper_bound"
+    PART_OF_RANGE = "part_of_range"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +101,7 @@ class Figure:
     void : why the figure is not to be used, or "".
     note : why the interval is missing or wide, or "".
     window : what was lost or left out of the samples that it rests on; None where it rests on none directly.
+    reason : the code of `void` or `note`; programs decide by it.
     """
 
     value: float
@@ -33,11 +113,19 @@ class Figure:
     note: str = ""
     definition: str = ""
     window: Losses | None = None
+    reason: Reason = Reason.NONE
 
     @classmethod
-    def nothing(cls, unit: str, reason: str, definition: str = "") -> Figure:
-        """A figure that cannot be given, with the reason."""
-        return cls(float("nan"), unit, 0, void=reason, definition=definition)
+    def nothing(cls, unit: str, reason: Reason, void: str, definition: str = "") -> Figure:
+        """Return a figure that cannot be given.
+
+        Parameters
+        ----------
+        unit : of the figure.
+        reason, void : why, as a code and as text.
+        definition : of the figure.
+        """
+        return cls(float("nan"), unit, 0, void=void, definition=definition, reason=reason)
 
     def as_json(self) -> dict[str, Any]:
         """Return the figure as a dictionary; NaN and infinity are left for the writer to turn into null."""
@@ -50,6 +138,7 @@ class Figure:
             "note": self.note,
             "definition": self.definition,
             "window": self.window.as_json() if self.window is not None else None,
+            "reason": str(self.reason),
         }
 
 

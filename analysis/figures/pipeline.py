@@ -1,11 +1,10 @@
 """From a run to its figures, in one call.
 
-Strategy: load, cycles, plateaus, elongations, loops, then each sensor (`analysis.figures.sensor_analysis`). Every
-step is a
-function of its own elsewhere; this file only hands one's result to the next, collects what each had to say (`flags`),
-and writes the JSON that `analyze --json` promises.
+Strategy: load, cycles, plateaus, elongations, loops, then each sensor (`analysis.figures.sensor_analysis`). Every step
+is a function of its own elsewhere; this file hands the result of one to the next, collects the warnings, and writes the
+JSON that `analyze --json` promises.
 
-Rules: what cannot be computed is void with a reason and the rest goes on; the same run, options and seed give the
+Rules: what cannot be computed is void with a reason and the rest is computed; the same run, options and seed give the
 same numbers, bit for bit.
 """
 
@@ -24,9 +23,9 @@ from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break, compare_breaks, of_cycles, parts_of
-from analysis.figures.figure import Figure
+from analysis.figures.figure import Figure, Reason
 from analysis.figures.sensor_analysis import Options, Run, SensorAnalysis, analyse_sensor, limited_by_reading
-from analysis.figures.warnings import flags_of
+from analysis.figures.warnings import run_warnings
 from analysis.segmentation.cycles import Cycles, find_cycles
 from analysis.segmentation.loops import Loops, continuous_loops, loop_width, staircase_loops
 from analysis.segmentation.losses import LossCounter
@@ -34,6 +33,7 @@ from analysis.segmentation.plateau_readings import Elongations, elongations_of
 from analysis.segmentation.plateaus import Plateau, find_plateaus
 from analysis.segmentation.signal_faults import mask_faulty_signals
 from analysis.statistics import resampling_weights
+from analysis.warning import Warning
 
 Progress = Callable[[float, float], None]
 
@@ -60,7 +60,7 @@ class Analysis:
     system_sensitivity: Figure
     actuator_hysteresis: Figure
     actuator_hysteresis_per_cycle: tuple[float, ...]
-    flags: tuple[dict[str, str], ...]
+    warnings: tuple[Warning, ...]
     reading_sd_mm: float
     breaks: tuple[Break, ...] = ()
     parts: tuple[Part, ...] = ()  # of a run whose parts differ over a break: `sensors` are those of the largest
@@ -71,6 +71,14 @@ class Analysis:
         if not self.plateaus:
             return "repeatability"
         return "calibration" if any(s.calibration for s in self.sensors) else "staircase"
+
+    @property
+    def system_figures(self) -> dict[str, Figure]:
+        """The figures of the whole unit, by key."""
+        return {
+            "system_sensitivity_mv_per_mm": self.system_sensitivity,
+            "actuator_hysteresis_percent": self.actuator_hysteresis,
+        }
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of `analyze --json`; NaN and infinities are left for the writer to turn into null."""
@@ -99,11 +107,9 @@ class Analysis:
                 "mean": self.actuator_hysteresis.value,
                 "per_cycle": list(self.actuator_hysteresis_per_cycle),
             },
-            "system_figures": {
-                "system_sensitivity_mv_per_mm": self.system_sensitivity.as_json(),
-                "actuator_hysteresis_percent": self.actuator_hysteresis.as_json(),
-            },
-            "flags": list(self.flags),
+            "system_figures": {key: figure.as_json() for key, figure in self.system_figures.items()},
+            "flags": [warning.as_flag() for warning in self.warnings],
+            "warnings": [warning.as_json() for warning in self.warnings],
             "seed": self.options.seed,
             "fidelity": self.options.fidelity,
             **self._breaks_json(),
@@ -169,7 +175,7 @@ def analyse(
     actuator, actuator_cycles = _actuator_hysteresis(run)
     return Analysis(
         recording, options, cycles, plateaus, elongations, loops, tuple(sensors), _system_sensitivity(sensors),
-        actuator, actuator_cycles, flags_of(run, sensors), run.reading_sd_mm, breaks,
+        actuator, actuator_cycles, run_warnings(run, sensors), run.reading_sd_mm, breaks,
         tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
     )  # fmt: skip
 
@@ -191,7 +197,7 @@ def _actuator_hysteresis(run: Run) -> tuple[Figure, tuple[float, ...]]:
     definition = "max over p of |x loading - x unloading| / span of x, mean loop"
     x = run.loops.elongation_mm
     if x is None or not np.isfinite(x).any():
-        return Figure.nothing("%", "no elongation was read", definition), ()
+        return Figure.nothing("%", Reason.NO_ELONGATION, "no elongation was read", definition), ()
     span = float(np.nanmax(x) - np.nanmin(x))
     width = loop_width(run.loops.pressure_kpa, x, run.weights)
     figure = metrics.hysteresis(width, span, run.loops.n_cycles, definition)
@@ -204,10 +210,10 @@ def _system_sensitivity(sensors: list[SensorAnalysis]) -> Figure:
     definition = "mean over the sensors of their end-to-end sensitivity"
     parts = [s.figures["sensitivity_mv_per_mm"] for s in sensors if s.calibration is not None]
     if len(parts) < len(sensors) or not parts:
-        return Figure.nothing("mV/mm", "not every sensor is calibrated", definition)
+        return Figure.nothing("mV/mm", Reason.NOT_CALIBRATED, "not every sensor is calibrated", definition)
     flat = [s.name for s, p in zip(sensors, parts, strict=True) if p.value == 0.0]
     if flat:
-        return Figure.nothing("mV/mm", f"{', '.join(flat)} is flat", definition)
+        return Figure.nothing("mV/mm", Reason.NO_FULL_SCALE, f"{', '.join(flat)} is flat", definition)
     n = len(parts)
     value = sum(p.value for p in parts) / n
     # the sensors share their cycles and readings: half-widths are averaged, as for fully correlated parts

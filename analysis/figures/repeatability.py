@@ -16,20 +16,22 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.errors import RequestError
 from analysis.figures import sensor_figures as metrics
+from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.segmentation.loops import branch_mean, loop_width
 from analysis.statistics import robust_sd
 
 WARM_UP_SIGMA = 3.0
-LIMITS = {
-    "hysteresis": ("system_hysteresis_percent_fso", "% FSO", "max"),
-    "sensor_hysteresis": ("sensor_hysteresis_percent_fso", "% FSO", "max"),
-    "repeatability": ("repeatability_worst_percent_fso", "% FSO", "max"),
-    "drift": ("drift_percent_fso_per_100_cycles", "% FSO/100 cycles", "max"),
-    "nonlinearity": ("nonlinearity_percent_fso", "% FSO", "max"),
-    "snr": ("snr_db", "dB", "min"),
-    "sensitivity": ("sensitivity_mv_per_mm", "mV/mm", "min"),
+LIMITS = {  # name -> the figure that it limits
+    "hysteresis": "system_hysteresis_percent_fso",
+    "sensor_hysteresis": "sensor_hysteresis_percent_fso",
+    "repeatability": "repeatability_worst_percent_fso",
+    "drift": "drift_percent_fso_per_100_cycles",
+    "nonlinearity": "nonlinearity_percent_fso",
+    "snr": "snr_db",
+    "sensitivity": "sensitivity_mv_per_mm",
 }
+LOWER_LIMITS = ("snr", "sensitivity")  # the others are upper limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,12 +109,12 @@ def judge(analysis: Analysis, limits: Mapping[str, float]) -> list[Verdict]:
     for name, limit in limits.items():
         if name not in LIMITS:
             raise RequestError(f"there is no limit called {name!r}", f"Known: {', '.join(LIMITS)}.")
-        key, unit, side = LIMITS[name]
+        key, is_lower = LIMITS[name], name in LOWER_LIMITS
         for sensor in analysis.sensors:
-            figure = sensor.figures.get(key)
-            value = abs(figure.value) if figure is not None and side == "max" else (figure.value if figure else np.nan)
-            kept = None if not np.isfinite(value) else bool(value <= limit if side == "max" else value >= limit)
-            verdicts.append(Verdict(name, sensor.name, float(value), limit, unit, kept))
+            value = sensor.figures[key].value if key in sensor.figures else float("nan")
+            value = value if is_lower else abs(value)
+            kept = None if not np.isfinite(value) else bool(value >= limit if is_lower else value <= limit)
+            verdicts.append(Verdict(name, sensor.name, float(value), limit, SENSOR_FIGURES[key].unit, kept))
     return verdicts
 
 

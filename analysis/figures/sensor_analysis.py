@@ -23,7 +23,7 @@ from analysis.errors import AnalysisError, DataError
 from analysis.fidelity import Level, fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break
-from analysis.figures.figure import Figure
+from analysis.figures.figure import Figure, Reason
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import MAX_DAMAGED_CYCLE, Loops, cluster_levels, loop_width
 from analysis.segmentation.losses import LossCounter, Losses
@@ -222,7 +222,7 @@ def _loop_figures(
     by_noise = metrics.loop_made_by_noise(run.plateaus, loops, run.cycles, sensor, figures["noise_mv"].value)
     if 0 < fso < by_noise and not figures["snr_db"].void:
         note = f"the full-scale output of {fso:.2g} mV is no more than noise alone makes ({by_noise:.2g} mV)"
-        figures["snr_db"] = replace(figures["snr_db"], note=note)
+        figures["snr_db"] = replace(figures["snr_db"], note=note, reason=Reason.FULL_SCALE_IS_NOISE)
     for name in [name for name in figures if "hysteresis" in name]:
         figures[name] = metrics.limited(figures[name], 100.0 / fso * by_noise if fso > 0 else 0.0, "noise")
     figures["nonlinearity_percent_fso"] = metrics.pressure_nonlinearity(loops, sensor, fso, run.weights)
@@ -254,7 +254,7 @@ def _percent_per_mm(calibration: Calibration | None, elongation_mm: FloatArray) 
 
 
 def with_losses(run: Run, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """Say of every figure what its window lost; void it above the limit, or where the losses left it nothing."""
+    """Return the figures with what their windows lost; void above the limit, or where nothing is left."""
     counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
     if run.plateaus:
         holds = [p for p in run.plateaus if p.cycle in chosen and p.branch]
@@ -268,9 +268,11 @@ def with_losses(run: Run, sensor: int, figures: Mapping[str, Figure]) -> dict[st
 
 
 def _over(figure: Figure, window: Losses) -> Figure:
-    void = window.void()
+    void, nan = window.void(), float("nan")
     if void and not figure.void:
-        return replace(figure, value=float("nan"), low=float("nan"), high=float("nan"), void=void, window=window)
+        return replace(figure, value=nan, low=nan, high=nan, void=void, window=window, reason=Reason.LOSSES)
     if figure.void and window.void(MAX_DAMAGED_CYCLE):
-        return replace(figure, void=f"{figure.void}: {window.void(MAX_DAMAGED_CYCLE)}", window=window)
+        return replace(
+            figure, void=f"{figure.void}: {window.void(MAX_DAMAGED_CYCLE)}", window=window, reason=Reason.LOSSES
+        )
     return replace(figure, window=window)

@@ -18,17 +18,16 @@ from scipy import signal as sp_signal
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.data.recording import Recording
-from analysis.figures.figure import Figure
+from analysis.figures.figure import Figure, Reason
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
 from analysis.segmentation.plateaus import Plateau
 from analysis.statistics import bootstrap_interval, theil_sen
 
 CURVE_POINTS = 201
-ONE_CYCLE = "one cycle gives no interval"
 NEVER_NEGATIVE = ("mV", "% FSO")  # spans, widths and spreads; slopes and decibels have a sign
-IN_PART, LEAST_SHARED = "the branches share only", 0.85  # of the abscissa
-BOUND, BOUND_SHARE = "a bound, no value", 0.25  # said of a hysteresis of which so much may be noise
+LEAST_SHARED = 0.85  # of the abscissa: below it a wider loop may be missed
+BOUND_SHARE = 0.25  # of a hysteresis: what else may make so much of it turns it into an upper bound
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +109,7 @@ def full_scale(
         return _figure(calibration.full_scale, np.abs(ends[:, 1] - ends[:, 0]), "mV", loops.n_cycles, definition)
     low, high = (float(v[0]) for v in end_levels(loops, sensor))
     if not np.isfinite(high - low):
-        return Figure.nothing("mV", "no complete cycle to take it from")
+        return Figure.nothing("mV", Reason.NO_CYCLE, "no complete cycle")
     lows, highs = end_levels(loops, sensor, weights)
     return _figure(
         abs(high - low), np.abs(highs - lows), "mV", loops.n_cycles, "|y(p_max) - y(p_min)|, means over cycles"
@@ -140,7 +139,9 @@ def sensitivities(calibration: Calibration, resampled: ResampledFit) -> dict[str
             at_rest, resampled.slopes(np.zeros(1))[:, 0], "mV/mm", resampled.n_cycles, "dy/dx at x = 0, with its sign"
         )
     else:
-        figures["slope_at_rest_mv_per_mm"] = Figure.nothing("mV/mm", "x = 0 is outside the calibrated range")
+        figures["slope_at_rest_mv_per_mm"] = Figure.nothing(
+            "mV/mm", Reason.REST_OUTSIDE_RANGE, "x = 0 is outside the calibrated range"
+        )
     return figures
 
 
@@ -162,13 +163,14 @@ def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None
 def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: str) -> Figure:
     """Hysteresis, % of full scale, of the loop averaged over cycles."""
     if width.void:
-        return Figure.nothing("% FSO", width.void, definition)
+        return Figure.nothing("% FSO", Reason.NO_OVERLAP, width.void, definition)
     if not full_scale_value > 0:
-        return Figure.nothing("% FSO", "the full-scale output is zero", definition)
+        return _no_full_scale("% FSO", definition)
     scale = 100.0 / full_scale_value
     figure = _figure(scale * width.mean_loop, scale * width.replicates, "% FSO", n, definition)
     if width.shared < LEAST_SHARED:
-        figure = replace(figure, note=f"{IN_PART} {width.shared:.0%} of the range: a wider loop elsewhere is not seen")
+        note = f"the branches share only {width.shared:.0%} of the range: a wider loop elsewhere is not seen"
+        figure = replace(figure, note=note, reason=Reason.PART_OF_RANGE)
     return figure
 
 
@@ -199,15 +201,15 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
     figure = replace(figure, low=min(figure.low, max(figure.value - floor, 0.0)))
     if not floor > share * figure.value:
         return figure
-    said = f"{BOUND}: {by} alone makes up to about {floor:.2g} {figure.unit} of it"
-    return replace(figure, note=f"{said}; {figure.note}" if figure.note else said)
+    note = f"only an upper bound: {by} alone accounts for up to about {floor:.2g} {figure.unit} of it"
+    return replace(figure, note=f"{note}; {figure.note}" if figure.note else note, reason=Reason.UPPER_BOUND)
 
 
 def nonlinearity(calibration: Calibration, resampled: ResampledFit) -> Figure:
     """Largest distance of the fitted curve from the best-fit straight line, % FSO (ISA-S37.1)."""
     definition = "max |y(x) - line(x)| / FSO, line by least squares through all points"
     if not calibration.full_scale > 0:
-        return Figure.nothing("% FSO", "the full-scale output is zero", definition)
+        return _no_full_scale("% FSO", definition)
     grid = np.linspace(*calibration.x_range, CURVE_POINTS)
     line = np.polynomial.Polynomial.fit(calibration.x, calibration.y, 1)
     scale = 100.0 / calibration.full_scale
@@ -217,7 +219,10 @@ def nonlinearity(calibration: Calibration, resampled: ResampledFit) -> Figure:
     rows = np.vander(calibration.x, 2)
     lines = np.linalg.lstsq(rows, at_data.T, rcond=None)[0] if np.isfinite(at_data).all() else None
     if lines is None:
-        return Figure(value, "% FSO", calibration.n, note="the interval could not be given", definition=definition)
+        return Figure(
+            value, "% FSO", calibration.n, note="no interval: a resample cannot carry the degree",
+            definition=definition, reason=Reason.NO_INTERVAL,
+        )  # fmt: skip
     apart = np.abs(curves - (np.vander(grid, 2) @ lines).T).max(axis=1)
     return _figure(value, scale * apart, "% FSO", resampled.n_cycles, definition)
 
@@ -228,7 +233,7 @@ def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, we
     middle = branch_mean(loops.signal_mv[sensor])
     known = np.isfinite(middle).all(axis=0) & (loops.n_cycles > 0)
     if known.sum() < 3 or not full_scale_value > 0:
-        return Figure.nothing("% FSO", "no complete cycle, or no span", definition)
+        return Figure.nothing("% FSO", Reason.NO_CYCLE, "no complete cycle, or no span", definition)
     p = loops.level_kpa[known]
     rows = np.vander(p, 2)
     hat = rows @ np.linalg.pinv(rows)
@@ -244,9 +249,9 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
     counts = np.isfinite(values).sum(axis=1)
     enough = counts >= 2
     if loops.n_cycles < 2 or not enough.any():
-        return {name: Figure.nothing("% FSO", "fewer than two complete cycles") for name in names}
+        return {name: Figure.nothing("% FSO", Reason.FEW_CYCLES, "fewer than two complete cycles") for name in names}
     if not full_scale_value > 0:
-        return {name: Figure.nothing("% FSO", "the full-scale output is zero") for name in names}
+        return {name: _no_full_scale("% FSO") for name in names}
     series = values.transpose(1, 0, 2)[:, enough]  # [cycles, level and branch]
     scale = 100.0 / full_scale_value
     pooled, worst = _pooled_and_worst(series, np.ones((1, loops.n_cycles)))
@@ -267,12 +272,12 @@ def drift(loops: Loops, sensor: int, full_scale_value: float) -> tuple[Figure, F
     The common drift: Theil-Sen slope over cycles of the mean displacement of all levels, with Sen's interval; and the
     slope of every level alone, [2, levels].
     """
-    definition = "Theil-Sen slope over cycles of the mean displacement of all levels"
+    definition, unit = "Theil-Sen slope over cycles of the mean displacement of all levels", "% FSO/100 cycles"
     levels = np.full((2, loops.level_kpa.size), np.nan)
     if loops.n_cycles < 3:
-        return Figure.nothing("% FSO/100 cycles", "fewer than three complete cycles", definition), levels
+        return Figure.nothing(unit, Reason.FEW_CYCLES, "fewer than three complete cycles", definition), levels
     if not full_scale_value > 0:
-        return Figure.nothing("% FSO/100 cycles", "the full-scale output is zero", definition), levels
+        return _no_full_scale(unit, definition), levels
     values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
     number = np.asarray(loops.numbers, dtype=np.float64)
     scale = 100.0 * 100.0 / full_scale_value
@@ -281,10 +286,10 @@ def drift(loops: Loops, sensor: int, full_scale_value: float) -> tuple[Figure, F
         levels[b, g] = scale * theil_sen(number[known], values[b, known, g])[0]
     whole = np.isfinite(values).all(axis=1)
     if not whole.any():
-        return Figure.nothing("% FSO/100 cycles", "no level is known in every cycle", definition), levels
+        return Figure.nothing(unit, Reason.NO_COMMON_LEVEL, "no level is known in every cycle", definition), levels
     common = values.transpose(1, 0, 2)[:, whole].mean(axis=1)
     slope, low, high = (scale * v for v in theil_sen(number, common))
-    return Figure(slope, "% FSO/100 cycles", loops.n_cycles, low, high, definition=definition), levels
+    return Figure(slope, unit, loops.n_cycles, low, high, definition=definition), levels
 
 
 def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -341,8 +346,10 @@ def noise_and_snr(
     """
     squares, dof, cycle_of = parts
     if dof.sum() <= 0:
-        reason = "no usable samples at rest or in a cycle"
-        return Figure.nothing("mV", reason), Figure.nothing("dB", reason)
+        noise_figure, snr = (
+            Figure.nothing(unit, Reason.NO_SAMPLES, "no usable samples at rest or in a cycle") for unit in ("mV", "dB")
+        )
+        return noise_figure, snr
     noise = float(np.sqrt(squares.sum() / dof.sum()))
     by_cycle = np.asarray([[squares[cycle_of == k].sum(), dof[cycle_of == k].sum()] for k in numbers]).reshape(-1, 2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -355,15 +362,16 @@ def noise_and_snr(
     noise_figure = _at_least(noise_figure, noise * least)
     definition = "20 log10(FSO / noise rms)"
     if not np.isfinite(full_scale_value):
-        return noise_figure, Figure.nothing("dB", "the full-scale output is not known", definition)
+        return noise_figure, Figure.nothing("dB", Reason.NO_CYCLE, "the full-scale output is not known", definition)
     if noise <= max(1e-10 * full_scale_value, rounding_mv):  # rounding of the arithmetic, not noise
-        reason = "the signal is flat" if full_scale_value == 0 else "no noise was found: infinite"
-        value = float("nan") if full_scale_value == 0 else float("inf")
-        return noise_figure, Figure(value, "dB", len(numbers), void=reason, definition=definition)
+        if full_scale_value == 0:
+            value, reason, void = float("nan"), Reason.NO_FULL_SCALE, "the signal is flat"
+        else:
+            value, reason, void = float("inf"), Reason.NO_NOISE, "no noise was found: infinite"
+        return noise_figure, Figure(value, "dB", len(numbers), void=void, definition=definition, reason=reason)
     if full_scale_value == 0:
-        return noise_figure, Figure(
-            float("-inf"), "dB", len(numbers), void="the full-scale output is zero", definition=definition
-        )
+        none = replace(_no_full_scale("dB", definition), value=float("-inf"), n=len(numbers))
+        return noise_figure, none
     value = float(20.0 * np.log10(full_scale_value / noise))
     snr = _figure(value, snr_replicates, "dB", len(numbers), definition)
     return noise_figure, _at_least(snr, 20.0 * np.log10(1.0 + least))
@@ -396,9 +404,9 @@ def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:
 def combined_error(parts: list[Figure]) -> Figure:
     """Root sum of squares of non-linearity, hysteresis and repeatability, % FSO (ISA-S37.1, static error)."""
     definition = "sqrt(non-linearity^2 + hysteresis^2 + repeatability^2)"
-    missing = [p for p in parts if not np.isfinite(p.value)]
-    if missing:
-        return Figure.nothing("% FSO", f"a part is void: {missing[0].void}", definition)
+    missing = next((p for p in parts if not np.isfinite(p.value)), None)
+    if missing is not None:
+        return Figure.nothing("% FSO", missing.reason, missing.void, definition)
     value = float(np.sqrt(sum(p.value**2 for p in parts)))
     # each part's half-interval propagated linearly; the parts share cycles, so this is the cautious sum of squares
     low = float(np.sqrt(sum((p.value * (p.value - p.low)) ** 2 for p in parts)) / value) if value > 0 else 0.0
@@ -410,7 +418,12 @@ def _figure(value: float, replicates: FloatArray, unit: str, n: int, definition:
     low, high = bootstrap_interval(value, replicates, n, positive=unit in NEVER_NEGATIVE)
     if unit in NEVER_NEGATIVE:
         low = max(low, 0.0) if np.isfinite(low) else low
-    return Figure(float(value), unit, n, low, high, note=ONE_CYCLE if n < 2 else "", definition=definition)
+    figure = Figure(float(value), unit, n, low, high, definition=definition)
+    return replace(figure, note="one cycle gives no interval", reason=Reason.ONE_CYCLE) if n < 2 else figure
+
+
+def _no_full_scale(unit: str, definition: str = "") -> Figure:
+    return Figure.nothing(unit, Reason.NO_FULL_SCALE, "the full-scale output is zero", definition)
 
 
 def _pooled_and_worst(series: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,120 +1,144 @@
-"""What a reader of the figures has to know besides: flags of a run and of its sensors, each a code and a sentence."""
+"""The warnings of a run and of its sensors."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.calibration.fit import Words, reservations
-from analysis.figures import sensor_figures as metrics
+from analysis.calibration.checks import PointNames, calibration_warnings
+from analysis.figures.figure import Reason
 from analysis.segmentation.cycles import disagreements_with_marks
 from analysis.segmentation.losses import LossCounter
+from analysis.warning import Warning, WarningCode
 
 if TYPE_CHECKING:
     from analysis.figures.sensor_analysis import Run, SensorAnalysis
 
 NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
-MOST_SAID = 5  # remarks of an import; the preview has them all
-BREAK_FLAGS = {"same": "break", "differs": "differs_over_break", "untested": "untested_break"}
+MOST_OF_AN_IMPORT = 5  # warnings; the preview lists them all
+BREAK_CODES = {
+    "same": WarningCode.BREAK,
+    "differs": WarningCode.DIFFERS_OVER_BREAK,
+    "untested": WarningCode.UNTESTED_BREAK,
+}
 
 
-def flags_of(run: Run, sensors: list[SensorAnalysis]) -> tuple[dict[str, str], ...]:
-    """Return the flags of a run, those of its sensors last."""
-    recording = run.recording
-    flags: list[tuple[str, str]] = []
+def run_warnings(run: Run, sensors: list[SensorAnalysis]) -> tuple[Warning, ...]:
+    """Return the warnings of a run, those of its sensors last."""
+    of_run = tuple(Warning(code, "", text) for code, text in _run_texts(run))
+    return of_run + tuple(warning for sensor in sensors for warning in _sensor_warnings(sensor, run))
+
+
+def _run_texts(run: Run) -> Iterator[tuple[WarningCode, str]]:
+    recording, cycles, meta = run.recording, run.cycles, run.recording.meta
     if recording.simulated:
-        flags.append(("simulated", "recorded from the virtual board: SIMULATED"))
+        yield WarningCode.SIMULATED, "recorded from the virtual board: SIMULATED"
     if recording.gaps:
-        flags.append(("gaps", f"{recording.lost} samples lost in {len(recording.gaps)} gaps"))
-    said = [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
-    flags += [("import", str(text)) for text in said[:MOST_SAID]]
-    if len(said) > MOST_SAID:
-        flags.append(("import", f"and {len(said) - MOST_SAID} more: see `boat-daq import --preview`"))
-    if recording.meta.get("crc_errors"):
-        text = f"{recording.meta['crc_errors']} frames failed their CRC; their samples count as lost"
-        flags.append(("crc_errors", text))
-    flags += [
-        (name, f"{count} samples masked: {name.replace('_', ' ')}") for name, count in recording.masked.items() if count
-    ]
-    if recording.meta.get("damaged_blocks"):
-        flags.append(("damaged", f"{recording.meta['damaged_blocks']} blocks of the file are damaged and left out"))
-    if run.cycles.noise_kpa > NOISY_SHARE * run.cycles.span_kpa > 0:
-        share = run.cycles.noise_kpa / run.cycles.span_kpa
-        wave = "full scale reads short, loops read wide, by more than their intervals say"
-        hit = "holds are uncertain" if run.plateaus else wave
-        text = f"the pressure's noise of {run.cycles.noise_kpa:.2g} kPa is {share:.1%} of its span: {hit}"
-        flags.append(("noisy_pressure", text))
-    if not run.cycles.used:
-        flags.append(("no_cycle", f"no complete cycle, {run.cycles.as_json()['partial']} partial"))
-    flags += [(BREAK_FLAGS[found.verdict], found.sentence) for found in run.breaks]
-    flags += [("partial_cycle", part.reason) for part in run.cycles.partial]
-    flags += [("cycle_left_out", f"cycle {c.number}: {c.left_out}") for c in run.cycles.complete if c.left_out]
-    flags += [
-        (
-            "excursion_left_out",
-            f"{recording.time_s[e.first]:.1f} s: {e.low_kpa:+.1f} to {e.high_kpa:+.1f} kPa: {e.reason}",
+        yield WarningCode.GAPS, f"{recording.lost} samples lost in {len(recording.gaps)} gaps"
+    imported = [*meta.get("import_notes", ()), *meta.get("import_issues", ())]
+    for text in imported[:MOST_OF_AN_IMPORT]:
+        yield WarningCode.IMPORT, str(text)
+    if len(imported) > MOST_OF_AN_IMPORT:
+        yield WarningCode.IMPORT, f"and {len(imported) - MOST_OF_AN_IMPORT} more: see `boat-daq import --preview`"
+    if meta.get("crc_errors"):
+        yield WarningCode.CRC_ERRORS, f"{meta['crc_errors']} frames failed their CRC; their samples count as lost"
+    for name, count in recording.masked.items():
+        if count:
+            yield WarningCode(name), f"{count} samples left out: {name.replace('_', ' ')}"
+    if meta.get("damaged_blocks"):
+        yield WarningCode.DAMAGED, f"{meta['damaged_blocks']} blocks of the file are damaged and left out"
+    if cycles.noise_kpa > NOISY_SHARE * cycles.span_kpa > 0:
+        on_loops = "full scale is underestimated and hysteresis overestimated by more than their intervals"
+        effect = "plateaus are uncertain" if run.plateaus else on_loops
+        share = cycles.noise_kpa / cycles.span_kpa
+        yield (
+            WarningCode.NOISY_PRESSURE,
+            f"the pressure noise of {cycles.noise_kpa:.2g} kPa is {share:.1%} of the pressure span: {effect}",
         )
-        for e in run.cycles.excursions
+    if not cycles.used:
+        yield WarningCode.NO_CYCLE, f"no complete cycle, {cycles.as_json()['partial']} partial"
+    for found in run.breaks:
+        yield BREAK_CODES[found.verdict], found.sentence
+    for part in cycles.partial:
+        yield WarningCode.PARTIAL_CYCLE, part.reason
+    for cycle in cycles.complete:
+        if cycle.left_out:
+            yield WarningCode.CYCLE_LEFT_OUT, f"cycle {cycle.number}: {cycle.left_out}"
+    for e in cycles.excursions:
+        span = f"{e.low_kpa:+.1f} to {e.high_kpa:+.1f} kPa"
+        yield WarningCode.EXCURSION_LEFT_OUT, f"{recording.time_s[e.first]:.1f} s: {span}: {e.reason}"
+    for text in run.loops.void:
+        yield WarningCode.VOID, text
+    for text in disagreements_with_marks(cycles, recording):
+        yield WarningCode.MARKS_DISAGREE, text
+
+
+def _sensor_warnings(sensor: SensorAnalysis, run: Run) -> list[Warning]:
+    """Return the warnings of one sensor: its signal, its figures, its calibration."""
+    found = [
+        *_signal_texts(run, run.recording.sensor_names.index(sensor.name)),
+        *_figure_texts(sensor),
+        *([(WarningCode.NO_CALIBRATION, sensor.calibration_void)] if _lacks_calibration(sensor, run) else ()),
     ]
-    flags += [("void", reason) for reason in run.loops.void]
-    flags += [("marks_disagree", said) for said in disagreements_with_marks(run.cycles, recording)]
-    for sensor in sensors:
-        flags += [(code, f"{sensor.name}: {text}") for code, text in _sensor_flags(sensor, run)]
-    return tuple({"code": code, "text": text} for code, text in flags)
+    warnings = [Warning(code, sensor.name, text) for code, text in found]
+    return [*warnings, *(replace(w, subject=sensor.name) for w in _calibration_warnings(sensor, run))]
 
 
-def _sensor_flags(sensor: SensorAnalysis, run: Run) -> list[tuple[str, str]]:
-    flags: list[tuple[str, str]] = []
-    number = run.recording.sensor_names.index(sensor.name)
-    signal = run.recording.signal_mv[:, number]
+def _lacks_calibration(sensor: SensorAnalysis, run: Run) -> bool:
+    return sensor.calibration is None and bool(run.plateaus)
+
+
+def _signal_texts(run: Run, sensor: int) -> Iterator[tuple[WarningCode, str]]:
+    signal = run.recording.signal_mv[:, sensor]
     signal = signal[np.isfinite(signal)]
     if signal.size > 1 and signal.min() == signal.max():
-        text = f"the signal is constant, {signal[0]:.6g} mV in all {signal.size} samples: the sensor measured nothing"
-        flags.append(("constant_signal", text))
-    standing = LossCounter.of(run.recording, number).of_windows([slice(0, run.recording.n)]).standing
+        yield (
+            WarningCode.CONSTANT_SIGNAL,
+            f"the signal is constant, {signal[0]:.6g} mV in all {signal.size} samples: the sensor measured nothing",
+        )
+    standing = LossCounter.of(run.recording, sensor).of_windows([slice(0, run.recording.n)]).standing
     if standing:
         share = f"{standing / run.recording.n:.1%}"
-        text = f"{standing} samples ({share}) are clipped, frozen or dropped out though nothing flagged them: left out"
-        flags.append(("flat", text))
-    if sensor.figures["snr_db"].note.startswith("the full-scale output"):
-        flags.append(("no_span", sensor.figures["snr_db"].note))
+        yield (
+            WarningCode.FLAT,
+            f"{standing} samples ({share}) are clipped, frozen or dropped out without a mark of the board: left out",
+        )
+
+
+def _figure_texts(sensor: SensorAnalysis) -> Iterator[tuple[WarningCode, str]]:
+    if sensor.figures["snr_db"].reason is Reason.FULL_SCALE_IS_NOISE:
+        yield WarningCode.NO_SPAN, sensor.figures["snr_db"].note
     for name, abscissa in (("sensor", "elongation"), ("system", "pressure")):
         figure = sensor.figures.get(f"{name}_hysteresis_percent_fso")
-        if figure is not None and figure.note.startswith(metrics.BOUND):
-            flags.append(("hysteresis_is_a_bound", f"the hysteresis over {abscissa} is {figure.note}"))
-        elif figure is not None and metrics.IN_PART in figure.note:
-            flags.append(("hysteresis_in_part", f"the hysteresis over {abscissa}: {figure.note}"))
+        if figure is not None and figure.reason is Reason.UPPER_BOUND:
+            yield WarningCode.HYSTERESIS_IS_A_BOUND, f"hysteresis over {abscissa} is {figure.note}"
+        elif figure is not None and figure.reason is Reason.PART_OF_RANGE:
+            yield WarningCode.HYSTERESIS_IN_PART, f"hysteresis over {abscissa}: {figure.note}"
+
+
+def _calibration_warnings(sensor: SensorAnalysis, run: Run) -> Iterator[Warning]:
     calibration, posterior = sensor.calibration, sensor.posterior
     if calibration is None:
-        return [*flags, ("no_calibration", sensor.calibration_void)] if run.plateaus else flags
+        return
     if not calibration.monotone:
         inside = [t for t in calibration.turning_points if calibration.x_range[0] < t < calibration.x_range[1]]
         where = f"turns at {', '.join(f'{t:.2f}' for t in inside)} mm" if inside else "is flat"
-        flags.append(("not_monotone", f"the curve {where}: its inverse is refused"))
-    flags += [("calibration", text) for text in reservations(calibration, _words(sensor, run))]
-    if posterior is None and run.options.mcmc:
-        flags.append(("no_posterior", sensor.calibration_void))
-    flags += [("posterior", text) for text in (posterior.reservations if posterior is not None else ())]
-    if posterior is not None and not posterior.converged:
-        flags.append(
-            ("not_converged", f"the posterior is not converged: {posterior.steps} steps, tau {posterior.tau:.0f}")
-        )
-    low, high = calibration.x_range
-    by_reading = run.reading_sd_mm * calibration.full_scale / (high - low)
-    if by_reading > 2.0 * calibration.residual_sd:
-        flags.append(
-            (
-                "reading_error_overstated",
-                f"the readings scatter less than a reading error of {run.reading_sd_mm:.2f} mm would make them: "
-                "posterior and uncertainty are too wide; give --x-resolution",
-            )
-        )
-    return flags
-
-
-def _words(sensor: SensorAnalysis, run: Run) -> Words:
-    """Return how the sensor's points are called: reading, pressure, branch and cycle of their plateaus."""
+        yield Warning(WarningCode.NOT_MONOTONE, "", f"the curve {where}: it has no inverse")
     plateaus = [run.plateaus[int(i)] for i in sensor.point_plateau]
-    x = sensor.calibration.x if sensor.calibration is not None else np.zeros(0)
-    return Words(lambda i: f"the reading {x[i]:+.2f} mm at {plateaus[i].place}", "mm", "mV")
+    names = PointNames(lambda i: f"the reading {calibration.x[i]:+.2f} mm at {plateaus[i].place}", "mm", "mV")
+    yield from calibration_warnings(calibration, names)
+    if posterior is None and run.options.mcmc:
+        yield Warning(WarningCode.NO_POSTERIOR, "", sensor.calibration_void)
+    if posterior is not None:
+        yield from posterior.warnings
+    low, high = calibration.x_range
+    if run.reading_sd_mm * calibration.full_scale / (high - low) > 2.0 * calibration.residual_sd:
+        yield Warning(
+            WarningCode.READING_ERROR_OVERSTATED,
+            "",
+            f"the readings scatter less than a reading error of {run.reading_sd_mm:.2f} mm: "
+            "posterior and uncertainty are too wide; give --x-resolution",
+        )

@@ -6,17 +6,13 @@ Rules: nothing is computed here but a rounding.
 from __future__ import annotations
 
 from analysis.figures.across_breaks import ALPHA, Break
+from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.reports.cells import cell, p_value
 from analysis.reports.document import Drawing, Section, Table
 
-_OF_A_PART = (
-    ("sensitivity_mv_per_mm", "Sensitivity"),
-    ("fso_mv", "Full-scale output"),
-    ("system_hysteresis_percent_fso", "Hysteresis, system"),
-    ("repeatability_percent_fso", "Repeatability, pooled"),
-)
+_OF_A_PART = ("sensitivity_mv_per_mm", "fso_mv", "system_hysteresis_percent_fso", "repeatability_percent_fso")
 
 
 def breaks(analysis: Analysis) -> Section:
@@ -56,11 +52,11 @@ def _parts(analysis: Analysis) -> Table:
     header = ("Figure", *(f"cycles {part.cycles[0]} to {part.cycles[-1]}" for part in analysis.parts))
     rows = tuple(
         (
-            f"{sensor.name} {label}, {sensor.figures[key].unit}",
+            f"{sensor.name} {SENSOR_FIGURES[key].label_with_unit}",
             *(cell(p.sensors[i].figures[key]) for p in analysis.parts),
         )
         for i, sensor in enumerate(analysis.sensors)
-        for key, label in _OF_A_PART
+        for key in _OF_A_PART
         if key in sensor.figures
     )
     return Table(header, rows, "Each part's own figures, with 95 % intervals.", numeric=False)

@@ -17,6 +17,7 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 from analysis import figure_style as style
 from analysis.arrays import FloatArray
 from analysis.figures.between_runs import unit_of
+from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.repeatability import per_cycle
 from analysis.figures.uncertainty import Budget
@@ -220,7 +221,7 @@ def distribution(analysis: Analysis, sensor: int) -> Draw:
     return draw
 
 
-def side_by_side(analyses: Sequence[Analysis], name: str, label: str) -> Draw:
+def side_by_side(analyses: Sequence[Analysis], name: str) -> Draw:
     """One figure of every run with its interval, runs of one unit next to one another, a colour a sensor."""
 
     def draw(ax: Axes) -> None:
@@ -238,7 +239,7 @@ def side_by_side(analyses: Sequence[Analysis], name: str, label: str) -> Draw:
         names = [_label(unit_of(analyses[run]), run + 1, len(order)) for run in order]
         ax.set_xticks(range(len(order)), names, fontfamily=list(families("".join(names))), parse_math=False)
         ax.set_xlim(-0.6, len(order) - 0.4)
-        ax.set(xlabel="unit and number of the run", ylabel=label)
+        ax.set(xlabel="unit and number of the run", ylabel=SENSOR_FIGURES[name].phrase_with_unit)
         low, high = ax.get_ylim()
         ax.set_ylim(low, high + 0.15 * (high - low))  # the legend's own strip
         _legend(ax, loc="upper left", ncols=4)

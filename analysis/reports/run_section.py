@@ -9,10 +9,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from analysis import published
 from analysis.calibration.checks import fit_checks
 from analysis.data.boat_file import program_version
 from analysis.errors import AnalysisError
 from analysis.figures import between_runs as comparison
+from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.repeatability import LIMITS, per_cycle
 from analysis.figures.sensor_analysis import SensorAnalysis
@@ -21,27 +23,6 @@ from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.cells import cells, p_value, power
 from analysis.reports.document import Drawing, Section, Table
-
-PUBLISHED = {
-    "sensitivity_mv_per_mm": ("39.3", "29.2"),
-    "snr_db": ("44.7", "45.2"),
-    "system_hysteresis_percent_fso": ("4.95", "4.46"),
-}
-KEY_FIGURES = (
-    ("sensitivity_mv_per_mm", "Sensitivity, end to end"),
-    ("fso_mv", "Full-scale output"),
-    ("system_hysteresis_percent_fso", "Hysteresis, system"),
-    ("sensor_hysteresis_percent_fso", "Hysteresis, sensor"),
-    ("nonlinearity_percent_fso", "Non-linearity"),
-    ("repeatability_percent_fso", "Repeatability, pooled"),
-    ("repeatability_worst_percent_fso", "Repeatability, worst level"),
-    ("combined_error_percent_fso", "Combined error"),
-    ("drift_percent_fso_per_100_cycles", "Drift"),
-    ("noise_mv", "Noise, rms"),
-    ("snr_db", "Signal-to-noise ratio"),
-    ("slope_at_rest_mv_per_mm", "Slope at rest"),
-    ("least_squares_slope_mv_per_mm", "Least-squares slope"),
-)
 
 
 def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
@@ -57,12 +38,11 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
 def _undefined(analysis: Analysis) -> list[str]:
     """A sentence for each reason why figures are void."""
     by_reason: dict[tuple[int, str], list[str]] = {}
-    for key, label in KEY_FIGURES:
+    for key, definition in SENSOR_FIGURES.items():
         for number, sensor in enumerate(analysis.sensors, 1):
             figure = sensor.figures.get(key)
             if figure is not None and figure.void:
-                reason = figure.void.removeprefix("a part is void: ")
-                by_reason.setdefault((number, reason), []).append(label[0].lower() + label[1:])
+                by_reason.setdefault((number, figure.void), []).append(definition.phrase)
     sensors: dict[str, list[int]] = {}
     for (number, reason), labels in by_reason.items():
         sensors.setdefault(f"{reason} ({'; '.join(labels)})", []).append(number)
@@ -74,23 +54,25 @@ def _undefined(analysis: Analysis) -> list[str]:
 
 def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> Table:
     sensors = [analysis.sensors[i] for i in chosen]
-    paper = comparison.unit_of(analysis) in ("", "SA1") and len(analysis.sensors) == 2
+    paper = comparison.unit_of(analysis) in ("", published.UNIT) and len(analysis.sensors) == len(published.SENSORS)
     rows = []
-    for key, label in KEY_FIGURES:
+    for key, definition in SENSOR_FIGURES.items():
         parts = [s.figures.get(key) for s in sensors]
-        unit = next((p.unit for p in parts if p is not None), None)
-        if unit is None:
+        if not any(parts):
             continue
         shown = [text for p in parts for text in cells(p)]
-        published = " / ".join(PUBLISHED[key]) if paper and key in PUBLISHED else ""
-        limit = next((f"{limits[n]:g}" for n, (k, _, _) in LIMITS.items() if k == key and n in limits), "")
-        rows.append((f"{label}, {unit}", *shown, published, limit))
-    whole = (
-        ("Sensitivity of the system, mV/mm", analysis.system_sensitivity, "34.2" if paper else ""),
-        ("Hysteresis, actuator, % of span", analysis.actuator_hysteresis, ""),
-    )
+        known = [getattr(sensor, key, None) for sensor in published.SENSORS] if paper else []
+        limit = next((f"{limits[name]:g}" for name, k in LIMITS.items() if k == key and name in limits), "")
+        rows.append((definition.label_with_unit, *shown, " / ".join(f"{value:g}" for value in known if value), limit))
+    whole = {
+        "system_sensitivity_mv_per_mm": f"{published.SYSTEM_SENSITIVITY_MV_PER_MM:g}" if paper else "",
+        "actuator_hysteresis_percent": "",
+    }
     blank = [""] * (2 * len(sensors) - 2)
-    rows += [(n, *cells(f), *blank, p, "") for n, f, p in whole if np.isfinite(f.value) and chosen.start == 0]
+    for key, value in whole.items():
+        figure = analysis.system_figures[key]
+        if np.isfinite(figure.value) and chosen.start == 0:
+            rows.append((SYSTEM_FIGURES[key].label_with_unit, *cells(figure), *blank, value, ""))
     lost = [text for s in sensors for text in _lost(s)]
     rows += [("Samples lost or left out", *lost, "", "")] if any(lost) else []
     heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
@@ -302,7 +284,7 @@ def readings(analysis: Analysis) -> Section:
     )
     void = any(p.void for p in analysis.plateaus)
     keep = slice(None) if void else slice(-1)
-    caption = f"Means ± standard error.{' Why a plateau is void stands among the flags.' if void else ''}"
+    caption = f"Means ± standard error.{' The warnings name why a plateau is void.' if void else ''}"
     table = Table(header[keep], tuple(row[keep] for row in rows), caption)
     return Section("Plateaus and readings", (table,))
 
@@ -323,10 +305,8 @@ def run(analysis: Analysis) -> Section:
         ("Recorded with", str(analysis.recording.meta.get("program_version") or "–")),
         ("Recording", str(analysis.recording.meta.get("uuid") or analysis.recording.source)),
     )
-    flags = tuple((f["code"].replace("_", " "), f["text"]) for f in analysis.flags)
+    warnings = tuple((w.code.replace("_", " "), w.sentence) for w in analysis.warnings)
     parts: list[str | Table | Drawing] = [Drawing((drawings.trace(analysis),), "Measured pressure.", 1.9)]
-    parts.append(
-        Table(("Flag", "What"), flags, numeric=False) if flags else "No flags: nothing was lost, masked or void."
-    )
+    parts.append(Table(("Warning", "Text"), warnings, numeric=False) if warnings else "No warnings.")
     parts.append(Table(("Setting", "Value"), settings, numeric=False))
-    return Section("The run, flags and settings", tuple(parts))
+    return Section("The run, warnings and settings", tuple(parts))

@@ -8,6 +8,7 @@ import numpy as np
 
 from analysis.errors import AnalysisError
 from analysis.figures import between_runs as comparison
+from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.unit_history import unit_history
 from analysis.numbers import NOTHING, rounded, with_uncertainty
@@ -19,6 +20,7 @@ from analysis.reports.document import Drawing, Section, Table
 def runs_table(analyses: Sequence[Analysis]) -> Section:
     heads = ("run", "unit", "sensor")
     names = ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db", "fso_mv")
+    labels = [SENSOR_FIGURES[name].label_with_unit for name in names]
     first, second = [], []
     for number, a in enumerate(analyses, 1):
         for sensor in a.sensors:
@@ -31,15 +33,15 @@ def runs_table(analyses: Sequence[Analysis]) -> Section:
             name = (str(number), comparison.unit_of(a), sensor.name)
             first.append((*name, b0, *shown[:2]))
             second.append((*name, *shown[2:]))
-    caption = "b0 ± standard uncertainty; 95 % intervals within each run; hysteresis of the system, over pressure."
+    caption = "b0 ± standard uncertainty; 95 % intervals within each run; FSO: full-scale output."
     parts = (
-        Table((*heads, "b0, mV", "sensitivity, mV/mm", "hysteresis, % FSO"), tuple(first)),
-        Table((*heads, "SNR, dB", "FSO, mV"), tuple(second), caption),
+        Table((*heads, "b0, mV", *labels[:2]), tuple(first)),
+        Table((*heads, *labels[2:]), tuple(second), caption),
     )
     drawn = Drawing(
         (
-            drawings.side_by_side(analyses, "sensitivity_mv_per_mm", "sensitivity, mV/mm"),
-            drawings.side_by_side(analyses, "system_hysteresis_percent_fso", "system hysteresis, % FSO"),
+            drawings.side_by_side(analyses, "sensitivity_mv_per_mm"),
+            drawings.side_by_side(analyses, "system_hysteresis_percent_fso"),
         ),
         "Each run with its 95 % interval; runs of one unit stand together.",
         2.4,

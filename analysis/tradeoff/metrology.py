@@ -14,12 +14,13 @@ from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.inverse import NODES, Inverse
 from analysis.data.recording import Recording
+from analysis.published import SENSORS
 from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.plateaus import Plateau, find_plateaus
 from analysis.statistics import bootstrap_interval, resampling_weights
 from analysis.tradeoff.measure import Method, Setting
 
-CUBIC = Polynomial((1651.9842, 46.4413, -2.6934, -0.36251))
+CUBIC = Polynomial(SENSORS[0].coefficients)
 NOISE_MV, RANGE_MM = 1.49, (-2.70, 3.80)
 """The paper's first sensor."""
 ROUND_TRIP_MM = 1e-10

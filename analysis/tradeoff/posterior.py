@@ -16,10 +16,11 @@ from analysis.arrays import FloatArray
 from analysis.calibration.fit import fit_calibration
 from analysis.calibration.posterior import MAX_STEPS, WALKERS, sample_posterior
 from analysis.fidelity import Fidelity
+from analysis.published import SENSORS
 from analysis.tradeoff.measure import Method, Setting
 from analysis.tradeoff.references import load
 
-CUBIC = Polynomial((1651.9842, 46.4413, -2.6934, -0.36251))
+CUBIC = Polynomial(SENSORS[0].coefficients)
 NOISE_MV, RANGE_MM = 1.49, (-2.70, 3.80)
 """The paper's first sensor."""
 GRID_MM = 0.5

@@ -111,5 +111,5 @@ def _print(analysis: Analysis) -> None:
         if sensor.calibration is not None:
             terms = ", ".join(f"b{i} = {b:.6g}" for i, b in enumerate(sensor.calibration.coefficients))
             out.print(f"{sensor.name}: {terms}, R2 = {sensor.calibration.r2:.5f}", highlight=False)
-    for flag in content["flags"]:
-        say(f"{flag['code']}: {flag['text']}")
+    for warning in analysis.warnings:
+        say(f"{warning.code}: {warning.sentence}")

@@ -50,17 +50,19 @@ def fit(
 
         boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
     """
-    from analysis.calibration.checks import fit_checks
-    from analysis.calibration.fit import fit_calibration, reservations
+    from analysis.calibration.checks import calibration_warnings, fit_checks
+    from analysis.calibration.fit import fit_calibration
 
     (at, signal, *given), labels, masked = _readings(file, [x, y] if u is None else [x, y, u], position)
     uncertainty = given[0] if given else None
     reading_sd = x_resolution / 12**0.5
     calibration = fit_calibration(at, signal, degree, standard_uncertainty=uncertainty).with_reading(reading_sd, labels)
     content: dict[str, Any] = calibration.as_json() | {"masked": masked, "checks": fit_checks(calibration)}
-    content["notes"] = reservations(calibration)
-    for note in content["notes"]:
-        say(note)
+    warnings = calibration_warnings(calibration)
+    content["notes"] = [warning.text for warning in warnings]
+    content["warnings"] = [warning.as_json() for warning in warnings]
+    for warning in warnings:
+        say(warning.text)
     posterior = None
     if x_resolution > 0:
         from analysis.calibration.posterior import sample_posterior
@@ -74,8 +76,8 @@ def fit(
         content["posterior"] = posterior.as_json()
         if labels is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
             say("signals at equal x scatter less than independent reading errors would: their error is taken for one")
-        if not posterior.converged:
-            say(f"the posterior is not converged: {posterior.steps} steps, autocorrelation time {posterior.tau:.0f}")
+        for warning in posterior.warnings:
+            say(warning.text)
     if bands:
         content["bands"] = _bands(calibration, posterior)
     if json:
@@ -96,8 +98,8 @@ def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[
     masked = int((~known).sum()) + table.broken
     if masked:
         say(f"{masked} rows left out: not every number is there")
-    for issue in table.issues:
-        say(issue)
+    for warning in table.warnings:
+        say(warning.text)
     labels = np.asarray(table.labels(position))[known] if position is not None else None
     return [column[known] for column in columns], labels, masked
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis import fit_calibration, load_recording, sample_posterior
-from analysis.calibration.fit import reservations
+from analysis.calibration.checks import calibration_warnings
 from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.simulation import trace
@@ -42,8 +42,8 @@ def test_outliers_widen_the_band_and_are_named() -> None:
     widths = [np.subtract(*p.curve_band(np.array([0.5]), 0.95)[::-1])[0] for p in (clean, wide)]
     # both scatters are known: 1.3 mV, and 1.3 mV with two of 90 points 52 mV off
     assert widths[1] / widths[0] == pytest.approx(np.hypot(1.3, 52.0 * np.sqrt(2 / 90)) / 1.3, rel=0.25)
-    assert any("off the curve" in text for text in reservations(fit_calibration(X, spoiled)))
-    assert not any("off the curve" in text for text in reservations(fit_calibration(X, y)))
+    assert any(w.code == "outlier" for w in calibration_warnings(fit_calibration(X, spoiled)))
+    assert not any(w.code == "outlier" for w in calibration_warnings(fit_calibration(X, y)))
 
 
 def table(path: Path, **spoiled: str) -> Path:

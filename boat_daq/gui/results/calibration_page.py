@@ -30,9 +30,10 @@ from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.split_view import Divided
+from boat_daq.viewmodels.common.formatting import sensor_words
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.results.analysis_view import LoopSet, RunResult, SensorResult
-from boat_daq.viewmodels.results.calibration import CalibrationModel, CurveShown, sensor_words
+from boat_daq.viewmodels.results.calibration import CalibrationModel, CurveShown
 from boat_daq.viewmodels.results.closed_run import ClosedRun
 
 SENSORS = 2
@@ -240,13 +241,12 @@ class CalibrationPage(QWidget):
         return frame
 
     def _judgement(self) -> QWidget:
-        """Return the lines under the verdict: what is poor, against which bounds, and the way to the readings."""
+        """Return the lines under the verdict: what is poor, against which limits, and the way to the readings."""
         self.poor = widgets.label("", wrap=True, name="What is poor about this calibration")
-        self.bounds = widgets.label("", "small", wrap=True)
         self.look = widgets.button("Readings …", self._edit_readings, tip="Correct the readings of this run")
         line = QHBoxLayout()
         line.setSpacing(style.GAP)
-        line.addLayout(widgets.column(self.poor, self.bounds, spacing=0), 1)
+        line.addWidget(self.poor, 1)
         line.addWidget(self.look, 0, Qt.AlignmentFlag.AlignTop)
         self.judgement = _inside(line)
         self.judgement.hide()
@@ -356,8 +356,6 @@ class CalibrationPage(QWidget):
         poor, against = self.model.poor(), self.model.against()
         self.judgement.setVisible(bool(against))
         self.poor.setText("\n".join(against))
-        self.bounds.setText(self.model.bounds())
-        self.bounds.setVisible(bool(self.bounds.text()))
         self.look.setVisible(self.model.last_path is not None and self.model.last_path.suffix == ".boat")
         self.accept.setText(ANYWAY if poor else ACCEPT)
         self.accept.setAccessibleName(self.accept.text())
@@ -390,5 +388,5 @@ class CalibrationPage(QWidget):
         self.beside.setVisible(bool(rows))
         widgets.fill_table(self.beside, [row.cells for row in rows], [row.hover for row in rows])
         self.flags.setText("\n".join(f"\u25b2 {flag}" for flag in self.model.remarks()))
-        self.flags.setVisible(bool(result.flags))
+        self.flags.setVisible(bool(result.warnings))
         self.remarks.fit()

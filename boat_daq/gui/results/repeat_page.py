@@ -19,9 +19,9 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.split_view import Divided
+from boat_daq.viewmodels.common.formatting import sensor_words
 from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.results.analysis_view import RunResult
-from boat_daq.viewmodels.results.calibration import sensor_words
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 
 SENSORS = 2

@@ -99,3 +99,9 @@ def plain_number(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(text)
     return value
+
+
+def sensor_words(name: str) -> str:
+    """Return `s1` or `s1_mv` as `Sensor 1`."""
+    digits = "".join(c for c in name if c.isdigit())
+    return f"Sensor {digits}" if digits else name

@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from boat_daq.viewmodels.common.formatting import count
+from analysis.warning import WarningCode
+from boat_daq.viewmodels.common.formatting import count, sensor_words
 from boat_daq.viewmodels.results.analysis_view import PosteriorResult, RunResult
 
 LEAST_ELONGATIONS = 4  # of a cubic
+OF_A_READING = (WarningCode.OUTLIER, WarningCode.HIGH_LEVERAGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,7 @@ def poor(result: RunResult, posterior: Sequence[PosteriorResult] = ()) -> tuple[
     """Return what is poor about the calibration, a sentence a sensor; empty where nothing is."""
     lines = []
     for number, sensor in enumerate(result.sensors, 1):
-        said = [str(each) for each in sensor.poor]
+        said = [warning.text for warning in sensor.out_of_tolerance]
         if number <= len(posterior) and not posterior[number - 1].content.get("converged", True):
             said.append("uncertainty bands not converged")
         if said:
@@ -84,11 +86,6 @@ def poor(result: RunResult, posterior: Sequence[PosteriorResult] = ()) -> tuple[
 
 
 def remarks(result: RunResult) -> tuple[str, ...]:
-    """Return the run's flags, those first that name a reading: it can be looked at and corrected."""
-    return tuple(sorted(result.flags, key=lambda flag: ": the reading " not in flag))
-
-
-def sources(result: RunResult) -> tuple[str, ...]:
-    """Return where the missed bounds come from, each once."""
-    found = {each.words: each.source for sensor in result.sensors for each in sensor.poor}
-    return tuple(f"{words[:1].upper()}{words[1:]}: {source}" for words, source in found.items())
+    """Return the run's warnings, those first that name a reading: it can be looked at and corrected."""
+    ordered = sorted(result.warnings, key=lambda warning: warning.code not in OF_A_READING)
+    return tuple(f"{sensor_words(w.subject)}: {w.text}" if w.subject else w.text for w in ordered)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.arrays import FloatArray
-from analysis.figures.acceptance import Shortfall
+from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 
 Band = tuple[FloatArray, FloatArray]
@@ -137,7 +137,7 @@ class SensorResult:
     band_95: Band
     content: Mapping[str, Any] | None
     turning_points: tuple[float, ...]
-    poor: tuple[Shortfall, ...] = ()
+    out_of_tolerance: tuple[Warning, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +169,7 @@ class RunResult:
     system_sensitivity: FigureText
     actuator_hysteresis: FigureText
     loops: LoopSet
-    flags: tuple[str, ...]
+    warnings: tuple[Warning, ...]
     reading_sd_mm: float
     breaks: tuple[BreakResult, ...] = ()
     plateaus: int = 0

@@ -23,12 +23,12 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
+from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number, sensor_words
 from boat_daq.viewmodels.common.notices import Level
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.undo import Change
 from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
-from boat_daq.viewmodels.results.acceptance import Missing, missing, poor, remarks, rests_on, sources
+from boat_daq.viewmodels.results.acceptance import Missing, missing, poor, remarks, rests_on
 from boat_daq.viewmodels.results.analysis_view import Band, PosteriorResult, RunResult, SensorResult
 
 ANALYSIS = "boat_daq.viewmodels.results.calibration_jobs:analyse_run"
@@ -207,11 +207,6 @@ class CalibrationModel:
             return ()
         obstacle = self.obstacle()
         return (*([obstacle] if obstacle else []), *poor(self.result, self.posterior))
-
-    def bounds(self) -> str:
-        """Return where the bounds come from that are missed."""
-        found = sources(self.result) if self.result is not None else ()
-        return "Bounds from: " + "; ".join(found) if found else ""
 
     def remarks(self) -> tuple[str, ...]:
         """Return the flags of the run."""
@@ -414,12 +409,6 @@ def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | N
         return compare_fits(sensor.content["fit"], before["fit"])
     except (AnalysisError, KeyError):
         return None
-
-
-def sensor_words(name: str) -> str:
-    """Return `s1` or `s1_mv` as `Sensor 1`."""
-    digits = "".join(c for c in name if c.isdigit())
-    return f"Sensor {digits}" if digits else name
 
 
 def finite(value: Any) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 from analysis.calibration.posterior import MAX_STEPS, sample_posterior
 from analysis.data.load import load_recording
 from analysis.fidelity import Level
-from analysis.figures.acceptance import shortfalls
+from analysis.figures.acceptance import out_of_tolerance
 from analysis.figures.across_breaks import Break, Comparison
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.repeatability import per_cycle, sensitivity_per_cycle
@@ -70,7 +70,7 @@ def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: 
         system_sensitivity=figure_text(found.system_sensitivity, 1),
         actuator_hysteresis=figure_text(found.actuator_hysteresis, 2),
         loops=_loops(found.loops),
-        flags=tuple(_in_words(str(flag["text"])) for flag in found.flags),
+        warnings=found.warnings,
         reading_sd_mm=found.reading_sd_mm,
         breaks=tuple(_break(each) for each in found.breaks),
         plateaus=_asked(found),
@@ -114,7 +114,7 @@ def _sensor(found: Analysis, index: int) -> SensorResult:
         sensor.name, "", values, cycles, calibration.x, calibration.y, calibration.residuals, loading,
         np.array([p.cycle for p in points]), grid, calibration.predict(grid), calibration.band(grid, 0.68),
         calibration.band(grid, 0.95), _content(found, index), calibration.turning_points,
-        shortfalls(sensor, found.reading_sd_mm),
+        out_of_tolerance(sensor, found.reading_sd_mm),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from analysis import fit_calibration
 from analysis.atlas.sweep import Outcome
-from analysis.calibration.fit import reservations
+from analysis.calibration.checks import calibration_warnings
 from tests.analysis.atlas.borders import DEGRADED, REFUSED, WORKS, place
 
 
@@ -25,7 +25,7 @@ from tests.analysis.atlas.borders import DEGRADED, REFUSED, WORKS, place
         ("fit-offset", 1e9, 2, DEGRADED, "fit x - 1"),
         ("fit-few-points", 3, 3, REFUSED, "3 distinct x where degree 3 needs 4"),
         ("fit-few-points", 4, 3, DEGRADED, "no uncertainty"),
-        ("fit-few-points", 8, 3, DEGRADED, "alone holds the curve"),
+        ("fit-few-points", 8, 3, DEGRADED, "alone determines the curve"),
         ("fit-few-points", 10, 3, WORKS, ""),
         ("fit-few-points", 10, 10, REFUSED, "10 distinct x where degree 10 needs 11"),
         ("fit-outlier", 4, 20, WORKS, ""),
@@ -47,7 +47,7 @@ def test_borders_of_the_fit(name: str, x: float, y: float, outcome: Outcome, sai
         (1.0, 0.1, WORKS, ""),
         (1.0, -0.03, REFUSED, "outside"),
         (1.0, 1.1, REFUSED, "outside"),
-        (0.3, 1.1, DEGRADED, "reads as one inside"),
+        (0.3, 1.1, DEGRADED, "is read as one inside"),
     ],
 )
 def test_borders_of_the_inverse(gap_mm: float, where: float, outcome: Outcome, said: str) -> None:
@@ -60,11 +60,11 @@ def test_a_wrong_point_is_named_and_a_sound_fit_is_left_alone() -> None:
     x = np.linspace(-2.7, 3.8, 20)
     rng = np.random.default_rng(0)
     sound = [x**3 + rng.standard_normal(20) for _ in range(100)]
-    assert sum(bool(reservations(fit_calibration(x, y, 3))) for y in sound) <= 6
+    assert sum(bool(calibration_warnings(fit_calibration(x, y, 3))) for y in sound) <= 6
     off = sound[0].copy()
     off[7] += 10.0
-    (said,) = reservations(fit_calibration(x, off, 3))
-    assert f"the point at x = {x[7]:.4g}" in said
+    (found,) = calibration_warnings(fit_calibration(x, off, 3))
+    assert f"the point at x = {x[7]:.4g}" in found.text
 
 
 def test_the_weights_of_points_count_in_who_is_wrong() -> None:
@@ -73,5 +73,5 @@ def test_the_weights_of_points_count_in_who_is_wrong() -> None:
     y = x + 0.01 * np.random.default_rng(1).standard_normal(30)
     y[4] += 0.5
     u = np.where(np.arange(30) == 4, 0.5, 0.01)
-    assert reservations(fit_calibration(x, y, 1, standard_uncertainty=u)) == ()
-    assert len(reservations(fit_calibration(x, y, 1))) == 1
+    assert calibration_warnings(fit_calibration(x, y, 1, standard_uncertainty=u)) == ()
+    assert len(calibration_warnings(fit_calibration(x, y, 1))) == 1

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis import AnalysisError, fit_calibration
-from analysis.calibration.checks import fit_checks
-from analysis.calibration.fit import reservations
+from analysis.calibration.checks import calibration_warnings, fit_checks
+from analysis.warning import WarningCode
 from tests.analysis.boat_builder import PAPER
 
 DIGITS = {"Pontius": 10.0, "Wampler1": 5.0, "Wampler5": 5.0, "Filip": 5.0}
@@ -132,14 +132,14 @@ def test_a_curve_that_turns_inside_its_range_is_not_monotone() -> None:
     assert fit.turning_points == pytest.approx([0.0], abs=1e-9)
 
 
-def test_what_the_numbers_hide_is_said() -> None:
+def test_warnings_name_what_the_coefficients_do_not_show() -> None:
     """No degree of freedom, and coefficients that cancel far from zero, each get a sentence; a plain fit none."""
-    exact = reservations(fit_calibration([0, 1, 2, 3], [1, 5, 2, 9], 3))
-    assert "no uncertainty" in exact[0]
+    exact = calibration_warnings(fit_calibration([0, 1, 2, 3], [1, 5, 2, 9], 3))
+    assert "no uncertainty" in exact[0].text
     far = np.arange(10.0)
     noise = np.random.default_rng(0).standard_normal(10)
-    assert "fit x - 1e+09" in reservations(fit_calibration(1e9 + 1e-3 * far, 2 * far + 0.1 * noise, 3))[0]
-    assert reservations(fit_calibration(far, far**2 + noise, 3)) == ()
+    assert "fit x - 1e+09" in calibration_warnings(fit_calibration(1e9 + 1e-3 * far, 2 * far + 0.1 * noise, 3))[0].text
+    assert calibration_warnings(fit_calibration(far, far**2 + noise, 3)) == ()
 
 
 def test_values_without_a_square_are_refused() -> None:
@@ -178,11 +178,12 @@ def test_stated_errors_hold_the_truth_where_x_is_read_on_a_grid(grid: float, rea
     assert reader > 0 or (plain < 2.0).mean() < 0.9
 
 
-def test_a_constant_and_a_point_off_an_exact_curve_are_said_plainly() -> None:
-    """A constant y does not answer to x; off a curve that all others lie on no multiple of a deviation is given."""
+def test_a_constant_and_a_point_off_an_exact_curve_are_warned_of() -> None:
+    """A constant y does not depend on x; off a curve that all others lie on no multiple of a deviation is given."""
     x = np.arange(12.0)
-    (said,) = reservations(fit_calibration(x, np.full(12, 5.0)))
-    assert said == "y is constant, 5 at all 12 points: it does not answer to x"
-    (said,) = reservations(fit_calibration(x, np.where(x == 5, 6.0, 5.0)))
-    assert said.endswith("off the curve on which all others lie")
-    assert "inf" not in said
+    (found,) = calibration_warnings(fit_calibration(x, np.full(12, 5.0)))
+    assert found.code is WarningCode.CONSTANT_Y
+    assert found.text.startswith("y is constant, 5 at all 12 points")
+    (found,) = calibration_warnings(fit_calibration(x, np.where(x == 5, 6.0, 5.0)))
+    assert found.code is WarningCode.OUTLIER
+    assert found.text.endswith("off the curve on which all others lie")

@@ -115,7 +115,7 @@ def test_broken_rows_are_named_by_line(tmp_path: Path) -> None:
     rows[10], rows[20] = "10,10", "20,error,20"
     path.write_text("time_s,pressure_kpa,s1_mv\n" + "\n".join(rows) + "\n")
     table = read_table(path)
-    assert table.issues == ("line 12: 2 fields where the others have 3",
+    assert tuple(warning.text for warning in table.warnings) == ("line 12: 2 fields where the others have 3",
                             "line 22: 'error' in column 'pressure_kpa' is not a number")  # fmt: skip
     assert (table.rows, table.broken, table.masked) == (99, 1, 1)
     assert import_csv(path).masked["pressure_not_finite"] == 1
@@ -261,7 +261,7 @@ def test_what_an_import_left_out_is_a_flag_of_the_figures(tmp_path: Path) -> Non
     lines = path.read_text().splitlines()
     lines[10:17] = ["9,9"] * 7
     path.write_text("\n".join(lines) + "\n" + "\n".join(f"{i},{i % 7}.5,{1600 + i}" for i in range(1000, 1900)))
-    texts = [flag["text"] for flag in analyse(path, mcmc=False).flags if flag["code"] == "import"]
+    texts = [w.sentence for w in analyse(path, mcmc=False).warnings if w.code == "import"]
     assert texts[0] == "line 11: 2 fields where the others have 3"
     assert len(texts) == 6
     assert texts[-1].startswith("and 2 more")

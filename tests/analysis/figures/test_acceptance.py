@@ -1,4 +1,4 @@
-"""What is called poor of a calibration: both sides of each bound, and the bounds from the published curves."""
+"""Figures out of tolerance: both sides of each limit, and the limits from the published curves."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import pytest
 
 from analysis import Options, analyse
 from analysis.calibration.fit import fit_calibration
-from analysis.figures.acceptance import BOUNDS, LEAST_R2, shortfalls
-from analysis.figures.figure import Figure
+from analysis.figures.acceptance import LEAST_R2, TOLERANCES, out_of_tolerance
+from analysis.figures.figure import SENSOR_FIGURES, Figure
+from analysis.published import RANGE_MM, SENSORS
 from tests.analysis.boat_builder import Plant, Staircase
 
-PUBLISHED = (1651.9842, 46.4413, -2.6934, -0.36251)
-X = np.linspace(-2.7, 3.8, 37)
+PUBLISHED = SENSORS[0].coefficients
+X = np.linspace(*RANGE_MM, 37)
 Y = np.polynomial.polynomial.polyval(X, PUBLISHED)
 
 
@@ -30,43 +31,46 @@ def scattered(r2):
 
 
 @pytest.mark.parametrize(
-    ("r2", "reading_sd", "poor"),
+    ("r2", "reading_sd", "out"),
     [(0.99971, 0.0, False), (LEAST_R2 + 2e-4, 0.0, False), (LEAST_R2 - 2e-4, 0.0, True), (0.75, 0.0, True),
      (0.994, 0.5 / math.sqrt(12), False), (0.95, 0.5 / math.sqrt(12), True)],
 )  # fmt: skip
-def test_the_published_fit_is_good_and_four_times_its_residual_variance_the_limit(r2, reading_sd, poor):
+def test_r2_is_within_tolerance_up_to_four_times_the_published_residual_variance(r2, reading_sd, out):
     """R2 on both sides of its bound; readings on a half-millimetre grid are allowed what the grid makes, not more."""
-    found = shortfalls(sensor(scattered(r2)), reading_sd)
-    assert bool(found) is poor
-    assert all(str(one).startswith("R² 0.") and one.source for one in found)
+    found = out_of_tolerance(sensor(scattered(r2)), reading_sd)
+    assert bool(found) is out
+    assert all(one.subject == "r2" and one.text.startswith("R² 0.") for one in found)
 
 
-@pytest.mark.parametrize("bound", BOUNDS, ids=lambda b: b.name)
-def test_a_figure_is_poor_beyond_its_bound_with_its_interval(bound):
-    """Just inside, just beyond, beyond with an interval that reaches back: only what is surely beyond is poor."""
-    away = -1.0 if bound.least else 1.0
-    for off, half, poor in ((-0.1, 0.01, False), (0.1, 0.01, True), (0.1, 0.2, False), (0.1, math.nan, True)):
-        value = bound.bound + away * off
-        found = shortfalls(sensor(Y, **{bound.name: Figure(value, bound.unit, 5, value - half, value + half)}), 0.0)
-        assert [str(one) for one in found] == (
-            [f"{bound.words} {value:.1f} {bound.unit} (at {'least' if bound.least else 'most'} {bound.bound:.1f})"]
-            if poor else []
-        )  # fmt: skip
+@pytest.mark.parametrize("tolerance", TOLERANCES, ids=lambda t: t.key)
+def test_a_figure_is_out_of_tolerance_beyond_its_limit_with_its_interval(tolerance):
+    """Just inside, just beyond, beyond with an interval that reaches back: only what is surely beyond is named."""
+    away = -1.0 if tolerance.is_lower else 1.0
+    definition = SENSOR_FIGURES[tolerance.key]
+    for off, half, out in ((-0.1, 0.01, False), (0.1, 0.01, True), (0.1, 0.2, False), (0.1, math.nan, True)):
+        value = tolerance.limit + away * off
+        figure = Figure(value, definition.unit, 5, value - half, value + half)
+        found = out_of_tolerance(sensor(Y, **{tolerance.key: figure}), 0.0)
+        assert [warning.subject for warning in found] == ([tolerance.key] if out else [])
+        beyond = (
+            f" {value:.1f} {definition.unit} is {'below' if tolerance.is_lower else 'above'} {tolerance.limit:.1f} ("
+        )
+        assert all(beyond in warning.text for warning in found)
 
 
-def test_the_bound_of_the_combined_error_is_that_of_the_published_curve():
+def test_the_limit_of_the_combined_error_is_that_of_the_published_curve():
     """Twice: largest distance of the published cubic of sensor 1 from its straight line, with 4.95 % hysteresis."""
-    x = np.linspace(-2.7, 3.8, 4001)
+    x = np.linspace(*RANGE_MM, 4001)
     y = np.polynomial.polynomial.polyval(x, PUBLISHED)
     line = np.polynomial.Polynomial.fit(x, y, 1)
-    combined = math.hypot(100 * np.abs(y - line(x)).max() / abs(y[-1] - y[0]), 4.95)
-    (bound,) = (b.bound for b in BOUNDS if b.name.startswith("combined"))
-    assert bound == pytest.approx(2 * combined, abs=0.1)
+    combined = math.hypot(100 * np.abs(y - line(x)).max() / abs(y[-1] - y[0]), SENSORS[0].system_hysteresis_percent_fso)
+    (limit,) = (t.limit for t in TOLERANCES if t.key.startswith("combined"))
+    assert limit == pytest.approx(2 * combined, abs=0.1)
 
 
-def test_without_a_calibration_nothing_is_poor_and_nothing_is_said():
+def test_without_a_calibration_nothing_is_judged():
     """A run without readings has another obstacle."""
-    assert shortfalls(SimpleNamespace(calibration=None, figures={}), 0.1) == ()
+    assert out_of_tolerance(SimpleNamespace(calibration=None, figures={}), 0.1) == ()
 
 
 def test_a_flag_of_a_reading_says_which_plateau_with_units(tmp_path):
@@ -77,18 +81,18 @@ def test_a_flag_of_a_reading_says_which_plateau_with_units(tmp_path):
     table.loc[row, "elongation_mm"] += 1.0
     table.to_csv(tmp_path / "e.csv", index=False)
     found = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=0.0))
-    said = next(f["text"] for f in found.flags if f["code"] == "calibration" and f["text"].startswith("s1"))
+    said = next(w.text for w in found.warnings if w.code == "outlier" and w.subject == "s1")
     pressure, x = table.loc[row, "pressure_kpa"], table.loc[row, "elongation_mm"]
     assert f"the reading {x:+.2f} mm at {pressure:+.0f} kPa, loading, cycle 2 is " in said
     assert " mV off the curve" in said
 
 
 @pytest.mark.parametrize("grid_mm", [0.1, 0.5])
-def test_a_sound_session_is_not_called_poor(tmp_path, grid_mm):
-    """The published sensors with their noise and loop, read on a grid up to half a millimetre: nothing is poor."""
+def test_a_sound_session_is_within_tolerance(tmp_path, grid_mm):
+    """The published sensors with their noise and loop, read on a grid up to half a millimetre."""
     stairs = Staircase(Plant(loop_mm=0.25), cycles=2)
     table = stairs.elongations()
     table["elongation_mm"] = grid_mm * np.round(table["elongation_mm"] / grid_mm)
     table.to_csv(tmp_path / "e.csv", index=False)
     found = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=grid_mm))
-    assert [shortfalls(sensor, found.reading_sd_mm) for sensor in found.sensors] == [(), ()]
+    assert [out_of_tolerance(sensor, found.reading_sd_mm) for sensor in found.sensors] == [(), ()]

@@ -134,7 +134,7 @@ def test_a_partial_run_is_still_reported() -> None:
     analysis = analyse(stairs.plant.run(pressure[:3000], loading[:3000], cycle[:3000]))
     assert analysis.cycles.as_json() == {"complete": 0, "partial": 1, "with_gap": 0}
     assert all(f.void for f in analysis.sensors[0].figures.values() if np.isnan(f.value))
-    assert "no_cycle" in {flag["code"] for flag in analysis.flags}
+    assert "no_cycle" in {warning.code for warning in analysis.warnings}
 
 
 @pytest.mark.fault(37, how="NaN and Inf in signal and pressure", times=1)
@@ -247,7 +247,7 @@ def test_readings_of_the_session_calibrate_and_the_last_one_counts(tmp_path: Pat
     assert analysis.sensors[0].calibration.r2 > 0.9999
     assert analysis.reading_sd_mm == pytest.approx(0.1 / 12**0.5)
     assert analysis.recording.target_kpa[np.isfinite(analysis.recording.target_kpa)].min() == -40.0
-    assert "marks_disagree" not in {flag["code"] for flag in analysis.flags}
+    assert "marks_disagree" not in {warning.code for warning in analysis.warnings}
 
 
 def test_an_interval_of_a_spread_does_not_go_below_zero() -> None:
@@ -263,10 +263,10 @@ def test_a_signal_that_stands_still_while_pressure_moves_is_flagged() -> None:
     """A CSV tells no saturation: a signal cut off at 1,650 mV is flagged with its share; a whole one is not."""
     run = Plant().run(*triangle(4, 20))
     cut = Recording.from_arrays(run.time_s, run.pressure_kpa, np.minimum(run.signal_mv, [1650.0, 9999.0]))
-    said = [f["text"] for f in analyse(cut, mcmc=False).flags if f["code"] == "flat"]
+    said = [w.sentence for w in analyse(cut, mcmc=False).warnings if w.code == "flat"]
     assert len(said) == 1
     assert said[0].startswith("s1")
-    assert not [f for f in analyse(run, mcmc=False).flags if f["code"] == "flat"]
+    assert not [w for w in analyse(run, mcmc=False).warnings if w.code == "flat"]
 
 
 def test_the_reading_error_is_in_the_intervals_of_the_curve(tmp_path: Path) -> None:
@@ -360,7 +360,7 @@ def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
     db.close()
     found = analyse(path, options=QUICK)
     assert found.to_json()["crc_errors"] == 5
-    assert next(f["text"] for f in found.flags if f["code"] == "crc_errors").startswith("5 frames")
+    assert next(w.sentence for w in found.warnings if w.code == "crc_errors").startswith("5 frames")
 
 
 def test_a_constant_signal_is_flagged_by_its_own_name(tmp_path: Path) -> None:
@@ -371,7 +371,7 @@ def test_a_constant_signal_is_flagged_by_its_own_name(tmp_path: Path) -> None:
     signal[:, 1] = 1650.0
     constant = Recording.from_arrays(run.time_s, run.pressure_kpa, signal)
     found = analyse(constant, elongation_file(stairs, tmp_path), options=QUICK)
-    said = [flag["text"] for flag in found.flags if flag["code"] == "constant_signal"]
+    said = [w.sentence for w in found.warnings if w.code == "constant_signal"]
     assert len(said) == 1
     assert f"the signal is constant, 1650 mV in all {run.n} samples" in said[0]
     assert said[0].startswith(found.sensors[1].name)

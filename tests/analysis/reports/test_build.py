@@ -119,7 +119,7 @@ def test_figures_of_the_report_are_those_of_the_analysis(calibration: Analysis) 
     """The key table prints the sensitivity that the analysis holds, rounded."""
     report = build_report([calibration])
     table = next(part for part in report.sections[0].parts if isinstance(part, Table))
-    row = next(row for row in table.rows if row[0].startswith("Sensitivity, end to end"))
+    row = next(row for row in table.rows if row[0].startswith("Sensitivity, end points"))
     assert float(row[1]) == pytest.approx(calibration.sensors[0].figures["sensitivity_mv_per_mm"].value, abs=0.05)
 
 

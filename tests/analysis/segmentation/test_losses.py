@@ -105,7 +105,7 @@ def test_a_clipped_plateau_voids_that_sensor_alone(tmp_path: Path) -> None:
     ends = [sensor.calibration.x_range[1] for sensor in found.sensors if sensor.calibration is not None]
     assert ends[0] < 3.7
     assert ends[1] == pytest.approx(3.8)
-    void = [flag["text"] for flag in found.flags if flag["code"] == "void"]
+    void = [w.sentence for w in found.warnings if w.code == "void"]
     assert any("(+50 kPa, unloading, cycle " in text or "(+50 kPa, loading, cycle " in text for text in void)
     assert all(" of s1: " in text for text in void)
 
@@ -144,7 +144,7 @@ def test_a_pressure_that_drops_out_cuts_no_hold_in_two(tmp_path: Path, value: fl
         assert whole.calibration is not None
         assert cut.calibration is not None
         assert cut.calibration.coefficients == pytest.approx(whole.calibration.coefficients, rel=1e-2)
-    assert "pressure_dropped_out" in {flag["code"] for flag in found[1].flags}
+    assert "pressure_dropped_out" in {warning.code for warning in found[1].warnings}
 
 
 def test_a_frozen_channel_is_left_out() -> None:

@@ -251,11 +251,11 @@ def test_the_live_conversion_is_prepared_beside_the_window(tmp_path, result):
 
 def test_figures_say_definition_and_interval():
     """A figure's cell is its value; definition, interval, count and reason are on hover."""
-    from analysis.figures.figure import Figure
+    from analysis.figures.figure import Figure, Reason
 
     cell = figure_text(Figure(39.31, "mV/mm", 5, 39.0, 39.6, definition="end to end"), 1)
     assert (cell.text, cell.hover) == ("39.3", "end to end\n95 %: 39.0 to 39.6 mV/mm\nn = 5")
-    assert figure_text(Figure.nothing("dB", "no span"), 1).text == "\u2013"
+    assert figure_text(Figure.nothing("dB", Reason.NO_FULL_SCALE, "no span"), 1).text == "\u2013"
     assert figure_text(None, 1).text == "\u2013"
 
 

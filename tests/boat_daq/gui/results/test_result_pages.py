@@ -13,7 +13,7 @@ from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication
 
 from analysis.calibration.fit import fit_calibration
-from analysis.figures.acceptance import Shortfall
+from analysis.warning import Warning, WarningCode
 from boat_daq.gui import style
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.viewmodels.common.work import WorkState
@@ -47,7 +47,7 @@ def sensor(number: int, offset: float = 0.0) -> SensorResult:
     )  # fmt: skip
 
 
-def result(offset: float = 0.0, flags: tuple[str, ...] = (), **more) -> RunResult:
+def result(offset: float = 0.0, warnings: tuple[Warning, ...] = (), **more) -> RunResult:
     """A run of two sensors and eight cycles."""
     level = np.linspace(-40.0, 50.0, 10)
     pressure = np.broadcast_to(level, (2, CYCLES, 10))
@@ -55,7 +55,7 @@ def result(offset: float = 0.0, flags: tuple[str, ...] = (), **more) -> RunResul
     nothing = FigureText("", "")
     return RunResult(
         "run.boat", "SA1", "2026-01-01", True, "staircase", 100.0, CYCLES, 0,
-        (sensor(1, offset), sensor(2, offset)), (), nothing, nothing, loops, flags, 0.14, **more,
+        (sensor(1, offset), sensor(2, offset)), (), nothing, nothing, loops, warnings, 0.14, **more,
     )  # fmt: skip
 
 
@@ -140,11 +140,13 @@ def test_every_cycle_is_drawn_and_a_break_is_seen(live):
 def poor_result(**more) -> RunResult:
     """The same run with a fit that misses two bounds."""
     short = (
-        Shortfall("R\u00b2", 0.7512, 0.9988, "", "twice the published residuals", True, 4),
-        Shortfall("combined error", 33.0, 12.1, "% FSO", "that of the published sensor 1", False),
+        Warning(WarningCode.OUT_OF_TOLERANCE, "r2", "R\u00b2 0.7512 is below 0.9988"),
+        Warning(WarningCode.OUT_OF_TOLERANCE, "combined_error_percent_fso", "combined error 33.0 % FSO is above 12.1"),
     )
     whole = result(**more)
-    return dataclasses.replace(whole, sensors=(dataclasses.replace(whole.sensors[0], poor=short), whole.sensors[1]))
+    return dataclasses.replace(
+        whole, sensors=(dataclasses.replace(whole.sensors[0], out_of_tolerance=short), whole.sensors[1])
+    )
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (853, 533)])
@@ -167,10 +169,9 @@ def test_what_is_poor_stands_beside_the_offer_to_accept(live, size):
     live.refresh()
     QApplication.processEvents()
     assert page.verdict.property("state") == "warning"
-    assert page.poor.text() == "Sensor 1: R\u00b2 0.7512 (at least 0.9988), combined error 33.0 % FSO (at most 12.1)"
-    assert "R\u00b2: twice the published residuals" in page.bounds.text()
+    assert page.poor.text() == "Sensor 1: R\u00b2 0.7512 is below 0.9988, combined error 33.0 % FSO is above 12.1"
     assert (page.accept.text(), page.accept.property("role")) == ("Accept anyway", "")
-    for widget in (page.accept, page.poor, page.bounds):
+    for widget in (page.accept, page.poor):
         assert whole_in_sight(live, widget)
     page.accept.click()
     stored = model.units.load("SA1").calibration
@@ -185,7 +186,9 @@ def test_a_curve_that_turns_says_why_and_leads_to_its_readings(live):
     """No bound to miss, but no inverse: the whole reason and the way to the readings stand under the verdict."""
     live.go("Calibrate")
     page = live.pages["Calibrate"]
-    whole = result(flags=("recorded at night", "Sensor 1: the reading +4.20 mm at 0 kPa is off the curve"))
+    at_night = Warning(WarningCode.IMPORT, "", "recorded at night")
+    misread = Warning(WarningCode.OUTLIER, "s1", "the reading +4.20 mm at 0 kPa is off the curve")
+    whole = result(warnings=(at_night, misread))
     fit = whole.sensors[0].content["fit"] | {"monotone": False}
     turned = dataclasses.replace(whole.sensors[0], content=whole.sensors[0].content | {"fit": fit})
     live.model.calibration.show(dataclasses.replace(whole, sensors=(turned, whole.sensors[1])))
@@ -225,7 +228,7 @@ def test_a_key_alone_accepts_nothing_poor(live):
     assert model.units.load("SA1").calibration is None
     notice = model.notices.current()
     assert notice is not None
-    assert "R\u00b2 0.7512 (at least 0.9988)" in notice.cause
+    assert "R\u00b2 0.7512 is below 0.9988" in notice.cause
     assert (notice.action_text, QApplication.activeModalWidget()) == ("Accept anyway", None)
     assert notice.action is not None
     notice.action()
@@ -237,10 +240,11 @@ def test_remarks_scroll_and_leave_the_figures_and_the_offer_in_sight(live):
     live.resize(1280, 800)
     live.go("Calibrate")
     page = live.pages["Calibrate"]
-    flags = tuple(
-        f"Sensor 1: the reading +6.86 mm at +50 kPa, unloading, cycle {i} is off the curve" for i in range(40)
+    warnings = tuple(
+        Warning(WarningCode.OUTLIER, "s1", f"the reading +6.86 mm at +50 kPa, unloading, cycle {i} is off the curve")
+        for i in range(40)
     )
-    live.model.calibration.show(dataclasses.replace(poor_result(), flags=flags))
+    live.model.calibration.show(dataclasses.replace(poor_result(), warnings=warnings))
     live.refresh()
     QApplication.processEvents()
     assert page.flags.text().count("\u25b2") == 40

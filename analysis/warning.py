@@ -1,0 +1,104 @@
+"""Warnings: what a reader of a result has to know besides, as a code to decide by and a text to read.
+
+The code is part of the interface; the text may change freely.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class WarningCode(StrEnum):
+    """What a warning is about."""
+
+    SIMULATED = "simulated"
+    GAPS = "gaps"
+    IMPORT = "import"
+    CRC_ERRORS = "crc_errors"
+    PRESSURE_NOT_FINITE = "pressure_not_finite"
+    SIGNAL_NOT_FINITE = "signal_not_finite"
+    SATURATED = "saturated"
+    PRESSURE_INVALID = "pressure_invalid"
+    IMPLAUSIBLE = "implausible"
+    PRESSURE_DROPPED_OUT = "pressure_dropped_out"
+    CLIPPED = "clipped"
+    FROZEN = "frozen"
+    DROPPED_OUT = "dropped_out"
+    DAMAGED = "damaged"
+    NOISY_PRESSURE = "noisy_pressure"
+    NO_CYCLE = "no_cycle"
+    BREAK = "break"
+    DIFFERS_OVER_BREAK = "differs_over_break"
+    UNTESTED_BREAK = "untested_break"
+    PARTIAL_CYCLE = "partial_cycle"
+    CYCLE_LEFT_OUT = "cycle_left_out"
+    EXCURSION_LEFT_OUT = "excursion_left_out"
+    VOID = "void"
+    MARKS_DISAGREE = "marks_disagree"
+    CONSTANT_SIGNAL = "constant_signal"
+    FLAT = "flat"
+    NO_SPAN = "no_span"
+    HYSTERESIS_IS_A_BOUND = "hysteresis_is_a_bound"
+    HYSTERESIS_IN_PART = "hysteresis_in_part"
+    NO_CALIBRATION = "no_calibration"
+    NOT_MONOTONE = "not_monotone"
+    OUT_OF_TOLERANCE = "out_of_tolerance"
+    # of a calibration
+    CONSTANT_Y = "constant_y"
+    NO_UNCERTAINTY = "no_uncertainty"
+    MONOMIAL_ROUNDING = "monomial_rounding"
+    NEAR_TURNING_POINT = "near_turning_point"
+    HIGH_LEVERAGE = "high_leverage"
+    OUTLIER = "outlier"
+    READING_ERROR_OVERSTATED = "reading_error_overstated"
+    # of its posterior
+    NO_POSTERIOR = "no_posterior"
+    NOT_CONVERGED = "not_converged"
+    UNCHECKED_CURVE = "unchecked_curve"
+    # of a table and its columns
+    RAGGED_ROW = "ragged_row"
+    NOT_A_NUMBER = "not_a_number"
+    CLOCK_COLUMN = "clock_column"
+    UNIT_GUESSED = "unit_guessed"
+    TIME_GUESSED = "time_guessed"
+
+
+_OF_CALIBRATION = (
+    WarningCode.CONSTANT_Y,
+    WarningCode.NO_UNCERTAINTY,
+    WarningCode.MONOMIAL_ROUNDING,
+    WarningCode.NEAR_TURNING_POINT,
+    WarningCode.HIGH_LEVERAGE,
+    WarningCode.OUTLIER,
+)
+_FLAGS = {**dict.fromkeys(_OF_CALIBRATION, "calibration"), WarningCode.UNCHECKED_CURVE: "posterior"}
+
+
+@dataclass(frozen=True, slots=True)
+class Warning:
+    """One warning.
+
+    Attributes
+    ----------
+    code : what it is about; programs decide by it.
+    subject : the sensor (s1, s2, ...) or the figure that it concerns; "" for the whole.
+    text : a sentence without its end, cause first.
+    """
+
+    code: WarningCode
+    subject: str
+    text: str
+
+    @property
+    def sentence(self) -> str:
+        """The text, its subject before it."""
+        return f"{self.subject}: {self.text}" if self.subject else self.text
+
+    def as_json(self) -> dict[str, str]:
+        """Return an entry of `warnings`."""
+        return {"code": str(self.code), "subject": self.subject, "text": self.text}
+
+    def as_flag(self) -> dict[str, str]:
+        """Return an entry of `flags`, which has one code for all of a calibration."""
+        return {"code": _FLAGS.get(self.code, str(self.code)), "text": self.sentence}

@@ -1,4 +1,4 @@
-"""What the sequencer asks for, and what it tells: its answers to samples and buttons, carried out by the control."""
+"""The sequencer's actions: what it requests and reports in answer to samples and operator; the controller acts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from boat_daq.engine.snapshot import MessageKind, RunEnding
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Wish for a pressure."""
+    """Request a pressure."""
 
     target_kpa: float
     ramp_kpa_per_s: float
@@ -19,7 +19,7 @@ class GoTo:
 
 @dataclass(frozen=True, slots=True)
 class VentNow:
-    """Wish for a vent."""
+    """Request a vent."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
-"""The dialogue with one board: what it is told, what it answers, and what a missing or a bad answer means.
+"""Commands to one board, and what its answers, refusals and missing answers mean.
 
 A refused command is not done, and a command without an answer is not known to be done: under pressure both are trips.
-A vent is repeated until it is acknowledged. Nothing here decides about pressure; `control.Controller` does.
+A vent is repeated until it is acknowledged. Nothing here commands a pressure; `Controller` does.
 """
 
 from __future__ import annotations
@@ -31,38 +31,41 @@ from protocol.link.messages import (
 
 VENT_AGAIN_S = 0.75  # the link itself has repeated it three times by then
 
-_WORDS = {
-    AckStatus.UNKNOWN_COMMAND: "it does not know the command",
-    AckStatus.WRONG_LENGTH: "the command came with a wrong length",
+_REFUSALS = {
+    AckStatus.UNKNOWN_COMMAND: "unknown command",
+    AckStatus.WRONG_LENGTH: "wrong length of the command",
     AckStatus.OUT_OF_LIMITS: "out of its limits",
-    AckStatus.NOT_IN_THIS_STATE: "not in its present state",
+    AckStatus.NOT_IN_THIS_STATE: "not possible in its present state",
     AckStatus.FAULT_LATCHED: "it has latched a fault",
-    AckStatus.NOT_SUPPORTED: "it does not support the command",
+    AckStatus.NOT_SUPPORTED: "command not supported",
 }
 _NO_START = {
-    AckStatus.OUT_OF_LIMITS: "ask for a lower rate, with --rate or in the settings",
+    AckStatus.OUT_OF_LIMITS: "choose a lower rate, with --rate or in the settings",
     AckStatus.FAULT_LATCHED: "clear the board's fault, by its own switch or by its supply, then try again",
     AckStatus.NOT_IN_THIS_STATE: "switch the board off and on, then try again",
 }
 _GUARD = {
-    SetLimits: "there is no pressure without limits: look at the unit's and the plan's, and at the board's firmware",
-    Heartbeat: "there is no pressure without a watchdog: look at the board's firmware",
+    SetLimits: "no pressure without limits: check those of unit and plan, and the board's firmware",
+    Heartbeat: "no pressure without a watchdog: check the board's firmware",
 }
 _TRIPPING = {
     EventCode.OVER_PRESSURE: ("the board vented: over-pressure, {} Pa", "check supply and valve"),
     EventCode.UNDER_PRESSURE: ("the board vented: under-pressure, {} Pa", "check vacuum line and valve"),
     EventCode.HEARTBEAT_LOST: (
-        "the board vented: it had heard nothing for {} ms",
-        "free the computer from other work, or slow a virtual board down",
+        "the board vented: it received nothing for {} ms",
+        "close other programs on this computer, or lower the speed of a virtual board",
     ),
     EventCode.ESTOP_PRESSED: ("the e-stop was pressed", "release it when it is safe, then clear the fault"),
-    EventCode.TARGET_NOT_REACHED: ("the board vented: target not reached, {} Pa", "look for a leak or a dead pump"),
+    EventCode.TARGET_NOT_REACHED: (
+        "the board vented: target not reached, {} Pa",
+        "check for a leak, and that the pump runs",
+    ),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Wish for a frame to the board; `feeds`: it, or a repeat in its place, has to leave at once."""
+    """Request to send a frame; `feeds`: it, or a repeat in its place, has to be sent at once."""
 
     command: Command
     feeds: bool = False
@@ -72,7 +75,7 @@ Effect: TypeAlias = Send | StepChanged | SegmentBreak | ControlEvent | RunEnding
 
 
 class BoardCommands:
-    """One board, spoken to.
+    """Sends commands to one board and interprets its answers.
 
     Parameters
     ----------
@@ -101,22 +104,22 @@ class BoardCommands:
         self._then: Callable[[], None] | None = None
 
     def begin(self) -> None:
-        """Ask who is there; what was waited for on an earlier port will not come."""
+        """Request identification; answers awaited on an earlier port are given up."""
         self.restart()
         self._vent_sent_ns = None
         self.send(Identify())
 
     def restart(self) -> None:
-        """Forget what the board has forgotten."""
+        """Discard what a board that restarts has lost."""
         self.start_refused, self.leaving = None, False
         self.feeder, self.meter = Feeder(), SpeedMeter()
         self.identifying, self._adopted = True, False
         self.forget_pending()
 
     def introduce(self, hello: Hello, limits: SetLimits | None) -> None:
-        """Answer a HELLO: watchdog and limits.
+        """Answer a HELLO with watchdog and limits.
 
-        The watchdog of a virtual board, which may run faster than we do, waits until its speed is known.
+        The watchdog of a virtual board, which may run faster than real time, waits until its speed is known.
         """
         self.identifying, self.introduced_ns = False, self.now_ns
         if not hello.simulated:
@@ -125,7 +128,7 @@ class BoardCommands:
             self.send(limits)
 
     def send(self, command: Command, *, feeds: bool = False) -> None:
-        """Send a command, if there is anyone to send it to; `feeds` as `Send` has it."""
+        """Send a command, where the link takes it; `feeds` as in `Send`."""
         if not self.can_write or not (self.can_command or isinstance(command, Identify | Start | Stop)):
             return
         if isinstance(command, Vent):
@@ -135,12 +138,12 @@ class BoardCommands:
         self._emit(Send(command, feeds))
 
     def vent_sent(self) -> None:
-        """A vent has left by another way."""
+        """Note that a vent has just been sent."""
         self._vent_sent_ns = self.now_ns
         self.feeder.sent(Vent(), self.now_ns, self.board_us)
 
     def vent(self) -> None:
-        """Vent, unless a vent is on its way."""
+        """Vent, unless a vent is unacknowledged."""
         if not self.venting:
             self.send(Vent())
 
@@ -151,11 +154,11 @@ class BoardCommands:
 
     @property
     def pending(self) -> bool:
-        """Whether something waits for its guards."""
+        """Whether an action waits for watchdog and limits."""
         return self._then is not None
 
     def once_guarded(self, limits: SetLimits, then: Callable[[], None]) -> None:
-        """Do `then` once the board has acknowledged watchdog and limits."""
+        """Call `then` once the board has acknowledged watchdog and limits."""
         guards: list[Command] = [Heartbeat(self.feeder.timeout_ms(self.meter.speed)), limits]
         self._awaited, self._then = list(guards), then
         for command in guards:
@@ -169,7 +172,7 @@ class BoardCommands:
         self.send(Heartbeat(self.feeder.timeout_ms(self.meter.speed)))
 
     def forget_pending(self) -> None:
-        """Wait for nothing any more."""
+        """Cancel what waits for watchdog and limits."""
         self._awaited, self._then = [], None
 
     def tick(self, *, idle: bool) -> None:
@@ -177,14 +180,12 @@ class BoardCommands:
         if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
             self.send(Vent())
         if not self.leaving and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
-            # A fast board's watchdog is not worth feeding while there is nothing to guard.
-            fast = self.meter.speed > FAST
-            off = fast and idle and not self.pending
+            off = self.meter.speed > FAST and idle and not self.pending  # costly to feed, and nothing to guard
             feeds = self.feeder.repeats_are_late(self.meter.speed)
             self.send(Heartbeat(0 if off else self.feeder.armed_ms), feeds=feeds)
 
     def done(self, command: Command) -> None:
-        """The board has done it."""
+        """Take an acknowledgement."""
         if isinstance(command, Vent):
             self._vent_sent_ns = None
         elif isinstance(command, Heartbeat):
@@ -196,7 +197,7 @@ class BoardCommands:
         self._settle(command)
 
     def _settle(self, command: Command) -> None:
-        """Go on once the last guard is in place."""
+        """Call what waits once the last guard is acknowledged."""
         if self._then is not None and command in self._awaited:
             self._awaited.remove(command)
             if not self._awaited:
@@ -204,8 +205,10 @@ class BoardCommands:
                 then()
 
     def refused(self, command: Command, status: AckStatus | int, *, pressurised: bool) -> Trip | None:
-        """The board will not do it: return the trip that follows, or say it."""
-        text = f"the board refused {_name(command)}: {_WORDS.get(AckStatus(status)) if status in _WORDS else status}"
+        """Return the trip that a refusal means, or report it."""
+        text = (
+            f"the board refused {_name(command)}: {_REFUSALS.get(AckStatus(status)) if status in _REFUSALS else status}"
+        )
         if isinstance(command, Heartbeat):
             self.feeder.refused(command)
         if status == AckStatus.NOT_SUPPORTED and not self.whole_contract and isinstance(command, Heartbeat | SetLimits):
@@ -218,38 +221,38 @@ class BoardCommands:
                 pass  # the board keeps its watchdog
             case Heartbeat() | SetLimits() if self.pending or pressurised:
                 return Trip(MessageKind.REFUSED, text, _GUARD[type(command)])
-            case Heartbeat() | SetLimits():  # it forbids nothing yet: an error once a pressure is asked for
+            case Heartbeat() | SetLimits():  # an error only once a pressure is requested
                 self.note(MessageKind.REFUSED, text, "info", _GUARD[type(command)])
             case Vent():
-                self.note(MessageKind.REFUSED, text, "error", "open the valve by hand")
+                self.note(MessageKind.REFUSED, text, "error", "open the valve manually")
             case ClearFault():
                 self.note(MessageKind.REFUSED, text, "error", "remove the cause of the fault first")
             case Stop():
-                self.stopping = False  # the board sends nothing anyway
+                self.stopping = False  # the board sends no samples anyway
             case Start() if self.meter.known:
                 pass  # it samples already
             case Start(rate_hz):
-                remedy = _NO_START.get(AckStatus(status)) if status in _WORDS else None
+                remedy = _NO_START.get(AckStatus(status)) if status in _REFUSALS else None
                 remedy = remedy or "the board's firmware must know START: update it, or give its profile"
                 self.start_refused = (f"{text}, at {rate_hz} Hz", remedy)
-                self.note(MessageKind.REFUSED, text, "")  # told where samples are missed
+                self.note(MessageKind.REFUSED, text, "")  # reported where samples are missed
             case _:
                 self.note(MessageKind.REFUSED, text, "error")
         return None
 
     def _do_without(self, command: Command) -> None:
-        """Firmware behind a text profile may lack what guards a pressure: say so once it matters."""
+        """Go without a guard that firmware behind a text profile may lack; warn once a pressure is requested."""
         if self.pending and isinstance(command, Heartbeat):
-            text = "this firmware has no watchdog: it holds its pressure even when this program is gone"
+            text = "this firmware has no watchdog: it holds its pressure even if this program fails"
             self.note(MessageKind.NO_WATCHDOG, text, "warning", "stay with the unit while it is under pressure")
         self._settle(command)
 
     def lost(self, command: Command, *, watched: bool) -> Trip | None:
-        """Nobody answered, three times: return the trip that follows, or ask again."""
-        text = f"the board did not answer {_name(command)}, asked three times"
+        """Return the trip that a command without an answer means; repeat IDENTIFY."""
+        text = f"the board did not answer {_name(command)}, sent three times"
         match command:
             case Vent():
-                pass  # `tick` repeats it; each that is lost bringing another, a slow link would fill with them
+                pass  # `tick` repeats it: one more for each that is lost would fill a slow link
             case Identify():
                 if self.identifying:
                     self.send(Identify())
@@ -260,11 +263,11 @@ class BoardCommands:
             case Start():
                 self.note(MessageKind.NO_ANSWER, text, "error", "check the link")
             case _:
-                pass  # asked of a board that has restarted, or gone, since
+                pass  # sent to a board that has restarted, or gone, since
         return None
 
     def board_event(self, code: EventCode | int, value: int) -> Trip | None:
-        """Return the trip that an event of the board means, or say what it says."""
+        """Return the trip that an event of the board means, or report it."""
         if code in _TRIPPING:
             cause, remedy = _TRIPPING[EventCode(code)]
             return Trip(MessageKind(f"board_{EventCode(code).name.lower()}"), cause.format(value), remedy, float(value))
@@ -276,16 +279,17 @@ class BoardCommands:
                 MessageKind.DROPPED,
                 f"the board dropped {value} samples",
                 "warning",
-                "ask for a lower rate",
+                "choose a lower rate",
                 value=value,
             )
         return None
 
     def note(self, kind: MessageKind, text: str, level: str, remedy: str = "", *, value: float | None = None) -> None:
-        """Tell the operator and the recording."""
+        """Report an event to the recording and, with a level, to the operator."""
         self._emit(ControlEvent(kind, text, level, remedy, value))
 
 
 def _name(command: Command) -> str:
-    words = {SetPressure: "SET_PRESSURE", SetLimits: "SET_LIMITS", ClearFault: "CLEAR_FAULT"}
-    return words.get(type(command), type(command).__name__.upper())
+    """Return a command's name in the protocol."""
+    names = {SetPressure: "SET_PRESSURE", SetLimits: "SET_LIMITS", ClearFault: "CLEAR_FAULT"}
+    return names.get(type(command), type(command).__name__.upper())

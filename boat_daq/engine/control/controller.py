@@ -1,11 +1,11 @@
-"""The control: what the board says goes in, what it is told comes out. No thread, no port, no clock of its own.
+"""The controller: link events and the operator's actions in, effects out. No thread, no port, no clock of its own.
 
-    link events, the operator's buttons, the time  ->  Controller  ->  effects, in order
+    link events, the operator's actions, the time  ->  Controller  ->  effects, in order
 
-It joins the sequencer (what next), the interlock (whether at all) and the dialogue with the board, and keeps the rules
-between them: a pressure leaves only as the interlock's own answer, and only once the board has acknowledged limits and
-watchdog; whatever trips, vents, and latches. The same object runs behind a serial port and in the tests, where a
-virtual board answers it without a thread.
+It joins the sequencer (what next), the interlock (whether at all) and the commands to the board, and keeps the rules
+between them: a pressure is sent only as `Interlock.authorise` returns it, and only once the board has acknowledged
+limits and watchdog; whatever trips, vents, and latches. The same object runs behind a serial port and in the tests,
+where a virtual board answers it without a thread.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from protocol.link.messages import (
 )
 from protocol.recording import BoardState, SampleFlag
 
-BOOT_S = 0.2  # a HELLO so long after the first, and still no sample
+BOOT_S = 0.2  # after the first HELLO: a second one, with no sample yet, is a boot
 MANUAL_RAMP_KPA_PER_S = 10.0
 
-_FAULT_BEFORE = (
-    "the board had vented and latched a fault before this program came: its host may have died under pressure"
+_EARLIER_FAULT = (
+    "the board had vented and latched a fault before it was connected: its host may have died under pressure"
 )
 _AT_REST = (BoardState.IDLE, BoardState.VENTED)
-_WATCHDOG_ARMED = int(SampleFlag.WATCHDOG_ARMED)  # as numbers: each sample asks
+_WATCHDOG_ARMED = int(SampleFlag.WATCHDOG_ARMED)  # a plain integer: compared for every block
 _RUN = (SessionState.RUNNING, SessionState.PAUSED)
 
 
@@ -55,7 +55,7 @@ class Controller:
 
     Parameters
     ----------
-    rate_hz : samples per second to ask for; the board's highest where that is less.
+    rate_hz : samples per second to request; the board's highest where that is less.
     zero_tolerance_kpa : of the pressure sensor on a vented unit.
     """
 
@@ -67,7 +67,7 @@ class Controller:
         self.hello: Hello | None = None
         self.last: LastSample | None = None
         self.target_kpa: float | None = None
-        self.hold_samples = False  # greet a board without asking for samples: a recording opens first
+        self.hold_samples = False  # request no samples after HELLO yet: a recording opens first
         self.first_us = 0  # board time of the first sample on this link
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
         self.mv_per_count = 1.0
@@ -78,7 +78,7 @@ class Controller:
 
     @property
     def rate_hz(self) -> int:
-        """Samples per second asked for."""
+        """Samples per second requested."""
         return self.stream.rate_hz
 
     def take(self) -> list[Effect]:
@@ -90,7 +90,7 @@ class Controller:
     # ---- the link --------------------------------------------------------------------------------------------------
 
     def link_opened(self, now_ns: int) -> None:
-        """A port is open: ask who is there."""
+        """Identify the board on a port that is open now."""
         self.board.now_ns = now_ns
         self.stream.opened(now_ns)
         self.board.begin()
@@ -100,32 +100,31 @@ class Controller:
         self.mv_per_count, self.board.identifying = mv_per_count, False
 
     def link_lost(self, cause: str) -> None:
-        """The port is gone. Nothing can be sent: the board's watchdog vents."""
+        """End what depended on a port that is gone. Nothing can be sent: the board's watchdog vents."""
         self.stream.begun = False
         self.board.restart()
         if self.pressurised or self.sequencer.state in _RUN:
-            self._trip(Trip(MessageKind.LINK_LOST, cause, "plug it in again; the board vents by itself"))
+            self._trip(Trip(MessageKind.LINK_LOST, cause, "connect it again; the board vents by itself"))
         else:
             self.board.note(MessageKind.LINK_LOST, cause, "warning")
 
     @property
     def up(self) -> bool:
-        """Whether samples come and their pace is known."""
+        """Whether samples arrive and the speed of the board's clock is known."""
         return self.stream.begun and self.board.meter.known and not self.stream.silent
 
     @property
     def greeted(self) -> bool:
-        """Whether the board on this port has said who it is, and was told limits and watchdog."""
+        """Whether the board on this port has sent its HELLO, and limits and watchdog were sent to it."""
         return self.hello is not None and not self.board.identifying
 
     @property
     def no_samples(self) -> tuple[str, str] | None:
-        """Cause and remedy where the board refused to send samples, and none come."""
+        """Cause and remedy where the board refused to send samples, and none arrive."""
         return None if self.stream.begun else self.board.start_refused
 
     def events(self, events: Sequence[object], now_ns: int) -> None:
-        """Take what the link tells (`protocol.link.events.LinkEvent`), in its order; what is not the control's passes
-        by."""
+        """Take link events (`protocol.link.events.LinkEvent`) in order; those that need no control are left out."""
         self.board.now_ns = now_ns
         for event in events:
             match event:
@@ -134,7 +133,7 @@ class Controller:
                 case CommandDone(command, _, status) if status is not None:
                     self._answered(command, status)
                 case CommandLost(Heartbeat(), _) if self.stream.paused_lately(now_ns):
-                    pass  # nothing came at all: that is silence, and watched as such
+                    pass  # nothing arrived at all: `tick` reports the silence
                 case CommandLost(command, _):
                     self._trip(self.board.lost(command, watched=self.stream.begun))
                 case BoardEventReceived(found, _):
@@ -147,7 +146,7 @@ class Controller:
                     pass
 
     def tick(self, now_ns: int) -> None:
-        """Do what time alone brings: feed, repeat a vent, notice silence. Called every few ten milliseconds."""
+        """Do what is due by time alone: feed the watchdog, repeat a vent, detect silence. Called every 10 to 50 ms."""
         self.board.now_ns = now_ns
         if self.stream.falls_silent(now_ns):
             self._silence(f"no data for {self.stream.silence_s:g} s")
@@ -188,7 +187,7 @@ class Controller:
         self._once_guarded(self.sequencer.start, extra)
 
     def resume(self) -> None:
-        """Go on after a pause, with the same care as at the start.
+        """Resume after a pause, with the same checks as at the start.
 
         Raises
         ------
@@ -204,7 +203,7 @@ class Controller:
         self._act()
 
     def stop(self) -> None:
-        """End the run, or a pressure set by hand."""
+        """End the run, or a pressure set manually."""
         self.board.forget_pending()
         self.sequencer.stop()
         if self.target_kpa is not None:
@@ -212,7 +211,7 @@ class Controller:
         self._act()
 
     def vent(self, *, sent: bool = False) -> None:
-        """Vent now, whatever goes on, even while another vent is on its way; `sent`: the command has left already."""
+        """Vent now, in any state, even while another vent is unacknowledged; `sent`: the command was sent already."""
         self.board.forget_pending()
         self.target_kpa = None
         if sent:
@@ -224,20 +223,20 @@ class Controller:
         self._act()
 
     def abort(self, cause: str) -> None:
-        """Leave a run for a reason that is not the board's: the disk, for one."""
+        """Abort a run for a cause outside board and link, such as the disk."""
         self.board.forget_pending()
         self.sequencer.abort(cause, SessionState.ABORTED)
         self._act()
 
     def disarm(self) -> None:
-        """Put an armed plan away."""
+        """Discard an armed plan."""
         if self.sequencer.state is SessionState.ARMED:
             self.board.forget_pending()
             self.sequencer.disarm()
             self._act()
 
     def set_pressure(self, target_kpa: float, ramp_kpa_per_s: float = MANUAL_RAMP_KPA_PER_S) -> None:
-        """Go to a pressure by hand.
+        """Command a pressure manually.
 
         Raises
         ------
@@ -246,18 +245,18 @@ class Controller:
         self.preflight.require_command()
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
             raise OperatorError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
-        self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # says no now, not after the board's answers
+        self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # refuses now, not after the board's answers
         if self.target_kpa is not None:
             self._go(target_kpa, ramp_kpa_per_s)
         else:
             self._once_guarded(lambda: self._go(target_kpa, ramp_kpa_per_s))
 
     def clear_fault(self, by: str = "the operator") -> None:
-        """Forget what is latched, here and on the board; `by` whom goes into the recording.
+        """Clear the latched fault, here and on the board; `by` whom goes into the recording.
 
         Raises
         ------
-        OperatorError : its cause stands.
+        OperatorError : its cause is still present.
         """
         self.interlock.require_gone()
         self._cleared_by = by
@@ -267,7 +266,7 @@ class Controller:
             self._cleared()
 
     def leave(self) -> None:
-        """Say goodbye: vent, disarm the watchdog, stop the samples."""
+        """Vent, disarm the watchdog, stop the samples: the port is closed next."""
         self.stop()
         self.board.vent()
         self.board.leaving = True
@@ -286,7 +285,7 @@ class Controller:
         first, was_silent = not stream.begun, stream.silent
         stream.came(board.now_ns)
         if was_silent:
-            board.note(MessageKind.SAMPLES_AGAIN, "samples come again", "info")
+            board.note(MessageKind.SAMPLES_AGAIN, "data resumed", "info")
         if first:
             self.first_us = int(block.time_us[0])
         self.last = last_sample(block, self.target_kpa)
@@ -294,10 +293,10 @@ class Controller:
         found = self.interlock.inspect(block)
         if found is not None:
             if first and found.kind is MessageKind.BOARD_FAULT:
-                found = self.interlock.latched = replace(found, cause=_FAULT_BEFORE)
+                found = self.interlock.latched = replace(found, cause=_EARLIER_FAULT)
             self._tripped(found)
         for sensor in self.flat_line.inspect(block):
-            text = f"sensor {sensor} reads the same value while the pressure moves"
+            text = f"the signal of sensor {sensor} is constant while the pressure changes"
             board.note(MessageKind.FLAT_LINE, text, "warning", "check its emitter, receiver and cable", value=sensor)
         self.sequencer.feed(block)
         self._act()
@@ -309,7 +308,7 @@ class Controller:
 
     @property
     def _idle(self) -> bool:
-        """Whether there is nothing to guard."""
+        """Whether nothing is under pressure and the board is at rest."""
         return not self.pressurised and self.last is not None and self.last.state in _AT_REST
 
     def _silence(self, text: str) -> None:
@@ -322,7 +321,7 @@ class Controller:
     # ---- answers ---------------------------------------------------------------------------------------------------
 
     def _greet(self, hello: Hello) -> None:
-        """The board says who it is: tell it limits and rate."""
+        """Answer a HELLO with watchdog, limits and rate."""
         self.hello = hello
         self.mv_per_count = hello.vref_mv / 2**hello.adc_bits
         self.preflight.take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
@@ -336,16 +335,16 @@ class Controller:
             self.board.send(Start(self.rate_hz))
 
     def release_samples(self) -> None:
-        """Ask for the samples that were held back."""
+        """Request the samples that were held back."""
         self.hold_samples = False
         self.board.send(Start(self.rate_hz))
 
     def _boots_again(self, now_ns: int) -> bool:
-        """Whether a second HELLO means that the board has forgotten our introduction: opening its port reset it."""
+        """Whether a second HELLO means that the board has lost limits and watchdog: opening its port reset it."""
         return not self.stream.begun and now_ns - self.board.introduced_ns > BOOT_S * 1e9
 
     def _restarted(self, hello: Hello | None) -> None:
-        """The board has forgotten everything: it is vented, and so is the run."""
+        """End the run: a board that restarted has vented and lost limits and watchdog."""
         reason = "" if hello is None else f" ({_boot_reason(hello.boot_reason)})"
         booting, self.stream.begun = not self.stream.begun, False  # before the first sample: opening its port reset it
         self.board.restart()
@@ -376,12 +375,12 @@ class Controller:
     # ---- pressure --------------------------------------------------------------------------------------------------
 
     def _once_guarded(self, then: Callable[[], None], extra: Sequence[Check] = ()) -> None:
-        """Do `then` after the pre-flight, once limits and watchdog are acknowledged; a second press changes nothing."""
+        """Call `then` after the pre-flight, once limits and watchdog are acknowledged; no second one meanwhile."""
         limits = self.preflight.limits_command
         if self.board.pending:
             return
         require([*self.checks(), *extra])
-        assert limits is not None  # the pre-flight asks for them
+        assert limits is not None  # the pre-flight requires them
         self.board.once_guarded(limits, then)
 
     def _act(self) -> None:
@@ -402,11 +401,11 @@ class Controller:
     def _go(self, target_kpa: float, ramp_kpa_per_s: float) -> None:
         try:
             command = self.interlock.authorise(target_kpa, ramp_kpa_per_s)
-        except OperatorError as error:  # latched since it was asked for
+        except OperatorError as error:  # latched since it was requested
             self._trip(Trip(MessageKind.REFUSED, error.cause, error.remedy))
             return
         self.pressurised, self.target_kpa = True, target_kpa
-        if self.board.feeder.armed_ms:  # a board that restarted an instant ago, unseen yet, has forgotten it
+        if self.board.feeder.armed_ms:  # a board that restarted an instant ago, undetected yet, has lost it
             self.board.send(Heartbeat(self.board.feeder.armed_ms))
         self.board.send(command)
 
@@ -419,7 +418,7 @@ class Controller:
             self._tripped(found)
 
     def _tripped(self, found: Trip) -> None:
-        """Vent, tell, leave the run."""
+        """Vent, report, abort the run."""
         self.board.forget_pending()
         self._vent()
         self.board.note(found.kind, found.cause, "error", found.remedy, value=found.value)

@@ -1,13 +1,13 @@
 """Is a plateau steady? A drift with its own uncertainty, from samples that are not independent.
 
-The slope of a least-squares line through the window says how fast a channel drifts; its standard error, from the
-residuals' scatter, says how well that is known. Neighbouring samples resemble each other (the pump's lag, the
+The slope of a least-squares line through the window is the drift of a channel; its standard error follows from the
+residuals' scatter. Neighbouring samples resemble each other (the pump's lag, the
 converter's filter), so n samples count only as n_eff = n (1 - r) / (1 + r), r the residuals' lag-1 autocorrelation
 (Santer et al., J. Geophys. Res. 105 (2000) 7337, eq. 6), never more than n.
 
 A plateau is steady when no drift faster than a stated tolerance is credible: |slope| + K * standard error <=
-tolerance, in every channel. This is a test of equivalence. Asking instead that the slope not differ from zero would
-pass whatever is noisy enough. Scatter is in it: the noisier a channel, the longer the window it needs.
+tolerance, in every channel. This is a test of equivalence. A test that the slope does not differ from zero would
+pass any channel that is noisy enough. Here a noisier channel needs a longer window.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def drift(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> Drift:
     slope = float(t @ (values - values.mean()) / s_tt)
     residuals = values - values.mean() - slope * t
     energy = float(residuals @ residuals)
-    if energy <= 1e-24 * max(1.0, float(values @ values)):  # a straight line: no noise to speak of
+    if energy <= 1e-24 * max(1.0, float(values @ values)):  # a straight line within rounding
         return Drift(slope, 0.0, 0.0, float(n))
     r = min(max(float(residuals[1:] @ residuals[:-1]) / energy, 0.0), 0.999)
     n_eff = n * (1 - r) / (1 + r)

@@ -1,10 +1,9 @@
 """The interlock: the only way to a pressure, and the watch over every sample.
 
-Rules. A pressure command exists only as the answer of `Interlock.authorise`, which knows the tightest limits of board,
-unit and plan. Every sample is looked at as a level, not as an edge: a stop button that was pressed before we came
-is as pressed as one that is pressed now. What is found latches, and no pressure is authorised until the operator
-clears it and its cause is gone. A trip vents; that is the caller's part (`control.Controller`), and it does so for
-every trip.
+Rules. A pressure command exists only as the result of `Interlock.authorise`, which applies the tightest limits of
+board, unit and plan. Every sample is inspected as a level, not as an edge: an e-stop that was pressed before the board
+was connected counts like one that is pressed now. What is found latches, and no pressure is authorised until the
+operator clears it and its cause is gone. The caller (`Controller`) vents at every trip.
 """
 
 from __future__ import annotations
@@ -44,18 +43,18 @@ class Interlock:
 
     def __init__(self) -> None:
         self._limits: dict[str, tuple[float, float]] = {}
-        self._standing: Trip | None = None
+        self._present: Trip | None = None
         self.limits: Limits | None = None  # the tightest; None before any is known
         self.latched: Trip | None = None
 
     # ---- limits ----------------------------------------------------------------------------------------------------
 
     def set_limits(self, source: str, limits_kpa: tuple[float, float] | None) -> None:
-        """Put or take away (None) the limits of "board", "unit" or "plan".
+        """Set or remove (None) the limits of "board", "unit" or "plan".
 
         Raises
         ------
-        OperatorError : the limits are swapped, not finite, or leave out 0 kPa, where a vented unit is.
+        OperatorError : the limits are swapped, not finite, or do not include 0 kPa, the pressure of a vented unit.
         """
         if limits_kpa is None:
             self._limits.pop(source, None)
@@ -64,7 +63,8 @@ class Interlock:
         low, high = limits_kpa
         if not (math.isfinite(low) and math.isfinite(high) and low <= 0 <= high and low < high):
             raise OperatorError(
-                f"the {source}'s limits {low:g} .. {high:g} kPa cannot be kept", "give a range around 0 kPa, low < high"
+                f"the {source}'s limits {low:g} .. {high:g} kPa are not usable",
+                "give a range around 0 kPa, the lower limit first",
             )
         self._limits[source] = (low, high)
         self.limits = _tightest(self._limits)
@@ -93,30 +93,30 @@ class Interlock:
             )
 
     def authorise(self, target_kpa: float, ramp_kpa_per_s: float) -> SetPressure:
-        """Return the command for a pressure, the only way there is to one.
+        """Return the command for a pressure: no other function makes one.
 
         Raises
         ------
-        OperatorError : outside the limits, a ramp that is none, or latched.
+        OperatorError : outside the limits, an unusable ramp, or latched.
         """
         if self.latched is not None:
             raise OperatorError(f"no pressure: {self.latched.cause}", self.latched.remedy or "clear the fault first")
         self.check(target_kpa)
         if not 0 < ramp_kpa_per_s < 1e5:
-            raise OperatorError(f"a ramp of {ramp_kpa_per_s:g} kPa/s cannot be kept", "give a rate above 0")
+            raise OperatorError(f"a ramp of {ramp_kpa_per_s:g} kPa/s is not possible", "give a rate above 0")
         return SetPressure(round(target_kpa * 1000), max(1, round(ramp_kpa_per_s * 1000)))
 
     # ---- levels ----------------------------------------------------------------------------------------------------
 
     def inspect(self, block: Columns) -> Trip | None:
-        """Look at every sample; latch and return the first trip, None where nothing new is found."""
+        """Inspect every sample; latch and return the first trip, None where nothing new is found."""
         if not len(block):
             return None
-        if self._well(block):
-            self._standing = None
+        if self._clear(block):
+            self._present = None
             return None
         levels = self._levels(block)
-        self._standing = self._describe(block, len(block) - 1, levels)
+        self._present = self._describe(block, len(block) - 1, levels)
         found = [int(np.argmax(level)) for level in levels.values() if level[-1] or level.any()]
         first = self._describe(block, min(found), levels) if found else None
         return self.trip(first) if first else None
@@ -129,23 +129,23 @@ class Interlock:
         return found
 
     def require_gone(self) -> None:
-        """Refuse to forget a trip whose level stands in the newest sample; the board clears its own latch.
+        """Refuse to clear a trip whose level the newest sample still shows; the board clears its own latch.
 
         Raises
         ------
         OperatorError : names the level.
         """
-        if self._standing is not None and self._standing.kind is not MessageKind.BOARD_FAULT:
-            raise OperatorError(f"the fault stands: {self._standing.cause}", self._standing.remedy)
+        if self._present is not None and self._present.kind is not MessageKind.BOARD_FAULT:
+            raise OperatorError(f"the cause of the fault is still present: {self._present.cause}", self._present.remedy)
 
-    def _well(self, block: Columns) -> bool:
-        """Whether no sample shows anything: what nearly every block comes to, for a fifth of the work."""
+    def _clear(self, block: Columns) -> bool:
+        """Whether no sample shows a trip: true of nearly every block, for a fifth of the work."""
         low, high = self._bounds
         pressure = block.pressure_kpa
         return (
             int(np.bitwise_or.reduce(block.flags)) & _TRIPPING == 0
             and int(block.state.max()) < BoardState.FAULT
-            and float(pressure.min()) >= max(low - MARGIN_KPA, -IMPLAUSIBLE_KPA)  # never true of what is no number
+            and float(pressure.min()) >= max(low - MARGIN_KPA, -IMPLAUSIBLE_KPA)  # never true of nan
             and float(pressure.max()) <= min(high + MARGIN_KPA, IMPLAUSIBLE_KPA)
         )
 
@@ -185,21 +185,24 @@ def _tightest(limits_kpa: dict[str, tuple[float, float]]) -> Limits | None:
 
 
 def _trip(kind: MessageKind, pressure_kpa: float, time_us: int, limits_kpa: tuple[float, float]) -> Trip:
-    """Say what a level means."""
+    """Return the trip that a level means."""
     low, high = limits_kpa
     cause, remedy = {
         MessageKind.ESTOP: ("the e-stop is pressed", "release it when it is safe, then clear the fault"),
-        MessageKind.PRESSURE_INVALID: ("the board calls its pressure sensor invalid", "check the sensor and its cable"),
+        MessageKind.PRESSURE_INVALID: (
+            "the board reports its pressure sensor as invalid",
+            "check the sensor and its cable",
+        ),
         MessageKind.IMPLAUSIBLE: (
-            f"the pressure reads {pressure_kpa:.0f} kPa, which no unit can hold",
+            f"the pressure reads {pressure_kpa:.0f} kPa, which no unit reaches",
             "check the sensor",
         ),
         MessageKind.OVER_PRESSURE: (
-            f"{pressure_kpa:.1f} kPa, over the limit of {high:g} kPa by more than {MARGIN_KPA:g}",
+            f"{pressure_kpa:.1f} kPa, more than {MARGIN_KPA:g} kPa above the limit of {high:g} kPa",
             "let it vent; check the supply and its valve",
         ),
         MessageKind.UNDER_PRESSURE: (
-            f"{pressure_kpa:.1f} kPa, under the limit of {low:g} kPa by more than {MARGIN_KPA:g}",
+            f"{pressure_kpa:.1f} kPa, more than {MARGIN_KPA:g} kPa below the limit of {low:g} kPa",
             "let it vent; check the vacuum line and its valve",
         ),
         MessageKind.BOARD_FAULT: ("the board has latched a fault and vented", "find its cause, then clear the fault"),
@@ -208,18 +211,18 @@ def _trip(kind: MessageKind, pressure_kpa: float, time_us: int, limits_kpa: tupl
 
 
 class FlatLine:
-    """Watches for a sensor that reads the same value while the pressure moves."""
+    """Detects sensors that read the same value while the pressure moves."""
 
     def __init__(self) -> None:
         self._value: list[float] = []  # of each sensor's newest sample
         self._extremes: list[tuple[float, float]] = []  # of the pressure since it reads that value
         self._samples: list[int] = []
-        self._told: set[int] = set()
+        self._found: set[int] = set()
 
     @property
     def frozen(self) -> tuple[int, ...]:
         """Sensors (from 1) that are frozen now."""
-        return tuple(sorted(self._told))
+        return tuple(sorted(self._found))
 
     def inspect(self, block: Columns) -> list[int]:
         """Return the sensors (from 1) newly found frozen."""
@@ -236,22 +239,22 @@ class FlatLine:
         for sensor, length in enumerate(other):
             if length or value[sensor] != self._value[sensor]:
                 self._extremes[sensor], self._samples[sensor] = (math.inf, -math.inf), 0
-                self._told.discard(sensor + 1)
+                self._found.discard(sensor + 1)
             self._continue(sensor, block.pressure_kpa[n - (length or n) :])
             if self._flat(sensor):
                 found.append(sensor + 1)
         self._value = value
-        self._told.update(found)
+        self._found.update(found)
         return found
 
     def _continue(self, sensor: int, pressure_kpa: NDArray[np.float64]) -> None:
-        """Go on with the run of equal readings of one sensor."""
+        """Extend the run of equal readings of one sensor."""
         low, high = self._extremes[sensor]
         self._extremes[sensor] = min(low, float(pressure_kpa.min())), max(high, float(pressure_kpa.max()))
         self._samples[sensor] += len(pressure_kpa)
 
     def _flat(self, sensor: int) -> bool:
-        """Whether one sensor's run has become a flat line, and nobody was told."""
+        """Whether one sensor's run has newly become a flat line."""
         low, high = self._extremes[sensor]
         flat = high - low >= FLAT_PRESSURE_KPA and self._samples[sensor] >= FLAT_SAMPLES
-        return flat and sensor + 1 not in self._told
+        return flat and sensor + 1 not in self._found

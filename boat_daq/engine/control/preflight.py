@@ -31,7 +31,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing stands against pressure here."""
+        """Whether the check is passed."""
         return not self.problem
 
 
@@ -41,7 +41,7 @@ def zero_check(pressure_kpa: float | None, *, vented: bool, tolerance_kpa: float
     Parameters
     ----------
     pressure_kpa : mean of the last samples; None when there are none.
-    vented : whether the board says it is idle or vented.
+    vented : whether the board reports that it is idle or vented.
     """
     if pressure_kpa is None:
         return Check("zero", "no pressure is known yet", "wait for samples")
@@ -49,7 +49,7 @@ def zero_check(pressure_kpa: float | None, *, vented: bool, tolerance_kpa: float
         return Check("zero", f"the unit is under pressure ({pressure_kpa:.1f} kPa)", "vent it first")
     if not abs(pressure_kpa) <= tolerance_kpa:
         text = f"the pressure reads {pressure_kpa:.2f} kPa on a vented unit (tolerance {tolerance_kpa:g} kPa)"
-        return Check("zero", text, "wait until it has vented, or check the sensor's zero")
+        return Check("zero", text, "wait until it has vented, or check the zero of the sensor")
     return Check("zero")
 
 
@@ -67,17 +67,17 @@ def require(checks: list[Check]) -> None:
 
 
 class Preflight:
-    """What stands against pressure before anything is asked of the board.
+    """Checks before any command to the board.
 
     Parameters
     ----------
-    interlock : whose limits and latch count.
-    board : which knows whether the link can command.
+    interlock : its limits and latch.
+    board : whether the link can command.
     zero_tolerance_kpa : of the pressure sensor on a vented unit.
 
     Attributes
     ----------
-    why_read_only : why the link cannot command; empty where it can, or nobody said.
+    why_read_only : why the link cannot command; empty where it can, or the reason is unknown.
     """
 
     def __init__(self, interlock: Interlock, board: BoardCommands, *, zero_tolerance_kpa: float) -> None:
@@ -96,14 +96,15 @@ class Preflight:
         usable = low_kpa <= 0 <= high_kpa and low_kpa < high_kpa
         self._interlock.set_limits("board", (low_kpa, high_kpa) if usable else None)
         self._no_pressure = None
-        if not usable and self._board.can_command:  # what takes no commands has no limits to say
-            text = f"the board's own limits, {low_kpa:g} to {high_kpa:g} kPa, leave out 0 kPa, where a vented unit is"
-            self._no_pressure = (text, "look at the board's firmware: it is only listened to")
+        if not usable and self._board.can_command:  # a board that takes no commands has no limits
+            limits = f"{low_kpa:g} to {high_kpa:g} kPa"
+            text = f"the board's own limits, {limits}, do not include 0 kPa, the pressure of a vented unit"
+            self._no_pressure = (text, "check the board's firmware: without usable limits it is read only")
             self._board.note(MessageKind.LIMITS, text, "warning", self._no_pressure[1])
 
     @property
     def limits_command(self) -> SetLimits | None:
-        """The limits in force, as the board is told them; None while none are known."""
+        """The command that sends the limits in force to the board; None while none are known."""
         limits = self._interlock.limits
         if limits is None:
             return None
@@ -114,13 +115,13 @@ class Preflight:
 
         Parameters
         ----------
-        up : whether samples come.
-        vented : whether the board says it is idle or vented.
+        up : whether samples arrive.
+        vented : whether the board reports that it is idle or vented.
         """
         latched, limits = self._interlock.latched, self._interlock.limits
         recent = math.fsum(self._recent) / len(self._recent) if self._recent else None
         return [
-            Check("link") if up else Check("link", "no samples come from the board", "check the link"),
+            Check("link") if up else Check("link", "no samples arrive from the board", "check the link"),
             Check("limits") if limits else Check("limits", "no limits are known", "connect a board"),
             Check("fault", latched.cause, latched.remedy or "clear the fault first") if latched else Check("fault"),
             zero_check(recent, vented=vented, tolerance_kpa=self._zero_tolerance_kpa),
@@ -142,11 +143,11 @@ class Preflight:
 
         Raises
         ------
-        OperatorError : the link only listens, or the board's limits allow none.
+        OperatorError : the link is read only, or the board's limits allow none.
         """
         if not self._board.can_command:
             why = f": {self.why_read_only}" if self.why_read_only else ""
-            raise OperatorError(f"this link only listens{why}", "use firmware or a profile that commands pressure")
+            raise OperatorError(f"this link is read only{why}", "use firmware or a profile that commands pressure")
         if self._no_pressure is not None:
             raise OperatorError(*self._no_pressure)
 

@@ -1,4 +1,4 @@
-"""The run: a state machine that reads samples and answers with actions. No clock, no thread, no port of its own.
+"""The run: a state machine, samples in, actions out. No clock, no thread, no port of its own.
 
     idle --arm--> armed --start--> running --(last step)--> finishing --(vented)--> idle
                             ^          |  stop ------------>    ^
@@ -6,10 +6,10 @@
                             +------- paused --------------------+
     abort, from any state: aborted (the operator's vent, a step that timed out) or fault (a latch that must be cleared)
 
-Rules. It runs on board time. It asks for pressures with `GoTo` and never commands one: the interlock does. Every way
-out of running asks for a vent, and a run has exactly one `Ended`. A pause vents, because nobody's hand should meet a
-unit under pressure: the cycle under way is left out, and the run goes on with the next number from the opening
-plateau, until it has as many complete cycles as were asked for. Numbers of steps and cycles are never used twice.
+Rules. It runs on board time. It requests pressures with `GoTo` and never commands one: the interlock does. Every exit
+from running requests a vent, and a run has exactly one `RunEnding`. A pause vents, so that no unit is touched under
+pressure: the present cycle is left out, and the run resumes with the next number from the opening plateau, until it
+has as many complete cycles as the plan. Numbers of steps and cycles are never used twice.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from protocol.recording import RunEnd
 VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5
 VENT_TIMEOUT_S = 60.0
-PACE_STEPS = 40  # as many of the last steps say how long the rest will take
-READING_S = 10.0  # a reading takes a hand so long, as long as little is known of it
-FIRST_READINGS = 3  # of so many one may be a long wait: fewer are filled up with it
+PACE_STEPS = 40  # the last steps, from which the time left is estimated
+READING_S = 10.0  # of a reading by hand, until enough were timed
+FIRST_READINGS = 3  # fewer are filled up with READING_S, so that one long wait is no habit
 
 
 _RUN = (SessionState.RUNNING, SessionState.PAUSED)
@@ -77,11 +77,13 @@ class Sequencer:
 
         Parameters
         ----------
-        first_cycle, complete_cycles : where a broken run goes on (`resume_point`).
+        plan : what to run.
+        wait_for_reading : hold each plateau until its reading is given.
+        first_cycle, complete_cycles : where a broken run resumes (`resume_point`).
 
         Raises
         ------
-        OperatorError : a run goes on, or a fault is latched.
+        OperatorError : a run is in progress, or a fault is latched.
         """
         self._require("arm", SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED)
         self.state, self.plan = SessionState.ARMED, plan
@@ -89,7 +91,7 @@ class Sequencer:
         self.cycle, self.complete_cycles, self.incomplete_cycles = 0, complete_cycles, ()
 
     def disarm(self) -> None:
-        """Put an armed plan away; nothing happens in any other state."""
+        """Discard an armed plan; nothing happens in any other state."""
         if self.state is SessionState.ARMED:
             self.state = SessionState.IDLE
 
@@ -102,7 +104,7 @@ class Sequencer:
         self._paces.clear()
         self._waits_s.clear()
         self.ended = None
-        self._say(MessageKind.RUN_STARTED, f"{self.plan.name}: {self.plan.cycles} cycles")
+        self._report(MessageKind.RUN_STARTED, f"{self.plan.name}: {self.plan.cycles} cycles")
         self._open()
 
     def pause(self) -> None:
@@ -117,7 +119,7 @@ class Sequencer:
         ]
 
     def resume(self) -> None:
-        """Go on with the next whole cycle, from the opening plateau."""
+        """Resume with the next whole cycle, from the opening plateau."""
         self._require("resume", SessionState.PAUSED)
         self.state = SessionState.RUNNING
         self._actions += [
@@ -127,14 +129,14 @@ class Sequencer:
         self._open()
 
     def stop(self) -> None:
-        """End the run; a second call, or one outside a run, changes nothing but puts an armed plan away."""
+        """End the run, or discard an armed plan; nothing happens in any other state."""
         self.disarm()
         if self.state in _RUN:
             self._break_step()
             self._finish(RunEnd.STOPPED)
 
     def abort(self, cause: str, state: SessionState) -> None:
-        """Leave for ABORTED or FAULT, from wherever we are; only a run has an end to note."""
+        """Enter ABORTED or FAULT from any state; only a run has an ending."""
         if self.state in _RUN:
             self._break_step()
             self._end(RunEnding(RunEnd.FAULT if state is SessionState.FAULT else RunEnd.ABORTED, cause))
@@ -148,19 +150,19 @@ class Sequencer:
         self.state = state
 
     def cleared(self) -> None:
-        """The latch is gone."""
+        """Leave FAULT: the latch is cleared."""
         if self.state is SessionState.FAULT:
             self.state = SessionState.IDLE
 
     def reading_given(self, number: int) -> None:
-        """The step's reading is there, or not wanted any more: it need not wait."""
+        """End the wait for a step's reading: it is given, or skipped."""
         if self._watch is not None and self.marks and self.marks[-1].number == number:
             self._watch.reading_awaited = False
 
     # ---- the board -------------------------------------------------------------------------------------------------
 
     def commanded(self) -> None:
-        """The board has taken the last pressure."""
+        """Take the board's acknowledgement of the last pressure."""
         if self._watch is not None:
             self._watch.commanded(self._time_us, self._from_kpa)
 
@@ -199,12 +201,10 @@ class Sequencer:
         assert self.plan is not None
         assert mark.ended_us is not None
         if not mark.detail.get("steady", True):
-            text = f"{mark.target_kpa:g} kPa in cycle {mark.cycle} was not steady after {self.plan.max_dwell_s:g} s"
-            self._say(MessageKind.NOT_STEADY, text, "warning", "the step keeps its drift")
+            text = f"the plateau at {_plateau_name(mark)} was not steady after {self.plan.max_dwell_s:g} s"
+            self._report(MessageKind.NOT_STEADY, text, "warning", "its drift is recorded with the step")
         if mark.detail.get("reading_timed_out"):
-            self._say(
-                MessageKind.READING_MISSING, f"no reading at {mark.target_kpa:g} kPa in cycle {mark.cycle}", "warning"
-            )
+            self._report(MessageKind.READING_MISSING, f"no reading at {_plateau_name(mark)}", "warning")
         if not self._queue and mark.cycle:
             self.complete_cycles += 1
         if not self._queue and self.complete_cycles >= self.plan.cycles:
@@ -218,8 +218,8 @@ class Sequencer:
         text = f"{mark.target_kpa:g} kPa was not reached in time: {self._pressure_kpa:.1f} kPa"
         self._leave_cycle_out()
         self._watch = None
-        remedy = "look for a leak, or a pump that does not run; for a slow pump give a slower ramp (record --ramp)"
-        self._say(MessageKind.STEP_TIMEOUT, text, "error", remedy)
+        remedy = "check for a leak, and that the pump runs; for a slow pump choose a slower ramp (record --ramp)"
+        self._report(MessageKind.STEP_TIMEOUT, text, "error", remedy)
         self.abort(text, SessionState.ABORTED)
 
     def _follow_vent(self, block: Columns) -> None:
@@ -236,7 +236,7 @@ class Sequencer:
         elif self._time_us - self.marks[-1].started_us > VENT_TIMEOUT_S * 1e6:
             self._mark_end("timeout")
             text = f"the pressure does not fall: {self._pressure_kpa:.1f} kPa after the vent"
-            self._say(MessageKind.VENT_TIMEOUT, text, "error", "keep clear of the unit and open its valve by hand")
+            self._report(MessageKind.VENT_TIMEOUT, text, "error", "keep clear of the unit and open its valve manually")
             self.abort(text, SessionState.ABORTED)
 
     # ---- steps -----------------------------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ class Sequencer:
             self._waits_s.append(waited_s)
 
     def _break_step(self) -> None:
-        """End the step under way before its time; its cycle does not count."""
+        """Abort the present step; its cycle does not count."""
         if self._watch is not None:
             detail = self._watch.detail()
             self._change(dataclasses.replace(self.marks[-1], ended_us=self._time_us, status="aborted", detail=detail))
@@ -297,7 +297,7 @@ class Sequencer:
             self.incomplete_cycles += (self.marks[-1].cycle,)
 
     def _finish(self, end: RunEnd) -> None:
-        """Vent, and mark the way out as the "end" step."""
+        """Vent, and mark the vent as the "end" step."""
         self._watch = self._step = self._low_since_us = None
         self.state = SessionState.FINISHING
         self._end(RunEnding(end))
@@ -316,7 +316,7 @@ class Sequencer:
             remedy = "clear the fault first" if self.state is SessionState.FAULT else ""
             raise OperatorError(f"cannot {what} while the run is {self.state}", remedy)
 
-    def _say(self, kind: MessageKind, text: str, level: str = "", remedy: str = "") -> None:
+    def _report(self, kind: MessageKind, text: str, level: str = "", remedy: str = "") -> None:
         self._actions.append(ControlEvent(kind, text, level, remedy))
 
     # ---- what is shown ---------------------------------------------------------------------------------------------
@@ -352,16 +352,16 @@ class Sequencer:
         )
 
     def _cycles_left(self) -> int:
-        """Cycles to begin yet."""
+        """Return how many cycles have yet to begin."""
         assert self.plan is not None
-        under_way = bool(self._step and self._step.cycle)
-        return max(0, self.plan.cycles - self.complete_cycles - under_way)
+        begun = bool(self._step and self._step.cycle)
+        return max(0, self.plan.cycles - self.complete_cycles - begun)
 
     def _left(self) -> tuple[float, int]:
-        """Estimated seconds and number of steps left: the plan's own time in the median pace of the last steps, and the
-        median wait for a reading at each plateau that will ask for one.
+        """Estimate seconds and number of steps left.
 
-        A plateau that waits takes nothing off the steps behind it, and one long wait is no habit.
+        That is the plan's own time in the median pace of the last steps, and the median wait for a reading at each
+        plateau that will wait for one. A plateau that waits takes nothing off the steps behind it.
         """
         assert self.plan is not None
         if self.state is SessionState.FINISHING:
@@ -375,14 +375,14 @@ class Sequencer:
         return plan_s + pace * cycles * self.plan.cycle_duration_s + self._readings_left_s(cycles), steps
 
     def _step_left_s(self, planned_s: float) -> float:
-        """Estimated seconds of the step under way, its wait for a reading apart."""
+        """Estimate the seconds left of the present step, without its wait for a reading."""
         if self._watch is None:
             return planned_s
         gone_s = (self._time_us - self.marks[-1].started_us) / 1e6 - self._watch.waited_s(self._time_us)
         return max(0.0, planned_s - gone_s)
 
     def _readings_left_s(self, cycles: int) -> float:
-        """Estimated seconds that readings will still take, with so many cycles to begin yet."""
+        """Estimate the seconds that readings will still take, with so many cycles yet to begin."""
         if self.plan is None or not self._wait_for_reading:
             return 0.0
         each_s = statistics.median([*self._waits_s, *[READING_S] * (FIRST_READINGS - len(self._waits_s))])
@@ -390,3 +390,8 @@ class Sequencer:
         watch = self._watch
         now_s = max(0.0, each_s - watch.waited_s(self._time_us)) if watch and watch.reading_awaited else 0.0
         return now_s + behind * each_s
+
+
+def _plateau_name(mark: StepMark) -> str:
+    """Return what an operator calls a plateau, e.g. "+50 kPa, cycle 3"."""
+    return f"{mark.target_kpa:+g} kPa, {f'cycle {mark.cycle}' if mark.cycle else 'opening plateau'}"

@@ -1,4 +1,4 @@
-"""Whether samples come, on the host's clock: begun, silent, or after a pause."""
+"""Whether samples arrive, by the host's clock: begun, silent, or after a pause."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ SILENCE_S = 1.0
 
 
 class StreamWatch:
-    """The coming of one link's samples.
+    """Watches the arrival of one link's samples.
 
     Attributes
     ----------
-    rate_hz : how many a second are asked for.
-    begun : whether any came on this link.
-    silent : whether they stay away for so long that it was told; until the next one.
+    rate_hz : samples per second requested.
+    begun : whether any arrived on this link.
+    silent : whether none has arrived for `silence_s`, until the next one.
     """
 
     def __init__(self, rate_hz: int) -> None:
@@ -22,7 +22,7 @@ class StreamWatch:
 
     @property
     def silence_s(self) -> float:
-        """How long none may come."""
+        """Time without samples that is allowed."""
         return max(SILENCE_S, 3.0 / self.rate_hz)
 
     def opened(self, now_ns: int) -> None:
@@ -37,14 +37,14 @@ class StreamWatch:
         self._last_ns, self.begun, self.silent = now_ns, True, False
 
     def falls_silent(self, now_ns: int) -> bool:
-        """Whether they have stayed away for too long, once."""
+        """Return whether silence begins now; true once for each silence."""
         if not self.begun or self.silent or now_ns - self._last_ns <= self.silence_s * 1e9:
             return False
         self.silent = True
         return True
 
     def paused_lately(self, now_ns: int) -> bool:
-        """Whether half a silence reached into the time in which a command that is lost now was asked three times."""
+        """Whether half a silence overlaps the time in which a command that is lost now was sent three times."""
         return self._pausing(now_ns) or now_ns - self._pause_ended_ns < SILENCE_S * 1e9
 
     def _pausing(self, now_ns: int) -> bool:

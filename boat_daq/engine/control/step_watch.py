@@ -1,13 +1,13 @@
 """One step of a run, watched sample by sample: has the pressure arrived, settled, and is the plateau steady?
 
-Arrival is judged by the measured pressure alone, so that a board that never says HOLDING works as well. The outcome
+Arrival is judged by the measured pressure alone, so that a board that never reports HOLDING works as well. The outcome
 depends on the samples and their board time only, not on how they were cut into blocks, so that a run at 100 times
 real time takes the same decisions at the same samples.
 
 - *arrived*: the first sample of the present stay within `tolerance_kpa` of the target. Leaving ends the stay.
 - *settled*: `settling_s` later, still within.
 - a *plateau* ends once `min_dwell_s` is over and the later half of its settled part (at least `window_s`, at most four
-  times that) shows no credible drift of pressure or signals (`steadiness`); or at `max_dwell_s`, marked not steady.
+  times that) shows no credible drift of pressure or signals (`drift_test`); or at `max_dwell_s`, marked not steady.
 - a *turning point* ends after `min_dwell_s`.
 - the step times out when the pressure is not within tolerance `arrival_timeout_s` after the ramp should have brought
   it there, or after it left.
@@ -55,13 +55,13 @@ class StepWatch:
         self.outcome: str | None = None
 
     def commanded(self, time_us: int, from_kpa: float) -> None:
-        """The board has taken the command at `time_us`, coming from `from_kpa`: the time allowed begins."""
+        """Begin the time allowed: the board has acknowledged the command at `time_us`, at `from_kpa`."""
         ramp_s = abs(self._step.target_kpa - from_kpa) / self._plan.ramp_kpa_per_s
         self._deadline_us = time_us + _us(ramp_s + self._plan.arrival_timeout_s)
 
     @property
     def phase(self) -> Phase:
-        """Where in the step we are."""
+        """The present phase of the step."""
         if self.arrived_us is None:
             return Phase.RAMPING
         if self._steady_since_us is not None and self.outcome is None:
@@ -70,7 +70,7 @@ class StepWatch:
 
     @property
     def waits_until_us(self) -> int | None:
-        """Board time at which the plateau goes on without its reading; None while it does not wait."""
+        """Board time at which the plateau ends without its reading; None while it does not wait."""
         if self._steady_since_us is None:
             return None
         return self._steady_since_us + _us(self._plan.reading_timeout_s)
@@ -96,7 +96,7 @@ class StepWatch:
             i = self._seek(block, inside, i) if self.arrived_us is None else self._hold(block, inside, i)
 
     def _seek(self, block: Columns, inside: np.ndarray[Any, np.dtype[np.bool_]], i: int) -> int:
-        """Look for the arrival from sample `i` on; returns the sample to go on with."""
+        """Search for the arrival from sample `i` on; return the next sample to look at."""
         n = len(block)
         arrival = i + int(np.argmax(inside[i:])) if inside[i:].any() else n
         late = n if self._deadline_us is None else int(np.searchsorted(block.time_us, self._deadline_us))
@@ -114,7 +114,7 @@ class StepWatch:
         return arrival
 
     def _hold(self, block: Columns, inside: np.ndarray[Any, np.dtype[np.bool_]], i: int) -> int:
-        """Stay within tolerance from sample `i` on, up to the next check; returns the sample to go on with."""
+        """Follow the stay within tolerance from sample `i` up to the next check; return the next sample to look at."""
         assert self.arrived_us is not None
         n = len(block)
         left = n if inside[i:].all() else i + int(np.argmin(inside[i:]))
@@ -131,7 +131,7 @@ class StepWatch:
         return left
 
     def _leave(self, time_us: int) -> None:
-        """The pressure left its target: what was held does not count."""
+        """Discard what was held: the pressure left its target."""
         self._excursions += 1
         self._kept.clear()
         self.arrived_us = self.settled_us = None

@@ -1,10 +1,10 @@
-"""Feeding the board's watchdog, and how fast the board's clock runs.
+"""Feed the board's watchdog, and measure how fast the board's clock runs.
 
 The watchdog counts board time. A virtual board at 100 times real time gives a host 100 times less of its own: so the
 watchdog is fed by the board's clock, as the samples show it, and the longest timeout the protocol has is taken for
 a board that runs faster than the host. At SPEED x, 5000 ms of board time are 5000/SPEED ms here, fed at every tenth:
 at 100x there are 50 ms, and the reading thread may be kept waiting for 45 of them. Where the computer is too busy for
-that, the board vents, as it should, and the message says to slow it down.
+that, the board vents, as it should, and the message proposes a lower speed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from protocol.link.messages import Command, Heartbeat
 
 LONGEST_MS = 5000
 REAL_TIME_MS = 1000
-FAST = 1.5  # a board whose clock runs so much faster than ours is no real one
+FAST = 1.5  # board time over host time above which a board is a virtual one
 SPEED_SPAN_S = 2.0
 SPEED_KNOWN_S = 0.1
 FEEDS_PER_TIMEOUT = 4
@@ -31,7 +31,7 @@ class SpeedMeter:
         self._points: deque[tuple[int, int]] = deque()
 
     def add(self, host_ns: int, board_us: int) -> None:
-        """Take the arrival of a sample; a clock that went back begins anew."""
+        """Take the arrival of a sample; a clock that went back restarts the measurement."""
         if self._points and (board_us < self._points[-1][1] or host_ns < self._points[-1][0]):
             self._points.clear()
         if self._points and host_ns - self._points[-1][0] < 5_000_000:
@@ -42,7 +42,7 @@ class SpeedMeter:
 
     @property
     def known(self) -> bool:
-        """Whether enough was seen."""
+        """Whether the measurement is long enough."""
         return bool(self._points) and self._points[-1][0] - self._points[0][0] >= SPEED_KNOWN_S * 1e9
 
     @property
@@ -55,7 +55,7 @@ class SpeedMeter:
 
 
 class Feeder:
-    """Says when the next frame is due; any frame feeds."""
+    """Decides when the next frame is due; any frame feeds."""
 
     def __init__(self) -> None:
         self.armed_ms = 0  # as the board has acknowledged it
@@ -66,13 +66,13 @@ class Feeder:
         return LONGEST_MS if speed > FAST else REAL_TIME_MS
 
     def sent(self, command: Command, host_ns: int, board_us: int) -> None:
-        """A frame has left; an arming one counts as soon as it does, a disarming one when it is answered."""
+        """Note a frame that was sent; one that arms counts at once, one that disarms when it is acknowledged."""
         self._fed_host_ns, self._fed_board_us = host_ns, board_us
         if isinstance(command, Heartbeat) and command.timeout_ms:
             self.armed_ms = command.timeout_ms
 
     def refused(self, command: Heartbeat) -> None:
-        """The board will not arm (it is not armed then), or will not disarm (it stays so)."""
+        """Note a refusal: a board that refuses to arm is not armed, one that refuses to disarm stays armed."""
         if command.timeout_ms:
             self.armed_ms = 0
 
@@ -81,7 +81,7 @@ class Feeder:
         return REPEAT_MS * speed > REPEATS_WITHIN * self.armed_ms
 
     def due(self, host_ns: int, board_us: int, speed: float) -> bool:
-        """Whether a frame must leave now."""
+        """Whether a frame must be sent now."""
         if not self.armed_ms:
             return False
         share_ms = self.armed_ms / (FEEDS_OF_A_FAST_BOARD if speed > FAST else FEEDS_PER_TIMEOUT)

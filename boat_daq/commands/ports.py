@@ -37,7 +37,7 @@ def ports(
                 "description": a.description,
                 "boat": a.hello is not None,
                 "hello": a.hello,
-                "remark": a.remark,
+                "remark": a.problem,
             }
             for a in answers
         ]
@@ -46,7 +46,7 @@ def ports(
     if not answers:
         say("no serial ports; a virtual board: boat-daq board --pty")
     for a in answers:
-        board = f"BOAT {a.hello.board_id}, {a.hello.n_sensors} sensors" if a.hello else a.remark
+        board = f"BOAT {a.hello.board_id}, {a.hello.n_sensors} sensors" if a.hello else a.problem
         out.print(
             f"{'*' if a.hello else ' '} {a.port}  {a.description}  {board}".rstrip(), highlight=False, markup=False
         )

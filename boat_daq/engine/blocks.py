@@ -1,8 +1,8 @@
-"""What travels from the reading thread to the sinks: one block of bytes and what was understood of it.
+"""A block: bytes of one read or write and the events decoded from them, passed from the reading thread to the sinks.
 
 Rules: a block is a value, shared by all sinks and changed by none. Every byte that came or went is in exactly one
-block, so the blocks of a session, in order, are the session. What the engine itself notices (port gone, silence, a
-sink that failed) comes the same way, as an event in a block, so that one stream tells the whole story in order.
+block, so the blocks of a session, in order, are the session. What the engine itself detects (port gone, silence, a
+sink that failed) comes the same way, as an event in a block, so that one stream holds everything in order.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ class PortLost:
 
 @dataclass(frozen=True, slots=True)
 class PortSilent:
-    """The port is open and nothing came for `silent_s`; said once, again only after bytes came."""
+    """The port is open and nothing came for `silent_s`; once for each silence."""
 
     silent_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class SinkFailed:
-    """A sink raised; reading goes on, and the sink is called again with the next block."""
+    """A sink raised; reading continues, and the sink is called again with the next block."""
 
     sink: str
     error: Exception
@@ -47,9 +47,9 @@ class Block:
     Attributes
     ----------
     host_ns : host monotonic clock at the arrival, or at the sending.
-    raw : the bytes; empty when only events are told.
+    raw : the bytes; empty for events without bytes.
     sent : False for bytes from the board, True for bytes to it.
-    events : what was understood, in order; samples among them.
+    events : what was decoded, in order; samples among them.
     """
 
     host_ns: int

@@ -1,8 +1,8 @@
-"""A bug report: log, settings, versions and the last recording in short, in one ZIP; nothing personal without asking.
+"""A bug report: log, settings, versions and the last recording's summary, in one ZIP without personal data.
 
 Rules: no sample and no byte of a board goes in. What is personal is taken out of every text before it is packed: names
 of operators, notes, the names of computers and of this one's user, and every path but a file's ending. What is left out
-is replaced by a word in brackets, so that a reader sees that something stood there.
+is replaced by a placeholder in brackets.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq import __version__
-from boat_daq.engine.log import log_folder
+from boat_daq.engine.log import RECORDING, log_folder
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.settings import home
+from boat_daq.engine.snapshot import MessageKind
 from boat_daq.errors import BoatDaqError, OperatorError, StorageError
 from protocol.errors import ProtocolError
 
@@ -44,8 +45,8 @@ _STRING = (
 _HERE = ("127.0.0.1", "localhost", "[::1]")
 _HOST = re.compile(r"socket://(\[[^\]\s]+\]|[^\s:/]+)")
 _KEPT = re.compile(r"/dev/(tty|pts|cu)|//(127\.0\.0\.1|localhost|\[)")
-_BEGUN = re.compile(r"recording (?:begins|goes on) in (.+\.boat)\s*$", re.MULTILINE)
-_MARKED = re.compile(r"(marked|mark): .*")
+_BEGUN = re.compile(rf"{RECORDING}(.+\.boat)\s*$", re.MULTILINE)
+_MARKED = re.compile(rf"({MessageKind.MARK}): .*")
 
 
 def write_bug_report(out: Path, *, personal: bool = False, recording: Path | None = None) -> Path:
@@ -55,7 +56,7 @@ def write_bug_report(out: Path, *, personal: bool = False, recording: Path | Non
     ----------
     out : the ZIP to write.
     personal : leave names, notes and paths as they are.
-    recording : whose summary goes in; the one that the log saw last when None.
+    recording : whose summary goes in; the last one in the log when None.
 
     Raises
     ------
@@ -93,11 +94,11 @@ def collect(recording: Path | None = None) -> dict[str, str]:
 
 
 class Redaction:
-    """Takes what is personal out of texts.
+    """Removes personal data from texts.
 
     Parameters
     ----------
-    texts : all of the report: names that stand under a personal key in one are taken out of every one.
+    texts : all of the report: names under a personal key of one are removed from every one.
     """
 
     def __init__(self, texts: Mapping[str, str]) -> None:
@@ -118,14 +119,14 @@ class Redaction:
         text = _MARKED.sub(rf"\1: {_NOTE}", text)
         for key in _PERSONAL_KEYS:
             text = re.sub(rf'^(\s*"?{key}"?\s*[=:]\s*){_STRING}', rf'\1"[{key}]"', text, flags=re.MULTILINE)
-        for word, stands in self._words:
-            text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", stands, text, flags=re.IGNORECASE)
+        for word, placeholder in self._words:
+            text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", placeholder, text, flags=re.IGNORECASE)
         text = _NAMED.sub(r"[path].\1", _FILE.sub(r"[path].\1", text))
         return _PATH.sub(lambda found: found[0] if _KEPT.match(found[0]) else "[path]", text)
 
 
 def _values(texts: Iterable[str], key: str) -> set[str]:
-    """Return what stands under a key of TOML or JSON in any of the texts."""
+    """Return the values of a key of TOML or JSON in any of the texts."""
     found = set()
     for text in texts:
         for value in re.findall(rf'"?{key}"?\s*[=:]\s*{_STRING}', text):
@@ -137,15 +138,15 @@ def _values(texts: Iterable[str], key: str) -> set[str]:
 
 
 def _places() -> dict[str, str]:
-    """Return this user's folders, as paths are written and as they are quoted, and the word that stands for each.
+    """Return this user's folders, as paths are written and as they are quoted, and the placeholder of each.
 
-    A space ends a path for any pattern, and names of people have them.
+    The patterns for paths end at a space, and names of people contain spaces.
     """
-    house = Path.home()
-    found = {house.name: "[user]"}
-    for folder, stands in ((house, "[home]"), (home(), "[path]"), (Path.cwd(), "[path]")):
+    home_folder = Path.home()
+    found = {home_folder.name: "[user]"}
+    for folder, placeholder in ((home_folder, "[home]"), (home(), "[path]"), (Path.cwd(), "[path]")):
         if len(folder.parts) > 1:
-            found |= dict.fromkeys((str(folder), str(folder).replace("\\", "\\\\"), folder.as_posix()), stands)
+            found |= dict.fromkeys((str(folder), str(folder).replace("\\", "\\\\"), folder.as_posix()), placeholder)
     return found
 
 

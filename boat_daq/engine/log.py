@@ -1,10 +1,10 @@
-"""The log: what the program did, in a file of bounded size, for whoever looks for a fault afterwards.
+"""The log: what the program did, in a file of bounded size, for the analysis of a fault.
 
-Rules: whoever notes something only puts it into a bounded queue; a thread of the log's own writes it. A queue that is
-full drops the line and counts it, so that neither the reader nor the recorder ever waits for a disk here. A process
+Rules: `note` only puts a line into a bounded queue; a thread of the log's own writes it. A queue that is full drops
+the line and counts it, so that neither the reader nor the recorder ever waits for a disk here. A process
 has a log of its own, named by its start, in the platform's folder (or BOAT_DAQ_HOME/log); it rotates at `FILE_BYTES`,
-and logs beyond `FOLDER_BYTES` go, the oldest first. Tracebacks stand here and nowhere else. Before `start_log`,
-and in a script that never calls it, every note goes nowhere.
+and logs beyond `FOLDER_BYTES` are removed, the oldest first. Tracebacks are written here and nowhere else. Before
+`start_log`, and in a script that never calls it, every note is discarded.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ FILE_BYTES = 1_000_000
 FILES = 3  # of one process: the newest megabytes
 FOLDER_BYTES = 20_000_000
 LINES_MAX = 10_000  # waiting to be written
+RECORDING = "recording: "  # begins the line that names a recording as it begins; bug reports search for it
 _LEVELS = {"info": logging.INFO, "warning": logging.WARNING, "error": logging.ERROR}
 
 _logger = logging.getLogger("boat_daq")
@@ -36,7 +37,7 @@ _logger.propagate = False
 
 
 class _Queue(QueueHandler):
-    """Never waits, and says how much it dropped as soon as there is room."""
+    """Never waits, and notes with the next line how many it dropped."""
 
     def __init__(self, lines: queue.Queue[logging.LogRecord]) -> None:
         super().__init__(lines)
@@ -55,7 +56,7 @@ class _Queue(QueueHandler):
 
 
 class _File(RotatingFileHandler):
-    """A disk that fails must not be told on standard error once a second: the log simply has a hole."""
+    """Leaves lines out while the disk fails, in place of a traceback on standard error for each."""
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Leave the line out."""
@@ -141,7 +142,7 @@ def note_failure(text: str, error: BaseException) -> None:
 
 
 def _thread_failed(failed: threading.ExceptHookArgs) -> None:
-    """A thread that ends by an error is noted, and told as Python tells it."""
+    """Note a thread that ended by an error, and report it as Python does."""
     if failed.exc_value is not None:
         note_failure(f"thread {failed.thread.name if failed.thread else '?'} failed", failed.exc_value)
     threading.__excepthook__(failed)
@@ -149,15 +150,15 @@ def _thread_failed(failed: threading.ExceptHookArgs) -> None:
 
 def _prune(folder: Path) -> None:
     """Keep the newest logs that together stay below `FOLDER_BYTES` with the new one."""
-    room = FOLDER_BYTES - FILES * FILE_BYTES
+    bytes_left = FOLDER_BYTES - FILES * FILE_BYTES
     for path in sorted(folder.glob("*.log*"), key=lambda p: p.name, reverse=True):
-        room -= path.stat().st_size
-        if room < 0:
+        bytes_left -= path.stat().st_size
+        if bytes_left < 0:
             path.unlink(missing_ok=True)
 
 
 def memory_mb() -> float | None:
-    """Return the resident memory of this process, MB; its peak where the system tells no more; None where nothing."""
+    """Return the resident memory of this process, MB; its peak where only that is known; None where neither is."""
     pages = Path("/proc/self/statm")
     if pages.exists():
         return int(pages.read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

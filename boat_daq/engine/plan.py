@@ -70,7 +70,7 @@ class Plan:
     kind : "staircase" or "continuous".
     high_kpa, low_kpa : the two ends; a cycle starts at `high_kpa`.
     step_kpa : distance of the staircase's plateaus; divides the span.
-    cycles : complete cycles asked for.
+    cycles : complete cycles to run.
     ramp_kpa_per_s : rate of change towards each target.
     min_kpa, max_kpa : the plan's own limits; the pressure never goes 2 kPa beyond them.
     tolerance_kpa : the pressure has arrived while it is this close to its target.
@@ -170,7 +170,7 @@ class Plan:
 
 
 def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:
-    """Return (first cycle, complete cycles) with which a broken run goes on: the next number that was never begun.
+    """Return (first cycle, complete cycles) with which a broken run resumes: the next number that was never begun.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:
 
 
 def _check(plan: Plan) -> None:
-    """Refuse by key what makes no plan."""
+    """Refuse by key values that make no plan."""
     where = f"plan {plan.name!r:.60}"
     if plan.kind not in KINDS:
         raise BadValue(where, "kind", f"is {plan.kind!r:.40}", "use one of " + ", ".join(KINDS))
@@ -201,7 +201,7 @@ def _check(plan: Plan) -> None:
         if not getattr(plan, low) < getattr(plan, high):
             raise BadValue(where, low, f"must be below '{high}'", "swap the two" if getattr(plan, low) else "")
     if not plan.min_kpa <= 0 <= plan.max_kpa:
-        raise BadValue(where, "min_kpa" if plan.min_kpa > 0 else "max_kpa", "leaves out 0 kPa, where a vented unit is")
+        raise BadValue(where, "min_kpa" if plan.min_kpa > 0 else "max_kpa", "excludes 0 kPa, a vented unit's pressure")
     if plan.low_kpa < plan.min_kpa:
         raise BadValue(where, "low_kpa", f"is below the plan's own limit of {plan.min_kpa:g} kPa")
     if plan.high_kpa > plan.max_kpa:
@@ -217,7 +217,7 @@ def _check_staircase(plan: Plan, where: str) -> None:
     if plan.kind == "staircase" and (steps < 1 or abs(steps - round(steps)) > 1e-6):
         raise BadValue(where, "step_kpa", f"must divide the span of {plan.high_kpa - plan.low_kpa:g} kPa evenly")
     if plan.kind == "staircase" and plan.step_kpa <= 2 * plan.tolerance_kpa:
-        raise BadValue(where, "step_kpa", "must be more than twice 'tolerance_kpa', or plateaus cannot be told apart")
+        raise BadValue(where, "step_kpa", "must be more than twice 'tolerance_kpa', to distinguish the plateaus")
     per_cycle = 2 if plan.kind == "continuous" else 2 * steps
     if plan.cycles < 1 or plan.cycles * per_cycle > MAX_STEPS:
         raise BadValue(

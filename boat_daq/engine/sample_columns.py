@@ -1,4 +1,4 @@
-"""A block of samples as the control reads it: columns in the lab's units, made once and changed by nobody."""
+"""A block of samples as the control reads it: columns in the lab's units, made once and never changed."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Columns:
 
     @cached_property
     def pressure_known(self) -> NDArray[np.bool_]:
-        """Samples whose pressure the board vouches for [n]."""
+        """Samples with a valid pressure [n]."""
         unknown: NDArray[np.bool_] = (self.flags & _PRESSURE_UNKNOWN) != 0
         return ~unknown & np.isfinite(self.pressure_kpa)
 

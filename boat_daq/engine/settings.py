@@ -1,14 +1,14 @@
-"""What the program remembers: its settings and the library of units, each a small TOML file.
+"""Stored settings and the library of units, each a small TOML file.
 
 Rules. A file is replaced whole or not at all: written beside, flushed to the disk, renamed; the one before stays as
-`.bak`. A hand-edited file is refused by key (`checked`), never half believed, and no default quietly replaces a limit.
+`.bak`. An edited file with an error is refused by key (`toml_values`), and no default silently replaces a limit.
 Files carry a version; a newer one than this program's is refused, so that an older program never cuts it down. The
 folders are the system's own (platformdirs), or the one in the environment variable BOAT_DAQ_HOME. A file that a disk
-destroyed (gone, empty, no text) is replaced by its backup, and that is said (`take_warnings`); one that a hand made
-unreadable is refused instead, because its backup would undo what was meant, a tighter limit perhaps.
+destroyed (gone, empty, no text) is replaced by its backup, with a warning (`take_warnings`); one that editing made
+unreadable is refused instead, because its backup would undo the edit, a tighter limit perhaps.
 
 A unit keeps its limits and every calibration that was ever stored with it. Calibrations are added, never changed: the
-last accepted one is in force, and one that is withdrawn is a newer entry that says so.
+last accepted one is in force; a withdrawal is a newer entry that is not accepted.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Settings:
 
     Parameters
     ----------
-    rate_hz : samples per second asked of a board.
+    rate_hz : samples per second requested of a board.
     baud : of a serial port.
     zero_tolerance_kpa : of the pressure sensor on a vented unit, before the first pressure.
     resolution_mm : of the grid that elongation is read from.
@@ -111,15 +111,13 @@ class Unit:
         if not _NAME.fullmatch(self.name) or self.name.strip(" .") != self.name or is_device_name(self.name):
             raise BadValue(where, "name", "must be 1 to 40 letters, digits, spaces, or any of _ . -")
         if not self.min_kpa <= 0 <= self.max_kpa or not self.min_kpa < self.max_kpa:
-            raise BadValue(
-                where, "min_kpa", "and 'max_kpa' must lie around 0 kPa, the lower one first", "swap the two?"
-            )
+            raise BadValue(where, "min_kpa", "and 'max_kpa' must enclose 0 kPa, the lower one first", "swap the two?")
         if self.polarity not in (-1, 1):
             raise BadValue(where, "polarity", f"must be 1 or -1, not {self.polarity}")
 
     @property
     def calibration(self) -> StoredCalibration | None:
-        """The one in force: the newest entry, where it is accepted."""
+        """The calibration in force: the newest entry, where it is accepted."""
         return self.history[-1] if self.history and self.history[-1].accepted else None
 
 
@@ -154,7 +152,7 @@ def save_settings(settings: Settings, folder: Path | None = None) -> None:
 
 
 class UnitLibrary:
-    """The units on the shelf, one file each."""
+    """The stored units, one file each."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder or home("data") / "units"
@@ -182,11 +180,13 @@ class UnitLibrary:
         entries = table.pop("history", [])
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise BadValue(str(path), "history", "must be a list of tables")
-        history = tuple(_entry(entry, str(path)) for entry in entries)
-        found = build(_UnitFile, table, str(path))
+        for key in _UNIT_KEYS:  # no default replaces a limit
+            if key not in table:
+                raise BadValue(str(path), key, "is missing")
+        found = build(Unit, table, str(path), history=tuple(_entry(entry, str(path)) for entry in entries))
         if found.name != name:
             raise BadValue(str(path), "name", f"is {found.name!r}, the file's is {name!r}")
-        return Unit(**dataclasses.asdict(found), history=history)
+        return found
 
     def save(self, unit: Unit) -> None:
         """Store a unit.
@@ -198,9 +198,12 @@ class UnitLibrary:
         """
         stored = self.load(unit.name)
         if unit.history[: len(stored.history)] != stored.history:
-            raise OperatorError(f"unit {unit.name}: a stored calibration is missing", "add to the history of the file")
-        table = {f.name: getattr(unit, f.name) for f in dataclasses.fields(_UnitFile)}
-        table["history"] = [{**_fields(entry), "content": json.dumps(dict(entry.content))} for entry in unit.history]
+            raise OperatorError(
+                f"unit {unit.name}: a stored calibration is missing",
+                "keep the entries of the stored history and add to them",
+            )
+        table = dataclasses.asdict(unit)
+        table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
         write_whole(self._path(unit), tomli_w.dumps(table))
 
     def add_calibration(self, name: str, content: Mapping[str, Any], *, accepted: bool = True, **more: str) -> Unit:
@@ -226,56 +229,31 @@ class UnitLibrary:
         return path_in(self.folder, f"{unit.name}.toml")
 
 
-@dataclass(frozen=True, slots=True)
-class _UnitFile:
-    """Keys of a unit's file beside its history; limits have no default here."""
-
-    name: str
-    min_kpa: float
-    max_kpa: float
-    polarity: int
-    note: str
-    version: int
+_UNIT_KEYS = tuple(f.name for f in dataclasses.fields(Unit) if f.name != "history")
 
 
-@dataclass(frozen=True, slots=True)
-class _EntryFile:
-    """Keys of a history entry; `content` is JSON."""
-
-    utc: str
-    accepted: bool
-    content: str
-    recording: str = ""
-    operator: str = ""
-    note: str = ""
-    program_version: str = ""
-
-
-def _fields(entry: StoredCalibration) -> dict[str, Any]:
-    return {f.name: getattr(entry, f.name) for f in dataclasses.fields(entry)}
-
-
-def _entry(table: Mapping[str, Any], where: str) -> StoredCalibration:
-    found = build(_EntryFile, table, f"{where}, history")
+def _entry(table: dict[str, Any], where: str) -> StoredCalibration:
+    """Return an entry of a unit's history, whose `content` is JSON."""
+    where = f"{where}, history"
     try:
-        content = json.loads(found.content)
-    except (ValueError, RecursionError) as error:
-        raise BadValue(where, "history.content", f"is not JSON: {error}") from error
+        content = json.loads(table.pop("content", ""))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise BadValue(where, "content", f"is not JSON: {error}") from error
     if not isinstance(content, dict):
-        raise BadValue(where, "history.content", "must be a JSON object")
-    return StoredCalibration(**{**dataclasses.asdict(found), "content": content})
+        raise BadValue(where, "content", "must be a JSON object")
+    return build(StoredCalibration, table, where, content=content)
 
 
 def _check_version(where: str, version: int) -> None:
     if not 1 <= version <= VERSION:
-        raise BadValue(where, "version", f"is {version}; this program knows up to {VERSION}", "update boat-daq")
+        raise BadValue(where, "version", f"is {version}; this program reads up to {VERSION}", "update boat-daq")
 
 
 _warnings: list[tuple[str, str]] = []
 
 
 def take_warnings() -> list[tuple[str, str]]:
-    """Return cause and remedy of every backup that was used since the last call, for the operator to be told."""
+    """Return cause and remedy of every backup that was used since the last call, as warnings for the operator."""
     taken = _warnings.copy()
     _warnings.clear()
     return taken
@@ -293,8 +271,8 @@ def read_stored(path: Path) -> str | None:
         return read_text(path) if path.exists() else None
     text = read_text(backup)
     if "\0" in text or not text.strip():
-        raise OperatorError(f"{path} and its backup are destroyed", "write it anew; look at the disk")
-    warning = (f"{path} was destroyed; its backup is used", "check what it says, store it again, and look at the disk")
+        raise OperatorError(f"{path} and its backup are destroyed", "write the file again; check the disk")
+    warning = (f"{path} was destroyed; its backup is used", "check its contents, store it again, and check the disk")
     if warning not in _warnings:
         _warnings.append(warning)
     return text
@@ -316,7 +294,7 @@ def _read_whole(path: Path, parse: Callable[[str], T]) -> T | None:
         backup = path.with_name(path.name + BACKUP)
         if is_destroyed(path) or not _is_good(backup, parse):
             raise
-        way_out = f"mend it, or put back the one before it: copy {backup} over {path.name}"
+        way_out = f"correct it, or restore its backup: copy {backup} over {path.name}"
         raise OperatorError(error.cause, f"{error.remedy}; {way_out}" if error.remedy else way_out) from error
 
 
@@ -338,7 +316,7 @@ def is_destroyed(path: Path) -> bool:
     except UnicodeDecodeError:
         return True
     except OSError:
-        return False  # there, and not to be read: `read_text` says why
+        return False  # present but unreadable: `read_text` raises the reason
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -1,7 +1,7 @@
-"""What a session shows of itself: frozen values, taken under its lock and handed to whoever draws or prints.
+"""A session's state as frozen values, taken under its lock, for pages and commands to show.
 
-Nothing here acts. A page or a command asks `Session.snapshot()` as often as it likes (30 times a second costs
-nothing), compares with the one before, and shows the difference. Pressure is in kPa (gauge), time in seconds of
+Nothing here acts. A page calls `Session.snapshot()` up to 30 times a second, compares with the one before, and shows
+the difference. Pressure is in kPa (gauge), time in seconds of
 board time unless a name says otherwise.
 """
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 
 class LinkState(enum.StrEnum):
-    """What is known of the port."""
+    """State of the link."""
 
     CLOSED = "closed"
-    OPENING = "opening"  # the port opens; waiting for the board to say who it is
+    OPENING = "opening"  # the port opens; waiting for the board's HELLO
     UP = "up"
     SILENT = "silent"  # open, but no data for a second
-    LOST = "lost"  # unplugged; looked for again by its board_id
-    FAILED = "failed"  # refused: `SessionSnapshot.link_error` says why
+    LOST = "lost"  # unplugged; sought by its board_id
+    FAILED = "failed"  # refused; the reason is in `SessionSnapshot.link_error`
 
 
 class SessionState(enum.StrEnum):
@@ -106,7 +106,7 @@ class MessageKind(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One line for the operator; `number` grows by one each, so that a reader knows what is new."""
+    """One line for the operator; `number` increases by one, so that a reader can find what is new."""
 
     number: int
     kind: MessageKind
@@ -118,7 +118,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class RunEnding:
-    """How a run ended; `cause` says why one was aborted."""
+    """How a run ended; `cause` is why one was aborted."""
 
     end: RunEnd
     cause: str = ""
@@ -136,7 +136,7 @@ class RunEnding:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The tightest limits in force, and whose each is: "board", "unit" or "plan"."""
+    """The tightest limits in force, and the source of each: "board", "unit" or "plan"."""
 
     min_kpa: float
     max_kpa: float
@@ -183,7 +183,7 @@ class ReadingRequest:
     branch: str
     target_kpa: float
     pressure_kpa: float
-    waits_until_s: float  # board time at which the run goes on without it
+    waits_until_s: float  # board time at which the run continues without it
 
 
 class LinkWarningCode(enum.StrEnum):

@@ -1,7 +1,7 @@
-"""Tables from a TOML file become values, or are refused by key.
+"""Values from the tables of a TOML file, refused by key.
 
-A hand-edited file is never half believed: an unknown key, a missing one, a wrong type or a number that is not finite
-names its key, and no default is quietly put in its place.
+An unknown key, a missing one, a wrong type or a number that is not finite is an error that names its key; no default
+silently takes its place.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-MAX_BYTES = 1_000_000  # a plan or a settings file is a few kilobytes; more is somebody's mistake
+MAX_BYTES = 1_000_000  # a plan or a settings file has a few kilobytes
 
 
 class BadValue(OperatorError):
@@ -36,12 +36,12 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
     Raises
     ------
-    OperatorError : not TOML; says the line.
+    OperatorError : not TOML; names the line.
     """
     try:
         return read_toml(text)
     except ValueError as error:
-        raise OperatorError(f"{where} is not a readable TOML file: {error}", "mend that line") from error
+        raise OperatorError(f"{where} is not a readable TOML file: {error}", "correct that line") from error
 
 
 def read_text(path: Path) -> str:
@@ -75,11 +75,11 @@ def read_json(path: Path, most_bytes: int = MAX_BYTES) -> Any:
     except OSError as error:
         raise OperatorError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
     except (ValueError, RecursionError) as error:
-        raise OperatorError(f"{path.name} is no JSON file", "name the right file") from error
+        raise OperatorError(f"{path.name} is not a JSON file", "name the right file") from error
 
 
 def _plain(value: Any, kind: type, where: str, key: str) -> Any:
-    """Return `value` as `kind`, an integer standing for a float where one is meant."""
+    """Return `value` as `kind`; an integer is accepted for a float."""
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not kind:
@@ -89,14 +89,21 @@ def _plain(value: Any, kind: type, where: str, key: str) -> Any:
     return value
 
 
-def build(cls: type[T], table: Mapping[str, Any], where: str) -> T:
-    """Return the dataclass `cls` filled from `table`; all its fields are str, int, float or bool.
+def build(cls: type[T], table: Mapping[str, Any], where: str, **converted: Any) -> T:
+    """Return a dataclass filled from a table.
+
+    Parameters
+    ----------
+    cls : its fields in `table` are str, int, float or bool.
+    table : values by key.
+    where : the file, for errors.
+    converted : values of other fields, ready to use.
 
     Raises
     ------
     OperatorError : unknown key, missing key, wrong type, not finite; each by key.
     """
-    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    fields = {f.name: f for f in dataclasses.fields(cls) if f.name not in converted}  # type: ignore[arg-type]
     kinds = get_type_hints(cls)
     for key in table:
         if key not in fields:
@@ -104,4 +111,4 @@ def build(cls: type[T], table: Mapping[str, Any], where: str) -> T:
     for name, field in fields.items():
         if name not in table and field.default is dataclasses.MISSING:
             raise BadValue(where, name, "is missing")
-    return cls(**{key: _plain(value, kinds[key], where, key) for key, value in table.items()})
+    return cls(**{key: _plain(value, kinds[key], where, key) for key, value in table.items()}, **converted)

@@ -53,14 +53,14 @@ class MinMaxPyramid:
         from_s, to_s : the span, both ends included; infinite for all there is.
         max_points : at least 64, of which the newest stretches take up to 48.
         """
-        room = max_points - 6 * LEVELS  # of which the entry that begins before the span takes two
+        points_left = max_points - 6 * LEVELS  # of which the entry that begins before the span takes two
         for at, level in enumerate(self._levels):
             start, stop = level.find(from_s), level.find(to_s, after=True)
             reaches_back = start > level.oldest or level.oldest == 0
             points = stop - start if at == 0 else 2 * (stop - start + 1)
-            if reaches_back and points <= room:
+            if reaches_back and points <= points_left:
                 return self._draw_from(at, start if at == 0 else max(level.oldest, start - 1), to_s)
-        return self._draw_from(LEVELS, max(start, stop - room // 2), to_s)
+        return self._draw_from(LEVELS, max(start, stop - points_left // 2), to_s)
 
     def _draw_from(self, at: int, start: int, to_s: float) -> Columns2D:
         """Return level `at` from its entry `start` on, then what finer levels have behind its newest entry."""

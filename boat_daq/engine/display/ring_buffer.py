@@ -1,7 +1,7 @@
-"""The last hour in memory, as columns: what the screen looks at, whenever it likes.
+"""The last hour in memory, as columns for the screen.
 
-A sink of fixed memory. The reading thread writes, everyone else takes copies, and nobody waits. The pages draw from
-`draw`, which gives extremes of any span in at most a few thousand points, however long the session is.
+A sink of fixed memory: the reading thread writes, any other thread copies, and none waits. `draw` returns the extremes
+of any span in at most a few thousand points, however long the session is.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _NOT_SHOWN = _IMPLAUSIBLE | int(SampleFlag.PRESSURE_INVALID)
 class RingBuffer:
     """The newest samples. Columns: time_s, pressure_kpa, target_kpa, s1_mv, s2_mv ..
 
-    `time_s` is for the screen: board time, 0 at the first sample, and continued where the board's clock begins again
+    `time_s` is for the screen: board time, 0 at the first sample, and continued where the board's clock restarts
     by the host time that passed. What the host found implausible is NaN here; the recording has it.
 
     Parameters
@@ -37,7 +37,7 @@ class RingBuffer:
 
     Attributes
     ----------
-    target_kpa : what the sequencer asks for at the moment, NaN for nothing; samples that come are marked with it.
+    target_kpa : the present target pressure, NaN for none; stored with the samples that are appended.
     """
 
     def __init__(self, n_sensors: int, *, mv_per_count: float, capacity: int = DEFAULT_CAPACITY) -> None:
@@ -111,10 +111,10 @@ class RingBuffer:
         return dict(zip(self.names, entries, strict=True))
 
     def _offset(self, time_us: NDArray[np.int64], host_ns: NDArray[np.int64]) -> int:
-        """Return what is added to board time so that the screen's time goes on."""
+        """Return what is added to board time so that the screen's time continues."""
         if self._offset_us is None:
             self._offset_us = -int(time_us[0])
-        elif time_us[0] < self._last_us:  # the board's clock began again
+        elif time_us[0] < self._last_us:  # the board's clock restarted
             passed_us = max(0, (int(host_ns[0]) - self._last_ns) // 1000)
             self._offset_us += self._last_us + passed_us - int(time_us[0])
         self._last_us, self._last_ns = int(time_us.max()), int(host_ns[-1])

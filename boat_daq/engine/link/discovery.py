@@ -1,6 +1,6 @@
-"""Who is on a port? Asked with IDENTIFY and nothing else: no pressure, no stream, and the port closed again.
+"""Identify the board on a port, with IDENTIFY and no other command; the port is closed afterwards.
 
-A board is known by the identity in its HELLO, never by the name of its port, which changes with every plug.
+A board is recognised by the identity in its HELLO, never by the name of its port, which changes with every plug.
 """
 
 from __future__ import annotations
@@ -21,16 +21,23 @@ ANSWER_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class PortIdentity:
-    """What came of asking a port; `hello` is None where no board of ours answered, and `remark` says why."""
+    """What was found on a port; `hello` is None where no BOAT board answered, and `problem` is why."""
 
     port: str
     description: str
     hello: Hello | None
-    remark: str
+    problem: str
 
 
 def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_S) -> PortIdentity:
-    """Open a port, ask who is there, and close it; never raises for what the port does."""
+    """Open a port, identify the board there, and close it; never raises for what the port does.
+
+    Parameters
+    ----------
+    url : as `open_transport` takes it.
+    description : of the port, kept in the result.
+    timeout_s : for the HELLO.
+    """
     try:
         transport = open_transport(url)
     except DeviceError as error:
@@ -44,7 +51,7 @@ def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_
 
 
 def identify_all_ports(*, progress: Callable[[float, float], None] | None = None) -> list[PortIdentity]:
-    """Ask every serial port of this machine."""
+    """Identify the boards on all serial ports of this machine; `progress` takes (ports done, ports)."""
     ports = list_ports()
     answers = []
     for done, port in enumerate(ports):
@@ -64,7 +71,7 @@ def find_board(board_id: str) -> str | None:
 
 
 def _ask(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:
-    """IDENTIFY until a HELLO comes or the time is over; a board that boots as its port is opened says it unasked."""
+    """Send IDENTIFY until a HELLO comes or the time is over; a board that boots as its port opens sends it first."""
     link = Connection()
     end_s = time.monotonic() + timeout_s
     heard = 0
@@ -80,8 +87,8 @@ def _ask(transport: Transport, url: str, description: str, timeout_s: float) -> 
         _, again = link.poll(time.monotonic_ns())
         if again:
             transport.write(again)
-    remark = "no answer" if not heard else "something answers that is not a BOAT board (or at another baud rate)"
-    return PortIdentity(url, description, None, remark)
+    problem = "no answer" if not heard else "not a BOAT board (or another baud rate)"
+    return PortIdentity(url, description, None, problem)
 
 
 def _other_version(events: list[LinkEvent]) -> int | None:

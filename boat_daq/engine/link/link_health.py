@@ -1,9 +1,8 @@
-"""Is the link well? Rate, losses, lag, and how the board's clock goes beside the host's.
+"""Health of the link: rate, losses, lag, and the drift of the board's clock against the host's.
 
 The fit is host = a + b * board, least squares over the newest sample of every read since the last restart of the
-board's clock, kept as running means and products (Welford), so that a day costs no more than a second. A read comes
-late by a varying delay, never early: `a` contains the mean delay, and b - 1 is the drift. Raw times are never
-rewritten by it.
+board's clock, kept as running means and products (Welford). A read arrives late by a varying delay, never early: `a`
+contains the mean delay, and b - 1 is the drift. Raw times are never changed by it.
 
 Sources: Welford, Technometrics 4 (1962) 419, for the running products.
 """
@@ -21,7 +20,7 @@ from protocol.link.events import LinkStatistics, Samples
 
 WARN_FRACTION = 0.005  # of rate and drift
 RATE_WINDOW_US = 5_000_000  # of board time
-FIT_MIN_S = 10.0  # of host time, before which a drift says nothing
+FIT_MIN_S = 10.0  # of host time, before which no drift is given
 SILENT_WARN_S = 1.0
 
 
@@ -76,7 +75,7 @@ class LinkHealth:
     Parameters
     ----------
     statistics : the link's counters, such as ``lambda: link.statistics``.
-    asked_hz : the rate that START asked for.
+    asked_hz : the rate that START requested.
     real_time : False for a virtual board at another speed: its clock is not compared with the host's.
     lag_ms : the recorder's lag.
     """
@@ -128,7 +127,7 @@ class LinkHealth:
         )
 
     def _add(self, time_us: int, n: int, host_ns: int) -> None:
-        if self._window and time_us < self._window[-1][0]:  # the board's clock began again
+        if self._window and time_us < self._window[-1][0]:  # the board's clock restarted
             self._window.clear()
             self._in_window = 0
             self._fit = ClockFit()

@@ -1,4 +1,4 @@
-"""Open a port together with the decoder that belongs to it: a board, firmware that prints text, or a recording."""
+"""Open a port together with its decoder: for a board, for firmware that prints text, or for a recording."""
 
 from __future__ import annotations
 
@@ -37,16 +37,18 @@ class OpenPort:
     def why_read_only(self) -> str:
         """Why it cannot; empty where it can."""
         if not self.transport.can_write:
-            return "a replayed recording cannot be commanded"
+            return "a replay takes no commands"
         return self.link.cannot_command_reason
 
 
 def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
-    """Open `url`.
+    """Open a port and choose its decoder.
 
     Parameters
     ----------
+    url : as `open_transport` takes it.
     profile : path or TOML of a text profile, None for the BOAT protocol.
+    settings : baud rate, and whether remote ports are allowed.
 
     Raises
     ------

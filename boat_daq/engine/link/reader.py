@@ -32,13 +32,13 @@ class RecordingSink(Protocol):
 
 
 class PortReader:
-    """Reads `transport` through `link` on its own thread and hands blocks to sinks.
+    """Reads a transport through a link on its own thread and passes blocks to sinks.
 
     Parameters
     ----------
     transport : an open port; closed by the reading thread at its end.
     link : decoder and encoder, binary or text; kept for as long as the port is open.
-    silence_s : after so long without a byte a `PortSilent` event is told, once.
+    silence_s : time without a byte after which one `PortSilent` event is passed on.
     clock_ns : host monotonic clock.
     """
 
@@ -56,9 +56,9 @@ class PortReader:
         self._clock_ns = clock_ns
         self._lock = threading.Lock()  # of the link, the list of sinks, and what was sent
         self._sinks: tuple[Sink, ...] = ()
-        self._sent: list[tuple[tuple[Sink, ...], Block]] = []  # not yet told to the sinks of that instant
-        self._failing: list[Sink] = []  # told of once, until they take a block again
-        self._failed: list[SinkFailed] = []  # to be told
+        self._sent: list[tuple[tuple[Sink, ...], Block]] = []  # not yet passed to the sinks of that instant
+        self._failing: list[Sink] = []  # reported once, until they take a block again
+        self._failed: list[SinkFailed] = []  # to be reported
         self._stop = threading.Event()
         self._last_byte_ns = self._heard_ns = clock_ns()  # of the last byte; and all that had come by then was read
         self._silent = False
@@ -81,17 +81,17 @@ class PortReader:
         return self._thread.is_alive()
 
     def add_sink(self, sink: Sink) -> None:
-        """Hand every later block to `sink` too, after the sinks that are there."""
+        """Pass every later block to `sink` too, after the present sinks."""
         with self._lock:
             self._sinks = (*self._sinks, sink)
 
     def remove_sink(self, sink: Sink) -> None:
-        """Hand no later block to `sink`; one that is on its way may still come."""
+        """Pass no later block to `sink`; one that is being passed may still arrive."""
         with self._lock:
             self._sinks = tuple(other for other in self._sinks if other != sink)
 
     def add_recorder(self, recorder: RecordingSink) -> None:
-        """Put a recorder before the other sinks, and tell it what the link remembers at that instant.
+        """Put a recorder before the other sinks, and pass it the decoder's state at that instant.
 
         With it the file's bytes give the same samples again, wherever in a stream the recording began.
         """
@@ -105,7 +105,7 @@ class PortReader:
         Raises
         ------
         DeviceError : the port is gone or does not take bytes.
-        ProtocolError : the link cannot say this command.
+        ProtocolError : the link cannot encode this command.
         """
         with self._lock:
             now_ns = self._clock_ns()
@@ -140,32 +140,32 @@ class PortReader:
             while not self._stop.is_set():
                 self._turn()
         except DeviceError as error:
-            self._tell_sent()
-            self._tell(PortLost(error))
+            self._pass_sent()
+            self._report(PortLost(error))
         finally:
-            self._tell_sent()
+            self._pass_sent()
             self.transport.close()
 
     def _turn(self) -> None:
         """One read, and what is due besides."""
         data = self.transport.read()
         now_ns = self._clock_ns()
-        self._tell_sent()
+        self._pass_sent()
         if data:
             self._last_byte_ns, self._silent = now_ns, False
             with self._lock:
                 sinks, events = self._sinks, self._link.receive(data, now_ns)
-            self._hand(sinks, Block(now_ns, data, events=tuple(events)))
+            self._pass(sinks, Block(now_ns, data, events=tuple(events)))
         elif not self._silent and now_ns - self._last_byte_ns > self._silence_ns:
             self._silent = True
-            self._tell(PortSilent((now_ns - self._last_byte_ns) * 1e-9))
+            self._report(PortSilent((now_ns - self._last_byte_ns) * 1e-9))
         self._poll()
         if self._failed:
             failed, self._failed = self._failed, []
-            self._tell(*failed)
+            self._report(*failed)
 
     def _poll(self) -> None:
-        """Repeat commands that had no answer, and tell those that had none in all that had come."""
+        """Repeat commands without an answer, and report those that have none in all that was read."""
         with self._lock:
             now_ns, deadline = self._clock_ns(), self._link.next_deadline_ns
             if deadline is None or now_ns < deadline:
@@ -175,25 +175,25 @@ class PortReader:
             events, again = self._link.poll(now_ns, self._heard_ns)
             self._write(again, now_ns)
         if events:
-            self._tell(*events)
+            self._report(*events)
 
     def _write(self, data: bytes, now_ns: int) -> None:
-        """Write under the lock, so that what is told as sent is in the order it was sent."""
+        """Write under the lock, so that the sinks get what was sent in its order."""
         if data:
             self.transport.write(data)
             self._sent.append((self._sinks, Block(now_ns, data, sent=True)))
 
-    def _tell_sent(self) -> None:
+    def _pass_sent(self) -> None:
         with self._lock:
             sent, self._sent = self._sent, []
         for sinks, block in sent:
-            self._hand(sinks, block)
+            self._pass(sinks, block)
 
-    def _tell(self, *events: LinkEvent | EngineEvent) -> None:
-        self._hand(self._sinks, Block(self._clock_ns(), b"", events=events))
+    def _report(self, *events: LinkEvent | EngineEvent) -> None:
+        self._pass(self._sinks, Block(self._clock_ns(), b"", events=events))
 
-    def _hand(self, sinks: tuple[Sink, ...], block: Block) -> None:
-        """Give one block to every sink, whatever any of them does with it."""
+    def _pass(self, sinks: tuple[Sink, ...], block: Block) -> None:
+        """Pass one block to every sink, whatever any of them raises."""
         for sink in sinks:
             try:
                 sink(block)

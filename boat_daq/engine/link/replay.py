@@ -1,7 +1,7 @@
-"""A recording as a port: its raw bytes come again, in the board's time, faster or slower.
+"""Replay a recording as a port: its raw bytes in the board's time, faster or slower.
 
-A real board's bytes come at the times they came. What a fast virtual board gave is slowed down to its board time: a run
-recorded at 20 times real time plays as it would have been, and `speed` always means board time.
+A real board's bytes are replayed at the times of their arrival. Those of a fast virtual board are slowed down to its
+board time: a run recorded at 20 times real time plays at 1x, and `speed` always means board time.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from protocol.recording import open_recording
 
 _AT_ONCE_BYTES = 65_536
 _ROWS = 1_000  # read in one go: short transactions
-_REAL = 0.05  # a pace so near to 1 is a real board's, whose own times are kept
-_PACE_FROM_NS = 200_000_000  # of a segment, before its pace says anything
+_REAL = 0.05  # |pace - 1| below which the board ran in real time, and the times of arrival are kept
+_PACE_FROM_NS = 200_000_000  # shortest segment whose pace is measured
 
 
 class ReplayEnded(DeviceError):
-    """The recording is at its end: no fault, but no more bytes."""
+    """The recording is at its end."""
 
 
 class ReplayTransport:
-    """Plays the bytes of `path` that came from the board; takes none.
+    """Plays the bytes of a recording that came from the board; takes none.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ReplayTransport:
         self._chunks = _chunks(path)
         self._next = next(self._chunks, None)
         if self._next is None:
-            raise DeviceError(f"{path} holds no bytes of a board", "There is nothing to replay.")
+            raise DeviceError(f"{path} holds no raw bytes of a board", "Replay one that was recorded from a board.")
         self._start_s: float | None = None
         self._closed = threading.Event()
 
@@ -64,7 +64,7 @@ class ReplayTransport:
             try:
                 speed = math.inf if tail == "max" else float(tail)
             except ValueError:
-                raise DeviceError(f"{tail!r} is no speed", "Write replay:FILE.boat@10, or @max.") from None
+                raise DeviceError(f"{tail!r} is not a speed", "Write replay:FILE.boat@10, or @max.") from None
             name = head
         return cls(Path(name), speed)
 
@@ -90,13 +90,13 @@ class ReplayTransport:
         return False
 
     def write(self, data: bytes) -> None:
-        """Refuse: nobody is there.
+        """Refuse: a recording takes no commands.
 
         Raises
         ------
         DeviceError : always.
         """
-        raise DeviceError(f"{self.description}: a recording cannot be commanded", "Connect to a board.")
+        raise DeviceError(f"{self.description}: a replay takes no commands", "Connect a board.")
 
     def close(self) -> None:
         """Stop playing."""
@@ -137,10 +137,9 @@ def _chunks(path: Path) -> Iterator[tuple[float, bytes]]:
 
 
 def _spread(raw: bytes, from_s: float, took_s: float, *, pieces: int) -> Iterator[tuple[float, bytes]]:
-    """Give what a fast board gave at once in pieces, as a board in real time had given it.
+    """Give the bytes of one read in pieces, spread over the board time they took.
 
-    At 100 times real time one read held seconds of samples. Slowed down, they came as a heap after a silence, which was
-    told as a board that says nothing.
+    At 100 times real time one read holds seconds of samples; slowed down in one piece they would follow a silence.
     """
     pieces = max(1, min(pieces, len(raw)))
     ends = [len(raw) * i // pieces for i in range(pieces + 1)]
@@ -151,7 +150,7 @@ def _spread(raw: bytes, from_s: float, took_s: float, *, pieces: int) -> Iterato
 def _slowed(path: Path) -> dict[int, float]:
     """Return for each chunk of a segment that was not in real time how long it took on the board, in seconds.
 
-    A block's samples share their time by their bytes: the host's clock says nothing of a board that was faster.
+    A block's time is divided by bytes: the host's clock does not resolve a faster board.
     """
     connection = open_recording(path)
     try:
@@ -173,7 +172,7 @@ def _slowed(path: Path) -> dict[int, float]:
 
 
 def _by_bytes(connection: sqlite3.Connection, segment: int, first_chunk: int, before_us: int) -> dict[int, float]:
-    """Share each block's time out among the chunks that it came in."""
+    """Divide each block's time among the chunks that it came in."""
     found: dict[int, float] = {}
     blocks = connection.execute("SELECT last_chunk, last_time_us FROM block WHERE segment = ? ORDER BY id", (segment,))
     for last_chunk, last_us in blocks.fetchall():

@@ -1,4 +1,4 @@
-"""What the reading thread requires of a port, whatever is behind it."""
+"""What the reading thread requires of a port: the `Transport` protocol."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class Transport(Protocol):
 
     @property
     def description(self) -> str:
-        """The port as a reader knows it."""
+        """The port's name for people."""
 
     @property
     def can_write(self) -> bool:
-        """False for a replay: nobody is there to be commanded."""
+        """False for a replay, which takes no commands."""
 
     def read(self) -> bytes:
         """Return what is there, waiting up to 50 ms for the first byte; b"" when nothing came.

@@ -1,9 +1,9 @@
-"""Ports: bytes in, bytes out, and every way in which a port fails turned into one kind of error.
+"""Ports: serial devices, pseudo-terminals, TCP and replays; every failure of one is a `DeviceError`.
 
 Rules: a read waits up to 50 ms for the first byte and then takes what is there, so a stop flag is seen in time and
 nothing spins. A port is closed by the thread that reads it: closing under a blocking read raises `TypeError` in
 pyserial. An unplugged port raises any of four types there, one of which (`termios.error`) is not even an `OSError`;
-they all become `DeviceError` here. TCP is read from the socket itself: pyserial's own `socket://` tells at most one
+they all become `DeviceError` here. TCP is read from the socket itself: pyserial's own `socket://` reports at most one
 byte to be waiting, and one call a byte is too slow for any board.
 """
 
@@ -51,7 +51,7 @@ class PortInfo:
 
 
 def list_ports() -> list[PortInfo]:
-    """Return the serial ports the system knows; pseudo-terminals and TCP are not among them."""
+    """Return the serial ports of this machine; pseudo-terminals and TCP are not among them."""
     found = [PortInfo(p.device, p.description, p.hwid, p.serial_number) for p in system_ports.comports()]
     return sorted(found, key=lambda port: port.port)
 
@@ -64,7 +64,7 @@ def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = F
     url : a serial device or pseudo-terminal ("COM3", "/dev/ttyACM0"), "socket://host:port", or
         "replay:FILE.boat[@SPEED]" (SPEED a factor, default 1; "max" for as fast as it goes).
     baud : of a serial device; 8N1.
-    allow_remote : let "socket://" leave this machine; nothing on that way is encrypted or asks who is there.
+    allow_remote : let "socket://" leave this machine; the connection is neither encrypted nor authenticated.
 
     Raises
     ------
@@ -78,14 +78,14 @@ def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = F
 
 
 class SerialTransport:
-    """A serial device or a pseudo-terminal, through pyserial; exclusive, so that a second program is told."""
+    """A serial device or a pseudo-terminal, through pyserial; exclusive, so that a second program is refused."""
 
     can_write = True
 
     def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
         self.description = port
         try:
-            # a port of another kind (rfc2217://, spy://) is reached by name only through `serial_for_url`: not ours
+            # not `serial_for_url`, which would open other kinds of port (rfc2217://, spy://)
             self._port = serial.Serial(
                 port, baud, timeout=READ_WAIT_S, write_timeout=WRITE_WAIT_S, exclusive=True, xonxoff=False
             )
@@ -108,14 +108,14 @@ class SerialTransport:
         _or_gone(self.description, lambda: _write_all(self._port, data))
 
     def _receive(self) -> bytes:
-        """Wait for a byte, and take what came with it: alone it would be a block, and cost as much as all the rest."""
+        """Wait for a byte, and take what came with it: a block of one byte costs as much as a long one."""
         if sys.platform == "win32":
             first = bytes(self._port.read(1))
             return first + bytes(self._port.read(self._port.in_waiting)) if first else first
         return _read_some(self._port)
 
     def close(self) -> None:
-        """Close; what the system says of a port that is gone already is of no use to anyone."""
+        """Close; errors of a port that is gone already are ignored."""
         try:
             self._port.close()
         except _PORT_ERRORS:
@@ -138,7 +138,7 @@ def _read_some(port: serial.Serial) -> bytes:
 def _write_all(port: serial.Serial, data: bytes) -> None:
     """Write until nothing is left, or the port takes nothing for `WRITE_WAIT_S`.
 
-    pyserial's own `write` on POSIX looks at its clock once more behind the last byte, and takes a stall of this program
+    pyserial's own `write` on POSIX checks its timeout once more behind the last byte, and takes a stall of this program
     there for a port that takes nothing.
     """
     if sys.platform == "win32":
@@ -162,7 +162,7 @@ class SocketTransport:
         host, port = _socket_address(url)
         if not allow_remote and not _is_loopback(host):
             raise DeviceError(
-                f"{host} is not this machine, and the link is neither encrypted nor protected",
+                f"{host} is another machine, and the link is neither encrypted nor authenticated",
                 "Add --allow-remote, or allow remote ports in the settings, if the network is yours.",
             )
         try:
@@ -171,7 +171,7 @@ class SocketTransport:
             self._socket.settimeout(WRITE_WAIT_S)
         except OSError as error:
             raise DeviceError(
-                f"nobody answers at {url}: {error}", "Check host and port; is the board's program up?"
+                f"no answer at {url}: {error}", "Check host and port, and that the board's program runs."
             ) from error
 
     def read(self) -> bytes:
@@ -201,19 +201,24 @@ class SocketTransport:
 
 
 def _or_gone(port: str, action: Callable[[], _T]) -> _T:
-    """Do something with an open port; whatever it raises means that the port is gone."""
+    """Return the result of an action on an open port; whatever it raises means that the port is gone."""
     try:
         return action()
     except serial.SerialTimeoutException as error:
-        raise DeviceError(f"{port} takes no bytes", "Is the board running? Unplug and plug it in again.") from error
+        raise DeviceError(f"{port} accepts no data", "Check that the board runs; reconnect it.") from error
     except TimeoutError as error:
-        raise DeviceError(f"{port} takes no bytes", "Is the board's program running?") from error
+        raise DeviceError(f"{port} accepts no data", "Check that the board's program runs.") from error
     except _PORT_ERRORS as error:
-        raise DeviceError(f"{port} is gone{_gone_because(error)}", "Check the cable and plug it in again.") from error
+        raise DeviceError(
+            f"{port} was disconnected{_gone_because(error)}", "Check the cable and reconnect it."
+        ) from error
 
 
 def open_error(port: str, error: Exception) -> DeviceError:
-    """Return why a port does not open, in words, and what to do about it."""
+    """Return cause and remedy of a port that does not open.
+
+    pyserial on Windows reports the system's error only within a text, so that one is searched.
+    """
     number = getattr(error, "errno", None) or _number_in(str(error))
     text = str(error).lower()
     if number in {errno.EBUSY, errno.EAGAIN} or "exclusively lock" in text or "resource busy" in text:
@@ -229,8 +234,8 @@ def open_error(port: str, error: Exception) -> DeviceError:
         present = ", ".join(p.port for p in list_ports()) or "none"
         return DeviceError(f"there is no port {port}", f"Ports present: {present}")
     if number in {errno.ENOTTY, errno.EINVAL, errno.EISDIR}:
-        return DeviceError(f"{port} is not a serial port", "boat-daq ports lists them.")
-    return DeviceError(f"{port} cannot be opened: {_reason(error)}", "boat-daq ports lists the ports there are.")
+        return DeviceError(f"{port} is not a serial port", "boat-daq ports lists the serial ports.")
+    return DeviceError(f"{port} cannot be opened: {_reason(error)}", "boat-daq ports lists the serial ports.")
 
 
 def _number_in(text: str) -> int | None:
@@ -240,11 +245,7 @@ def _number_in(text: str) -> int | None:
 
 
 def _gone_because(error: Exception) -> str:
-    """Return what the system says of a port that is gone, where that is an error of its own.
-
-    pyserial's words for one ("device reports readiness to read but returned no data (device disconnected or multiple
-    access on port?)") say no more than that; Python's own errors inside it say less.
-    """
+    """Return the system's reason for a port that is gone; nothing for pyserial's own errors, which add none."""
     return f" ({error.strerror})" if isinstance(error, OSError) and error.strerror else ""
 
 

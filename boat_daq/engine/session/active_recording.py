@@ -13,7 +13,7 @@ from typing import Any
 
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.preflight import Check
-from boat_daq.engine.log import note
+from boat_daq.engine.log import RECORDING, note
 from boat_daq.engine.recording.disk_space import check_space
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
@@ -78,7 +78,7 @@ class ActiveRecording:
                 self._journal.begin(recorder, broken)
                 control.sequencer.marks[:] = broken.marks if broken else ()
                 self.since_us = control.board.board_us
-        note("info", f"recording {'resumes in' if broken else 'begins in'} {path}")
+        note("info", f"{RECORDING}{path}")
         if raced:
             recorder.close(RunEnd.STOPPED)
             raise OperatorError("the session changed while the recording began", "try again")

@@ -17,7 +17,7 @@ EVERY_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Vitals:
-    """What a session tells of itself for one line."""
+    """What one line shows of a session."""
 
     link: str
     state: str
@@ -27,10 +27,10 @@ class Vitals:
 
 
 class HealthLog:
-    """Writes the lines from `start` to `stop`; starts anew after a stop."""
+    """Writes the lines from `start` to `stop`; may be started again."""
 
-    def __init__(self, look: Callable[[], Vitals]) -> None:
-        self._look = look
+    def __init__(self, vitals: Callable[[], Vitals]) -> None:
+        self._vitals = vitals
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -51,23 +51,23 @@ class HealthLog:
     def _run(self) -> None:
         while not self._stop.wait(EVERY_S):
             try:
-                note("info", health_line(self._look()))
+                note("info", health_line(self._vitals()))
             except Exception as error:  # noqa: BLE001 - a line of the log is not worth a session
                 note_failure("no health line", error)
 
 
 def health_line(vitals: Vitals) -> str:
     """Return the line: link and run, rate, losses, lag and queue of the recorder, disk and memory."""
-    words = [f"health link={vitals.link} run={vitals.state}"]
+    parts = [f"health link={vitals.link} run={vitals.state}"]
     health = vitals.health
     if health is not None:
         s = health.statistics
         rate = "-" if health.rate_hz is None else f"{health.rate_hz:.2f}"
-        words.append(f"rate_hz={rate} samples={s.samples} lost={s.lost} crc={s.crc_errors} lag_ms={health.lag_ms:.0f}")
-    words.append(f"queue={vitals.queue}")
+        parts.append(f"rate_hz={rate} samples={s.samples} lost={s.lost} crc={s.crc_errors} lag_ms={health.lag_ms:.0f}")
+    parts.append(f"queue={vitals.queue}")
     if vitals.recording is not None:
         with contextlib.suppress(OSError):
-            words.append(f"disk_free_mb={shutil.disk_usage(vitals.recording.parent).free / 1e6:.0f}")
+            parts.append(f"disk_free_mb={shutil.disk_usage(vitals.recording.parent).free / 1e6:.0f}")
     memory = memory_mb()
-    words.append(f"memory_mb={'-' if memory is None else f'{memory:.0f}'} threads={threading.active_count()}")
-    return " ".join(words)
+    parts.append(f"memory_mb={'-' if memory is None else f'{memory:.0f}'} threads={threading.active_count()}")
+    return " ".join(parts)

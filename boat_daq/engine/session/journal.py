@@ -1,6 +1,6 @@
-"""What a session remembers of itself: messages, steps and readings; and writes into the recording, where one runs.
+"""A session's messages, steps and readings: kept for display, and written into the recording where one runs.
 
-Steps and readings are kept here as well as in the file, so that a page asks the session and not the disk. Steps are
+Steps and readings are kept here as well as in the file, so that no page reads the disk for them. Steps are
 numbered from 1 in every recording; a step's number is its id in the recording's table `step`.
 """
 
@@ -20,7 +20,6 @@ from boat_daq.errors import OperatorError
 
 MESSAGES = 50
 LONGEST_MM = 1000.0
-SOURCES_MAX = 40
 
 
 class Journal:
@@ -28,27 +27,27 @@ class Journal:
 
     def __init__(self) -> None:
         self.recorder: Recorder | None = None
-        self.broken: BrokenRun | None = None  # the run in whose recording this one goes on
+        self.broken: BrokenRun | None = None  # the run that this recording resumes
         self.messages: deque[Message] = deque(maxlen=MESSAGES)
         self.steps: dict[int, StepMark] = {}
         self.readings: list[Reading] = []
         self.ended: RunEnding | None = None  # the recording's last run
-        self._told = 0
+        self._last = 0
 
     def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
-        """Begin a recording, or go on in that of a broken run; steps and readings of another one are its own."""
+        """Begin a recording, with the steps and readings of the broken run that it resumes, or with none."""
         self.recorder, self.ended, self.broken = recorder, None, broken
         self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
         self.readings = list(broken.readings) if broken else []
 
     def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "") -> None:
-        """Tell the operator."""
-        self._told += 1
-        note(level, f"{cause} (try: {remedy})" if remedy else cause)
-        self.messages.append(Message(self._told, kind, level, cause, remedy, time.monotonic_ns()))
+        """Add a message for the operator, and log it."""
+        self._last += 1
+        note(level, f"{kind}: {cause}" + (f" (try: {remedy})" if remedy else ""))
+        self.messages.append(Message(self._last, kind, level, cause, remedy, time.monotonic_ns()))
 
     def take(self, effect: StepChanged | SegmentBreak | ControlEvent | RunEnding, *, time_us: int | None) -> None:
-        """Keep what the control says."""
+        """Keep an effect of the controller; `time_us` is the board time of its event."""
         match effect:
             case StepChanged(mark, new):
                 self.steps[mark.number] = mark
@@ -83,9 +82,9 @@ class Journal:
             raise OperatorError(f"there is no step {reading.step_id}", "give the number of a plateau of this recording")
         x = reading.elongation_mm
         if x is not None and not abs(x) <= LONGEST_MM:
-            raise OperatorError(f"{x} is not an elongation in mm", f"give a number between +-{LONGEST_MM:g}")
+            raise OperatorError(f"{x} is not an elongation in mm", f"give a number within ±{LONGEST_MM:g}")
         if not (math.isfinite(reading.resolution_mm) and 0 < reading.resolution_mm <= LONGEST_MM):
-            raise OperatorError(f"{reading.resolution_mm} mm is not a resolution", "give the grid's, such as 0.5")
+            raise OperatorError(f"{reading.resolution_mm} mm is not a resolution", "give that of the grid, such as 0.5")
         self.readings.append(reading)
         if self.recorder is not None:
             self.recorder.reading(

@@ -1,14 +1,14 @@
-"""Readings of elongation from a file or from a virtual board's truth, put to the plateaus they belong to.
+"""Readings of elongation from a file or from a virtual board's truth, assigned to their plateaus.
 
-What a file may look like stands in `protocol.recording.elongation_file`. Rules:
+The format of a file is documented in `protocol.recording.elongation_file`. Rules:
 
 - Every row is checked against its plateau's pressure. What does not fit is refused with the first row that does not,
   and nothing of the file is entered.
 - Neighbouring cycles share the plateau between them (see `plan`). A file that lists it for both, as it does when each
   branch is written with both its ends, gives two equal neighbours: they are one hold, and their mean is its reading.
 - A file by order may begin with the opening plateau or leave it out.
-- A virtual unit is read as an eye would read it: the truth over the settled plateau, with a reader's error, rounded to
-  the grid; such readings are called "simulated" wherever they go.
+- A virtual unit's reading is its truth over the settled plateau, with a reader's error, rounded to the grid; the source
+  of such a reading is "simulated".
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:
     OperatorError : the first row that does not fit, or a plan without plateaus.
     """
     if plan.kind != "staircase":
-        raise OperatorError(f"plan {plan.name} has no plateaus to read elongation at", "leave the file out")
+        raise OperatorError(f"plan {plan.name} has no plateaus to read elongation at", "omit the file of readings")
     steps = [StepMark(n, s.cycle, s.branch, s.target_kpa, 0.0, 0) for n, s in enumerate(plan.steps, 1)]
     match_readings(readings, steps)
 
@@ -90,14 +90,14 @@ def _by_order(readings: Sequence[FileReading], plateaus: list[StepMark], near: f
             if wrong is None:
                 return {step.number: row.elongation_mm for row, step in pairs}
             row, step = wrong
-            misfit = f"line {row.line} says {row.pressure_kpa:g} kPa where the run holds {step.target_kpa:g} kPa"
+            misfit = f"line {row.line} has {row.pressure_kpa:g} kPa where the run has {step.target_kpa:g} kPa"
     raise OperatorError(
-        f"the readings do not fit the plateaus: {misfit}", "one row a plateau, in the order of the run; none entered"
+        f"the readings do not fit the plateaus: {misfit}", "give one row for each plateau, in order; none was entered"
     )
 
 
 def _merged(readings: Sequence[FileReading]) -> list[FileReading]:
-    """Neighbours at one pressure are one hold: return their mean."""
+    """Return one row for neighbours at one pressure, their mean: they are one hold."""
     groups = (list(group) for _, group in groupby(readings, key=lambda row: row.pressure_kpa))
     return [replace(g[0], elongation_mm=sum(row.elongation_mm for row in g) / len(g)) for g in groups]
 
@@ -109,7 +109,7 @@ def _by_branch(readings: Sequence[FileReading], plateaus: list[StepMark], near: 
         if step is None:
             raise OperatorError(
                 f"line {row.line}: no plateau at {row.pressure_kpa:g} kPa, cycle {row.cycle}, {row.branch}",
-                "check cycle, branch (unloading or loading) and pressure; none entered",
+                "check cycle, branch (unloading or loading) and pressure; none was entered",
             )
         found.setdefault(step.number, []).append(row.elongation_mm)
     return {number: sum(values) / len(values) for number, values in found.items()}
@@ -137,7 +137,15 @@ def enter_readings(session: Session, readings: Sequence[FileReading], *, source:
 
 
 def simulated_reading(truth_mm: float, rng: np.random.Generator, *, resolution_mm: float, reader_sd_mm: float) -> float:
-    """Return what a reader sees of a true elongation: with a normal error, to the nearest line of the grid, mm."""
+    """Return a reading of a true elongation, mm: with a normal error, to the nearest line of the grid.
+
+    Parameters
+    ----------
+    truth_mm : true elongation.
+    rng : source of the error.
+    resolution_mm : distance of the lines of the grid.
+    reader_sd_mm : standard deviation of the error.
+    """
     return round((truth_mm + reader_sd_mm * rng.standard_normal()) / resolution_mm) * resolution_mm
 
 
@@ -156,7 +164,7 @@ def truth_at_plateaus(truth_csv: Path, steps: Sequence[StepMark]) -> dict[int, f
         table = np.genfromtxt(truth_csv, delimiter=",", names=True, comments="#", usecols=(2, 4), skip_header=1)
         time_us, elongation_mm = table["time_s"] * 1e6, table["elongation_mm"]
     except (OSError, ValueError, IndexError) as error:
-        raise OperatorError(f"{truth_csv} is no truth file of a virtual board: {error}") from error
+        raise OperatorError(f"{truth_csv} is not a truth file of a virtual board: {error}") from error
     found = {}
     for step in steps:
         if step.status == "reached" and step.branch != "end" and step.settled_us is not None:
@@ -176,14 +184,14 @@ def enter_simulated_readings(
 ) -> int:
     """Enter readings of a virtual unit, from its truth; return how many.
 
-    The defaults leave 0.008 mm (rms) of error; the paper's R2 of 0.99991 for its second sensor has room for 0.02 mm.
+    The defaults leave 0.008 mm (rms) of error; the paper's R2 of 0.99991 for its second sensor allows 0.02 mm.
 
     Raises
     ------
     OperatorError : the session is not on a virtual board, or the file is no truth file.
     """
     if not session.snapshot().simulated:
-        raise OperatorError("only a virtual board has a truth to read", "type the readings of a real unit")
+        raise OperatorError("only a virtual board has true elongations", "type the readings of a real unit")
     rng = np.random.default_rng(seed)
     truth = truth_at_plateaus(truth_csv, session.steps())
     for step_id, truth_mm in truth.items():

@@ -50,7 +50,7 @@ def test_a_session_is_logged_and_its_report_has_nothing_personal(place: Path, tm
         request = SessionRequest(board.url, run, duration_s=22.0, metadata={"operator": OPERATOR, "note": NOTE})
         run_session(request)
     log.note("error", f"{OPERATOR.split()[0]} saw that {run} cannot be written on {platform.node()}")
-    log.note("info", f"marked: {NOTE}")
+    log.note("info", f"mark: marked: {NOTE}")
     log.stop_log()
     lines = [line for line in logged(place).splitlines() if "health link=up" in line]
     assert len(lines) >= 2
@@ -83,7 +83,7 @@ def test_names_of_recordings_and_of_other_computers_stay_here(place: Path, tmp_p
     """
     log.start_log()
     for name in ("Mary Somerville 3.boat", "runs of Ada/mary.s@lab.example #1.boat", "x.boat"):
-        log.note("info", f"recording begins in {name}")
+        log.note("info", f"{log.RECORDING}{name}")
         log.note("info", f"recording ended, stopped: {name}")
     log.note("error", "no room on the disk of mary.s@lab.example #1.boat, it ends")
     log.note("error", "Caroline Herschel.boat was recorded with board 7; now it is 8 (try: another)")
@@ -97,7 +97,7 @@ def test_names_of_recordings_and_of_other_computers_stay_here(place: Path, tmp_p
     for secret in ("Mary", "Somerville", "Ada", "mary", "lab.example", "Herschel", "Caroline"):
         assert secret not in whole, secret
     for kept in (
-        "recording begins in [path].boat\n",
+        "recording: [path].boat\n",
         "recording ended, stopped: [path].boat\n",
         "no room on the disk of [path].boat, it ends",
         "[path].boat was recorded with board 7; now it is 8",

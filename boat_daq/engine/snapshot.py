@@ -167,7 +167,7 @@ class Reading:
 
     step_id: int
     elongation_mm: float | None  # None withdraws the reading
-    resolution_mm: float
+    resolution_mm: float | None  # of the grid it was read from
     source: str  # "typed", "csv", "photograph", "simulated" ...
     utc: str
     reader: str = ""

@@ -18,7 +18,7 @@ from boat_daq.engine.recording.file import RecordingFile, Statement
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from protocol.recording import RunEnd, open_recording, read_session, sample_dtype
-from tests.boat_daq.engine.recording_source import Source, begin
+from tests.boat_daq.engine.recording_source import Source, begin, reading
 from tests.faults.drill import ROOT
 from tests.faults.old_recordings import write_recording
 
@@ -45,7 +45,7 @@ def test_clock_jump_changes_no_duration(tmp_path: Path, monkeypatch: pytest.Monk
     recorder(source.next(500_000))
     assert recorder.flush()
     monkeypatch.setattr(JumpingClock, "jump", timedelta(hours=jump_h))
-    recorder.reading(1, 1.0, source="typed")
+    recorder.reading(reading(1, 1.0))
     recorder(source.next(500_000))
     recorder.close(RunEnd.FINISHED)
     with closing(open_recording(path)) as db:

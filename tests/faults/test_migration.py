@@ -13,7 +13,7 @@ import pytest
 from analysis.data.boat_file import store_result
 from analysis.data.load import load_recording
 from boat_daq.engine.recording import upgrade as upgrading
-from boat_daq.engine.recording.append import append_reading, append_result
+from boat_daq.engine.recording.append import append_reading
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
@@ -22,6 +22,7 @@ from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import RecordingError
 from protocol.recording import SCHEMA_VERSION, layout_version, open_recording, read_session
+from tests.boat_daq.engine.recording_source import reading
 from tests.faults.old_recordings import SCHEMAS, write_old_recording, write_recording
 
 OLD = sorted(SCHEMAS)
@@ -150,8 +151,7 @@ def test_newer_recording_is_read_and_never_written(newer: Path) -> None:
     content = newer.read_bytes()
     assert load_recording(newer).n > 50
     writers = (
-        lambda: append_reading(newer, 1, 2.0, source="typed"),
-        lambda: append_result(newer, "note", parameters={}, content={}),
+        lambda: append_reading(newer, reading(1, 2.0)),
         lambda: store_result(newer, "note", {"a": 1}, {}, seed=None),
         lambda: recover(newer),
         lambda: upgrade(newer),

@@ -27,7 +27,7 @@ from boat_daq.errors import StorageError
 from protocol.errors import RecordingError
 from protocol.recording import RunEnd, open_recording
 from tests.boat_daq.engine.board_link import meta_of
-from tests.boat_daq.engine.recording_source import Source, begin
+from tests.boat_daq.engine.recording_source import Source, begin, reading
 from tests.faults.drill import OVER, ROOT, SHORT, drill, needs_pty
 from tests.faults.nightly_counts import few_and_many
 from tests.faults.old_recordings import write_recording
@@ -154,7 +154,7 @@ def test_read_only_disk_is_read_and_not_written(tmp_path: Path) -> None:
         assert verify_recording(path).identical
         assert recover(path).status == "closed"
         with pytest.raises(StorageError, match="cannot write in"):
-            append_reading(path, 1, 2.0, source="typed")
+            append_reading(path, reading(1, 2.0))
 
 
 @pytest.mark.fault(36, how="`record` into 0-byte, directory and existing names, by `RecordingFile.create`", times=2)

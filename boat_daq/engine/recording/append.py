@@ -1,56 +1,30 @@
-"""What is added to a closed recording: readings entered later, results of analyses. Nothing in it is ever changed."""
+"""Readings that are entered after a recording was closed: added, while nothing in the file is ever changed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
-from typing import Any
 
-from boat_daq.engine.recording.file import RecordingFile, Statement
-from boat_daq.engine.recording.rows import reading_row, result_row
+from boat_daq.engine.recording.file import RecordingFile
+from boat_daq.engine.recording.rows import reading_row
+from boat_daq.engine.snapshot import Reading
 from boat_daq.errors import OperatorError
 from protocol.recording import open_recording
 
 
-def append_reading(
-    path: Path,
-    step_id: int,
-    elongation_mm: float | None,
-    *,
-    resolution_mm: float | None = None,
-    source: str,
-    reader: str = "",
-    note: str = "",
-) -> None:
+def append_reading(path: Path, reading: Reading) -> None:
     """Add a reading to a closed recording; it corrects an earlier one for the same step, which stays.
 
     Raises
     ------
-    OperatorError : the recording has no such step, or it is no length.
-    StorageError : the recording is under way, or cannot be written. RecordingError : it is none.
+    OperatorError : the recording has no such step, or it is not an elongation.
+    StorageError : the recording is in progress, or cannot be written. RecordingError : not a recording.
     """
-    statement = reading_row(step_id, elongation_mm, resolution_mm, source=source, reader=reader, note=note)
-    connection = open_recording(path)
-    known = connection.execute("SELECT count(*) FROM step WHERE id = ?", (step_id,)).fetchone()[0]
-    connection.close()
+    statement = reading_row(reading)
+    with closing(open_recording(path)) as db:
+        known = db.execute("SELECT count(*) FROM step WHERE id = ?", (reading.step_id,)).fetchone()[0]
     if not known:
-        raise OperatorError(f"{path} has no step {step_id}", "boat-daq info lists the steps of a recording.")
-    _append(path, statement)
-
-
-def append_result(
-    path: Path, kind: str, *, parameters: Mapping[str, Any], content: Mapping[str, Any], seed: int | None = None
-) -> None:
-    """Add the result of an analysis to a closed recording; earlier ones stay.
-
-    Raises
-    ------
-    StorageError : the recording is under way, or cannot be written. RecordingError : it is none.
-    """
-    _append(path, result_row(kind, parameters=parameters, content=content, seed=seed))
-
-
-def _append(path: Path, statement: Statement) -> None:
+        raise OperatorError(f"{path} has no step {reading.step_id}", "boat-daq info lists the steps of a recording.")
     file = RecordingFile.reopen(path)
     try:
         file.commit([statement])

@@ -8,7 +8,6 @@ full, no later byte is taken, so that a file is always an unbroken beginning of 
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -18,20 +17,19 @@ from typing import Any, TypeAlias
 
 from boat_daq.engine.blocks import Block
 from boat_daq.engine.log import note_failure
+from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, set_meta
 from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
 from boat_daq.engine.recording.rows import (
-    INSERT_STEP,
-    UPDATE_STEP,
     Counters,
     RowMaker,
     health_row,
     reading_row,
-    result_row,
+    step_row,
 )
-from boat_daq.engine.snapshot import HealthSnapshot, RunEnding
-from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import BRANCHES, RunEnd, describe_dtype, sample_dtype
+from boat_daq.engine.snapshot import HealthSnapshot, Reading, RunEnding
+from boat_daq.errors import StorageError
+from protocol.recording import RunEnd, describe_dtype, sample_dtype
 
 COMMIT_S = 0.1
 RETRY_S = 1.0
@@ -180,53 +178,15 @@ class Recorder:
         """Keep an event; source is board, host, user or sequencer."""
         self._later(lambda rows, host_ns: rows.event(host_ns, source, kind, value, text, time_us))
 
-    def step_started(
-        self, number: int, cycle: int, branch: str, *, target_kpa: float, ramp_kpa_per_s: float, started_us: int
-    ) -> int:
-        """Keep the start of a sequencer's step and return its id."""
-        if branch not in BRANCHES:
-            raise OperatorError(f"a step's branch is one of {', '.join(BRANCHES)}, not {branch!r}")
+    def step(self, mark: StepMark, *, new: bool) -> None:
+        """Keep a step of the sequencer as it begins (`new`), and what becomes known of it."""
         with self._changed:
-            self._steps += 1
-            step_id = self._steps
-        values = (number, cycle, branch, target_kpa, ramp_kpa_per_s, started_us)
-        self._later(lambda rows, _: iter([(INSERT_STEP, (step_id, rows.segment, *values))]))
-        return step_id
+            self._steps = max(self._steps, mark.number)
+        self._later(lambda rows, _: iter([step_row(mark, rows.segment, new=new)]))
 
-    def step_updated(
-        self,
-        step_id: int,
-        *,
-        arrived_us: int | None = None,
-        settled_us: int | None = None,
-        ended_us: int | None = None,
-        status: str | None = None,
-        detail: Mapping[str, Any] | None = None,
-    ) -> None:
-        """Fill in what has become known of a step; what is None stays as it is."""
-        text = None if detail is None else json.dumps(detail)
-        row = (arrived_us, settled_us, ended_us, status, text, step_id)
-        self._later(lambda *_: iter([(UPDATE_STEP, row)]))
-
-    def reading(
-        self,
-        step_id: int,
-        elongation_mm: float | None,
-        *,
-        resolution_mm: float | None = None,
-        source: str,
-        reader: str = "",
-        note: str = "",
-    ) -> None:
+    def reading(self, reading: Reading) -> None:
         """Keep a reading of elongation; a later one for the same step corrects it and both stay."""
-        statement = reading_row(step_id, elongation_mm, resolution_mm, source=source, reader=reader, note=note)
-        self._later(lambda *_: iter([statement]))
-
-    def result(
-        self, kind: str, *, parameters: Mapping[str, Any], content: Mapping[str, Any], seed: int | None = None
-    ) -> None:
-        """Keep the result of an analysis."""
-        statement = result_row(kind, parameters=parameters, content=content, seed=seed)
+        statement = reading_row(reading)
         self._later(lambda *_: iter([statement]))
 
     def update_meta(self, **values: Any) -> None:

@@ -7,7 +7,6 @@ exactly as the link gave them. Keys are counted here, so that a statement tried 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,17 +15,18 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq import __version__
 from boat_daq.engine.blocks import Block, EngineEvent, PortLost, PortSilent, SinkFailed
-from boat_daq.engine.recording.file import Statement, now_utc
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.recording.file import Statement
 from boat_daq.engine.sample_columns import columns, mv_per_count
-from boat_daq.engine.snapshot import HealthSnapshot
+from boat_daq.engine.snapshot import HealthSnapshot, Reading
 from boat_daq.errors import OperatorError
 from protocol.link import events as link
 from protocol.link.framing import FrameReader
 from protocol.link.messages import AckStatus, EventCode, Heartbeat, Identify, MessageType, SetPressure, Start
-from protocol.recording import SampleFlag, dtype_from_description
+from protocol.recording import BRANCHES, SampleFlag, dtype_from_description
 
+LONGEST_MM = 1000.0
 BLOCK_SAMPLES_MAX = 20_000  # of one row; keeps a row below a megabyte
 OVERVIEW_SAMPLES = 1_000
 
@@ -41,7 +41,6 @@ INSERT_STEP = """INSERT OR IGNORE INTO step
 UPDATE_STEP = """UPDATE step SET arrived_us = coalesce(?, arrived_us), settled_us = coalesce(?, settled_us),
     ended_us = coalesce(?, ended_us), status = coalesce(?, status), detail = coalesce(?, detail) WHERE id = ?"""
 INSERT_READING = "INSERT INTO reading VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)"
-INSERT_RESULT = "INSERT INTO result VALUES (NULL, ?, ?, ?, ?, ?, ?)"
 INSERT_HEALTH = "INSERT INTO health VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 # `event.kind` of what a board reports: the unit of the value stands at its end
@@ -58,30 +57,41 @@ BOARD_EVENT_KINDS: dict[int, str] = {
 }
 
 
-def reading_row(
-    step_id: int,
-    elongation_mm: float | None,
-    resolution_mm: float | None,
-    *,
-    source: str,
-    reader: str = "",
-    note: str = "",
-) -> Statement:
-    """Return the row of a reading taken now.
+def step_row(mark: StepMark, segment: int, *, new: bool) -> Statement:
+    """Return the row of a step that begins, or the update of one with what has become known.
+
+    Parameters
+    ----------
+    mark : the step; its number is the row's id.
+    segment : in which it begins; unused by an update.
+    new : whether it begins.
 
     Raises
     ------
-    OperatorError : not a finite length.
+    OperatorError : a branch that is none.
     """
-    if elongation_mm is not None and not math.isfinite(elongation_mm):
-        raise OperatorError(f"an elongation of {elongation_mm} mm is no length", "Enter a number in mm, or nothing.")
-    return INSERT_READING, (now_utc(), step_id, elongation_mm, resolution_mm, source, reader, note)
+    if mark.branch not in BRANCHES:
+        raise OperatorError(f"a step's branch is one of {', '.join(BRANCHES)}, not {mark.branch!r}")
+    if new:
+        values = (mark.number, mark.cycle, mark.branch, mark.target_kpa, mark.ramp_kpa_per_s, mark.started_us)
+        return INSERT_STEP, (mark.number, segment, *values)
+    times = (mark.arrived_us, mark.settled_us, mark.ended_us)
+    return UPDATE_STEP, (*times, mark.status, json.dumps(dict(mark.detail)), mark.number)
 
 
-def result_row(kind: str, *, parameters: Mapping[str, Any], content: Mapping[str, Any], seed: int | None) -> Statement:
-    """Return the row of a result of this version of the program."""
-    texts = (json.dumps(parameters, ensure_ascii=False), json.dumps(content, ensure_ascii=False))
-    return INSERT_RESULT, (now_utc(), kind, __version__, seed, *texts)
+def reading_row(reading: Reading) -> Statement:
+    """Return the row of a reading.
+
+    Raises
+    ------
+    OperatorError : not an elongation, or not a resolution.
+    """
+    x, resolution = reading.elongation_mm, reading.resolution_mm
+    if x is not None and not abs(x) <= LONGEST_MM:
+        raise OperatorError(f"{x} is not an elongation in mm", f"give a number within ±{LONGEST_MM:g}")
+    if resolution is not None and not 0 < resolution <= LONGEST_MM:
+        raise OperatorError(f"{resolution} mm is not a resolution", "give that of the grid, such as 0.5")
+    return INSERT_READING, (reading.utc, reading.step_id, x, resolution, reading.source, reading.reader, reading.note)
 
 
 def health_row(host_ns: int, health: HealthSnapshot, segment: int | None, time_us: int | None) -> Iterator[Statement]:

@@ -6,7 +6,6 @@ numbered from 1 in every recording; a step's number is its id in the recording's
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 
@@ -15,11 +14,11 @@ from boat_daq.engine.log import note
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun
+from boat_daq.engine.recording.rows import reading_row
 from boat_daq.engine.snapshot import Message, MessageKind, Reading, RunEnding
 from boat_daq.errors import OperatorError
 
 MESSAGES = 50
-LONGEST_MM = 1000.0
 
 
 class Journal:
@@ -51,7 +50,8 @@ class Journal:
         match effect:
             case StepChanged(mark, new):
                 self.steps[mark.number] = mark
-                self._record_step(mark, new=new)
+                if self.recorder is not None:
+                    self.recorder.step(mark, new=new)
             case SegmentBreak(reason, paused):
                 if self.recorder is not None:
                     self.recorder.new_segment(reason, paused=paused)
@@ -80,40 +80,7 @@ class Journal:
         """
         if reading.step_id not in self.steps:
             raise OperatorError(f"there is no step {reading.step_id}", "give the number of a plateau of this recording")
-        x = reading.elongation_mm
-        if x is not None and not abs(x) <= LONGEST_MM:
-            raise OperatorError(f"{x} is not an elongation in mm", f"give a number within ±{LONGEST_MM:g}")
-        if not (math.isfinite(reading.resolution_mm) and 0 < reading.resolution_mm <= LONGEST_MM):
-            raise OperatorError(f"{reading.resolution_mm} mm is not a resolution", "give that of the grid, such as 0.5")
+        reading_row(reading)  # refuses what is no reading, also where nothing is recorded
         self.readings.append(reading)
         if self.recorder is not None:
-            self.recorder.reading(
-                reading.step_id,
-                x,
-                resolution_mm=reading.resolution_mm,
-                source=reading.source,
-                reader=reading.reader,
-                note=reading.note,
-            )
-
-    def _record_step(self, mark: StepMark, *, new: bool) -> None:
-        if self.recorder is None:
-            return
-        if new:
-            self.recorder.step_started(
-                mark.number,
-                mark.cycle,
-                mark.branch,
-                target_kpa=mark.target_kpa,
-                ramp_kpa_per_s=mark.ramp_kpa_per_s,
-                started_us=mark.started_us,
-            )
-            return
-        self.recorder.step_updated(
-            mark.number,
-            arrived_us=mark.arrived_us,
-            settled_us=mark.settled_us,
-            ended_us=mark.ended_us,
-            status=mark.status,
-            detail=mark.detail,
-        )
+            self.recorder.reading(reading)

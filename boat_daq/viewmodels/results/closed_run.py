@@ -10,6 +10,7 @@ from pathlib import Path
 
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.append import append_reading
+from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.snapshot import Reading
 from protocol.recording import open_recording
 
@@ -68,5 +69,5 @@ class ClosedRun:
         ------
         OperatorError, StorageError : as `boat_daq.engine.recording.append.append_reading`.
         """
-        append_reading(self.path, step_id, elongation_mm, source=source, resolution_mm=resolution_mm, reader=reader)
+        append_reading(self.path, Reading(step_id, elongation_mm, resolution_mm, source, now_utc(), reader))
         self.read()

@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import sqlite3
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from boat_daq.engine.blocks import Block
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.recorder import Recorder
+from boat_daq.engine.snapshot import Reading
 from protocol import Connection, Identify, Samples, Start
 from protocol.recording import open_recording
 from protocol.simulator.board import VirtualBoard
@@ -49,6 +53,25 @@ def begin(path: Path, source: Source, **options: Any) -> Recorder:
     source.samples.clear()
     source.raw.clear()
     return recorder
+
+
+def add_step(recorder: Recorder, cycle: int, branch: str, **known: Any) -> StepMark:
+    """Keep the start of the recording's next step."""
+    mark = StepMark(recorder._steps + 1, cycle, branch, 0.0, 10.0, 0, **known)
+    recorder.step(mark, new=True)
+    return mark
+
+
+def reading(step_id: int, elongation_mm: float | None, **more: Any) -> Reading:
+    """A reading taken now."""
+    return Reading(step_id, elongation_mm, **{"resolution_mm": 0.5, "source": "typed", "utc": now_utc(), **more})
+
+
+def add_result(path: Path, kind: str, parameters: dict[str, Any], content: dict[str, Any]) -> None:
+    """Store the result of an analysis."""
+    row = ("2026-11-01T12:00:00+00:00", kind, "0.1.0", json.dumps(parameters), json.dumps(content))
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("INSERT INTO result VALUES (NULL, ?, ?, ?, NULL, ?, ?)", row)
 
 
 def stored_samples(path: Path) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 import time
 
@@ -9,14 +10,16 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.blocks import Block
-from boat_daq.engine.recording.append import append_reading, append_result
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.recording.append import append_reading
 from boat_daq.engine.recording.recorder import Recorder
+from boat_daq.engine.recording.rows import step_row
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError
 from protocol import CommandDone, Start
 from protocol.recording import APPLICATION_ID, SESSION_KEYS, RunEnd, open_recording, read_session
 from tests.boat_daq.engine.board_link import meta_of
-from tests.boat_daq.engine.recording_source import Source, begin, rows, stored_samples
+from tests.boat_daq.engine.recording_source import Source, add_step, begin, reading, rows, stored_samples
 
 
 def test_samples_and_bytes_are_in_the_file_as_they_came(recorder, source, path):
@@ -130,39 +133,37 @@ def test_a_start_answered_late_begins_its_segment_with_its_first_sample(path):
 def test_steps_grow_and_readings_are_corrected_by_newer_ones(recorder, source, path):
     """A step keeps what is known of it; a corrected reading stays in the file's history."""
     recorder(source.next())
-    step = recorder.step_started(1, 1, "unloading", target_kpa=50.0, ramp_kpa_per_s=5.0, started_us=10)
-    recorder.step_updated(step, arrived_us=20)
-    recorder.step_updated(step, settled_us=30, status="reached", detail={"drift": 0.1})
-    recorder.reading(step, 3.5, resolution_mm=0.5, source="typed")
-    recorder.reading(step, 3.0, resolution_mm=0.5, source="typed", note="misread")
-    recorder.result("note", parameters={}, content={"é": 1.5}, seed=3)
+    mark = add_step(recorder, 1, "unloading")
+    arrived = dataclasses.replace(mark, arrived_us=20)
+    recorder.step(arrived, new=False)
+    recorder.step(dataclasses.replace(arrived, settled_us=30, status="reached", detail={"drift": 0.1}), new=False)
+    recorder.reading(reading(1, 3.5))
+    recorder.reading(reading(1, 3.0, note="misread"))
     recorder.update_meta(note="a – note")
     recorder.close(RunEnd.FINISHED)
     sql = "SELECT id, segment, number, cycle, branch, arrived_us, settled_us, ended_us, status, detail FROM step"
-    assert rows(path, sql) == [(step, 1, 1, 1, "unloading", 20, 30, None, "reached", '{"drift": 0.1}')]
+    assert rows(path, sql) == [(1, 1, 1, 1, "unloading", 20, 30, None, "reached", '{"drift": 0.1}')]
     assert rows(path, "SELECT elongation_mm, note FROM reading ORDER BY id") == [(3.5, ""), (3.0, "misread")]
-    assert rows(path, "SELECT content, seed FROM result") == [('{"é": 1.5}', 3)]
     assert rows(path, "SELECT value FROM session WHERE key = 'note'") == [('"a – note"',)]
     with pytest.raises(OperatorError, match="branch"):
-        recorder.step_started(1, 1, "sideways", target_kpa=0, ramp_kpa_per_s=0, started_us=0)
-    with pytest.raises(OperatorError, match="no length"):
-        recorder.reading(step, float("nan"), source="typed")
+        step_row(StepMark(1, 1, "sideways", 0.0, 0.0, 0), 1, new=True)
+    with pytest.raises(OperatorError, match="not an elongation"):
+        recorder.reading(reading(1, float("nan")))
 
 
-def test_a_closed_recording_takes_later_readings_and_results(recorder, source, path):
+def test_a_closed_recording_takes_later_readings(recorder, source, path):
     """What is entered afterwards is added, never changed, and leaves one plain file."""
     recorder(source.next())
-    step = recorder.step_started(1, 1, "loading", target_kpa=0.0, ramp_kpa_per_s=5.0, started_us=10)
+    add_step(recorder, 1, "loading")
+    assert recorder.flush()
     with pytest.raises(StorageError, match="being written"):
-        append_result(path, "fit", parameters={}, content={})
+        append_reading(path, reading(1, 1.0))
     recorder.close(RunEnd.FINISHED)
-    append_reading(path, step, 1.0, source="csv")
-    append_reading(path, step, 1.5, source="csv")
-    append_result(path, "fit", parameters={"degree": 3}, content={"b0": 1.0})
+    append_reading(path, reading(1, 1.0))
+    append_reading(path, reading(1, 1.5))
     assert rows(path, "SELECT elongation_mm FROM reading ORDER BY id") == [(1.0,), (1.5,)]
-    assert rows(path, "SELECT kind, content FROM result") == [("fit", '{"b0": 1.0}')]
     with pytest.raises(OperatorError, match="no step 99"):
-        append_reading(path, 99, 1.0, source="csv")
+        append_reading(path, reading(99, 1.0))
     assert [entry.name for entry in path.parent.iterdir()] == ["run.boat"]
 
 

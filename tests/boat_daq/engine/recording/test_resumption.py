@@ -16,7 +16,6 @@ import pytest
 
 from boat_daq.commands.verify import reanalyse
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.recording.append import append_result
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.resumption import prepare_resumption, read_broken_run
@@ -26,7 +25,7 @@ from boat_daq.errors import OperatorError, StorageError
 from protocol.errors import RecordingError
 from protocol.recording import RunEnd, breaks_of, open_recording, read_session
 from tests.boat_daq.engine.board_link import meta_of
-from tests.boat_daq.engine.recording_source import Source
+from tests.boat_daq.engine.recording_source import Source, add_result, add_step
 
 PLAN = Plan(name="two turns", kind="continuous", cycles=4)
 
@@ -35,12 +34,12 @@ def part(recorder: Recorder, source: Source, cycles: list[int], *, broken: bool 
     """Record whole cycles, and then, where it is to break, the first half of another."""
     recorder.attached(source.link.decoder_state())
     for cycle in [*cycles, *([cycles[-1] + 1] if broken else [])]:
-        for branch, target in (("unloading", -40.0), ("loading", 50.0)):
-            step = recorder.step_started(0, cycle, branch, target_kpa=target, ramp_kpa_per_s=10, started_us=0)
+        for branch in ("unloading", "loading"):
+            mark = add_step(recorder, cycle, branch)
             recorder(source.next(400_000))
             if broken and cycle > cycles[-1]:
                 break
-            recorder.step_updated(step, status="reached", ended_us=1)
+            recorder.step(dataclasses.replace(mark, status="reached", ended_us=1), new=False)
     assert recorder.flush()
 
 
@@ -113,7 +112,7 @@ def test_a_result_of_a_part_is_not_held_against_the_whole(left: Path) -> None:
     """A result stored before the run went on is of fewer cycles: verify leaves it, and still derives later ones."""
     recover(left)
     options = {"options": {"plateau": {}}}
-    append_result(left, "analysis", parameters=options, content={"cycles": 2})
+    add_result(left, "analysis", options, {"cycles": 2})
     gone_on(left, [4, 5])
     verdict = verify_recording(left, reanalyse=reanalyse)
     assert (verdict.identical, verdict.results) == (True, 0)
@@ -127,9 +126,9 @@ def test_a_break_in_a_recording_that_stayed_open_is_kept_too(tmp_path: Path) -> 
     recorder.run_resumed("aborted: the port is gone", first_cycle=4, complete_cycles=2)
     for cycle in (4, 5):
         for branch in ("unloading", "loading"):
-            step = recorder.step_started(0, cycle, branch, target_kpa=0, ramp_kpa_per_s=10, started_us=0)
+            mark = add_step(recorder, cycle, branch)
             recorder(source.next(400_000))
-            recorder.step_updated(step, status="reached", ended_us=1)
+            recorder.step(dataclasses.replace(mark, status="reached", ended_us=1), new=False)
     recorder.close(RunEnd.FINISHED)
     with closing(open_recording(path)) as db:
         (entry,) = breaks_of(read_session(db))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
 import sqlite3
@@ -16,7 +17,7 @@ from boat_daq.engine.recording.summary import summarise
 from protocol.errors import RecordingError
 from protocol.recording import RunEnd
 from tests.boat_daq.engine.board_link import meta_of
-from tests.boat_daq.engine.recording_source import Source
+from tests.boat_daq.engine.recording_source import Source, add_step
 
 
 def begun(path, **meta) -> tuple[Recorder, Source]:
@@ -71,9 +72,8 @@ def test_cycles_are_complete_when_all_their_steps_were_reached(tmp_path):
     for cycle, last in ((1, "reached"), (2, "timeout"), (3, "reached")):
         steps += [(cycle, "unloading", "reached"), (cycle, "unloading", "reached"), (cycle, "loading", last)]
     steps += [(4, "unloading", "reached"), (4, "unloading", "aborted")]
-    for number, (cycle, branch, status) in enumerate(steps):
-        step = recorder.step_started(number, cycle, branch, target_kpa=0, ramp_kpa_per_s=1, started_us=number)
-        recorder.step_updated(step, status=status)
+    for cycle, branch, status in steps:
+        recorder.step(dataclasses.replace(add_step(recorder, cycle, branch), status=status), new=False)
     recorder.close(RunEnd.FINISHED)
     summary = summarise(tmp_path / "run.boat")
     assert (summary.cycles.complete, summary.cycles.partial) == (2, 2)

@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 import protocol
 from boat_daq.engine.blocks import Block
 from boat_daq.engine.link.opening import open_link
-from boat_daq.engine.recording.append import append_result
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.verify import verify_recording
 from protocol import Connection, Start
@@ -24,6 +23,7 @@ from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
 from protocol.text.connection import TextConnection, load_profile
 from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified, meta_of, record_run
+from tests.boat_daq.engine.recording_source import add_result
 
 PROFILE = Path(protocol.__file__).parent / "profiles" / "delimited_lines.toml"
 
@@ -187,8 +187,8 @@ def test_changed_bytes_with_a_mended_checksum_are_found_in_the_samples(copy):
 
 def test_stored_results_are_derived_again(copy):
     """With a function that analyses, its stored results must come out the same; unknown kinds are passed over."""
-    append_result(copy, "mean", parameters={"of": "n"}, content={"n": 3})
-    append_result(copy, "other", parameters={}, content={})
+    add_result(copy, "mean", {"of": "n"}, {"n": 3})
+    add_result(copy, "other", {}, {})
     same = verify_recording(copy, reanalyse=lambda _path, r: {"n": 3} if r.kind == "mean" else None)
     assert same.identical
     assert same.results == 1

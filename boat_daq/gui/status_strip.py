@@ -9,8 +9,8 @@ from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QSizePo
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.tooltips import as_words
+from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import SHAPES, WORDS, Level, Notice, Notices
-from boat_daq.viewmodels.common.work import JobRunner
 
 LEVELS = {Level.INFORMATION: "information", Level.WARNING: "warning", Level.FAULT: "fault"}
 

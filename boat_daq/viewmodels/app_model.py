@@ -11,15 +11,16 @@ from functools import partial
 from pathlib import Path
 
 from analysis.fidelity import Fidelity
+from boat_daq.engine.bug_report import write_bug_report
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
+from boat_daq.viewmodels.common.jobs import Job, JobRunner
 from boat_daq.viewmodels.common.notices import Level, Notices
 from boat_daq.viewmodels.common.precision import Precision
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.common.undo import UndoHistory
-from boat_daq.viewmodels.common.work import JobRunner, Work
 from boat_daq.viewmodels.live.calibration_offer import CalibrationOffer
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live import LiveModel
@@ -158,9 +159,9 @@ class AppModel:
 
     def save_bug_report(self, path: Path) -> None:
         """Pack log, settings, versions and the recording's summary, without names and notes, in the background."""
-        work = Work("Packing the bug report", "boat_daq.engine.bug_report:write_bug_report", path)
+        job = Job("Packing the bug report", write_bug_report, path)
         done = f"Saved {path.name}, without names and notes. Look at it before you send it"
-        self.jobs.start("bug report", work, lambda work: self.runs.finished(work, done))
+        self.jobs.start("bug report", job, lambda job: self.runs.finished(job, done))
 
     def close(self) -> None:
         """Vent, close the recording and the link, cancel background work."""

@@ -25,11 +25,12 @@ from pathlib import Path
 from boat_daq.own_packages import prefer_own_packages
 prefer_own_packages()
 from boat_daq.engine.simulator.server import BoardSettings, serve
-from boat_daq.viewmodels.common.work import Work, WorkState
+from analysis.data.load import load_recording
+from boat_daq.viewmodels.common.jobs import Job, JobState
 with serve(BoardSettings()) as board:
     print("board at", board.url)
-work = Work("outline", "analysis.data.load:load_recording", sys.argv[1])
-while work.poll() is WorkState.RUNNING:
+work = Job("outline", load_recording, sys.argv[1])
+while work.poll() is JobState.RUNNING:
     pass
 print(work.failure, work.result.n)
 """

@@ -295,11 +295,9 @@ def prepare_for_vent(journey: Journey, name: str) -> None:
         window.live.pane.setCurrentWidget(window.live.plan)
         window.live.plan.target.setFocus()
     if name == "working":
-        from boat_daq.viewmodels.common.work import Work
+        from boat_daq.viewmodels.common.jobs import Job
 
-        window.model.jobs.start(
-            "busy", Work("Working hard", "tests.system.window_scenarios:keep_busy"), lambda work: None
-        )
+        window.model.jobs.start("busy", Job("Working hard", keep_busy), lambda job: None)
         QTest.qWait(300)
 
 

@@ -123,7 +123,7 @@ class AtlasCard(PlotCard):
 
     def refresh(self) -> None:
         """Show the sweep under way."""
-        widgets.set_text(self.sweep, "Stop" if self.model.work is not None else "Map")
+        widgets.set_text(self.sweep, "Stop" if self.model.job is not None else "Map")
         widgets.set_text(self.readout, self.model.status(self.method))
 
     def _add(self, column: int, shown: MapView, most: int) -> None:

@@ -10,7 +10,6 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor, QImage, QPainter, QPen, QTransform
 
 from analysis.arrays import FloatArray
-from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
 from boat_daq.gui import style
 from boat_daq.viewmodels.models import tradeoff_jobs
 
@@ -19,6 +18,8 @@ def measure_methods(
     names: Sequence[str], quick: bool, *, progress: Callable[[float, float], None] | None = None
 ) -> dict[str, Any]:
     """Measure as `viewmodels.models.tradeoff_jobs.measure_methods`; a curve of the live plot is painted too."""
+    from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
+
     return tradeoff_jobs.measure_methods(names, quick, painter(WIDTH_PX, HEIGHT_PX), progress=progress)
 
 

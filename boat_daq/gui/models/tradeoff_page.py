@@ -23,6 +23,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.models.atlas_card import NO_LIMIT, AtlasCard
 from boat_daq.gui.models.tradeoff_chart import TradeoffCard
+from boat_daq.gui.models.tradeoff_jobs import measure_methods
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.reflow import ReflowingPage
@@ -127,7 +128,7 @@ class TradeoffPage(ReflowingPage):
         super().__init__()
         self.model, self.maps, self.precision, self.services = model, atlas, precision, services
         self._revision = (-1, -1)
-        self.model.measurer = "boat_daq.gui.models.tradeoff_jobs:measure_methods"
+        self.model.measurer = measure_methods
         self.methods = MethodList(model)
         self.first = self.methods
         self.chart, self.table = TradeoffCard(), SettingsTable()
@@ -209,12 +210,12 @@ class TradeoffPage(ReflowingPage):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the measurement under way; the rest where it has changed."""
         self.level.setCurrentIndex(self.level.findData(self.precision.level))
-        work = self.model.work
-        widgets.set_text(self.start, "Stop" if work is not None else "Measure")
-        self.progress.setVisible(work is not None)
-        if work is not None:
-            self.progress.setRange(0, 0 if work.fraction is None else 1000)
-            self.progress.setValue(work.permille)
+        job = self.model.job
+        widgets.set_text(self.start, "Stop" if job is not None else "Measure")
+        self.progress.setVisible(job is not None)
+        if job is not None:
+            self.progress.setRange(0, 0 if job.fraction is None else 1000)
+            self.progress.setValue(job.permille)
         widgets.set_text(self.status, self.model.status())
         self.status.setVisible(bool(self.status.text()))
         self.atlas.refresh()

@@ -9,7 +9,7 @@ from typing import Any
 
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 
 MAX_BYTES = 4_000_000  # a hundred times the largest
 
@@ -55,21 +55,21 @@ class MeasuredResult(ABC):
         """Return a new result with what stays of the one before."""
 
     @property
-    def work(self) -> Work | None:
+    def job(self) -> Job | None:
         """The work under way."""
         return self.jobs.get(self.name)
 
-    def _start(self, work: Work) -> None:
-        self.jobs.start(self.name, work, self._ended)
+    def _start(self, job: Job) -> None:
+        self.jobs.start(self.name, job, self._ended)
         self.problem = ""
         self.revision += 1
 
-    def _ended(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
-            self.take(self._joined(work.result))
+    def _ended(self, job: Job) -> None:
+        if job.state is JobState.DONE:
+            self.take(self._joined(job.result))
             self._keep()
-        elif work.failure is not None:
-            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
+        elif job.failure is not None:
+            self.problem = job.failure.text
         self.revision += 1
 
     def take(self, content: Any) -> None:
@@ -96,7 +96,7 @@ class MeasuredResult(ABC):
 
     def _going_on(self, what: str = "") -> str:
         """Return the line of work under way or of what went wrong; empty where there is neither."""
-        work = self.work
-        if work is not None:
-            return f"{what or work.label} \u2026 {round(100 * (work.fraction or 0.0))} %"
+        job = self.job
+        if job is not None:
+            return f"{what or job.label} \u2026 {round(100 * (job.fraction or 0.0))} %"
         return f"\u25b2 {self.problem}" if self.problem else ""

@@ -7,17 +7,20 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.fidelity import fidelity
-from analysis.shadow.model.fidelity import actuator, table_settings
-from analysis.shadow.model.frames import Shadow
-from analysis.shadow.model.table import load_table
-from boat_daq.viewmodels.live.shadow_live import HELD_BELOW_KPA, HELD_KPA, HELD_MM, HELD_OFF_MM
+
+if TYPE_CHECKING:
+    from analysis.shadow.model.frames import Shadow
 
 Place = tuple[int, int]  # steps of pressure and elongation
+HELD_KPA, HELD_MM = 1.0, 0.5  # steps of pressure and elongation of a state that is judged
+HELD_BELOW_KPA = -20.0  # only vacuum,
+HELD_OFF_MM = 1.0  # and only a tip that something holds, can be unstable in the table
 LESS_URGENT = 10  # than the board and the window
 
 
@@ -28,6 +31,10 @@ def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None]
     ------
     RequestError : there is no such level.
     """
+    from analysis.shadow.model.fidelity import actuator, table_settings
+    from analysis.shadow.model.frames import Shadow
+    from analysis.shadow.model.table import load_table
+
     chosen = fidelity(level)
     parameters = actuator(chosen)
     return Shadow(parameters, load_table(parameters, table_settings(chosen), progress=progress))

@@ -18,8 +18,17 @@ from numpy.typing import NDArray
 
 from analysis.arrays import FloatArray
 from boat_daq.viewmodels.common.formatting import NOTHING, number
-from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.live.live import Inverse, Ring, signals
+from boat_daq.viewmodels.live.shadow_jobs import (
+    HELD_BELOW_KPA,
+    HELD_KPA,
+    HELD_MM,
+    HELD_OFF_MM,
+    judge_held,
+    shadow_of,
+    warm,
+)
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow, ShadowState
@@ -31,11 +40,6 @@ SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # ful
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, TRACE_POINTS = 60.0, 1200
-HELD_KPA, HELD_MM = 1.0, 0.5  # steps of a state whose stability is judged anew
-HELD_BELOW_KPA, HELD_OFF_MM = (
-    -20.0,
-    1.0,
-)  # only vacuum, and only a tip that something holds, can be unstable in the table
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # steps of pressure and elongation that change what is drawn or said
 
 
@@ -107,7 +111,7 @@ class ShadowLive:
         self.problem = ""
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
         self._unstable: frozenset[tuple[int, int]] | None = None  # places; None until they are judged
-        self._judge: Work | None = None
+        self._judge: Job | None = None
         self._not_judged = ""
 
     # ---- loading -------------------------------------------------------------------------------------------------
@@ -116,19 +120,19 @@ class ShadowLive:
         """Have the table built by a helper process, once."""
         if not self._asked:
             self._asked = True
-            work = Work("Preparing the shadow", "boat_daq.viewmodels.live.shadow_jobs:warm", self._level, report=True)
-            self._jobs.start("shadow", work, self._built)
+            job = Job("Preparing the shadow", warm, self._level)
+            self._jobs.start("shadow", job, self._built)
 
     def set_fidelity(self, level: str) -> None:
         """Use another fidelity: its shadow is prepared when it is next asked for; until then the one there is stays."""
         if level != self._level:
             self._level, self._asked = level, False
 
-    def _built(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
+    def _built(self, job: Job) -> None:
+        if job.state is JobState.DONE:
             self._loading = self._pool.submit(load_model, self._level)
-        elif work.failure is not None:
-            self.problem = work.failure.cause
+        elif job.failure is not None:
+            self.problem = job.failure.cause
 
     def poll(self) -> None:
         """Take the model where it has come."""
@@ -228,19 +232,19 @@ class ShadowLive:
             return ""
         if self._unstable is None:
             if self._judge is None:
-                self._judge = Work("Judging stability", "boat_daq.viewmodels.live.shadow_jobs:judge_held", self._level)
+                self._judge = Job("Judging stability", judge_held, self._level)
                 self._jobs.start("stability", self._judge, self._judged)
             return self._not_judged
         unstable = (_step(pressure, HELD_KPA), _step(mm, HELD_MM)) in self._unstable
         return "\u25b2 in balance, but not stable" if unstable else ""
 
-    def _judged(self, work: Work) -> None:
-        if work is not self._judge:
+    def _judged(self, job: Job) -> None:
+        if job is not self._judge:
             return
-        if work.state is WorkState.DONE:
-            self._unstable = work.result
+        if job.state is JobState.DONE:
+            self._unstable = job.result
         else:
-            self._not_judged = f"\u25b2 not judged: {work.failure.cause if work.failure else 'cancelled'}"
+            self._not_judged = f"\u25b2 not judged: {job.failure.cause if job.failure else 'cancelled'}"
 
     def _elements(self, state: ShadowState) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return the elements of both halves with their colour steps."""
@@ -291,8 +295,6 @@ def _measured_lines(now: Moment) -> tuple[tuple[str, str, str], ...]:
 
 def load_model(level: str = "normal") -> Any:
     """Return the shadow, ready to answer; its table comes from the cache, or is built (some seconds)."""
-    from boat_daq.viewmodels.live.shadow_jobs import shadow_of  # on the helper thread, not with the window
-
     model = shadow_of(level)
     model.state(pressure_kpa=20.0, elongation_mm=1.0)
     return model

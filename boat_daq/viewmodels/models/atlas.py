@@ -12,8 +12,9 @@ from typing import Any
 
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count, quantity
+from boat_daq.viewmodels.common.jobs import Job, JobRunner
 from boat_daq.viewmodels.common.measured_result import MeasuredResult
-from boat_daq.viewmodels.common.work import JobRunner, Work
+from boat_daq.viewmodels.models.tradeoff_jobs import sweep_method
 from boat_daq.viewmodels.models.tradeoff_report import error_text
 
 # name in `atlas --json` -> letter in a cell, text
@@ -128,12 +129,10 @@ class AtlasModel(MeasuredResult):
 
     def toggle(self, method: str) -> None:
         """Start sweeping a method's maps, or stop."""
-        if self.work is not None:
+        if self.job is not None:
             self.jobs.cancel(self.name)
             return
-        self._start(
-            Work("Mapping where it works", "boat_daq.viewmodels.models.tradeoff_jobs:sweep_method", method, report=True)
-        )
+        self._start(Job("Mapping where it works", sweep_method, method))
 
     def _read(self, content: Any) -> None:
         self.maps = read_maps(content)

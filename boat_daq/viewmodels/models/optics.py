@@ -12,7 +12,8 @@ from typing import TypeVar
 
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.viewmodels.common.formatting import count, number
-from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from boat_daq.viewmodels.models.optics_jobs import search, sweep, trace_design
 from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
 
 Values = tuple[int, float, float, float]
@@ -26,7 +27,6 @@ FACES = ("outer", "inner")
 CURVES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
 SEARCH_S = 50.0
 KEPT = 12
-WORK = "boat_daq.viewmodels.models.optics_jobs"
 T = TypeVar("T")
 
 
@@ -87,14 +87,12 @@ class OpticsModel:
         self.result = self._kept.get(key)
         self.revision += 1
         if self.result is None:
-            work = Work(
-                "Tracing rays", f"{WORK}:trace_design", values, self.traced_rays, self.curves, self.face, report=True
-            )
+            job = Job("Tracing rays", trace_design, values, self.traced_rays, self.curves, self.face)
 
-            def traced(done: Work) -> None:
+            def traced(done: Job) -> None:
                 self._traced(done, key)
 
-            self.jobs.start("optics", work, traced)
+            self.jobs.start("optics", job, traced)
 
     @property
     def traced_rays(self) -> int:
@@ -125,8 +123,8 @@ class OpticsModel:
         """Return the words for a set of curves."""
         return CURVES.get(name) or Path(name).name
 
-    def _traced(self, work: Work, key: tuple[Values, str, int, str]) -> None:
-        found = self._outcome(work, DesignResult)
+    def _traced(self, job: Job, key: tuple[Values, str, int, str]) -> None:
+        found = self._outcome(job, DesignResult)
         if found is not None:
             self._kept[key] = found
             while len(self._kept) > KEPT:
@@ -134,12 +132,12 @@ class OpticsModel:
             if key == (self.values, self.face, self.traced_rays, self.curves):
                 self.result = found
 
-    def _outcome(self, work: Work, kind: type[T]) -> T | None:
+    def _outcome(self, job: Job, kind: type[T]) -> T | None:
         """Return what the work has brought; say why where it failed."""
         self.revision += 1
-        if work.failure is not None:
-            self.problem = f"{work.failure.cause}. {work.failure.remedy}".strip()
-        return work.result if work.state is WorkState.DONE and isinstance(work.result, kind) else None
+        if job.failure is not None:
+            self.problem = job.failure.text
+        return job.result if job.state is JobState.DONE and isinstance(job.result, kind) else None
 
     def scene(self) -> StateScene | None:
         """Return the state that the slider is on."""
@@ -173,14 +171,14 @@ class OpticsModel:
             self.jobs.cancel("sweep")
             return
         curves = self.curves
-        work = Work("Sweeping 9 720 simulations", f"{WORK}:sweep", CAVITIES, self.swept_rays, curves, report=True)
+        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, self.swept_rays, curves)
 
-        def swept(done: Work) -> None:
+        def swept(done: Job) -> None:
             found = self._outcome(done, SweepSummary)
             if found is not None:
                 self._sweeps[curves] = found
 
-        self.jobs.start("sweep", work, swept)
+        self.jobs.start("sweep", job, swept)
         self.revision += 1
 
     def sweep_text(self) -> str:
@@ -214,14 +212,14 @@ class OpticsModel:
             self.jobs.cancel("optimise")
             return
         curves = self.curves
-        work = Work("Searching beyond the grid", f"{WORK}:search", curves, SEARCH_S, report=True)
+        job = Job("Searching beyond the grid", search, curves, SEARCH_S)
 
-        def searched(done: Work) -> None:
+        def searched(done: Job) -> None:
             found = self._outcome(done, OptimumSummary)
             if found is not None:
                 self._optima[curves] = found
 
-        self.jobs.start("optimise", work, searched)
+        self.jobs.start("optimise", job, searched)
         self.revision += 1
 
     def optimum_text(self) -> str:

@@ -8,22 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.errors import DataError
-from analysis.optics.scene.curve_file import read_curves
-from analysis.optics.scene.curves import REST, default_curves, elongations, frames_of, parametric_curves
-from analysis.optics.scene.frame import SceneFrame
-from analysis.optics.scene.outline import outline
-from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
-from analysis.optics.sweep.drawings import laid
-from analysis.optics.sweep.figure_of_merit import merit, pareto, resolution
-from analysis.optics.sweep.optimise import optimise
-from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
-from analysis.optics.tracer.simulation import ray_paths, trace
 from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
+
+if TYPE_CHECKING:
+    from analysis.optics.scene.frame import SceneFrame
+    from analysis.optics.scene.parameters import Design, Light, Waveguide
 
 Progress = Callable[[float, float], None]
 GAP = np.full((1, 2), np.nan)
@@ -36,6 +31,9 @@ def curves_of(name: str) -> FloatArray:
     ------
     AnalysisError : the file cannot be read, or holds one state only.
     """
+    from analysis.optics.scene.curve_file import read_curves
+    from analysis.optics.scene.curves import default_curves, parametric_curves
+
     if name == "default":
         return np.asarray(default_curves())
     if name == "parametric":
@@ -48,6 +46,8 @@ def curves_of(name: str) -> FloatArray:
 
 def elongations_of(name: str, curves: FloatArray) -> FloatArray:
     """Return the states' elongation, mm: as the set gives it, else the change of the guides' length end to end."""
+    from analysis.optics.scene.curves import REST, elongations
+
     if name == "default":
         return np.asarray(elongations())
     apart = np.linalg.norm(curves[:, :, -1] - curves[:, :, 0], axis=-1).mean(axis=1)
@@ -76,6 +76,11 @@ def trace_design(
     ------
     AnalysisError : the design does not fit, or the curves cannot be read.
     """
+    from analysis.optics.scene.curves import frames_of
+    from analysis.optics.scene.parameters import Design, Light, Waveguide
+    from analysis.optics.sweep.figure_of_merit import merit, resolution
+    from analysis.optics.tracer.simulation import trace
+
     design = Design(*values, face)  # type: ignore[arg-type]  # Design checks the face
     guide, light = Waveguide(), Light().with_rays(rays)
     states = curves_of(curves)
@@ -96,6 +101,10 @@ def trace_design(
 
 
 def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
+    from analysis.optics.scene.outline import outline
+    from analysis.optics.sweep.drawings import laid
+    from analysis.optics.tracer.simulation import ray_paths
+
     shape = outline(frame, design)
     rings = [laid(frame, contour.sampled()) for contour in shape.contours]
     paths = ray_paths(frame, design, guide, light)
@@ -124,6 +133,10 @@ def sweep(
     curves : name of the states, see `curves_of`.
     progress : is called with the designs done and their number.
     """
+    from analysis.optics.scene.parameters import PAPER_OPTIMUM, Light
+    from analysis.optics.sweep.figure_of_merit import pareto
+    from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
+
     request = SweepRequest(designs=tuple(paper_grid(cavities)), light=Light().with_rays(rays), curves=curves_of(curves))
     result = run_sweep(request, progress=progress)
     found = result.merit()
@@ -152,6 +165,9 @@ def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress
     ------
     AnalysisError : no design of the grid fits these states, or the curves cannot be read.
     """
+    from analysis.optics.scene.parameters import Waveguide
+    from analysis.optics.sweep.optimise import optimise
+
     found = optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
     return OptimumSummary(
         _values(found.best), found.best.face, found.best_p, _values(found.start), found.start_p, found.paper_p,

@@ -6,6 +6,7 @@ next start; methods that were not measured again keep theirs, with their own dat
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.formatting import count
+from boat_daq.viewmodels.common.jobs import Job, JobRunner
 from boat_daq.viewmodels.common.measured_result import MAX_BYTES, MeasuredResult
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.common.work import JobRunner, Work
+from boat_daq.viewmodels.models.tradeoff_jobs import measure_methods
 from boat_daq.viewmodels.models.tradeoff_report import MethodChart, merged, read_report, report_columns
 
 METHODS = {
@@ -33,6 +35,7 @@ METHODS = {
 MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
 """Methods that have a map of where they fail, but no chart of time against error."""
 ENTRIES = METHODS | MAPPED
+Measurer = Callable[[Sequence[str], bool], dict[str, Any]]
 FILE = "tradeoff.json"
 CHOSEN, QUICK, SHOWN = "tradeoff_methods", "tradeoff_quick", "tradeoff_shown"
 
@@ -51,9 +54,7 @@ class TradeoffModel(MeasuredResult):
 
     def __init__(self, jobs: JobRunner, folder: Path, preferences: Preferences) -> None:
         self.preferences = preferences
-        self.measurer = (
-            "boat_daq.viewmodels.models.tradeoff_jobs:measure_methods"  # the window has one that paints, too
-        )
+        self.measurer: Measurer = measure_methods  # the window has one that paints, too
         self.charts: dict[str, MethodChart] = {}
         super().__init__(jobs, folder / FILE)
 
@@ -103,13 +104,13 @@ class TradeoffModel(MeasuredResult):
         ------
         OperatorError : no method is chosen.
         """
-        if self.work is not None:
+        if self.job is not None:
             self.jobs.cancel(self.name)
             return
         if not self.chosen:
             raise OperatorError("no method is chosen to be measured", "Tick one or more in the list of methods.")
         label = f"Measuring {count(len(self.chosen), 'method')}"
-        self._start(Work(label, self.measurer, self.chosen, self.quick, report=True))
+        self._start(Job(label, self.measurer, self.chosen, self.quick))
 
     def _read(self, content: Any) -> None:
         self.charts = read_report(content)

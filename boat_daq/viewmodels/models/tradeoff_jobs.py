@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from analysis.arrays import FloatArray
-from analysis.atlas.methods import chosen_studies
-from analysis.atlas.report import atlas_json
-from analysis.atlas.sweep import sweep
-from analysis.tradeoff import METHODS, Method, measure, report_json
-from analysis.tradeoff.decimation import WIDTH_PX, Curve, Paint, decimation
 from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid, fold_columns
+
+if TYPE_CHECKING:
+    from analysis.tradeoff import Method
+    from analysis.tradeoff.decimation import Curve, Paint
 
 Progress = Callable[[float, float], None]
 
 
 def live_plot(paint: Paint | None = None) -> Method:
     """Return the method of the live plot, with what `paint` takes where it is given."""
+    from analysis.tradeoff.decimation import decimation
+
     return decimation(_stored, paint)
 
 
 def _stored(record: FloatArray) -> Curve:
+    from analysis.tradeoff.decimation import WIDTH_PX
+
     pyramid = MinMaxPyramid(*record.shape)
     pyramid.append(record)
     return lambda end_s, points: fold_columns(pyramid.draw(0.0, end_s, points), end_s / WIDTH_PX)
@@ -39,6 +42,8 @@ def measure_methods(
     paint : paints a curve of the live plot; without it the curve is fetched only.
     progress : is called with what is done and the total.
     """
+    from analysis.tradeoff import METHODS, measure, report_json
+
     known = METHODS | {"decimation": live_plot(paint)}
     results = [
         measure(known[name], quick=quick, progress=_part(progress, done, len(names))) for done, name in enumerate(names)
@@ -53,6 +58,10 @@ def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, An
     ------
     RequestError : there is no such method.
     """
+    from analysis.atlas.methods import chosen_studies
+    from analysis.atlas.report import atlas_json
+    from analysis.atlas.sweep import sweep
+
     studies = chosen_studies([name])
     places = [study.places for study in studies]
     maps = []

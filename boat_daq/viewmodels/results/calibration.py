@@ -24,15 +24,14 @@ from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number, sensor_words
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Level
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.undo import Change
-from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.results.acceptance import Missing, missing, poor, remarks, rests_on
 from boat_daq.viewmodels.results.analysis_view import Band, PosteriorResult, RunResult, SensorResult
+from boat_daq.viewmodels.results.calibration_jobs import analyse_run, sample_run
 
-ANALYSIS = "boat_daq.viewmodels.results.calibration_jobs:analyse_run"
-POSTERIOR = "boat_daq.viewmodels.results.calibration_jobs:sample_run"
 TURNS = "the curve turns inside its range, so that one signal would stand for two elongations."
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
@@ -125,13 +124,13 @@ class CalibrationModel:
         self.revision += 1
         self.jobs.start(
             "analysis",
-            Work(f"Analysing {path.name}", ANALYSIS, str(path), level=self.fidelity.level, report=True),
+            Job(f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level),
             self._analysed,
         )
 
-    def _analysed(self, work: Work) -> None:
-        self.failure = work.failure
-        self.show(work.result)
+    def _analysed(self, job: Job) -> None:
+        self.failure = job.failure
+        self.show(job.result)
 
     def show(self, result: RunResult | None) -> None:
         """Show a result, beside the unit's calibration in force.
@@ -161,21 +160,20 @@ class CalibrationModel:
             raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
         contents = [s.content or {} for s in self.result.sensors]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
-        work = Work(
+        job = Job(
             "Computing uncertainty bands",
-            POSTERIOR,
+            sample_run,
             points,
             self.result.reading_sd_mm,
             max_steps=self.fidelity.posterior_steps,
-            report=True,
         )
-        self.jobs.start("posterior", work, self._sampled)
+        self.jobs.start("posterior", job, self._sampled)
 
-    def _sampled(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
-            self.posterior = work.result
-        elif work.state is WorkState.FAILED:
-            self.failure = work.failure
+    def _sampled(self, job: Job) -> None:
+        if job.state is JobState.DONE:
+            self.posterior = job.result
+        elif job.state is JobState.FAILED:
+            self.failure = job.failure
         self.revision += 1
 
     # ---- what the page says --------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""What the calibration and repeatability pages have computed for them, in a process of its own (`work.Work`).
+"""What the calibration and repeatability pages have computed for them, in a process of its own (`work.Job`).
 
 Everything here is a call of `analysis`; what comes back is only what a page draws, so that a long recording does not
 travel. This file is imported in the helper process, not by the window.
@@ -9,20 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.calibration.posterior import MAX_STEPS, sample_posterior
-from analysis.data.load import load_recording
-from analysis.fidelity import Level
-from analysis.figures.acceptance import out_of_tolerance
-from analysis.figures.across_breaks import Break, Comparison
-from analysis.figures.pipeline import Analysis, analyse
-from analysis.figures.repeatability import per_cycle, sensitivity_per_cycle
-from analysis.figures.sensor_analysis import Options
-from analysis.figures.uncertainty import signal_parts
-from analysis.segmentation.loops import Loops
+from analysis.fidelity import Level, fidelity
 from boat_daq.viewmodels.common.formatting import NOTHING
 from boat_daq.viewmodels.results.analysis_view import (
     FIGURES,
@@ -36,6 +27,11 @@ from boat_daq.viewmodels.results.analysis_view import (
     figure_text,
 )
 
+if TYPE_CHECKING:
+    from analysis.figures.across_breaks import Break, Comparison
+    from analysis.figures.pipeline import Analysis
+    from analysis.segmentation.loops import Loops
+
 Progress = Callable[[float, float], None]
 GRID = 161
 
@@ -47,6 +43,10 @@ def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: 
     ------
     AnalysisError : the recording cannot be read.
     """
+    from analysis.data.load import load_recording
+    from analysis.figures.pipeline import analyse
+    from analysis.figures.sensor_analysis import Options
+
     recording = load_recording(Path(path))
     if progress is not None:
         progress(1, 4)
@@ -97,6 +97,8 @@ def _in_words(text: str) -> str:
 
 
 def _sensor(found: Analysis, index: int) -> SensorResult:
+    from analysis.figures.acceptance import out_of_tolerance
+
     sensor = found.sensors[index]
     cycles = _cycles(found, index)
     values = {key: float(figure.value) for key, figure in sensor.figures.items() if key in FIGURES}
@@ -119,6 +121,8 @@ def _sensor(found: Analysis, index: int) -> SensorResult:
 
 
 def _cycles(found: Analysis, index: int) -> CycleSeries:
+    from analysis.figures.repeatability import per_cycle, sensitivity_per_cycle
+
     each = per_cycle(found, index)
     sensitivity, unit = sensitivity_per_cycle(found, index)
     return CycleSeries(each.hysteresis_percent_fso, each.snr_db, sensitivity, unit, each.warm_up)
@@ -141,6 +145,8 @@ def _tested(c: Comparison) -> tuple[str, ...]:
 
 def _content(found: Analysis, index: int) -> dict[str, Any]:
     """Return what is stored with the unit: fit as `fit --json`, points, uncertainty of a live reading, figures."""
+    from analysis.figures.uncertainty import signal_parts
+
     sensor, parts = found.sensors[index], signal_parts(found, index)
     assert sensor.calibration is not None
     reading = sensor.calibration.reading
@@ -167,7 +173,7 @@ def sample_run(
     reading_sd_mm: float,
     *,
     seed: int = 0,
-    max_steps: int = MAX_STEPS,
+    max_steps: int = fidelity().posterior_steps,
     progress: Progress | None = None,
 ) -> tuple[PosteriorResult, ...]:
     """Return the posterior of each sensor's calibration, as bands on a grid.
@@ -177,6 +183,8 @@ def sample_run(
     points : for each sensor elongations (mm), signals (mV), the degree, and the position that each point was read at.
     max_steps : of the sampler.
     """
+    from analysis.calibration.posterior import sample_posterior
+
     results = []
     for number, (x, y, degree, positions) in enumerate(points):
 

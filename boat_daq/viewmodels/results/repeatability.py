@@ -18,10 +18,10 @@ from analysis.arrays import FloatArray
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
-from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.results.analysis_view import CycleSeries, RunResult
+from boat_daq.viewmodels.results.calibration_jobs import analyse_run
 
-ANALYSIS = "boat_daq.viewmodels.results.calibration_jobs:analyse_run"
 EVERY_S = 20.0  # at the soonest, so that the helper takes a small share of the machine
 WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
 GROUPS = 12
@@ -85,14 +85,14 @@ class RepeatabilityModel:
 
     def analyse(self, path: Path, *, label: str = "") -> None:
         """Analyse a recording in the background."""
-        work = Work(label or f"Repeatability of {path.name}", ANALYSIS, str(path), level=self.level, report=True)
-        self.jobs.start("repeatability", work, self._analysed)
+        job = Job(label or f"Repeatability of {path.name}", analyse_run, str(path), level=self.level)
+        self.jobs.start("repeatability", job, self._analysed)
 
-    def _analysed(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
-            self.show(work.result)
-        elif work.failure is not None:
-            self.result, self.failure = None, f"{work.failure.cause}. {work.failure.remedy}".strip()
+    def _analysed(self, job: Job) -> None:
+        if job.state is JobState.DONE:
+            self.show(job.result)
+        elif job.failure is not None:
+            self.result, self.failure = None, job.failure.text
             self.revision += 1
 
     def show(self, result: RunResult) -> None:

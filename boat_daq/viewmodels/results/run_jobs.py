@@ -6,10 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
-from analysis import write_report
-from analysis.data.export import export
-from analysis.data.load import load_recording
-from analysis.figures.pipeline import analyse
 from boat_daq.viewmodels.results.analysis_view import RunResult
 from boat_daq.viewmodels.results.calibration_jobs import analyse_run
 
@@ -32,6 +28,9 @@ def export_run(
     ------
     AnalysisError : it cannot be read, or the target cannot be written.
     """
+    from analysis.data.export import export
+    from analysis.data.load import load_recording
+
     return export(load_recording(path), target, kind, progress=progress)
 
 
@@ -48,6 +47,9 @@ def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = 
     ------
     AnalysisError : one of them cannot be read, or the target cannot be written.
     """
+    from analysis import write_report
+    from analysis.figures.pipeline import analyse
+
     analyses = []
     for done, path in enumerate(paths):
         if progress is not None:

@@ -13,19 +13,21 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
+from typing import Literal
 
 import numpy as np
 
 from analysis.arrays import FloatArray
-from boat_daq.engine.recording.recovery import find_interrupted
-from boat_daq.engine.recording.resumption import BrokenRun, read_broken_run
+from boat_daq.engine.recording.recovery import find_interrupted, recover
+from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Level, Notices
-from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.results.analysis_view import RunResult
+from boat_daq.viewmodels.results.run_jobs import compare_runs, export_run, report_runs
 from protocol.errors import ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording
 
@@ -229,8 +231,8 @@ class RunsModel:
 
     def recover(self, path: Path) -> None:
         """Close properly what a killed session left, in the background."""
-        work = Work(f"Recovering {path.name}", "boat_daq.engine.recording.recovery:recover", path, report=True)
-        self.jobs.start("recover", work, lambda work: self.finished(work, f"{path.name} is recovered and complete"))
+        job = Job(f"Recovering {path.name}", recover, path)
+        self.jobs.start("recover", job, lambda job: self.finished(job, f"{path.name} is recovered and complete"))
 
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
         """Make a broken run ready to go on, in the background; `then` is called with it.
@@ -241,16 +243,14 @@ class RunsModel:
         """
         read_broken_run(path)
 
-        def ready(work: Work) -> None:
-            if work.state is WorkState.DONE:
-                then(work.result)
+        def ready(job: Job) -> None:
+            if job.state is JobState.DONE:
+                then(job.result)
             else:
-                self._failed(work)
+                self._failed(job)
 
-        work = Work(
-            f"Looking at {path.name}", "boat_daq.engine.recording.resumption:prepare_resumption", path, report=True
-        )
-        self.jobs.start("resume", work, ready)
+        job = Job(f"Looking at {path.name}", prepare_resumption, path)
+        self.jobs.start("resume", job, ready)
 
     def export(self, paths: list[Path], target: Path) -> None:
         """Write the samples of one recording as CSV or Parquet, as the ending of `target` says, in the background.
@@ -261,16 +261,15 @@ class RunsModel:
         """
         if len(paths) != 1:
             raise OperatorError("one recording is exported at a time", "Choose one line.")
-        kind = "parquet" if target.suffix == ".parquet" else "csv"
-        work = Work(
+        kind: Literal["csv", "parquet"] = "parquet" if target.suffix == ".parquet" else "csv"
+        job = Job(
             f"Exporting {paths[0].name}",
-            "boat_daq.viewmodels.results.run_jobs:export_run",
+            export_run,
             paths[0],
             target,
             kind,
-            report=True,
         )
-        self.jobs.start("export", work, lambda work: self.finished(work, f"Saved {target.name}"))
+        self.jobs.start("export", job, lambda job: self.finished(job, f"Saved {target.name}"))
 
     def compare(self, paths: list[Path]) -> None:
         """Analyse two to four recordings in the background, to lay their curves over each other.
@@ -281,18 +280,18 @@ class RunsModel:
         """
         if not 2 <= len(paths) <= MOST_COMPARED:
             raise OperatorError(f"{count(len(paths), 'recording')} chosen to compare", "Choose two to four lines.")
-        work = Work("Comparing", "boat_daq.viewmodels.results.run_jobs:compare_runs", paths, report=True)
-        self.jobs.start("compare", work, self._compared)
+        job = Job("Comparing", compare_runs, paths)
+        self.jobs.start("compare", job, self._compared)
 
     def forget_comparison(self) -> None:
         """Compare nothing any more."""
         self.comparison = ()
 
-    def _compared(self, work: Work) -> None:
-        if work.state is WorkState.DONE:
-            self.comparison = work.result
+    def _compared(self, job: Job) -> None:
+        if job.state is JobState.DONE:
+            self.comparison = job.result
         else:
-            self._failed(work)
+            self._failed(job)
 
     def comparison_lines(self) -> tuple[list[list[tuple[FloatArray, FloatArray]]], str]:
         """Return for each sensor every run's curve less the first run's, over its range, and the words above them."""
@@ -315,20 +314,20 @@ class RunsModel:
         """
         if not paths:
             raise OperatorError("no recording was chosen", "Choose one line or several.")
-        work = Work("Making the report", "boat_daq.viewmodels.results.run_jobs:report_runs", paths, target, report=True)
-        self.jobs.start("report", work, lambda work: self.finished(work, f"Saved {target.name}"))
+        job = Job("Making the report", report_runs, paths, target)
+        self.jobs.start("report", job, lambda job: self.finished(job, f"Saved {target.name}"))
 
-    def finished(self, work: Work, done: str) -> None:
+    def finished(self, job: Job, done: str) -> None:
         """Report how a job has ended."""
-        if work.state is WorkState.DONE:
+        if job.state is JobState.DONE:
             self._notices.inform(done)
         else:
-            self._failed(work)
+            self._failed(job)
         self.look()
 
-    def _failed(self, work: Work) -> None:
-        if work.failure is not None:
-            self._notices.say(Level.WARNING, work.failure.cause, work.failure.remedy, details=work.failure.details)
+    def _failed(self, job: Job) -> None:
+        if job.failure is not None:
+            self._notices.say(Level.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
 
     def unit_lines(self) -> list[tuple[str, ...]]:
         """Return the units with each of their calibrations: unit, date, sensitivities, recording."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import zipfile
 from pathlib import Path
 
@@ -26,9 +27,9 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import ReadingRequest, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.palette import shown
+from boat_daq.viewmodels.common.jobs import Job
 from boat_daq.viewmodels.common.notices import Level
 from boat_daq.viewmodels.common.services import Page, Panel
-from boat_daq.viewmodels.common.work import Work
 from boat_daq.viewmodels.live.live import HEADINGS_SHORT, Elongation, Marker
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
@@ -180,15 +181,20 @@ def test_a_proposal_is_taken_by_a_key(live):
     assert done == [1]
 
 
+def pause(seconds):
+    """Wait."""
+    time.sleep(seconds)
+
+
 def test_work_has_a_bar_and_a_cancel(live):
     """While a helper computes there is a bar; the key for cancel ends it."""
-    work = live.model.jobs.start("long", Work("Waiting", "time:sleep", 60), lambda work: None)
+    job = live.model.jobs.start("long", Job("Waiting", pause, 60), lambda job: None)
     live.refresh()
     assert live.strip.bar.isVisible()
     assert live.strip.work.text() == "Waiting"
     run_shortcut(live, "Ctrl+.")
     live.refresh()
-    assert work.state.value == "cancelled"
+    assert job.state.value == "cancelled"
     assert not live.strip.bar.isVisible()
 
 

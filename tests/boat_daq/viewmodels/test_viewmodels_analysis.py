@@ -14,14 +14,13 @@ from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import Progress, SessionState
 from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices
-from boat_daq.viewmodels.common.work import JobRunner, Work, WorkState
 from boat_daq.viewmodels.live.conversion import Preparation, prepare
-from boat_daq.viewmodels.models import optics_jobs as optics_work
+from boat_daq.viewmodels.models import optics_jobs
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
 from boat_daq.viewmodels.models.optics_results import SweepSummary
-from boat_daq.viewmodels.results import calibration_jobs as calibration_work
-from boat_daq.viewmodels.results import run_jobs as run_work
+from boat_daq.viewmodels.results import calibration_jobs, run_jobs
 from boat_daq.viewmodels.results.analysis_view import PosteriorResult, figure_text
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
@@ -50,7 +49,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(recording):
-    return calibration_work.analyse_run(str(recording))
+    return calibration_jobs.analyse_run(str(recording))
 
 
 # ---- helper processes -----------------------------------------------------------------------------------------------
@@ -75,17 +74,22 @@ def leave():
     os._exit(3)
 
 
+def pause(seconds):
+    """Wait."""
+    time.sleep(seconds)
+
+
 def test_work_comes_back_with_progress():
     """A function named by its place runs in another process; progress and result arrive by polling alone."""
-    work = Work("Squaring", f"{__name__}:slow_square", 12, report=True)
-    until(lambda: work.poll() is not WorkState.RUNNING)
-    assert (work.state, work.result, work.permille) == (WorkState.DONE, 144, 1000)
+    job = Job("Squaring", slow_square, 12)
+    until(lambda: job.poll() is not JobState.RUNNING)
+    assert (job.state, job.result, job.permille) == (JobState.DONE, 144, 1000)
 
 
 def test_a_refusal_and_a_crash_are_told_apart():
     """An error of ours keeps cause and remedy; a process that just ends is said to have ended."""
-    refused, crashed = Work("Refusing", f"{__name__}:refuse"), Work("Crashing", f"{__name__}:leave")
-    until(lambda: refused.poll() is not WorkState.RUNNING and crashed.poll() is not WorkState.RUNNING)
+    refused, crashed = Job("Refusing", refuse), Job("Crashing", leave)
+    until(lambda: refused.poll() is not JobState.RUNNING and crashed.poll() is not JobState.RUNNING)
     assert (refused.failure.cause, refused.failure.remedy) == ("the run has no sensor", "Record one.")
     assert "ended before its result" in crashed.failure.cause
 
@@ -93,11 +97,11 @@ def test_a_refusal_and_a_crash_are_told_apart():
 def test_cancelling_ends_the_process():
     """A cancelled work is over at once, and its place on the bench is free."""
     bench, ended = JobRunner(), []
-    work = bench.start("long", Work("Sleeping", "time:sleep", 60), ended.append)
+    job = bench.start("long", Job("Sleeping", pause, 60), ended.append)
     bench.cancel("long")
     bench.poll()
-    assert work.state is WorkState.CANCELLED
-    assert ended == [work]
+    assert job.state is JobState.CANCELLED
+    assert ended == [job]
     assert bench.get("long") is None
 
 
@@ -367,14 +371,14 @@ def test_exports_read_back(recording, tmp_path):
     """The exported CSV has every sample."""
     from analysis import load_recording
 
-    files = run_work.export_run(recording, tmp_path / "run.csv", "csv")
+    files = run_jobs.export_run(recording, tmp_path / "run.csv", "csv")
     assert load_recording(files[0]).n == load_recording(recording).n
 
 
 def test_a_run_compared_with_itself_differs_by_nothing(recording, tmp_path):
     """The difference of two equal runs is zero over the range."""
     model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
-    model.comparison = run_work.compare_runs([recording, recording])
+    model.comparison = run_jobs.compare_runs([recording, recording])
     lines, words = model.comparison_lines()
     assert len(lines) == 2
     assert np.abs(lines[0][1][1]).max() < 1e-6
@@ -387,7 +391,7 @@ def test_a_run_compared_with_itself_differs_by_nothing(recording, tmp_path):
 
 def test_a_design_comes_with_all_its_states():
     """Fifteen scenes, one NDR each; the rays of a scene lie between emitter and receiver."""
-    found = optics_work.trace_design(PAPER, 60)
+    found = optics_jobs.trace_design(PAPER, 60)
     assert len(found.scenes) == found.ndr.size == 15
     assert np.all((found.ndr >= 0) & (found.ndr <= 350))
     rays = found.scenes[7].released
@@ -423,10 +427,10 @@ def test_a_map_holds_each_design_in_its_place():
 
 def test_curves_go_by_a_word_or_a_file(tmp_path):
     """The parametric states' own elongation is found from the guides; a file of one state is refused by its name."""
-    curves = optics_work.curves_of("parametric")
-    assert np.allclose(optics_work.elongations_of("parametric", curves), parametric_elongations())
+    curves = optics_jobs.curves_of("parametric")
+    assert np.allclose(optics_jobs.elongations_of("parametric", curves), parametric_elongations())
     path = tmp_path / "one.csv"
     rows = [f"{x},{z}" for x, z in curves[7, 0]]
     path.write_text("x,z\n" + "\n".join(rows), encoding="utf-8")
     with pytest.raises(AnalysisError, match="one state only"):
-        optics_work.curves_of(str(path))
+        optics_jobs.curves_of(str(path))

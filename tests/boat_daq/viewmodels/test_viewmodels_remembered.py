@@ -43,7 +43,7 @@ def test_a_remembered_plan_that_is_refused_is_left(tmp_path: Path, kept: str) ->
 def test_the_repeatability_is_as_fine_as_the_fidelity_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The level goes with the work, as on the calibration page."""
     begun = Mock()
-    monkeypatch.setattr("boat_daq.viewmodels.results.repeatability.Work", begun)
+    monkeypatch.setattr("boat_daq.viewmodels.results.repeatability.Job", begun)
     model = RepeatabilityModel(Mock())
     for level in ("draft", "reference"):
         model.set_fidelity(fidelity(level))

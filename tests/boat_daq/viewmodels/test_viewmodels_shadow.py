@@ -11,11 +11,11 @@ import pytest
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Phase, Progress
 from boat_daq.viewmodels.common.formatting import number
-from boat_daq.viewmodels.common.work import Failure, JobRunner, WorkState
+from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live import Elongation
 from boat_daq.viewmodels.live.overlay import OverlayModel
-from boat_daq.viewmodels.live.shadow_jobs import unstable_places
+from boat_daq.viewmodels.live.shadow_jobs import judge_held, unstable_places
 from boat_daq.viewmodels.live.shadow_live import LEVELS, Moment, ShadowLive, load_model
 from boat_daq.viewmodels.live.shadow_monitor import ShadowMonitor
 from tests.boat_daq.gui.recorded_session import connected, filled_ring
@@ -113,7 +113,7 @@ class Helper:
 
     def __init__(self, label, function, *args):
         self.asked = (function, *args)
-        self.state, self.result, self.failure = WorkState.RUNNING, None, None
+        self.state, self.result, self.failure = JobState.RUNNING, None, None
 
     def end(self, state, result=None, failure=None):
         self.state, self.result, self.failure = state, result, failure
@@ -122,9 +122,9 @@ class Helper:
 def held(ring, model, monkeypatch, elongation, pressure=-42.0):
     """A pane at a held state, and what it gives to a helper."""
     started = []
-    monkeypatch.setattr(shadow_live, "Work", Helper)
+    monkeypatch.setattr(shadow_live, "Job", Helper)
     pane = pane_on(ring, model, None)
-    pane._jobs.start = lambda name, work, then: started.append((work, then))
+    pane._jobs.start = lambda name, job, then: started.append((job, then))
     pane.now = lambda: Moment(pressure, elongation, 0.3, True)
     return pane, started
 
@@ -139,10 +139,10 @@ def test_a_state_that_is_held_but_not_stable_is_said(ring, model, unstable, monk
     """At -42 kPa an elongated tip would buckle if it could, a shortened one would not (the full model's tangents)."""
     pane, started = held(ring, model, monkeypatch, elongation)
     assert "Stability" not in said(pane)  # nothing is said before it is known
-    ((work, then),) = started
-    assert work.asked == ("boat_daq.viewmodels.live.shadow_jobs:judge_held", "normal")
-    work.end(WorkState.DONE, unstable)
-    then(work)
+    ((job, then),) = started
+    assert job.asked == (judge_held, "normal")
+    job.end(JobState.DONE, unstable)
+    then(job)
     assert ("Stability" in said(pane)) is warned
     assert len(started) == 1
 
@@ -158,17 +158,17 @@ def test_a_state_that_cannot_be_unstable_is_not_judged(ring, model, monkeypatch,
 @pytest.mark.parametrize(
     ("state", "failure", "words"),
     [
-        (WorkState.FAILED, Failure("out of memory", "", ""), "\u25b2 not judged: out of memory"),
-        (WorkState.CANCELLED, None, "\u25b2 not judged: cancelled"),
+        (JobState.FAILED, JobFailure("out of memory", "", ""), "\u25b2 not judged: out of memory"),
+        (JobState.CANCELLED, None, "\u25b2 not judged: cancelled"),
     ],
 )
 def test_a_judgement_that_fails_is_said(ring, model, monkeypatch, state, failure, words):
     """Unknown is not stable; it is not asked for again in every frame."""
     pane, started = held(ring, model, monkeypatch, 2.5)
     pane.picture()
-    ((work, then),) = started
-    work.end(state, failure=failure)
-    then(work)
+    ((job, then),) = started
+    job.end(state, failure=failure)
+    then(job)
     assert said(pane)["Stability"] == words
     assert len(started) == 1
 

@@ -14,8 +14,8 @@ from analysis.tradeoff import METHODS as MEASURED
 from analysis.tradeoff import Method, Setting
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import duration_text, power_text
+from boat_daq.viewmodels.common.jobs import JobRunner, JobState
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.common.work import JobRunner, WorkState
 from boat_daq.viewmodels.models import tradeoff_jobs
 from boat_daq.viewmodels.models.atlas import AtlasModel, read_maps
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel
@@ -113,7 +113,7 @@ def test_what_the_helper_measures_is_what_the_page_reads(monkeypatch):
         "fake", "Fake", "truth", True, "reader", 0.1, "mm", "a call",
         lambda level: "bad" if level.level == "draft" else "good", lambda quick: settings,
     )  # fmt: skip
-    monkeypatch.setattr(tradeoff_jobs, "METHODS", {"fake": fake})
+    monkeypatch.setattr("analysis.tradeoff.METHODS", {"fake": fake})
     seen = []
     content = tradeoff_jobs.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
     assert seen == sorted(seen)
@@ -157,7 +157,7 @@ def study():
 
 def test_a_swept_map_is_read_with_its_words(monkeypatch, tmp_path):
     """Outcome, error and what was said stand at their place; beside the map there are no words."""
-    monkeypatch.setattr(tradeoff_jobs, "chosen_studies", lambda names: [study()])
+    monkeypatch.setattr("analysis.atlas.methods.chosen_studies", lambda names: [study()])
     model = AtlasModel(JobRunner(), tmp_path)
     model.take(json.loads(json.dumps(tradeoff_jobs.sweep_method("fit"))))
     shown = model.maps["fit"][0]
@@ -198,10 +198,10 @@ def swept(method, name="map", outcome="works"):
 def test_a_new_sweep_replaces_its_method_and_keeps_the_others(tmp_path):
     """What the helper sends joins what was kept, and is there at the next start; a broken file is said."""
     model = AtlasModel(JobRunner(), tmp_path)
-    work = SimpleNamespace(state=WorkState.DONE, failure=None, result=None)
+    job = SimpleNamespace(state=JobState.DONE, failure=None, result=None)
     for result in (swept("fit"), swept("alarms"), swept("fit", outcome="refused")):
-        work.result = result
-        model._ended(work)
+        job.result = result
+        model._ended(job)
     again = AtlasModel(JobRunner(), tmp_path)
     assert {m: shown[0].cells[0][0].outcome for m, shown in again.maps.items()} == {
         "alarms": "works",

@@ -11,7 +11,7 @@ from PySide6.QtCore import QPointF
 from analysis.fidelity import fidelity
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui.models.optics_page import select
-from boat_daq.viewmodels.common.work import Failure, WorkState
+from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
 from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
@@ -21,29 +21,29 @@ NORMAL = fidelity("normal")
 LINE = np.array([[0.0, 0.0], [75.0, 1.0]])
 
 
-class FakeWork:
-    """Work that ends when told to."""
+class FakeJob:
+    """Job that ends when told to."""
 
-    made: ClassVar[list[FakeWork]] = []
+    made: ClassVar[list[FakeJob]] = []
 
-    def __init__(self, label, function, *args, report):
+    def __init__(self, label, function, *args):
         self.label, self.function, self.args = label, function, args
-        self.state, self.result, self.failure, self.fraction = WorkState.RUNNING, None, None, 0.5
-        FakeWork.made.append(self)
+        self.state, self.result, self.failure, self.fraction = JobState.RUNNING, None, None, 0.5
+        FakeJob.made.append(self)
 
     def poll(self):
         return self.state
 
     def cancel(self):
-        self.state = WorkState.CANCELLED
+        self.state = JobState.CANCELLED
 
     def bring(self, result):
         """End well with `result`."""
-        self.state, self.result = WorkState.DONE, result
+        self.state, self.result = JobState.DONE, result
 
     def fail(self, cause):
         """End badly."""
-        self.state, self.failure = WorkState.FAILED, Failure(cause, "Choose another.", "")
+        self.state, self.failure = JobState.FAILED, JobFailure(cause, "Choose another.", "")
 
 
 def traced(values=PAPER, face="outer"):
@@ -68,14 +68,14 @@ def page(qtbot, app_model, monkeypatch):  # noqa: F811 - the fixture above
     """The page, shown, with the paper's design traced."""
     from boat_daq.gui.models.optics_page import OpticsPage
 
-    FakeWork.made = []
-    monkeypatch.setattr(optics, "Work", FakeWork)
+    FakeJob.made = []
+    monkeypatch.setattr(optics, "Job", FakeJob)
     shown = OpticsPage(app_model.optics, app_model.services)
     qtbot.addWidget(shown)
     shown.resize(1100, 700)
     shown.show()
     shown.refresh(app_model.snapshot)
-    FakeWork.made[-1].bring(traced())
+    FakeJob.made[-1].bring(traced())
     tell(shown)
     return shown
 
@@ -95,11 +95,11 @@ def test_the_search_is_started_stopped_and_says_what_it_gained(page):
     assert (page.search_button.text(), page.model.optimum) == ("Optimise", None)
     page.search_button.click()
     found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, PAPER, 2.5, 0.4, 900, 50.0, 5000, True)
-    FakeWork.made[-1].bring(found)
+    FakeJob.made[-1].bring(found)
     tell(page)
     assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()
     page.look.click()
-    assert FakeWork.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
+    assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
     tell(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1.23", 7)
     assert page.face.currentData() == "inner"
@@ -124,9 +124,9 @@ def test_curves_from_a_file_are_taken_by_name_and_kept_apart(page, tmp_path):
     page.take_file(tmp_path / "mine.csv")
     tell(page)
     assert page.curves.currentText() == "mine.csv"
-    assert FakeWork.made[-1].args[2] == str(tmp_path / "mine.csv")
+    assert FakeJob.made[-1].args[2] == str(tmp_path / "mine.csv")
     assert page.model.sweep is None
-    FakeWork.made[-1].fail("mine.csv has 3 points")
+    FakeJob.made[-1].fail("mine.csv has 3 points")
     tell(page)
     assert "mine.csv has 3 points" in page.response.readout.text()
     page.model.set_curves("default")
@@ -138,7 +138,7 @@ def test_curves_from_a_file_are_taken_by_name_and_kept_apart(page, tmp_path):
 def test_a_trace_that_comes_late_is_not_shown_for_another_design(page):
     """What was asked for before is kept, not drawn in the place of what is asked for now."""
     page.model.choose((3, 0.5, 0.5, 0.5))
-    late = FakeWork.made[-1]
+    late = FakeJob.made[-1]
     late.bring(traced((3, 0.5, 0.5, 0.5)))
     page.model.values = PAPER
     page.model.result = None
@@ -151,8 +151,8 @@ def test_a_trace_that_comes_late_is_not_shown_for_another_design(page):
 def test_a_click_on_a_map_or_on_the_front_looks_at_that_design(page):
     """The cell under the mouse in the map of its width; the nearest design in the plot of the front."""
     page.sweep_button.click()
-    assert FakeWork.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
-    FakeWork.made[-1].bring(swept())
+    assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
+    FakeJob.made[-1].bring(swept())
     tell(page)
     assert page.maps.maps[5].marks["paper"].getData()[0].tolist() == [4.5]
     assert page.pareto.numbers.texts == ["2"]
@@ -175,13 +175,13 @@ def test_a_click_on_a_map_or_on_the_front_looks_at_that_design(page):
 
 def test_the_slider_moves_over_the_states_without_tracing(page):
     """Fifteen states, each drawn from what is there."""
-    before = len(FakeWork.made)
+    before = len(FakeJob.made)
     page.slider.setValue(0)
     assert page.response.now.value() == pytest.approx(-2.7)
     page.slider.setValue(14)
     assert page.response.now.value() == pytest.approx(3.8)
     assert "state 14 of 14" in page.scene.readout.text()
-    assert len(FakeWork.made) == before
+    assert len(FakeJob.made) == before
 
 
 def test_rays_set_by_hand_go_before_the_fidelity(page):

@@ -11,9 +11,10 @@ from PySide6.QtGui import QColor
 
 from analysis.fidelity import fidelity
 from boat_daq.gui import style
+from boat_daq.gui.models import tradeoff_jobs
 from boat_daq.gui.models.tradeoff_chart import spread_bars
 from boat_daq.gui.plotting.axes import LogAxis, log_ticks
-from boat_daq.viewmodels.common.work import WorkState
+from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff_report import read_report
 from tests.boat_daq.gui.recorded_session import RecordedSession, idle
@@ -87,28 +88,28 @@ def test_the_chart_is_saved(page, tmp_path, suffix):
 def test_a_measurement_is_started_watched_and_stopped(page, app_model, monkeypatch):
     """The button starts and stops, the bar follows, the result is drawn; a tick takes a method out."""
 
-    class FakeWork:
-        label, state, fraction, failure, permille = "Measuring", WorkState.RUNNING, 0.4, None, 400
+    class FakeJob:
+        label, state, fraction, failure, permille = "Measuring", JobState.RUNNING, 0.4, None, 400
 
-        def __init__(self, label, name, methods, quick, report):
-            assert name == "boat_daq.gui.models.tradeoff_jobs:measure_methods"
+        def __init__(self, label, function, methods, quick):
+            assert function is tradeoff_jobs.measure_methods
             asked.append((methods, quick))
 
         def poll(self):
             return self.state
 
         def cancel(self):
-            self.state = WorkState.CANCELLED
+            self.state = JobState.CANCELLED
 
     asked = []
-    monkeypatch.setattr(tradeoff, "Work", FakeWork)
+    monkeypatch.setattr(tradeoff, "Job", FakeJob)
     page.methods.item(0).setCheckState(Qt.CheckState.Unchecked)
     page.start.click()
     page.refresh(app_model.snapshot)
     assert asked == [(tuple(tradeoff.METHODS)[1:], True)]
     assert (page.start.text(), page.progress.value()) == ("Stop", 400)
-    work = app_model.tradeoff.work
-    work.state, work.result = WorkState.DONE, report("tracer")
+    job = app_model.tradeoff.job
+    job.state, job.result = JobState.DONE, report("tracer")
     app_model.jobs.poll()
     page.refresh(app_model.snapshot)
     assert page.start.text() == "Measure"
@@ -116,7 +117,7 @@ def test_a_measurement_is_started_watched_and_stopped(page, app_model, monkeypat
     page.start.click()
     page.start.click()
     app_model.jobs.poll()
-    assert app_model.tradeoff.work is None
+    assert app_model.tradeoff.job is None
 
 
 def test_a_map_is_told_by_colour_hatching_and_letter(page, app_model):

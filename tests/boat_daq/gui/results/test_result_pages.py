@@ -16,7 +16,7 @@ from analysis.calibration.fit import fit_calibration
 from analysis.warning import Warning, WarningCode
 from boat_daq.gui import style
 from boat_daq.gui.results.closed_readings import ClosedReadings
-from boat_daq.viewmodels.common.work import WorkState
+from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.results.analysis_view import (
     BreakResult,
     CycleSeries,
@@ -328,7 +328,7 @@ def test_repeat_says_what_is_missing(live):
     live.refresh()
     assert not page.missing.isVisible()
     model._analysed(
-        SimpleNamespace(state=WorkState.FAILED, failure=SimpleNamespace(cause="damaged", remedy="Recover it."))
+        SimpleNamespace(state=JobState.FAILED, failure=SimpleNamespace(cause="damaged", remedy="Recover it."))
     )
     live.refresh()
     assert (page.missing.isVisible(), page.missing.words.text()) == (True, "damaged. Recover it.")

@@ -1,0 +1,175 @@
+"""Computations in helper processes, with progress and cancel: VENT never waits for a computation.
+
+A job's function runs in a spawned interpreter, so that neither its CPU time nor its interpreter lock is the window's.
+It is a function of a module, passed by reference; modules of jobs (`*_jobs`) import their libraries inside the
+functions, so that the window starts without them. Only picklable values cross. Nothing here calls back; the window
+calls `poll()` from its one timer.
+"""
+
+from __future__ import annotations
+
+import inspect
+import multiprocessing
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+from multiprocessing.connection import Connection
+from time import monotonic
+from typing import Any, ParamSpec
+
+P = ParamSpec("P")
+_SPAWN = multiprocessing.get_context("spawn")
+REPORT_EVERY_S = 0.05
+
+
+class JobState(Enum):
+    """State of a job."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+@dataclass(frozen=True, slots=True)
+class JobFailure:
+    """Why a job failed: cause and remedy for the status strip, details on request."""
+
+    cause: str
+    remedy: str
+    details: str
+
+    @property
+    def text(self) -> str:
+        """Return cause and remedy."""
+        return f"{self.cause}. {self.remedy}".strip()
+
+
+def _run(pipe: Connection, function: Callable[..., object], args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
+    """Run in the helper process: send ("progress", fraction), then ("done", result) or ("failed", JobFailure)."""
+    last = 0.0
+
+    def progress(done: float, total: float, /) -> None:
+        nonlocal last
+        if monotonic() - last >= REPORT_EVERY_S or done >= total:
+            last = monotonic()
+            pipe.send(("progress", float(done) / float(total) if total else None))
+
+    try:
+        if "progress" in inspect.signature(function).parameters:
+            kwargs = {**kwargs, "progress": progress}
+        pipe.send(("done", function(*args, **kwargs)))
+    except BaseException as error:  # noqa: BLE001 - the window decides; nothing may be lost on the way
+        cause = str(getattr(error, "cause", "")) or f"{type(error).__name__}: {error}"
+        with suppress(OSError):  # the window is gone
+            pipe.send(("failed", JobFailure(cause, str(getattr(error, "remedy", "")), traceback.format_exc())))
+    finally:
+        pipe.close()
+
+
+class Job:
+    """A function that runs in its own process.
+
+    Parameters
+    ----------
+    label : what is being computed, in the operator's terms, e.g. "Computing uncertainty bands".
+    function : of a module; a parameter named `progress` is given a function of (done, total).
+    args, kwargs : of the call; picklable.
+    """
+
+    def __init__(self, label: str, function: Callable[P, object], /, *args: P.args, **kwargs: P.kwargs) -> None:
+        self.label = label
+        self.state = JobState.RUNNING
+        self.fraction: float | None = None
+        self.result: Any = None
+        self.failure: JobFailure | None = None
+        self._pipe, child = _SPAWN.Pipe(duplex=False)
+        self._process = _SPAWN.Process(target=_run, args=(child, function, args, kwargs), daemon=True)
+        self._process.start()
+        child.close()
+
+    @property
+    def permille(self) -> int:
+        """Return the progress in thousandths."""
+        return round(1000 * (self.fraction or 0.0))
+
+    def poll(self) -> JobState:
+        """Take what the process has sent and return the state; never block."""
+        while self.state is JobState.RUNNING and self._pipe.poll():
+            try:
+                kind, value = self._pipe.recv()
+            except EOFError:
+                self._process.join(0.2)
+                details = f"exit code {self._process.exitcode}"
+                cause = f"{self.label}: the process ended before its result"
+                kind, value = "failed", JobFailure(cause, "Start it again.", details)
+            if kind == "progress":
+                self.fraction = value
+            elif kind == "done":
+                self.result = value
+                self._finish(JobState.DONE)
+            else:
+                self.failure = value
+                self._finish(JobState.FAILED)
+        return self.state
+
+    def cancel(self) -> None:
+        """End the process and discard what it has computed."""
+        if self.state is JobState.RUNNING:
+            self._process.terminate()
+            self._finish(JobState.CANCELLED)
+
+    def _finish(self, state: JobState) -> None:
+        self.state = state
+        self._pipe.close()
+        self._process.join(0.5)
+
+
+class JobRunner:
+    """The running jobs by name; starting one again cancels the one before."""
+
+    def __init__(self) -> None:
+        self._running: dict[str, tuple[Job, Callable[[Job], None]]] = {}
+
+    def start(self, name: str, job: Job, then: Callable[[Job], None]) -> Job:
+        """Run `job` under `name`.
+
+        Parameters
+        ----------
+        name : of the slot; a job that runs in it is cancelled.
+        job : started already.
+        then : is called with the job, from `poll`, once it has ended.
+        """
+        self.cancel(name)
+        self._running[name] = (job, then)
+        return job
+
+    def get(self, name: str) -> Job | None:
+        """Return the running job of that name."""
+        return self._running.get(name, (None, None))[0]
+
+    def running(self) -> list[Job]:
+        """Return the running jobs, oldest first."""
+        return [job for job, _ in self._running.values()]
+
+    def poll(self) -> None:
+        """Take what has arrived; call `then` of each job that has ended."""
+        for name, (job, then) in list(self._running.items()):
+            if job.poll() is not JobState.RUNNING:
+                if self.get(name) is job:
+                    del self._running[name]
+                then(job)
+
+    def cancel(self, name: str) -> None:
+        """Cancel the job of that name, if it runs."""
+        job = self.get(name)
+        if job is not None:
+            job.cancel()
+
+    def close(self) -> None:
+        """Cancel all jobs."""
+        for name in self._running:
+            self.cancel(name)
+        self._running.clear()

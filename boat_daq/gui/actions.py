@@ -15,7 +15,7 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.registry import Command
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
-from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.live.shadow_live import SCALES
 
@@ -75,7 +75,7 @@ def view(window: MainWindow) -> list[Command]:
         focus = QApplication.focusWidget() or window.focusWidget()
         chosen = next((card for card in shown if focus is not None and card.isAncestorOf(focus)), None)
         if not any(isinstance(card, PlotCard) for card in shown):
-            window.model.notices.say(Level.WARNING, "no plot is shown", "Go to a page that shows one.")
+            window.model.notices.say(Severity.WARNING, "no plot is shown", "Go to a page that shows one.")
         elif deed == "copy":
             window.copy_plot(chosen or shown[0])
         else:

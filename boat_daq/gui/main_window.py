@@ -45,7 +45,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.page_scroll import PageScroll
 from boat_daq.gui.window_keys import WindowKeys
 from boat_daq.viewmodels.app_model import AppModel
-from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
 
 CALM_MS = 150
@@ -218,7 +218,7 @@ class MainWindow(QMainWindow):
 
     def _report_refused(self, what: str, why: str) -> None:
         """Report why a key had no effect."""
-        self.model.notices.say(Level.INFORMATION, f"\u201c{what}\u201d: not now", why)
+        self.model.notices.say(Severity.INFORMATION, f"\u201c{what}\u201d: not now", why)
 
     def vent(self) -> None:
         """Vent, whatever has the keyboard; the same key closes a dialog in front."""
@@ -325,9 +325,8 @@ class MainWindow(QMainWindow):
         if asked_again or self.model.snapshot.state not in UNDER_WAY:
             return True
         self._leave_until = monotonic() + LEAVE_S
-        self.model.notices.say(
-            Level.WARNING, "a run is under way", "Close once more within 10 s to stop it, vent and close the recording."
-        )
+        remedy = f"Press Close again within {LEAVE_S:.0f} s to stop it, vent and save."
+        self.model.notices.say(Severity.WARNING, "a run is in progress", remedy)
         return False
 
     def closeEvent(self, event: QCloseEvent) -> None:

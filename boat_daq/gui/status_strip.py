@@ -10,9 +10,9 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.tooltips import as_words
 from boat_daq.viewmodels.common.jobs import JobRunner
-from boat_daq.viewmodels.common.notices import SHAPES, WORDS, Level, Notice, Notices
+from boat_daq.viewmodels.common.notices import SHAPES, WORDS, Notice, Notices, Severity
 
-LEVELS = {Level.INFORMATION: "information", Level.WARNING: "warning", Level.FAULT: "fault"}
+LEVELS = {Severity.INFORMATION: "information", Severity.WARNING: "warning", Severity.FAULT: "fault"}
 
 
 class Strip(QWidget):
@@ -84,7 +84,7 @@ class Strip(QWidget):
         self.act.setText(notice.action_text if notice else "")
         self.act.setVisible(bool(notice and notice.action))
         self.more.setVisible(bool(notice and notice.details))
-        standing = bool(notice and notice.level is not Level.INFORMATION)
+        standing = bool(notice and notice.level is not Severity.INFORMATION)
         self.copy.setVisible(standing)
         self.close_.setVisible(notice is not None and notice.stays)
         self.details.setPlainText(notice.text if notice else "")

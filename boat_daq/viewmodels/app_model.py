@@ -16,14 +16,14 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Job, JobRunner
-from boat_daq.viewmodels.common.notices import Level, Notices
+from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.precision import Precision
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.common.undo import UndoHistory
 from boat_daq.viewmodels.live.calibration_offer import CalibrationOffer
 from boat_daq.viewmodels.live.connection import ConnectionModel
-from boat_daq.viewmodels.live.live import LiveModel
+from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.overlay import OverlayModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.resume_run import ResumeRun
@@ -55,7 +55,7 @@ class AppModel:
     def __init__(self, session: Session, folder: Path, recordings: Path, units: UnitLibrary | None = None) -> None:
         self.session, self.folder, self.units = session, folder, units or UnitLibrary()
         self.notices = Notices()
-        self.preferences = Preferences(folder, partial(self.notices.say, Level.WARNING))
+        self.preferences = Preferences(folder, partial(self.notices.say, Severity.WARNING))
         self.undo = UndoHistory()
         self.jobs = JobRunner()
         self.services = Services(self.notices, self.preferences, self.undo, recordings)
@@ -123,7 +123,7 @@ class AppModel:
 
     def _report_alarms(self) -> None:
         for sentence in self.monitor.poll():
-            self.notices.say(Level.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
+            self.notices.say(Severity.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
 
     def connected(self) -> bool:
         """Return whether samples arrived at the last tick."""
@@ -150,7 +150,7 @@ class AppModel:
         """Offer to recover each recording that a killed session left open."""
         for path in self.runs.interrupted():
             self.notices.say(
-                Level.WARNING,
+                Severity.WARNING,
                 f"{path.name} was not closed: its session was killed",
                 "Nothing that was recorded is lost; recovering closes the file properly.",
                 action_text="Recover",

@@ -27,7 +27,7 @@ def window_on(qtbot, tmp_path, size):
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui import app
     from boat_daq.viewmodels.app_model import AppModel
-    from boat_daq.viewmodels.live.live import Elongation
+    from boat_daq.viewmodels.live.live_model import LiveElongation
     from boat_daq.viewmodels.live.shadow_live import load_model
 
     app.make_application()
@@ -39,7 +39,7 @@ def window_on(qtbot, tmp_path, size):
 
     def inverse(signal_mv):
         mm = (signal_mv.mean(axis=1) - 1638.0) / 40.0
-        return Elongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
+        return LiveElongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
 
     window.model.live.inverse = inverse
     window.model.shadow.model = load_model()

@@ -23,7 +23,7 @@ def app_model(qtbot, tmp_path):
     from boat_daq.engine.settings import UnitLibrary
     from boat_daq.gui.app import make_application
     from boat_daq.viewmodels.app_model import AppModel
-    from boat_daq.viewmodels.live.live import Elongation
+    from boat_daq.viewmodels.live.live_model import LiveElongation
     from boat_daq.viewmodels.live.shadow_live import load_model
 
     make_application()
@@ -32,7 +32,7 @@ def app_model(qtbot, tmp_path):
 
     def inverse(signal_mv):
         mm = (signal_mv.mean(axis=1) - 1638.0) / 40.0
-        return Elongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
+        return LiveElongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
 
     made.live.inverse = inverse
     made.shadow.model = load_model()
@@ -95,7 +95,7 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
     beside it what one judgement takes, which no frame does.
     """
     from boat_daq.gui.plotting.shadow_pane import ShadowPane
-    from boat_daq.viewmodels.live.live import Elongation
+    from boat_daq.viewmodels.live.live_model import LiveElongation
     from boat_daq.viewmodels.live.shadow_jobs import unstable_places
 
     model, looked, judging = app_model.shadow.model, Watch(), Watch()
@@ -114,7 +114,8 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
             ("target_kpa", "s1_mv", "s2_mv"), np.full(10, pressure)
         )
         app_model.session.ring = type("Part", (), {"view": lambda self, since_s=None, last=None, p=part: p})()
-        app_model.live.inverse = lambda signal_mv, mm=mm: Elongation(np.full(1, mm), np.full(1, 0.3), np.zeros(1, bool))
+        found = LiveElongation(np.full(1, mm), np.full(1, 0.3), np.zeros(1, bool))
+        app_model.live.inverse = lambda signal_mv, found=found: found
         with looked:
             pane.draw()
             pane.view.repaint()

@@ -25,13 +25,13 @@ from boat_daq.gui.widgets.page_scroll import Leaves
 from boat_daq.gui.widgets.split_view import Divided
 from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Services
-from boat_daq.viewmodels.live.live import HEADINGS, HEADINGS_SHORT, WINDOWS_S, Span
+from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, Span
 from boat_daq.viewmodels.live.overlay import OverlayModel
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 
 
-class Figure(QWidget):
+class ValueDisplay(QWidget):
     """One measured value: what it is, small; the value, large and still; its unit, smaller."""
 
     def __init__(self, title: str, unit: str, example: str) -> None:
@@ -115,11 +115,11 @@ class LivePage(QWidget):
         self.room, self.left = widgets.page_layout(self), left
         self.room.addWidget(self.sides)
 
-    def _figures(self) -> dict[str, Figure]:
+    def _figures(self) -> dict[str, ValueDisplay]:
         return {
-            "s1": Figure("Sensor 1", "mV", "8 888.8"), "s2": Figure("Sensor 2", "mV", "8 888.8"),
-            "mm": Figure("Elongation", "mm", "+8.88"), "kpa": Figure("Pressure", "kPa", "+88.8"),
-            "target": Figure("Target", "kPa", "+88.8"),
+            "s1": ValueDisplay("Sensor 1", "mV", "8 888.8"), "s2": ValueDisplay("Sensor 2", "mV", "8 888.8"),
+            "mm": ValueDisplay("Elongation", "mm", "+8.88"), "kpa": ValueDisplay("Pressure", "kPa", "+88.8"),
+            "target": ValueDisplay("Target", "kPa", "+88.8"),
         }  # fmt: skip
 
     def _head(self) -> QFrame:

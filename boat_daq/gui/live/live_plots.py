@@ -17,7 +17,7 @@ from analysis.arrays import FloatArray
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
-from boat_daq.viewmodels.live.live import Frame, LiveModel, sensor_names
+from boat_daq.viewmodels.live.live_model import LiveModel, PlotFrame, sensor_names
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
@@ -34,7 +34,7 @@ class LivePlots(PlotCard):
     def __init__(self, model: LiveModel) -> None:
         super().__init__("Live signals", show_title=False)
         self.model = model
-        self.last: Frame | None = None  # drawn whole
+        self.last: PlotFrame | None = None  # drawn whole
         self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
         self.first = self.add("Signal 1", "mV", time=True)
         self.second = self.add("Signal 2", "mV", time=True)
@@ -120,7 +120,7 @@ class LivePlots(PlotCard):
         self.view.scene().prepareForPaint()  # now, or the paint itself would ask for a second one
         return True
 
-    def _draw_whole(self, frame: Frame) -> None:
+    def _draw_whole(self, frame: PlotFrame) -> None:
         time_s = frame.columns["time_s"]
         for curve, values in self._lines(frame):
             curve.set(time_s, values)
@@ -129,7 +129,7 @@ class LivePlots(PlotCard):
         self.x_range(frame.low_s, frame.high_s)
         self._ranges(frame)
 
-    def _lines(self, frame: Frame) -> list[tuple[Curve, FloatArray]]:
+    def _lines(self, frame: PlotFrame) -> list[tuple[Curve, FloatArray]]:
         """Return what each curve shows of a frame."""
         columns, names = frame.columns, sensor_names(frame.columns)
         lines = [(self.kpa, columns["pressure_kpa"]), (self.target, columns["target_kpa"])]
@@ -139,7 +139,7 @@ class LivePlots(PlotCard):
             lines.append((self.mm, frame.elongation.mm))
         return lines
 
-    def _ranges(self, frame: Frame) -> None:
+    def _ranges(self, frame: PlotFrame) -> None:
         ranges = self.model.ranges(frame, monotonic())
         names = sensor_names(frame.columns)
         self.first.y_range(*ranges[names[0]])

@@ -14,7 +14,7 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.live.run_model import RunModel
-from boat_daq.viewmodels.live.sequence import Drawing, progress_text, state_text
+from boat_daq.viewmodels.live.sequence import StaircaseDrawing, progress_text, state_text
 
 LABELS = {
     "arm": "Arm", "disarm": "Disarm", "start": "Start", "pause": "Pause", "resume": "Resume", "stop": "Stop",
@@ -34,11 +34,11 @@ class StaircasePicture(QWidget):
     def __init__(self, name: str) -> None:
         super().__init__()
         self.setAccessibleName(name)
-        self.drawing: Drawing | None = None
+        self.drawing: StaircaseDrawing | None = None
         self.theme: Theme = style.LIGHT
         self.setMinimumHeight(2 * style.CONTROL_HEIGHT)
 
-    def show_drawing(self, drawing: Drawing) -> None:
+    def show_drawing(self, drawing: StaircaseDrawing) -> None:
         """Show another drawing."""
         if drawing != self.drawing:
             self.drawing = drawing

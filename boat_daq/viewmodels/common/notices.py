@@ -18,7 +18,7 @@ INFORMATION_S = 6.0
 KEPT = 200
 
 
-class Level(IntEnum):
+class Severity(IntEnum):
     """Weight of a notice."""
 
     INFORMATION = 0
@@ -26,15 +26,15 @@ class Level(IntEnum):
     FAULT = 2
 
 
-WORDS = {Level.INFORMATION: "Note", Level.WARNING: "Attention", Level.FAULT: "Fault"}
-SHAPES = {Level.INFORMATION: "\u25cf", Level.WARNING: "\u25b2", Level.FAULT: "\u25a0"}
+WORDS = {Severity.INFORMATION: "Note", Severity.WARNING: "Attention", Severity.FAULT: "Fault"}
+SHAPES = {Severity.INFORMATION: "\u25cf", Severity.WARNING: "\u25b2", Severity.FAULT: "\u25a0"}
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
     """One thing to say."""
 
-    level: Level
+    level: Severity
     cause: str
     remedy: str = ""
     details: str = ""
@@ -45,7 +45,7 @@ class Notice:
     @property
     def stays(self) -> bool:
         """Whether it waits to be dismissed: a warning, a fault, or an offer."""
-        return self.level is not Level.INFORMATION or self.action is not None
+        return self.level is not Severity.INFORMATION or self.action is not None
 
     @property
     def text(self) -> str:
@@ -69,7 +69,7 @@ class Notices:
 
     def say(
         self,
-        level: Level,
+        level: Severity,
         cause: str,
         remedy: str = "",
         *,
@@ -87,7 +87,7 @@ class Notices:
 
     def inform(self, cause: str) -> None:
         """Say something that needs no deed."""
-        self.say(Level.INFORMATION, cause)
+        self.say(Severity.INFORMATION, cause)
 
     def fault(self, error: Exception) -> None:
         """Say what an error says of itself; one that says nothing is shown with its details."""
@@ -95,7 +95,7 @@ class Notices:
         if not hasattr(error, "cause"):
             note_failure("in the window", error)
         details = "" if hasattr(error, "cause") else "".join(traceback.format_exception(error))
-        self.say(Level.WARNING, cause, str(getattr(error, "remedy", "")), details=details)
+        self.say(Severity.WARNING, cause, str(getattr(error, "remedy", "")), details=details)
 
     def attempt(self, deed: Callable[[], object], *, done: str = "") -> bool:
         """Do `deed`; say `done` if it went well, its cause and remedy if not. Returns whether it did."""
@@ -126,7 +126,7 @@ class Notices:
         self._standing = [other for other in self._standing if other is not notice]
         self.revision += 1
 
-    def dismiss_all(self, level: Level) -> None:
+    def dismiss_all(self, level: Severity) -> None:
         """Take all notices of one weight away; they stay in the history."""
         self._standing = [other for other in self._standing if other.level is not level]
         self.revision += 1

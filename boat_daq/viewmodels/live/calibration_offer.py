@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count
-from boat_daq.viewmodels.common.notices import Level, Notice
+from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from protocol.recording import RunEnd
@@ -42,7 +42,7 @@ class CalibrationOffer:
         before, self._state = self._state, snapshot.state
         notices = self._services.notices
         if before is SessionState.FAULT and snapshot.state is not SessionState.FAULT:
-            notices.dismiss_all(Level.FAULT)  # cleared: they would hide what comes next
+            notices.dismiss_all(Severity.FAULT)  # cleared: they would hide what comes next
         if self._offer is not None and (analysing or snapshot.state is SessionState.RUNNING):
             notices.dismiss(self._offer)
             self._offer = None
@@ -51,7 +51,7 @@ class CalibrationOffer:
         if read:
             stopped = snapshot.run_ended is not None and snapshot.run_ended.end is RunEnd.STOPPED
             self._offer = notices.say(
-                Level.INFORMATION,
+                Severity.INFORMATION,
                 f"the run {'was stopped' if stopped else 'is finished'}, {count(read, 'plateau')} read",
                 "Next: fit and look at it.",
                 action_text="Calibrate",

@@ -86,7 +86,7 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
     )
 
 
-class VirtualBoard:
+class VirtualBoardProcess:
     """A virtual board in a process of its own, started without waiting for it; `url` is where it is to be found."""
 
     def __init__(self, unit: str, speed: float, seed: int) -> None:
@@ -145,7 +145,7 @@ class ConnectionModel:
     def __init__(self, session: Session, preferences: Preferences) -> None:
         self.session = session
         self._preferences = preferences
-        self.board: VirtualBoard | None = None
+        self.board: VirtualBoardProcess | None = None
         self._board_waits = False
         self.boards: dict[str, str] = {}  # port -> identity, as the boards themselves say
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="ports")
@@ -235,7 +235,7 @@ class ConnectionModel:
         """Start a virtual board; `tick` connects to it once it has said its port."""
         self._end_board()
         self._preferences.set("unit", unit)
-        self.board = VirtualBoard(unit, speed, seed)
+        self.board = VirtualBoardProcess(unit, speed, seed)
         self._board_waits = True
 
     @property

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.arrays import FloatArray
-from boat_daq.viewmodels.live.live import Elongation
+from boat_daq.viewmodels.live.live_model import LiveElongation
 
 if TYPE_CHECKING:
     from analysis.calibration.inverse import Fusion, Inverse
@@ -25,10 +25,10 @@ class Conversion:
     def __init__(self, fusion: Fusion) -> None:
         self._fusion = fusion
 
-    def __call__(self, signal_mv: FloatArray) -> Elongation:
+    def __call__(self, signal_mv: FloatArray) -> LiveElongation:
         """Return the elongation of [n, sensors] signals, sensors fused."""
         found = self._fusion.evaluate(signal_mv)
-        return Elongation(found.elongation_mm, 2.0 * found.standard_uncertainty_mm, found.disagreement)
+        return LiveElongation(found.elongation_mm, 2.0 * found.standard_uncertainty_mm, found.disagreement)
 
     def each(self, signal_mv: FloatArray) -> FloatArray:
         """Return the elongation by each sensor, [n, sensors] mm; NaN outside its range."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from analysis.arrays import FloatArray
 from boat_daq.engine.plan import StepMark
-from boat_daq.viewmodels.live.live import Ring, sensor_names
+from boat_daq.viewmodels.live.live_model import Ring, sensor_names
 
 KEPT = 5
 POINTS = 1200

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.figures.outliers import outlying
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
@@ -22,9 +22,6 @@ from boat_daq.viewmodels.common.undo import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
-OUTLIER_SIGMA = 4.0
-OUTLIER_FLOOR_MM = 0.35  # a reading on a half-millimetre grid may be so far off without anything wrong
-FIT_FROM = 8  # readings before a running fit says anything
 UNSTEADY = "unsteady"  # reached, but it still drifted when the longest hold was over
 REMARKS = {  # of a plateau's status, in a word and in a sentence
     "timeout": ("not reached", "the pressure was not reached in time"),
@@ -106,7 +103,7 @@ def asking(steps: tuple[StepMark, ...]) -> tuple[StepMark, ...]:
     return tuple(step for step in steps if step.branch != "end")
 
 
-class Keeper(Protocol):
+class ReadingStore(Protocol):
     """What keeps the readings: the session of a run that goes, or the recording of one that is over."""
 
     def steps(self) -> tuple[StepMark, ...]:
@@ -136,7 +133,7 @@ class ReadingsModel:
     changes : where each entry is kept for undo.
     """
 
-    def __init__(self, session: Keeper, changes: UndoHistory) -> None:
+    def __init__(self, session: ReadingStore, changes: UndoHistory) -> None:
         self.session = session
         self._changes = changes
         self.resolution_mm = 0.5
@@ -158,7 +155,13 @@ class ReadingsModel:
         """Return the table, oldest plateau first."""
         readings = {key: r for key, r in self.latest().items() if r.elongation_mm is not None}
         steps = asking(self.session.steps())
-        apart = outlying(steps, {key: float(r.elongation_mm or 0.0) for key, r in readings.items()})
+        read = [step for step in steps if step.number in readings]
+        far = outlying(
+            np.array([step.target_kpa for step in read]),
+            np.array([step.branch == "loading" for step in read], dtype=bool),
+            np.array([readings[step.number].elongation_mm for step in read], dtype=float),
+        )
+        apart = {step.number: mm for step, mm in zip(read, far.tolist(), strict=True) if mm == mm}
         waiting = snapshot.waiting_for_reading
         return [
             Row(
@@ -295,31 +298,3 @@ def column_of_lengths(text: str) -> list[float]:
                 continue  # a heading
             raise OperatorError(f"line {i + 1}: {error.cause}", error.remedy) from None
     return values
-
-
-def outlying(steps: tuple[StepMark, ...], elongation_mm: dict[int, float]) -> dict[int, float]:
-    """Return by how much (mm) which plateaus' readings are far from the running fit of elongation over pressure.
-
-    The fit is a cubic in pressure with an offset between the branches, by iteratively dropping the farthest: one bad
-    reading must not hide itself. Nothing is marked before `FIT_FROM` readings.
-    """
-    rows = [step for step in steps if step.number in elongation_mm]
-    if len(rows) < FIT_FROM:
-        return {}
-    design = _design(np.array([s.target_kpa for s in rows]), np.array([s.branch == "loading" for s in rows]))
-    y = np.array([elongation_mm[s.number] for s in rows])
-    keep = np.ones(y.size, dtype=bool)
-    residual = np.zeros(y.size)
-    for _ in range(y.size // 4 + 1):
-        residual = y - design @ np.linalg.lstsq(design[keep], y[keep], rcond=None)[0]
-        spread = max(1.4826 * float(np.median(np.abs(residual[keep]))), OUTLIER_FLOOR_MM / OUTLIER_SIGMA)
-        worst = int(np.argmax(np.where(keep, np.abs(residual), -1.0)))
-        if abs(residual[worst]) <= OUTLIER_SIGMA * spread or (~keep).sum() >= y.size // 4:
-            break
-        keep[worst] = False
-    return {step.number: float(far) for step, far, kept in zip(rows, residual, keep, strict=True) if not kept}
-
-
-def _design(pressure_kpa: NDArray[np.float64], loading: NDArray[np.bool_]) -> NDArray[np.float64]:
-    u = pressure_kpa / max(1.0, float(np.abs(pressure_kpa).max()))
-    return np.column_stack([np.ones_like(u), u, u**2, u**3, loading * (1 - u**2)])

@@ -13,7 +13,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count
-from boat_daq.viewmodels.common.notices import Level, Notice
+from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.sequence import SequenceModel
 
@@ -80,7 +80,7 @@ class ResumeRun:
         first, complete = resume_point(plan, list(self._session.steps()))
         if 0 < complete < plan.cycles:
             self._offer = self._services.notices.say(
-                Level.INFORMATION,
+                Severity.INFORMATION,
                 f"the run was interrupted after {count(complete, 'whole cycle')}",
                 f"Resume at cycle {first} in its recording, the break stays visible; or start over in another.",
                 action_text="Resume",

@@ -9,11 +9,11 @@ from pathlib import Path
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
-from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.calibration_offer import CalibrationOffer
 from boat_daq.viewmodels.live.connection import ConnectionModel
-from boat_daq.viewmodels.live.live import LiveModel, Marker
+from boat_daq.viewmodels.live.live_model import LiveModel, Marker
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.resume_run import ResumeRun
 from boat_daq.viewmodels.live.sequence import SequenceModel
@@ -95,7 +95,7 @@ class RunModel:
         if snapshot.recording is None:
             notices.attempt(self.record, done="Recording")
         elif snapshot.state in UNDER_WAY:
-            notices.say(Level.WARNING, "a run is in progress", "Stop it before closing the recording.")
+            notices.say(Severity.WARNING, "a run is in progress", "Stop it before closing the recording.")
         else:
             notices.attempt(self.session.stop_recording, done="Recording closed")
 

@@ -98,7 +98,7 @@ def staircase(plan: Plan) -> Staircase:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
+class StaircaseDrawing:
     """A staircase in the unit square, y upwards: line, done part as a polygon, limits and zero as heights."""
 
     line: tuple[tuple[float, float], ...]
@@ -107,7 +107,7 @@ class Drawing:
     zero: float
 
 
-def drawing(picture: Staircase, done_to_s: float, limits_kpa: tuple[float, float] | None) -> Drawing:
+def drawing(picture: Staircase, done_to_s: float, limits_kpa: tuple[float, float] | None) -> StaircaseDrawing:
     """Return `picture` in the unit square, its first `done_to_s` seconds as a polygon that ends with "now"."""
     empty = _undone(picture, limits_kpa)
     if done_to_s <= 0:
@@ -119,14 +119,14 @@ def drawing(picture: Staircase, done_to_s: float, limits_kpa: tuple[float, float
 
 
 @lru_cache(maxsize=4)
-def _undone(picture: Staircase, limits_kpa: tuple[float, float] | None) -> Drawing:
+def _undone(picture: Staircase, limits_kpa: tuple[float, float] | None) -> StaircaseDrawing:
     """Return `picture` in the unit square, nothing done: the same object as long as it is the same picture."""
     edges = limits_kpa or ()
     low = min(float(picture.pressure_kpa.min()), 0.0, *edges) - 4
     high = max(float(picture.pressure_kpa.max()), 0.0, *edges) + 4
     across = picture.time_s / (float(picture.time_s[-1]) or 1.0)
     line = tuple(zip(across.tolist(), ((picture.pressure_kpa - low) / (high - low)).tolist(), strict=True))
-    return Drawing(line, (), tuple((edge - low) / (high - low) for edge in edges), -low / (high - low))
+    return StaircaseDrawing(line, (), tuple((edge - low) / (high - low) for edge in edges), -low / (high - low))
 
 
 @lru_cache(maxsize=4)
@@ -180,7 +180,7 @@ class SequenceModel:
         words = f"{plateaus} plateaus, " if plateaus else ""
         return f"{words}about {duration(lasts_s)}" + (" and the readings" if self.wait_for_reading and plateaus else "")
 
-    def drawing(self, snapshot: SessionSnapshot) -> Drawing:
+    def drawing(self, snapshot: SessionSnapshot) -> StaircaseDrawing:
         """Return the staircase with limits and the done part of the run."""
         limits = snapshot.limits
         plan = snapshot.plan if snapshot.plan is not None else self.plan

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
-from boat_daq.viewmodels.common.notices import Level, Notice, Notices
+from boat_daq.viewmodels.common.notices import Notice, Notices, Severity
 
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
-LEVELS = {"info": Level.INFORMATION, "warning": Level.WARNING, "error": Level.FAULT}
+LEVELS = {"info": Severity.INFORMATION, "warning": Severity.WARNING, "error": Severity.FAULT}
 
 
 class SessionMessages:
@@ -31,7 +31,7 @@ class SessionMessages:
                 continue
             self._last = message.number
             over = message.kind is MessageKind.SILENT and connected  # data arrive again
-            level = Level.INFORMATION if over else LEVELS.get(message.level, Level.WARNING)
+            level = Severity.INFORMATION if over else LEVELS.get(message.level, Severity.WARNING)
             notice = self._notices.say(level, message.cause, "" if over else message.remedy)
             if snapshot.link in DOWN:
                 self._of_link.append(notice)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from analysis.arrays import FloatArray
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.live.live import Inverse, Ring, signals
+from boat_daq.viewmodels.live.live_model import Inverse, Ring, signals
 from boat_daq.viewmodels.live.shadow_jobs import (
     HELD_BELOW_KPA,
     HELD_KPA,

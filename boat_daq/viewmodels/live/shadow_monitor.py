@@ -16,7 +16,7 @@ import numpy as np
 from analysis.arrays import FloatArray
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.formatting import MINUS, THIN, count, duration, number
-from boat_daq.viewmodels.live.live import Ring, signals
+from boat_daq.viewmodels.live.live_model import Ring, signals
 from boat_daq.viewmodels.live.overlay import OverlayModel
 
 if TYPE_CHECKING:

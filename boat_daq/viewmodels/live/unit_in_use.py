@@ -6,7 +6,7 @@ from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.conversion import Conversion, Preparation
-from boat_daq.viewmodels.live.live import LiveModel
+from boat_daq.viewmodels.live.live_model import LiveModel
 
 
 class UnitInUse:

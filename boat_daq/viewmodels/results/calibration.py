@@ -25,7 +25,7 @@ from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number, sensor_words
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.undo import Change
 from boat_daq.viewmodels.results.acceptance import Missing, missing, poor, remarks, rests_on
@@ -314,7 +314,7 @@ class CalibrationModel:
         poor, notices = self.poor(), self._services.notices
         if poor and not anyway:
             notices.say(
-                Level.WARNING,
+                Severity.WARNING,
                 f"this calibration is poor. {'. '.join(poor)}",
                 "Look at its readings, or accept it as it is.",
                 action_text="Accept anyway",

@@ -25,7 +25,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.common.notices import Level, Notices
+from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.results.analysis_view import RunResult
 from boat_daq.viewmodels.results.run_jobs import compare_runs, export_run, report_runs
 from protocol.errors import ProtocolError
@@ -327,7 +327,7 @@ class RunsModel:
 
     def _failed(self, job: Job) -> None:
         if job.failure is not None:
-            self._notices.say(Level.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+            self._notices.say(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
 
     def unit_lines(self) -> list[tuple[str, ...]]:
         """Return the units with each of their calibrations: unit, date, sensitivities, recording."""

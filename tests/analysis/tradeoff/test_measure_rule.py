@@ -104,7 +104,7 @@ def test_the_normal_level_is_what_the_program_does_unasked() -> None:
     from analysis.shadow.model.fidelity import actuator, table_settings
     from analysis.shadow.model.reduced import TableSettings
     from analysis.statistics import RESAMPLES
-    from boat_daq.viewmodels.live.live import LiveModel
+    from boat_daq.viewmodels.live.live_model import LiveModel
 
     normal = fidelity("normal")
     assert Light().rays == normal.rays

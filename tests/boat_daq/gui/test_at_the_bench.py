@@ -19,7 +19,7 @@ from PySide6.QtWidgets import QApplication, QLineEdit, QMessageBox, QScrollBar
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest, RunEnding, SessionState
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
-from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Panel
 from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText
 from protocol.recording import RunEnd
@@ -139,7 +139,7 @@ def test_a_broken_run_resumed_or_begins_anew_by_two_buttons(live):
 
 def test_an_offer_can_be_dismissed(live):
     """The offer "The run is finished: Calibrate" stays until it is taken, or sent away with the mouse."""
-    live.model.notices.say(Level.INFORMATION, "an offer", action_text="Do it", action=lambda: None)
+    live.model.notices.say(Severity.INFORMATION, "an offer", action_text="Do it", action=lambda: None)
     live.refresh()
     assert live.strip.close_.isVisible()
     live.strip.close_.click()
@@ -216,9 +216,9 @@ def test_a_cleared_fault_does_not_stand_before_the_next_step(live):
     """The strip kept the fault after it was cleared, and hid the offer to calibrate behind it."""
     live.model.session.change(state=SessionState.FAULT)
     live.refresh()
-    live.model.notices.say(Level.FAULT, "the board did not answer")
+    live.model.notices.say(Severity.FAULT, "the board did not answer")
     live.model.notices.inform("what comes next")
-    assert live.model.notices.current().level is Level.FAULT
+    assert live.model.notices.current().level is Severity.FAULT
     live.model.session.change(state=SessionState.IDLE)
     live.refresh()
     assert live.model.notices.current().cause == "what comes next"

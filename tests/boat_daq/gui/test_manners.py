@@ -28,9 +28,9 @@ from boat_daq.engine.snapshot import ReadingRequest, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.palette import shown
 from boat_daq.viewmodels.common.jobs import Job
-from boat_daq.viewmodels.common.notices import Level
+from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
-from boat_daq.viewmodels.live.live import HEADINGS_SHORT, Elongation, Marker
+from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, LiveElongation, Marker
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
 
@@ -173,7 +173,7 @@ def test_an_error_has_cause_remedy_details_and_a_copy(live):
 def test_a_proposal_is_taken_by_a_key(live):
     """What the strip offers is done by Ctrl+J, once."""
     done = []
-    live.model.notices.say(Level.WARNING, "x", "y", action_text="Do", action=lambda: done.append(1))
+    live.model.notices.say(Severity.WARNING, "x", "y", action_text="Do", action=lambda: done.append(1))
     live.refresh()
     run_shortcut(live, "Ctrl+J")
     live.refresh()
@@ -239,7 +239,7 @@ def test_words_of_cursors_and_markers_are_whole(live, height):
 def test_a_small_window_has_room_for_the_statistics(live):
     """Between the cursors at 853 x 533: every figure stands beside the plots, whole, and nothing is pushed out."""
     live.resize(853, 533)
-    live.model.live.inverse = lambda mv: Elongation(
+    live.model.live.inverse = lambda mv: LiveElongation(
         (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
     )
     page = live.live

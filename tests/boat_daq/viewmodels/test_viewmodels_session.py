@@ -15,10 +15,10 @@ from boat_daq.engine.snapshot import LinkState, Phase, Progress, ReadingRequest,
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.undo import UndoHistory
 from boat_daq.viewmodels.live.connection import link_text
-from boat_daq.viewmodels.live.live import HEADINGS, HEADINGS_SHORT, Elongation, LiveModel, with_holes
+from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, LiveElongation, LiveModel, with_holes
 from boat_daq.viewmodels.live.overlay import OverlayModel
 from boat_daq.viewmodels.live.photograph import Photograph
-from boat_daq.viewmodels.live.readings import ReadingsModel, column_of_lengths, outlying, parse_mm
+from boat_daq.viewmodels.live.readings import ReadingsModel, column_of_lengths, parse_mm
 from boat_daq.viewmodels.live.sequence import BUTTONS, SequenceModel, drawing, staircase
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, idle
@@ -55,7 +55,7 @@ def test_no_line_and_no_band_where_nothing_was_measured(column_s):
     assert np.flatnonzero(np.isnan(columns["s1_mv"])).tolist() == [200]
     assert time_s[199] < columns["time_s"][200] < time_s[200]
     mm = columns["s1_mv"]
-    at, low, high = Elongation(mm, np.full(801, 0.5), np.zeros(801, bool)).band(columns["time_s"])
+    at, low, high = LiveElongation(mm, np.full(801, 0.5), np.zeros(801, bool)).band(columns["time_s"])
     inside = (at >= time_s[199]) & (at <= time_s[200])
     assert (high - low)[inside].tolist() == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
     assert np.isfinite(low).all()
@@ -124,7 +124,7 @@ def test_a_picture_that_must_change_is_drawn_anew(what):
     elif what == "held":
         model.look_at(0.0, 30.0)
     elif what == "a calibration":
-        model.inverse = lambda mv: Elongation(mv[:, 0], mv[:, 1], np.zeros(len(mv), bool))
+        model.inverse = lambda mv: LiveElongation(mv[:, 0], mv[:, 1], np.zeros(len(mv), bool))
     assert model.newest(drawn, 640 if what == "another width" else 800) is None
 
 
@@ -161,7 +161,7 @@ def test_statistics_between_the_cursors_agree_with_numpy(ring):
 
 def test_elongation_outside_the_range_is_said_not_shown(ring):
     """A signal outside the calibrated range gives a dash and the reason."""
-    outside = Elongation(np.array([np.nan]), np.array([np.nan]), np.array([False]))
+    outside = LiveElongation(np.array([np.nan]), np.array([np.nan]), np.array([False]))
     model = LiveModel(lambda: ring, inverse=lambda signal: outside)
     head = model.headline(connected())
     assert (head.elongation, head.band) == ("\u2013", "outside the calibrated range")
@@ -253,21 +253,6 @@ def elongation(mark):
     """A smooth elongation with a loop between the branches."""
     u = mark.target_kpa / 50
     return round(2 * (0.14 + 3.6 * u + 0.1 * u**2 - (0.2 * (1 - u**2) if mark.branch == "loading" else 0.0))) / 2
-
-
-def test_a_wrong_reading_is_marked_the_others_are_not():
-    """A reading 2 mm off is far from the running fit; half-millimetre rounding is not."""
-    marks = plateaus()
-    read = {mark.number: elongation(mark) for mark in marks}
-    assert outlying(marks, read) == {}
-    read[14] += 2.0
-    assert outlying(marks, read) == {14: pytest.approx(2.0, abs=0.5)}
-
-
-def test_too_few_readings_mark_nothing():
-    """Before there is a fit, nothing is far from it."""
-    marks = plateaus()[:5]
-    assert outlying(marks, {mark.number: 50.0 * i for i, mark in enumerate(marks)}) == {}
 
 
 def read_session(*more):

@@ -13,7 +13,7 @@ from boat_daq.engine.snapshot import Phase, Progress
 from boat_daq.viewmodels.common.formatting import number
 from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
 from boat_daq.viewmodels.live import shadow_live
-from boat_daq.viewmodels.live.live import Elongation
+from boat_daq.viewmodels.live.live_model import LiveElongation
 from boat_daq.viewmodels.live.overlay import OverlayModel
 from boat_daq.viewmodels.live.shadow_jobs import judge_held, unstable_places
 from boat_daq.viewmodels.live.shadow_live import LEVELS, Moment, ShadowLive, load_model
@@ -28,7 +28,7 @@ class Straight:
 
     def __call__(self, signal_mv):
         mm = (signal_mv[:, 0] - 1652.0) / MV_PER_MM
-        return Elongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
+        return LiveElongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
 
     def each(self, signal_mv):
         return np.column_stack([self(signal_mv).mm, self(signal_mv).mm])
@@ -81,7 +81,7 @@ def test_a_state_outside_the_table_is_said(ring, model):
 
     def absurd(signal_mv):
         n = len(signal_mv)
-        return Elongation(np.full(n, 40.0), np.full(n, 0.3), np.zeros(n, bool))
+        return LiveElongation(np.full(n, 40.0), np.full(n, 0.3), np.zeros(n, bool))
 
     picture = pane_on(ring, model, absurd).picture()
     assert picture.corners.size == 0
@@ -93,7 +93,7 @@ def test_nan_from_the_calibration_is_said(ring, model):
 
     def nowhere(signal_mv):
         n = len(signal_mv)
-        return Elongation(np.full(n, np.nan), np.full(n, np.nan), np.ones(n, bool))
+        return LiveElongation(np.full(n, np.nan), np.full(n, np.nan), np.ones(n, bool))
 
     picture = pane_on(ring, model, nowhere).picture()
     assert picture.lines[0] == ("Measured", "\u25b2 outside the calibration", "warning")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common import formatting, tables
 from boat_daq.viewmodels.common.matching import ranked
-from boat_daq.viewmodels.common.notices import Level, Notices
+from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.undo import Change, UndoHistory
 from boat_daq.viewmodels.live import axis
@@ -151,9 +151,9 @@ def test_the_weightiest_notice_stands():
     """A fault stays over later warnings, an information leaves by itself, a dismissed one gives way."""
     now = [0.0]
     notices = Notices(lambda: now[0])
-    notices.say(Level.FAULT, "the port is gone")
+    notices.say(Severity.FAULT, "the port is gone")
     now[0] = 1.0
-    notices.say(Level.WARNING, "2 samples lost")
+    notices.say(Severity.WARNING, "2 samples lost")
     notices.inform("Saved")
     assert notices.current().cause == "the port is gone"
     assert notices.waiting() == 2

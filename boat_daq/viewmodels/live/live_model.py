@@ -50,7 +50,7 @@ class Ring(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Elongation:
+class LiveElongation:
     """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range."""
 
     mm: FloatArray
@@ -69,18 +69,18 @@ class Elongation:
         return time_s[at], self.mm[at] - width, self.mm[at] + width
 
 
-Inverse = Callable[[FloatArray], Elongation]  # [n, sensors] mV -> elongation
+Inverse = Callable[[FloatArray], LiveElongation]  # [n, sensors] mV -> elongation
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class PlotFrame:
     """One picture: its width in pixels, the horizontal range and the columns in it."""
 
     width: int
     low_s: float
     high_s: float
     columns: Columns
-    elongation: Elongation | None
+    elongation: LiveElongation | None
     sensors: int
 
 
@@ -248,7 +248,7 @@ class LiveModel:
             return first, max(now, first + 1.0)
         return now - self.window_s, now
 
-    def frame(self, width: int) -> Frame | None:
+    def frame(self, width: int) -> PlotFrame | None:
         """Return what to draw on `width` pixels; None before the first sample."""
         ring = self.ring()
         low, high = self._shown_s(width)
@@ -261,7 +261,7 @@ class LiveModel:
             return None
         return self._picture(width, low, high, with_holes(points))
 
-    def newest(self, frame: Frame, width: int) -> Frame | None:
+    def newest(self, frame: PlotFrame, width: int) -> PlotFrame | None:
         """Return what came behind the end of `frame`, as far as the picture stands still; None where it has to move.
 
         It moves by whole columns of pixels: in between only the last one has anything new.
@@ -286,9 +286,9 @@ class LiveModel:
         ahead = -high % ((high - low) / max(width, 1))
         return low + ahead, high + ahead
 
-    def _picture(self, width: int, low_s: float, high_s: float, columns: Columns) -> Frame:
+    def _picture(self, width: int, low_s: float, high_s: float, columns: Columns) -> PlotFrame:
         elongation = self.inverse(signals(columns)) if self.inverse is not None else None
-        return Frame(width, low_s, high_s, columns, elongation, len(sensor_names(columns)))
+        return PlotFrame(width, low_s, high_s, columns, elongation, len(sensor_names(columns)))
 
     def _inside(self, name: str, extremes_: tuple[float, float]) -> bool:
         """Whether a column stays inside the vertical range that is shown; one that knows no value does."""
@@ -303,7 +303,7 @@ class LiveModel:
         moves_ms = 1000 * PIXELS_A_FRAME * (high - low) / max(width, 1)
         return int(min(CALM_MS, max(FASTEST_MS, moves_ms)))
 
-    def ranges(self, frame: Frame, now_s: float) -> dict[str, tuple[float, float]]:
+    def ranges(self, frame: PlotFrame, now_s: float) -> dict[str, tuple[float, float]]:
         """Return the vertical range of each column; the same objects as before while nothing has left them."""
         wanted = self._extremes(frame)
         smallest = {"pressure_kpa": 10.0, "elongation_mm": 1.0}
@@ -311,7 +311,7 @@ class LiveModel:
             self._ranges.setdefault(name, SteadyRange(smallest=smallest.get(name, 10.0)))
         return {name: self._ranges[name].update(low, high, now_s) for name, (low, high) in wanted.items()}
 
-    def _extremes(self, frame: Frame) -> dict[str, tuple[float, float]]:
+    def _extremes(self, frame: PlotFrame) -> dict[str, tuple[float, float]]:
         """Return the least and greatest value of each column that has a vertical range."""
         columns = frame.columns
         found = {name: extremes(columns[name]) for name in sensor_names(columns)}
@@ -390,7 +390,7 @@ class LiveModel:
         result.append(_span("Pressure", "kPa", 2, time_s, columns["pressure_kpa"][inside], sign))
         return result
 
-    def table(self, frame: Frame | None) -> dict[str, FloatArray]:
+    def table(self, frame: PlotFrame | None) -> dict[str, FloatArray]:
         """Return every sample of the span shown, for a CSV, undecimated."""
         ring = self.ring()
         if ring is None or frame is None:

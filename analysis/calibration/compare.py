@@ -33,6 +33,12 @@ class Coefficient:
     value_before: float
     std_error_before: float
 
+    @property
+    def e_n(self) -> float:
+        """The difference over its expanded uncertainty; NaN without standard errors."""
+        expanded = COVERAGE * float(np.hypot(self.std_error, self.std_error_before))
+        return (self.value - self.value_before) / expanded if expanded > 0 else float("nan")
+
 
 @dataclass(frozen=True, slots=True)
 class Agreement:

@@ -1,4 +1,4 @@
-"""Runs and units: the recordings with their thumbnails, what can be done with them, and the units' calibrations."""
+"""The runs page: the recordings with thumbnails, their actions, and the units with their calibrations."""
 
 from __future__ import annotations
 
@@ -20,14 +20,11 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QPainter, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QBoxLayout,
-    QHBoxLayout,
     QHeaderView,
     QMenu,
     QPushButton,
     QStyledItemDelegate,
     QStyleOptionViewItem,
-    QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -39,27 +36,35 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.page_scroll import Leaves
-from boat_daq.gui.widgets.tooltips import as_words
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.results.closed_run import ClosedRun
-from boat_daq.viewmodels.results.runs import HEADINGS, MOST_COMPARED, RunActions, RunEntry, RunsModel, obstacle, told
+from boat_daq.viewmodels.results.runs import (
+    HEADINGS,
+    MOST_COMPARED,
+    RunActions,
+    RunEntry,
+    RunsModel,
+    obstacle,
+    selection_text,
+)
 
 SPEEDS = (1, 5, 20, 100)
 LEAST_LINES = 3  # of the list; a lower window scrolls the page
-NOTICEABLE_MV = 0.1  # two runs that differ by less look alike
+LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
 RUN_ROLE = Qt.ItemDataRole.UserRole
-GIVEN_UP = ("Readings", "Length", "Cycles")  # columns, in this order, where the file's name has no room
+OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order where the name of the file is cut
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
 REPAIRS = ("resume", "recover")
-NO_UNITS = "Each calibration that is accepted on the Calibrate page comes here with its unit."
+NO_UNITS = "Calibrations accepted on the Calibrate page are listed here with their unit."
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
 
 class Thumbnail(QStyledItemDelegate):
-    """Draws a run's pressure as a small outline."""
+    """Draws the pressure of a run as a small outline."""
 
     theme: Theme = style.LIGHT
 
@@ -71,14 +76,13 @@ class Thumbnail(QStyledItemDelegate):
         run = index.data(RUN_ROLE)
         if not isinstance(run, RunEntry) or not run.outline:
             return
-        room: QRect = option.rect.adjusted(style.GAP, style.STEP + 2, -style.GAP, -style.STEP - 2)
-        ink = style.colour(self.theme.pressure)
+        area: QRect = option.rect.adjusted(style.GAP, style.STEP + 2, -style.GAP, -style.STEP - 2)
         painter.save()
-        painter.setPen(QPen(ink, 1))
+        painter.setPen(QPen(style.colour(self.theme.pressure), 1))
         painter.setBrush(style.colour(self.theme.pressure, style.BAND_ALPHA))
 
         def at(x: float, y: float) -> QPointF:
-            return QPointF(room.left() + x * room.width(), room.bottom() - y * room.height())
+            return QPointF(area.left() + x * area.width(), area.bottom() - y * area.height())
 
         upper = [at(x, high) for x, _, high in run.outline]
         lower = [at(x, low) for x, low, _ in reversed(run.outline)]
@@ -91,32 +95,36 @@ class Thumbnail(QStyledItemDelegate):
 
 
 class RunsPage(QWidget):
-    """The recordings of a `RunsModel`."""
+    """The recordings of a folder and the units.
+
+    Parameters
+    ----------
+    model : the view model.
+    actions : of other pages.
+    services : of the window.
+    """
 
     def __init__(self, model: RunsModel, actions: RunActions, services: Services) -> None:
         super().__init__()
-        self.model, self.elsewhere, self.services = model, actions, services
+        self.model, self.other_pages, self.services = model, actions, services
         self._revision = -1
         self._compared: object = None
-        self._untouched = True  # nothing was chosen yet: the newest recording is what most come for
+        self._untouched = True  # until then the newest recording is chosen
         self.readings: ClosedReadings | None = None  # of an older recording, while they are edited
-        self.list = widgets.read_table("Recordings", HEADINGS)
+        self.list = DataTable("Recordings", HEADINGS)  # a long file name is cut, not scrolled
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
-        head = self.list.horizontalHeader()
-        head.setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
-        head.setSectionResizeMode(len(HEADINGS) - 1, QHeaderView.ResizeMode.Stretch)  # a long name is cut, not scrolled
+        self.list.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
         self.thumbnail = Thumbnail(self.list)
         self.list.setItemDelegateForColumn(0, self.thumbnail)
         self.list.viewport().installEventFilter(self)
         self.first = self.list
         self.list.itemSelectionChanged.connect(self._enable)
         self.list.itemDoubleClicked.connect(lambda _: self.open())
-        self.units = widgets.read_table("Units and their calibrations", UNIT_HEADINGS)
-        self.units.horizontalHeader().setSectionResizeMode(len(UNIT_HEADINGS) - 1, QHeaderView.ResizeMode.Stretch)
+        self.units = DataTable("Units and their calibrations", UNIT_HEADINGS)
         self.history = PlotCard("Sensitivity history")
-        self.history.heading.explain("The sensitivity of the unit on the bench at each of its accepted calibrations.")
+        self.history.heading.explain("The sensitivity of the unit in use at each of its accepted calibrations.")
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
-        self.ages = [plot.points(f"Sensor {n}", sensor_colour(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
+        self.sensitivities = [plot.points(f"Sensor {n}", sensor_colour(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
         self.compare_card = PlotCard("Difference from run 1")
         self.compare_card.heading.explain("The curve of each run less the curve of the first one, over elongation.")
         self.differences = self._comparison_plots()
@@ -132,92 +140,74 @@ class RunsPage(QWidget):
             rows.append([plot.curve(f"Run {i + 1}", ramp_colour(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
         self.compare_card.link_x()
         self.numbers = [plot.labels((0.5, 0.5), ground=True) for plot in self.compare_card.plots]
-        back = widgets.button("Back to the units", self.model.forget_comparison)
+        back = widgets.button("Back to the units", self.model.clear_comparison)
         self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
         return rows
 
     def _empty(self) -> QWidget:
-        return EmptyState(
-            "No recording yet",
-            "Every started plan is recorded here, with its unit, date, length and cycles. Begin on the Live page.",
-            "Go to Live",
-            partial(self.services.show, Page.LIVE),
-        )
+        text = "Runs are recorded and listed here with unit, date, length and cycles. Start one on the Live page."
+        return EmptyState("No recording yet", text, "Go to Live", partial(self.services.show, Page.LIVE))
 
     def _filled(self) -> QWidget:
         frame, inside = widgets.card()
         self.buttons: dict[str, QPushButton] = {
             "open": widgets.button("Calibrate", self.open, "primary", tip="Analyse it on the Calibrate page"),
             "repeat": widgets.button("Repeatability", self.repeat),
-            "readings": widgets.button(
-                "Readings …", self.edit_readings, tip="Correct or add readings of this recording"
-            ),
-            "resume": widgets.button("Resume this run", self.resume, tip="Go on in it at its next whole cycle"),
-            "replay": widgets.button("Replay", lambda: None, tip="Play it as if it came from a board"),
+            "readings": widgets.button("Readings …", self.edit_readings, tip="Correct or add its readings"),
+            "resume": widgets.button("Resume this run", self.resume, tip="Continue it with its next complete cycle"),
+            "replay": widgets.button("Replay", lambda: None, tip="Show it as if a board were sending it"),
             "export": widgets.button("Export", lambda: None),
             "report": widgets.button("Report …", self.ask_report),
             "compare": widgets.button("Compare", self.compare, tip="Two to four runs of one unit"),
-            "recover": widgets.button("Recover", self.recover, tip="Close properly what a killed session left"),
+            "recover": widgets.button("Recover", self.recover, tip="Close a recording left open by a killed session"),
         }
         self._menu("replay", [(f"{speed} times real time", partial(self.replay, speed)) for speed in SPEEDS])
         self._menu("export", [("CSV …", partial(self.export, "csv")), ("Parquet …", partial(self.export, "parquet"))])
         self.heading = widgets.label("Recordings", "subtitle")
-        repairs = [self.buttons[key] for key in REPAIRS]  # beside what is said of the run; above there is no room
+        repairs = [self.buttons[key] for key in REPAIRS]  # under the list, beside the details of the run
         inside.addLayout(widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in repairs)))
         inside.addWidget(self.list, 1)
-        self.told = widgets.label("", "small", name="What is known of the chosen recordings", elide=True)
-        below = widgets.row(self.told, *repairs)
-        below.setStretch(0, 1)
-        inside.addLayout(below)
+        self.details = widgets.label("", "small", name="Details of the chosen recordings", elide=True)
+        inside.addLayout(widgets.row((self.details, 1), *repairs))
         side, column = widgets.card()
         column.addWidget(widgets.label("Units", "subtitle"))
         column.addWidget(self.units, 1)
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
         column.addWidget(self.no_units, 1)
-        self.sides = QHBoxLayout()
-        self.sides.setSpacing(style.GAP)
-        self.sides.addWidget(side, 1)
-        self.sides.addWidget(self.history, 1)
+        self.sides = widgets.row((side, 1), (self.history, 1))
         self.cards = (side, self.history, self.compare_card)
         self.below = Leaves()  # the units, or in their place a comparison
         self.below.addWidget(widgets.holder(self.sides))
         self.below.addWidget(self.compare_card)
         self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
-        body = QWidget()
-        layout = QVBoxLayout(body)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(style.GAP)
-        layout.addWidget(frame, 3)
-        layout.addWidget(self.below, 2)
-        return body
+        return widgets.holder(widgets.column((frame, 3), (self.below, 2), spacing=style.GAP))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the buttons the heading's room on a narrow page."""
+        """Hide the heading on a narrow page, so that the buttons fit."""
         narrow = self.width() < style.STACKED_BELOW
         self.heading.setVisible(not narrow)
-        way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
-        self.sides.setDirection(way)
+        self.sides.setDirection(QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight)
         for card in self.cards:
             card.setMinimumHeight(style.STACKED_HEIGHT if narrow else 0)
         self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
         super().resizeEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Share the columns out anew where the list has another width; it is told after the page."""
+        """Choose the columns again when the width of the list changes, which is after the page's."""
         if event.type() is QEvent.Type.Resize:
             self._share_columns()
         return super().eventFilter(watched, event)
 
     def _share_columns(self) -> None:
-        """Leave columns out until the file's name has room: what they say stands under the list for a chosen line."""
+        """Hide columns until the name of the file fits: their content is also under the list, for the chosen line."""
         header, last = self.list.horizontalHeader(), len(HEADINGS) - 1
-        for heading in GIVEN_UP:
-            self.list.setColumnHidden(HEADINGS.index(heading), False)  # hidden, it would ask for nothing
+        for heading in OPTIONAL:
+            self.list.setColumnHidden(HEADINGS.index(heading), False)  # a hidden column has no width
         needed = {k: max(self.list.sizeHintForColumn(k), header.sectionSizeHint(k)) for k in range(1, last)}
-        room = self.list.viewport().width() - self.list.columnWidth(0) - self._file_width()
-        for column in map(HEADINGS.index, GIVEN_UP):
-            hidden = sum(needed.values()) > room
+        available = self.list.viewport().width() - self.list.columnWidth(0) - self._file_width()
+        for column in map(HEADINGS.index, OPTIONAL):
+            hidden = sum(needed.values()) > available
             self.list.setColumnHidden(column, hidden)
             if hidden:
                 del needed[column]
@@ -228,20 +218,19 @@ class RunsPage(QWidget):
 
     def _menu(self, key: str, entries: list[tuple[str, Callable[[], object]]]) -> None:
         menu = QMenu(self.buttons[key])
-        for text, deed in entries:
-            menu.addAction(text, deed)
+        for text, action in entries:
+            menu.addAction(text, action)
         self.buttons[key].setMenu(menu)
 
     def offers(self, key: str) -> bool:
-        """Whether a button can be pressed now."""
+        """Return whether a button can be pressed now."""
         button = self.buttons[key]
         return button.isEnabled() and not button.isHidden()
 
     def selected(self) -> list[RunEntry]:
-        """Return the chosen lines, as they are shown: the model may have a newer list already."""
+        """Return the chosen lines as they are shown; the list of the model may be newer."""
         rows = sorted({index.row() for index in self.list.selectedIndexes()})
-        items = [self.list.item(row, 0) for row in rows]
-        return [item.data(RUN_ROLE) for item in items if item is not None]
+        return [self.list.model().index(row, 0).data(RUN_ROLE) for row in rows]
 
     def _paths(self) -> list[Path]:
         return [run.path for run in self.selected()]
@@ -249,7 +238,7 @@ class RunsPage(QWidget):
     def open(self) -> None:
         """Analyse the chosen run on the Calibrate page."""
         for path in self._paths()[:1]:
-            self.services.notices.attempt(partial(self.elsewhere.calibrate, path))
+            self.services.notices.attempt(partial(self.other_pages.calibrate, path))
             self.services.show(Page.CALIBRATE)
 
     def edit_readings(self) -> None:
@@ -258,29 +247,29 @@ class RunsPage(QWidget):
             self.services.notices.attempt(partial(self._edit, path))
 
     def _edit(self, path: Path) -> None:
-        self.readings = ClosedReadings(self.window(), ClosedRun(path), self.elsewhere.calibrate, self.services)
+        self.readings = ClosedReadings(self.window(), ClosedRun(path), self.other_pages.calibrate, self.services)
         self.readings.finished.connect(self._forget_readings)
         self.readings.show()
 
     def _forget_readings(self, _: int) -> None:
         self.readings = None
-        self.model.look()
+        self.model.scan()
 
     def resume(self) -> None:
-        """Go on in the chosen run at its next whole cycle."""
+        """Resume the chosen run at its next whole cycle."""
         for path in self._paths()[:1]:
-            self.services.notices.attempt(partial(self.elsewhere.resume, path))
+            self.services.notices.attempt(partial(self.other_pages.resume, path))
 
     def repeat(self) -> None:
         """Show the repeatability of the chosen run."""
         for path in self._paths()[:1]:
-            self.services.notices.attempt(partial(self.elsewhere.repeat, path))
+            self.services.notices.attempt(partial(self.other_pages.repeat, path))
             self.services.show(Page.REPEAT)
 
     def replay(self, speed: int) -> None:
-        """Play the chosen run as if it came from a board."""
+        """Show the chosen run as if a board were sending it."""
         for path in self._paths()[:1]:
-            if self.services.notices.attempt(partial(self.elsewhere.replay, path, speed)):
+            if self.services.notices.attempt(partial(self.other_pages.replay, path, speed)):
                 self.services.show(Page.LIVE)
 
     def export(self, kind: str) -> None:
@@ -296,11 +285,11 @@ class RunsPage(QWidget):
         ask_save(self, self.services, stem, "pdf html", partial(self.model.report, paths), done="")
 
     def compare(self) -> None:
-        """Lay the curves of the chosen runs over each other."""
+        """Compare the curves of the chosen runs."""
         self.services.notices.attempt(lambda: self.model.compare(self._paths()))
 
     def recover(self) -> None:
-        """Close properly what a killed session left."""
+        """Close the recordings that killed sessions left open."""
         for path in self._paths():
             self.services.notices.attempt(partial(self.model.recover, path))
 
@@ -310,16 +299,16 @@ class RunsPage(QWidget):
             widgets.allow(self.buttons[key], obstacle(key, chosen))
         self.buttons["resume"].setVisible(len(chosen) == 1 and chosen[0].resumable)
         self.buttons["recover"].setVisible(any(run.interrupted for run in chosen))
-        self.told.setText(told(chosen))
+        self.details.setText(selection_text(chosen))
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
+        """Use the colours of `theme`."""
         self.thumbnail.theme = theme
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the list where it has changed, and have it looked at again."""
+        """Show the list where it has changed, and scan the folder at intervals."""
         runs = self.model
-        runs.look_now_and_then()
+        runs.scan_at_intervals()
         if self.readings is not None:
             self.readings.refresh()
         if runs.comparison is not self._compared:
@@ -331,18 +320,14 @@ class RunsPage(QWidget):
         units = runs.unit_lines()
         self.stack.setCurrentIndex(1 if runs.runs or units else 0)
         chosen = set(self._paths())
-        self.list.setRowCount(len(runs.runs))
+        self.list.fill([run.cells for run in runs.runs], [run.tip for run in runs.runs])
         for row, run in enumerate(runs.runs):
-            for column, text in enumerate(run.cells):
-                item = QTableWidgetItem(text)
-                item.setData(RUN_ROLE, run)
-                item.setToolTip(as_words(run.hover))
-                self.list.setItem(row, column, item)
+            self.list.model().setData(self.list.model().index(row, 0), run, RUN_ROLE)
         newest = runs.runs[:1] if self._untouched else []
         self._untouched = self._untouched and not newest
         self._choose([row for row, run in enumerate(runs.runs) if run.path in chosen or run in newest])
         self._share_columns()
-        widgets.fill_table(self.units, units, [cells[-1] for cells in units])
+        self.units.fill(units, [cells[-1] for cells in units])
         self.units.setVisible(bool(units))
         self.no_units.setVisible(not units)
         self._show_history()
@@ -354,41 +339,43 @@ class RunsPage(QWidget):
         self.list.clearSelection()
         for row in rows:
             self.list.selectionModel().select(self.list.model().index(row, 0), flags)
-        if rows and not self.list.currentIndex().isValid():  # else an arrow would begin above the chosen line
+        if rows and not self.list.currentIndex().isValid():  # else an arrow key starts above the chosen line
             here = self.list.model().index(rows[0], 0)
             self.list.selectionModel().setCurrentIndex(here, QItemSelectionModel.SelectionFlag.NoUpdate)
 
     def _show_history(self) -> None:
-        unit = self.elsewhere.unit()
-        ages = self.model.ages(unit)
-        for points, (x, y) in zip(self.ages, ages, strict=False):
+        unit = self.other_pages.unit()
+        found = self.model.sensitivities(unit)
+        self.history.clear()
+        for points, (x, y) in zip(self.sensitivities, found, strict=False):
             points.set(x, y)
-        for points in self.ages[len(ages) :]:
-            points.clear()
-        known = any(x.size for x, _ in ages)
-        self.history.show_empty("" if known else f"The sensitivity at each accepted calibration of {unit} comes here.")
+        known = any(x.size for x, _ in found)
+        self.history.show_empty("" if known else f"{unit} has no accepted calibration yet.")
         self.history.readout.setText(f"{unit}   \u25cf sensor 1   \u25a0 sensor 2" if known else "")
         if known:
             self.history.plots[0].fit(x_margin=0.1)
 
     def _show_comparison(self) -> None:
-        lines, words = self.model.comparison_lines()
+        lines, legend = self.model.comparison_lines()
         self.below.setCurrentIndex(1 if lines else 0)
-        self.compare_card.readout.setText(words)
+        self.compare_card.clear()
+        self.compare_card.readout.setText(legend)
         for labels, curves in zip(self.numbers, lines, strict=False):
             labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves)])
         for row, curves in zip(self.differences, lines, strict=False):
-            for i, curve in enumerate(row):
-                x, y = curves[i] if i < len(curves) else self.model.nothing
+            for curve, (x, y) in zip(row, curves, strict=False):
                 curve.set(x, y)
         for plot in self.compare_card.plots:
-            plot.fit(smallest=NOTICEABLE_MV)
+            plot.fit(smallest=LEAST_SPAN_MV)
 
 
 def spread(x: FloatArray, y: FloatArray, place: int, of: int) -> tuple[float, float]:
-    """Return where the number of the `place`-th of `of` curves stands: on the curve, each further along than the last.
+    """Return the point of a curve for its number, further along for each curve: numbers on equal curves stay apart.
 
-    Curves that lie on each other are told apart by their numbers all the same.
+    Parameters
+    ----------
+    x, y : the curve.
+    place, of : which of how many curves.
     """
     at = round((place + 0.5) / of * (x.size - 1))
     return float(x[at]), float(y[at])

@@ -5,31 +5,31 @@ Rules: a control has an accessible name (its text, where it has one); a role nam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import (
-    QAbstractItemView,
     QBoxLayout,
     QComboBox,
     QFrame,
     QHBoxLayout,
-    QHeaderView,
     QLabel,
     QLayout,
     QLineEdit,
     QPushButton,
     QSizePolicy,
-    QTableWidget,
-    QTableWidgetItem,
+    QTabWidget,
     QVBoxLayout,
     QWidget,
 )
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets.tooltips import as_words
+
+Item = QWidget | QLayout | int | None | tuple[QWidget | QLayout, int]
+"""A part of a row or column: a widget or layout, with its share of the length or without; a space; None a stretch."""
 
 
 class ElidedLabel(QLabel):
@@ -123,15 +123,15 @@ def card() -> tuple[QFrame, QVBoxLayout]:
     return frame, layout
 
 
-def row(*items: QWidget | int | None, spacing: int = style.GAP) -> QHBoxLayout:
-    """Return a horizontal layout of widgets; an int is a space, None a stretch."""
+def row(*items: Item, spacing: int = style.GAP) -> QHBoxLayout:
+    """Return a horizontal layout of `Item`s."""
     layout = QHBoxLayout()
     _fill(layout, items, spacing)
     return layout
 
 
-def column(*items: QWidget | int | None, spacing: int = style.STEP) -> QVBoxLayout:
-    """Return a vertical layout of widgets; an int is a space, None a stretch."""
+def column(*items: Item, spacing: int = style.STEP) -> QVBoxLayout:
+    """Return a vertical layout of `Item`s."""
     layout = QVBoxLayout()
     _fill(layout, items, spacing)
     return layout
@@ -143,6 +143,24 @@ def holder(layout: QLayout) -> QWidget:
     widget.setObjectName("plain")
     layout.setContentsMargins(0, 0, 0, 0)
     widget.setLayout(layout)
+    return widget
+
+
+def tabs(name: str, *pages: tuple[QWidget, str]) -> QTabWidget:
+    """Return tabs.
+
+    Parameters
+    ----------
+    name : for a screen reader.
+    pages : each with the text of its tab.
+    """
+    widget = QTabWidget()
+    widget.setDocumentMode(True)
+    widget.tabBar().setDrawBase(False)
+    for named in (widget, widget.tabBar()):
+        named.setAccessibleName(name)
+    for page, text in pages:
+        widget.addTab(page, text)
     return widget
 
 
@@ -180,48 +198,21 @@ def allow(control: QWidget, obstacle: str = "") -> None:
         control.setAccessibleDescription(obstacle)
 
 
-def read_table(name: str, headings: Sequence[str]) -> QTableWidget:
-    """Return an empty table that is read, not edited."""
-    widget = QTableWidget(0, len(headings))
-    widget.setAccessibleName(name)
-    widget.setHorizontalHeaderLabels(list(headings))
-    widget.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-    widget.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-    widget.setShowGrid(False)
-    widget.setWordWrap(False)
-    widget.verticalHeader().hide()
-    widget.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
-    header = widget.horizontalHeader()
-    header.setHighlightSections(False)
-    header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-    header.setStretchLastSection(True)
-    header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-    return widget
-
-
-def fill_table(widget: QTableWidget, rows: Sequence[Sequence[str]], hovers: Sequence[str] = ()) -> None:
-    """Show other rows in a table that is read; a row's hover, where there is one, on each of its cells."""
-    widget.setRowCount(len(rows))
-    for i, cells in enumerate(rows):
-        for k, text in enumerate(cells):
-            item = QTableWidgetItem(text)
-            if hovers:
-                item.setToolTip(as_words(hovers[i]))
-            widget.setItem(i, k, item)
-
-
 def grow(widget: QWidget) -> QWidget:
     """Let `widget` take the room there is."""
     widget.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
     return widget
 
 
-def _fill(layout: QBoxLayout, items: tuple[QWidget | int | None, ...], spacing: int) -> None:
+def _fill(layout: QBoxLayout, items: tuple[Item, ...], spacing: int) -> None:
     layout.setSpacing(spacing)
     for item in items:
-        if item is None:
+        part, share = item if isinstance(item, tuple) else (item, 0)
+        if part is None:
             layout.addStretch(1)
-        elif isinstance(item, int):
-            layout.addSpacing(item)
+        elif isinstance(part, int):
+            layout.addSpacing(part)
+        elif isinstance(part, QLayout):
+            layout.addLayout(part, share)
         else:
-            layout.addWidget(item)
+            layout.addWidget(part, share)

@@ -6,6 +6,7 @@ Rules: a measured value keeps its number of decimals so that it stands still; wh
 from __future__ import annotations
 
 import math
+import re
 
 MINUS = "\u2212"
 NOTHING = "\u2013"
@@ -103,5 +104,5 @@ def plain_number(text: str) -> float:
 
 def sensor_words(name: str) -> str:
     """Return `s1` or `s1_mv` as `Sensor 1`."""
-    digits = "".join(c for c in name if c.isdigit())
-    return f"Sensor {digits}" if digits else name
+    found = re.fullmatch(r"s(\d+)(_mv)?", name)
+    return f"Sensor {found[1]}" if found else name

@@ -3,43 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.arrays import FloatArray
+from analysis.arrays import BoolArray, FloatArray
+from analysis.figures.figure import SENSOR_FIGURES, Figure
 from analysis.warning import Warning
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 
 Band = tuple[FloatArray, FloatArray]
 
-# name in `analyze --json` -> words, unit, decimals; in the order of the table
-FIGURES = {
-    "sensitivity_mv_per_mm": ("Sensitivity", "mV/mm", 1),
-    "slope_at_rest_mv_per_mm": ("Slope at rest", "mV/mm", 1),
-    "least_squares_slope_mv_per_mm": ("Slope, best line", "mV/mm", 1),
-    "fso_mv": ("Full-scale output", "mV", 1),
-    "noise_mv": ("Noise, rms", "mV", 2),
-    "snr_db": ("SNR", "dB", 1),
-    "sensor_hysteresis_percent_fso": ("Hysteresis, sensor", "% FSO", 2),
-    "system_hysteresis_percent_fso": ("Hysteresis, system", "% FSO", 2),
-    "nonlinearity_percent_fso": ("Non-linearity", "% FSO", 2),
-    "repeatability_percent_fso": ("Repeatability", "% FSO", 2),
-    "repeatability_worst_percent_fso": ("Repeatability, worst", "% FSO", 2),
-    "drift_percent_fso_per_100_cycles": ("Drift per 100 cycles", "% FSO", 2),
-    "combined_error_percent_fso": ("Combined error", "% FSO", 2),
-}
 
-
-@dataclass(frozen=True, slots=True)
-class FigureText:
+class FigureText(NamedTuple):
     """One cell of the table of figures: its text and its tooltip."""
 
     text: str
-    hover: str
+    tip: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +33,7 @@ class FigureRow:
     cells: tuple[FigureText, ...]
 
 
-def figure_text(figure: Any, decimals: int) -> FigureText:
+def figure_text(figure: Figure | None, decimals: int) -> FigureText:
     """Return a figure as text, with definition, interval and count as its tooltip; an en dash without a figure."""
     if figure is None:
         return FigureText(NOTHING, "not computed for this run")
@@ -64,14 +46,13 @@ def figure_text(figure: Any, decimals: int) -> FigureText:
     return FigureText(number(figure.value, decimals), "\n".join(lines))
 
 
-def figure_rows(sensors: list[Mapping[str, Any]]) -> tuple[FigureRow, ...]:
+def figure_rows(sensors: Sequence[Mapping[str, Figure]]) -> tuple[FigureRow, ...]:
     """Return the table of figures of all sensors, without figures that no sensor has."""
-    rows = []
-    for key, (name, unit, decimals) in FIGURES.items():
-        if any(key in figures for figures in sensors):
-            cells = tuple(figure_text(figures.get(key), decimals) for figures in sensors)
-            rows.append(FigureRow(name, unit, cells))
-    return tuple(rows)
+    return tuple(
+        FigureRow(d.label, d.unit, tuple(figure_text(figures.get(d.key), d.decimals) for figures in sensors))
+        for d in SENSOR_FIGURES.values()
+        if any(d.key in figures for figures in sensors)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +60,6 @@ class LoopSet:
     """The loops of a run: [2 branches, cycles, levels], signals [sensors, 2, cycles, levels]."""
 
     numbers: tuple[int, ...]
-    level_kpa: FloatArray
     pressure_kpa: FloatArray
     elongation_mm: FloatArray | None
     signal_mv: FloatArray
@@ -122,21 +102,18 @@ class CycleSeries:
 class SensorResult:
     """One sensor: its points, its curve with the 68 % and 95 % bands of the fit, and what acceptance stores."""
 
-    name: str
+    label: str
     void: str
-    values: Mapping[str, float]
     cycles: CycleSeries
     x: FloatArray
     y: FloatArray
     residuals: FloatArray
-    loading: NDArray[np.bool_]
-    cycle: NDArray[np.int64]
+    loading: BoolArray
     grid: FloatArray
     curve: FloatArray
     band_68: Band
     band_95: Band
     content: Mapping[str, Any] | None
-    turning_points: tuple[float, ...]
     out_of_tolerance: tuple[Warning, ...] = ()
 
 
@@ -158,16 +135,12 @@ class RunResult:
 
     path: str
     unit: str
-    started: str
     simulated: bool
-    kind: str
     duration_s: float
     cycles: int
     partial: int
     sensors: tuple[SensorResult, ...]
     figures: tuple[FigureRow, ...]
-    system_sensitivity: FigureText
-    actuator_hysteresis: FigureText
     loops: LoopSet
     warnings: tuple[Warning, ...]
     reading_sd_mm: float

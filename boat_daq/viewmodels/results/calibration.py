@@ -1,8 +1,8 @@
-"""The calibration page: a run is analysed in the background, looked at, compared, accepted.
+"""The calibration page: a run is analysed in the background, shown, compared with the previous calibration, accepted.
 
-Rules: nothing is computed on the window's own threads. What is accepted is stored with the unit, as a new entry that is
-never changed, together with the points it rests on, and is used live at once. A curve that turns inside its range, or a
-simulated run for a real unit, is never accepted quietly.
+Rules: nothing is computed on the window's threads. An accepted calibration is stored with the unit as a new entry that
+is never changed, with the points that it rests on, and is used live at once. A curve that turns inside its range cannot
+be accepted.
 """
 
 from __future__ import annotations
@@ -16,50 +16,51 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.calibration.compare import Agreement, compare_fits
+from analysis.calibration.compare import Agreement, Coefficient, compare_fits
 from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number, sensor_words
+from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.undo import Change
-from boat_daq.viewmodels.results.acceptance import Missing, missing, poor, remarks, rests_on
+from boat_daq.viewmodels.results import acceptance
+from boat_daq.viewmodels.results.acceptance import Missing, Obstacle
 from boat_daq.viewmodels.results.analysis_view import Band, PosteriorResult, RunResult, SensorResult
 from boat_daq.viewmodels.results.calibration_jobs import analyse_run, sample_run
 
-TURNS = "the curve turns inside its range, so that one signal would stand for two elongations."
+ACCEPT, ANYWAY = "Accept", "Accept anyway"
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
 
 @dataclass(frozen=True, slots=True)
-class CurveShown:
-    """One sensor's curve with the bands that belong to it, and the residuals about it, mV.
+class CurveView:
+    """One sensor's curve with its bands, and the residuals about it, mV.
 
-    `source` is "least squares", or "posterior" once it is sampled: its mean curve is then the one drawn. `last` is the
-    unit's last calibration over the shared range: grid, its curve, its curve less this fit; None where there is none.
+    `sampled` says whether it is the mean curve of the posterior, not the least-squares fit. `previous` is the unit's
+    previous calibration over the shared range: grid, its curve, its curve less this fit; None where there is none.
     """
 
-    source: str
+    sampled: bool
     grid: FloatArray
     curve: FloatArray
     band_68: Band
     band_95: Band
     new_reading_95: Band | None
     residuals: FloatArray
-    last: tuple[FloatArray, FloatArray, FloatArray] | None
+    previous: tuple[FloatArray, FloatArray, FloatArray] | None
 
 
 @dataclass(frozen=True, slots=True)
 class CoefficientRow:
-    """A coefficient side by side: name, this calibration, the last one, E_n."""
+    """A coefficient: name, this calibration, the previous one, E_n."""
 
     cells: tuple[str, str, str, str]
-    hover: str
+    tip: str
 
 
 class CalibrationModel:
@@ -69,7 +70,7 @@ class CalibrationModel:
     ----------
     session : its recording is closed before it is analysed.
     units : where calibrations are kept.
-    jobs : where the work is done.
+    jobs : where the job is done.
     services : of the window.
     newest : returns the newest recording, also of an earlier start.
     """
@@ -97,24 +98,24 @@ class CalibrationModel:
 
     @property
     def working(self) -> bool:
-        """Whether an analysis is under way."""
+        """Whether an analysis is running."""
         return self.jobs.get("analysis") is not None
 
     def analyse_current(self) -> None:
-        """Close the recording that runs and analyse it; the last one where none runs, of an earlier start too.
+        """Close the open recording and analyse it; without one, analyse the newest.
 
         Raises
         ------
-        OperatorError : a sequence runs, or there is no recording.
+        OperatorError : a run is in progress, or there is no recording.
         """
         snapshot = self.session.snapshot()
         if snapshot.state in BUSY:
-            raise OperatorError("the sequence still runs", "Wait for its end, or stop it; its whole cycles count.")
+            raise OperatorError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
         if snapshot.recording is not None:
             self.last_path = self.session.stop_recording() or snapshot.recording
         self.last_path = self.last_path or self._newest()
         if self.last_path is None:
-            raise OperatorError("nothing has been recorded yet", "Run a plan, or open a recording on the Runs page.")
+            raise OperatorError("there is no recording yet", "Run a plan, or open a recording on the Runs page.")
         self.analyse(self.last_path)
 
     def analyse(self, path: Path) -> None:
@@ -122,22 +123,19 @@ class CalibrationModel:
         self.last_path, self.result, self.posterior, self.failure, self.accepted = path, None, (), None, None
         self.before, self.agreements = None, ()
         self.revision += 1
-        self.jobs.start(
-            "analysis",
-            Job(f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level),
-            self._analysed,
-        )
+        job = Job(f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level)
+        self.jobs.start("analysis", job, self._analysed)
 
     def _analysed(self, job: Job) -> None:
         self.failure = job.failure
         self.show(job.result)
 
     def show(self, result: RunResult | None) -> None:
-        """Show a result, beside the unit's calibration in force.
+        """Show a result and compare it with the unit's calibration in force.
 
         Raises
         ------
-        OperatorError : the unit's file is refused.
+        OperatorError : the unit's file cannot be read.
         """
         self.result = result
         self.revision += 1
@@ -146,7 +144,7 @@ class CalibrationModel:
             self.agreements = tuple(map(_agreement, result.sensors, self.before.content.get("sensors", [])))
 
     def set_fidelity(self, level: Fidelity) -> None:
-        """Analyse and sample as finely as this from now on."""
+        """Set the fidelity of the next analyses and samples."""
         self.fidelity = level
 
     def sample(self) -> None:
@@ -160,13 +158,8 @@ class CalibrationModel:
             raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
         contents = [s.content or {} for s in self.result.sensors]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
-        job = Job(
-            "Computing uncertainty bands",
-            sample_run,
-            points,
-            self.result.reading_sd_mm,
-            max_steps=self.fidelity.posterior_steps,
-        )
+        steps, label = self.fidelity.posterior_steps, "Computing uncertainty bands"
+        job = Job(label, sample_run, points, self.result.reading_sd_mm, max_steps=steps)
         self.jobs.start("posterior", job, self._sampled)
 
     def _sampled(self, job: Job) -> None:
@@ -176,10 +169,10 @@ class CalibrationModel:
             self.failure = job.failure
         self.revision += 1
 
-    # ---- what the page says --------------------------------------------------------------------------------------
+    # ---- texts of the page ---------------------------------------------------------------------------------------
 
     def headline(self) -> str:
-        """Return run and size in a line; the remedy of what failed."""
+        """Return unit, cycles, readings and duration of the run in a line; the remedy of a failure."""
         result = self.result
         if self.failure is not None:
             return str(self.failure.remedy)
@@ -188,141 +181,116 @@ class CalibrationModel:
         parts = [
             result.unit or "no unit",
             count(result.cycles, "complete cycle") + (f", {result.partial} partial left out" if result.partial else ""),
-            rests_on(result),
+            acceptance.readings_text(result),
             duration(result.duration_s),
         ]
         return "   ".join(filter(None, parts))
 
-    def poor(self) -> tuple[str, ...]:
-        """Return what is poor about the calibration that could be accepted, a sentence a sensor."""
-        if self.result is None or self.obstacle():
+    def out_of_tolerance(self) -> tuple[str, ...]:
+        """Return the figures out of tolerance of a calibration that could be accepted, a sentence a sensor."""
+        if self.result is None or self.obstacle() is not None:
             return ()
-        return poor(self.result, self.posterior)
+        return acceptance.out_of_tolerance(self.result, self.posterior)
 
-    def against(self) -> tuple[str, ...]:
-        """Return all that speaks against the curves that there are: what refuses it, then what is poor."""
+    def acceptance_warnings(self) -> tuple[str, ...]:
+        """Return what prevents acceptance of the curves, then the figures out of tolerance."""
         if self.result is None or self.missing() is not None:
             return ()
         obstacle = self.obstacle()
-        return (*([obstacle] if obstacle else []), *poor(self.result, self.posterior))
+        lines = acceptance.out_of_tolerance(self.result, self.posterior)
+        return lines if obstacle is None else (str(obstacle), *lines)
 
-    def remarks(self) -> tuple[str, ...]:
-        """Return the flags of the run."""
-        return () if self.result is None else remarks(self.result)
+    def warnings(self) -> tuple[str, ...]:
+        """Return the warnings of the run."""
+        return () if self.result is None else acceptance.warnings(self.result)
 
     def missing(self) -> Missing | None:
         """Return what is missing for a curve; None where there is one, or nothing is analysed."""
-        return None if self.result is None else missing(self.result)
+        return None if self.result is None else acceptance.missing(self.result)
 
-    def obstacle(self) -> str:
-        """Return why the calibration cannot be accepted; empty when it can."""
-        if self.result is None:
-            return "Nothing is analysed yet."
-        for sensor in self.result.sensors:
-            if sensor.content is None:
-                return self._void(sensor)
-            if not sensor.content["fit"]["monotone"]:
-                return f"{sensor_words(sensor.name)}: {TURNS}"
-        return "" if self.result.sensors else "The run has no sensor."
-
-    def _void(self, sensor: SensorResult) -> str:
-        lacking = self.missing()
-        return f"{lacking.title}." if lacking is not None else f"{sensor_words(sensor.name)}: {sensor.void}."
+    def obstacle(self) -> Obstacle | None:
+        """Return why the calibration cannot be accepted; None when it can."""
+        return acceptance.obstacle(self.result)
 
     def verdict(self) -> tuple[str, str]:
-        """Return (state, words) for the top of the page."""
+        """Return (state, text) for the top of the page."""
         if self.failure is not None:
             return "fault", f"\u25a0 {self.failure.cause}"
         if self.result is None:
             return "", "Analysing \u2026" if self.working else ""
+        missed = bool(self.out_of_tolerance())
         if self.accepted is not None:
-            though = " though poor" if self.poor() else ""
-            return "warning" if though else "ok", f"\u2713 Accepted{though}: stored with the unit and used live"
+            suffix = " out of tolerance" if missed else ""
+            return "warning" if missed else "ok", f"\u2713 Accepted{suffix}: stored with the unit and used live"
         obstacle = self.obstacle()
-        if obstacle:
-            return "warning", f"\u25b2 Not a calibration: {_short(obstacle)}"
-        if self.poor():
-            return "warning", "\u25b2 A poor calibration: figures miss their bounds"
-        fits = "   ".join(
-            f"{sensor_words(s.name)}: R\u00b2 = {number((s.content or {})['fit']['r2'], 5)}"
-            for s in self.result.sensors
-        )
-        return "ok", f"\u25cf {fits}"
+        if obstacle is not None:
+            return "warning", f"\u25b2 Not a calibration: {obstacle.cause}"
+        if missed:
+            return "warning", "\u25b2 Out of tolerance: figures miss their bounds"
+        fits = (f"{s.label}: R\u00b2 = {number((s.content or {})['fit']['r2'], 5)}" for s in self.result.sensors)
+        return "ok", f"\u25cf {'   '.join(fits)}"
 
-    def shown(self, index: int) -> CurveShown:
-        """Return what is drawn of a sensor: the posterior's mean curve with its bands, or the fit with its own."""
+    def curve(self, index: int) -> CurveView:
+        """Return a sensor's curve with its bands: the mean of the posterior where it is sampled, else the fit."""
         assert self.result is not None
         sensor, agreement = self.result.sensors[index], self.agreement(index)
-        last = None if agreement is None else (agreement.grid, agreement.before_mv, -agreement.difference_mv)
+        previous = None if agreement is None else (agreement.grid, agreement.before_mv, -agreement.difference_mv)
         if index >= len(self.posterior):
             bands = (sensor.band_68, sensor.band_95, None)
-            return CurveShown("least squares", sensor.grid, sensor.curve, *bands, sensor.residuals, last)
+            return CurveView(False, sensor.grid, sensor.curve, *bands, sensor.residuals, previous)
         found = self.posterior[index]
         bands_of = (found.curve_68, found.curve_95, found.new_reading_95)
         residuals = sensor.y - np.interp(sensor.x, found.grid, found.mean)
-        return CurveShown("posterior", found.grid, found.mean, *bands_of, residuals, last)
+        return CurveView(True, found.grid, found.mean, *bands_of, residuals, previous)
 
     def agreement(self, index: int) -> Agreement | None:
-        """Return how a sensor compares with the unit's last calibration; None where there is nothing to compare."""
+        """Return the comparison of a sensor with the unit's previous calibration; None where there is none."""
         return self.agreements[index] if index < len(self.agreements) else None
 
     def comparison(self) -> str:
-        """Return how this calibration differs from the unit's last, a line a sensor."""
+        """Return the largest difference from the unit's previous calibration, a line a sensor."""
         if self.result is None or not self.result.calibrated:
             return ""
         if self.before is None:
             return f"{self.result.unit or 'The unit'} has no earlier calibration to compare with."
-        lines = [f"Against the calibration of {self.before.utc[:16].replace('T', ' ')} UTC"]
+        lines = [f"Compared with the calibration of {self.before.utc[:16].replace('T', ' ')} UTC"]
         for i, sensor in enumerate(self.result.sensors):
-            found, name = self.agreement(i), sensor_words(sensor.name)
+            found = self.agreement(i)
             if found is None:
-                lines.append(f"{name}: cannot be compared")
+                lines.append(f"{sensor.label}: cannot be compared")
                 continue
             at = found.worst
             x, apart, mm = (float(v[at]) for v in (found.grid, found.difference_mv, found.difference_mm))
             mark = {True: "\u25cf agrees", False: "\u25b2 differs", None: NOTHING}[found.agrees]
             lines.append(
-                f"{name}: {mark}, E\u2099 = {number(float(found.e_n[at]), 2, sign=True)}: "
+                f"{sensor.label}: {mark}, E\u2099 = {number(float(found.e_n[at]), 2, sign=True)}: "
                 f"{number(apart, 1, sign=True)} mV ({number(abs(mm), 2)} mm) at {number(x, 1, sign=True)} mm"
             )
         return "\n".join(lines)
 
     def coefficient_rows(self) -> tuple[CoefficientRow, ...]:
-        """Return the coefficients of every sensor, this calibration's and the last one's."""
-        rows = []
-        for i, sensor in enumerate(self.result.sensors if self.result is not None else ()):
-            found = self.agreement(i)
-            for c in found.coefficients if found is not None else ():
-                apart, spread = c.value - c.value_before, 2 * float(np.hypot(c.std_error, c.std_error_before))
-                name = f"b{_SUBSCRIPTS[c.power]}, {sensor_words(sensor.name).removeprefix('Sensor ')}"
-                cells = (
-                    name, measured(c.value, c.std_error), measured(c.value_before, c.std_error_before),
-                    number(apart / spread, 2, sign=True) if spread > 0 else NOTHING,
-                )  # fmt: skip
-                unit = f"mV/mm{_superscript(c.power)}" if c.power else "mV"
-                rows.append(
-                    CoefficientRow(
-                        cells,
-                        f"{sensor_words(sensor.name)}: coefficient of x{_superscript(c.power)}, {unit}, with its "
-                        "standard error; E\u2099 = difference / (2 \u00b7 root of the sum of their squares)",
-                    )
-                )
-        return tuple(rows)
+        """Return the coefficients of every sensor, of this calibration and of the previous one."""
+        sensors = self.result.sensors if self.result is not None else ()
+        return tuple(
+            _coefficient_row(sensor.label, c)
+            for sensor, found in zip(sensors, self.agreements, strict=False)
+            for c in (found.coefficients if found is not None else ())
+        )
 
     def request_acceptance(self, *, anyway: bool = False) -> None:
-        """Accept the calibration; one below its bounds only with `anyway`, which is offered."""
-        poor, notices = self.poor(), self._services.notices
-        if poor and not anyway:
+        """Accept the calibration; one out of tolerance only with `anyway`, which is then offered."""
+        missed, notices = self.out_of_tolerance(), self._services.notices
+        if missed and not anyway:
             notices.say(
                 Severity.WARNING,
-                f"this calibration is poor. {'. '.join(poor)}",
-                "Look at its readings, or accept it as it is.",
-                action_text="Accept anyway",
+                f"this calibration is out of tolerance. {'. '.join(missed)}",
+                "Check its readings, or accept it as it is.",
+                action_text=ANYWAY,
                 action=partial(self.request_acceptance, anyway=True),
             )
             return
-        done = f"Calibration accepted{' though poor' if poor else ''}; the elongation is shown on the Live page"
-        notices.attempt(self.accept, done=done)
+        suffix = " out of tolerance" if missed else ""
+        notices.attempt(self.accept, done=f"Calibration accepted{suffix}; the Live page shows elongation")
 
     def accept(self, operator: str = "") -> dict[str, Any]:
         """Store the calibration with its unit, undoably; returns what was stored.
@@ -331,20 +299,19 @@ class CalibrationModel:
 
         Raises
         ------
-        OperatorError : what stands in the way.
+        OperatorError : the calibration cannot be accepted.
         StorageError : the unit's file cannot be written.
         """
         obstacle = self.obstacle()
-        if obstacle or self.result is None:
-            raise OperatorError(
-                f"this cannot be accepted: {obstacle}", "See the flags, and read or record what is missing."
-            )
+        if obstacle is not None or self.result is None:
+            remedy = "See the warnings, and read or record what is missing."
+            raise OperatorError(f"this calibration cannot be accepted: {obstacle}".rstrip("."), remedy)
         content: dict[str, Any] = {
             "sensors": [dict(s.content or {}) for s in self.result.sensors],
             "simulated": self.result.simulated,
             "cycles": self.result.cycles,
             "posterior": [dict(p.content) for p in self.posterior],
-            "poor": list(self.poor()),
+            "poor": list(self.out_of_tolerance()),
         }
         self._services.undo.push(Change("acceptance", *self._acceptance(self.result, finite(content), operator)))
         return content
@@ -352,7 +319,7 @@ class CalibrationModel:
     def _acceptance(
         self, result: RunResult, content: dict[str, Any], operator: str
     ) -> tuple[Callable[[], None], Callable[[], None]]:
-        """Return the deed and its way back; both only add to the unit's history."""
+        """Return acceptance and its reversal; both only add to the unit's history."""
         name, before = result.unit, self.units.load(result.unit).calibration
 
         def redo() -> None:
@@ -378,9 +345,19 @@ class CalibrationModel:
         self.revision += 1
 
 
-def _short(obstacle: str) -> str:
-    """Return an obstacle as the verdict says it, without its reason."""
-    return obstacle.partition(", so that")[0]
+def _coefficient_row(label: str, c: Coefficient) -> CoefficientRow:
+    cells = (
+        f"{label}: b{_SUBSCRIPTS[c.power]}",
+        measured(c.value, c.std_error),
+        measured(c.value_before, c.std_error_before),
+        number(c.e_n, 2, sign=True),
+    )
+    unit = f"mV/mm{_superscript(c.power)}" if c.power else "mV"
+    tip = (
+        f"{label}: coefficient of x{_superscript(c.power)}, {unit}, with its standard error; "
+        "E\u2099 = difference / (2 \u00b7 root of the sum of their squares)"
+    )
+    return CoefficientRow(cells, tip)
 
 
 def measured(value: float, std_error: float) -> str:
@@ -400,7 +377,7 @@ def _superscript(power: int) -> str:
 
 
 def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | None:
-    """Return how two fits of a sensor compare; None where there is no fit, or no shared range."""
+    """Return the comparison of two fits of a sensor; None without a fit or a shared range."""
     if sensor.content is None:
         return None
     try:
@@ -410,7 +387,7 @@ def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | N
 
 
 def finite(value: Any) -> Any:
-    """Return a JSON value with null where a number is not finite, which JSON cannot say."""
+    """Return a JSON value with null in place of a number that is not finite."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

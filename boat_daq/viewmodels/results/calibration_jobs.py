@@ -1,22 +1,21 @@
-"""What the calibration and repeatability pages have computed for them, in a process of its own (`work.Job`).
+"""What the calibration and repeatability pages compute in a helper process.
 
-Everything here is a call of `analysis`; what comes back is only what a page draws, so that a long recording does not
-travel. This file is imported in the helper process, not by the window.
+Everything here is a call of `analysis`; only what a page draws is returned, so that a long recording is not copied
+between processes. The window does not import this module.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from analysis.fidelity import Level, fidelity
-from boat_daq.viewmodels.common.formatting import NOTHING
+from boat_daq.viewmodels.common.formatting import NOTHING, sensor_words
 from boat_daq.viewmodels.results.analysis_view import (
-    FIGURES,
     BreakResult,
     CycleSeries,
     LoopSet,
@@ -24,7 +23,6 @@ from boat_daq.viewmodels.results.analysis_view import (
     RunResult,
     SensorResult,
     figure_rows,
-    figure_text,
 )
 
 if TYPE_CHECKING:
@@ -37,7 +35,14 @@ GRID = 161
 
 
 def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: Progress | None = None) -> RunResult:
-    """Return all figures and curves of a recording, without the posterior, at a level of fidelity.
+    """Return all figures and curves of a recording, without the posterior.
+
+    Parameters
+    ----------
+    path : of the recording.
+    seed : of the bootstrap.
+    level : of fidelity.
+    progress : is called with the steps done and their number.
 
     Raises
     ------
@@ -53,69 +58,55 @@ def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: 
     found = analyse(
         recording,
         options=Options(seed=seed, mcmc=False, fidelity=level),
-        progress=lambda done, total: _tell(progress, 1 + done, 1 + total),
+        progress=lambda done, total: _report(progress, 1 + done, 1 + total),
     )
-    meta = recording.meta
     return RunResult(
         path=path,
-        unit=str(meta.get("unit") or ""),
-        started=str(meta.get("started_utc") or ""),
+        unit=str(recording.meta.get("unit") or ""),
         simulated=recording.simulated,
-        kind=found.kind,
         duration_s=recording.duration_s,
         cycles=found.loops.n_cycles,
         partial=len(found.cycles.partial),
         sensors=tuple(_sensor(found, i) for i in range(len(found.sensors))),
         figures=figure_rows([sensor.figures for sensor in found.sensors]),
-        system_sensitivity=figure_text(found.system_sensitivity, 1),
-        actuator_hysteresis=figure_text(found.actuator_hysteresis, 2),
         loops=_loops(found.loops),
         warnings=found.warnings,
         reading_sd_mm=found.reading_sd_mm,
         breaks=tuple(_break(each) for each in found.breaks),
-        plateaus=_asked(found),
+        plateaus=_requested_plateaus(found),
         read=int(found.elongations.known.sum()) if found.elongations is not None else 0,
     )
 
 
-def _asked(found: Analysis) -> int:
-    """Return at how many plateaus a run is read: its own steps but the last way out, else those of its cycles."""
+def _requested_plateaus(found: Analysis) -> int:
+    """Return how many plateaus are to be read: the steps of the run without the last, else those of its cycles."""
     steps = found.recording.steps
     if len(steps):
         return int(((steps["branch"] != "end") & (steps["status"] != "aborted")).sum())
     return sum(bool(p.branch) for p in found.plateaus)
 
 
-def _tell(progress: Progress | None, done: float, total: float) -> None:
+def _report(progress: Progress | None, done: float, total: float) -> None:
     if progress is not None:
         progress(done, total)
-
-
-def _in_words(text: str) -> str:
-    """Return a flag with its sensor's name written out, e.g. `s1: ...` as `Sensor 1: ...`."""
-    return re.sub(r"\bof s(\d)\b", r"of sensor \1", re.sub(r"^s(\d)(_mv)?: ", r"Sensor \1: ", text))
 
 
 def _sensor(found: Analysis, index: int) -> SensorResult:
     from analysis.figures.acceptance import out_of_tolerance
 
-    sensor = found.sensors[index]
-    cycles = _cycles(found, index)
-    values = {key: float(figure.value) for key, figure in sensor.figures.items() if key in FIGURES}
-    calibration = sensor.calibration
+    sensor, cycles = found.sensors[index], _cycles(found, index)
+    label, calibration = sensor_words(sensor.name), sensor.calibration
     if calibration is None:
-        empty, no_flags, no_numbers = np.zeros(0), np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
+        none, band = np.zeros(0), (np.zeros(0), np.zeros(0))
         return SensorResult(
-            sensor.name, sensor.calibration_void, values, cycles, empty, empty, empty, no_flags, no_numbers,
-            empty, empty, (empty, empty), (empty, empty), None, (),
-        )  # fmt: skip
+            label, sensor.calibration_void, cycles, none, none, none, none > 0, none, none, band, band, None
+        )
     points = [found.plateaus[int(i)] for i in sensor.point_plateau]
     loading = np.array([p.branch != "unloading" for p in points])
     grid = np.linspace(*calibration.x_range, GRID)
     return SensorResult(
-        sensor.name, "", values, cycles, calibration.x, calibration.y, calibration.residuals, loading,
-        np.array([p.cycle for p in points]), grid, calibration.predict(grid), calibration.band(grid, 0.68),
-        calibration.band(grid, 0.95), _content(found, index), calibration.turning_points,
+        label, "", cycles, calibration.x, calibration.y, calibration.residuals, loading, grid,
+        calibration.predict(grid), calibration.band(grid, 0.68), calibration.band(grid, 0.95), _content(found, index),
         out_of_tolerance(sensor, found.reading_sd_mm),
     )  # fmt: skip
 
@@ -129,22 +120,23 @@ def _cycles(found: Analysis, index: int) -> CycleSeries:
 
 
 def _break(found: Break) -> BreakResult:
+    comparisons = tuple(replace(c, sensor=sensor_words(c.sensor)) for c in found.comparisons)
     at = 0.5 + float(max(found.before, default=0))
-    return BreakResult(at, _in_words(found.sentence), tuple(_tested(c) for c in found.comparisons))
+    return BreakResult(at, replace(found, comparisons=comparisons).sentence, tuple(map(_tested, comparisons)))
 
 
 def _tested(c: Comparison) -> tuple[str, ...]:
-    """Return one comparison over a break as text; what its test rejects is marked."""
+    """Return one comparison across an interruption as texts; a rejected test is marked."""
     p = [
         ("\u25b2 " if name in c.significant else "") + (f"{value:.2g}" if np.isfinite(value) else NOTHING)
         for name, value in (("t", c.t_p), ("F", c.f_p))
     ]
-    quantity = _in_words(f"{c.sensor}: {c.quantity}") + f" ({c.unit})"
-    return quantity, f"{c.mean_before:.4g} (n = {c.n_before})", f"{c.mean_after:.4g} (n = {c.n_after})", *p
+    means = f"{c.mean_before:.4g} (n = {c.n_before})", f"{c.mean_after:.4g} (n = {c.n_after})"
+    return f"{c.sensor}: {c.quantity} ({c.unit})", *means, *p
 
 
 def _content(found: Analysis, index: int) -> dict[str, Any]:
-    """Return what is stored with the unit: fit as `fit --json`, points, uncertainty of a live reading, figures."""
+    """Return what acceptance stores: fit as `fit --json`, points, uncertainty of a live reading, figures."""
     from analysis.figures.uncertainty import signal_parts
 
     sensor, parts = found.sensors[index], signal_parts(found, index)
@@ -165,7 +157,7 @@ def _content(found: Analysis, index: int) -> dict[str, Any]:
 
 
 def _loops(loops: Loops) -> LoopSet:
-    return LoopSet(loops.numbers, loops.level_kpa, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv)
+    return LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv)
 
 
 def sample_run(
@@ -180,20 +172,23 @@ def sample_run(
 
     Parameters
     ----------
-    points : for each sensor elongations (mm), signals (mV), the degree, and the position that each point was read at.
+    points : for each sensor elongations (mm), signals (mV), the degree, and the position where each point was read.
+    reading_sd_mm : standard uncertainty of a reading, mm.
+    seed : of the first sensor's sampler.
     max_steps : of the sampler.
+    progress : is called with what is done and the total.
     """
     from analysis.calibration.posterior import sample_posterior
 
     results = []
     for number, (x, y, degree, positions) in enumerate(points):
 
-        def tell(done: float, total: float, /, number: int = number) -> None:
-            _tell(progress, number + done / total, len(points))
+        def within(done: float, total: float, /, number: int = number) -> None:
+            _report(progress, number + done / total, len(points))
 
         posterior = sample_posterior(
             x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=seed + number, max_steps=max_steps,
-            progress=tell,
+            progress=within,
         )  # fmt: skip
         grid = np.linspace(min(x), max(x), GRID)
         results.append(

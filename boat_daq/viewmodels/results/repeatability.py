@@ -1,8 +1,7 @@
-"""The repeatability page: a run of many cycles, also while it still goes.
+"""The repeatability page: a run of many cycles, also while it is in progress.
 
-Rules: while a continuous plan runs its recording is read again now and then, by a helper process, from the file itself;
-nothing is computed twice in two ways. Cycles are drawn in groups of one colour, so that a hundred of them cost no more
-than a dozen.
+Rules: during a continuous plan the recording is analysed again from its file at intervals, by a helper process, so that
+nothing is computed in two ways. Cycles are drawn in groups of one colour: a hundred take no longer than a dozen.
 """
 
 from __future__ import annotations
@@ -22,14 +21,12 @@ from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.results.analysis_view import CycleSeries, RunResult
 from boat_daq.viewmodels.results.calibration_jobs import analyse_run
 
-EVERY_S = 20.0  # at the soonest, so that the helper takes a small share of the machine
+LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the processor
 WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
 GROUPS = 12
-WARM_UP_FROM = 6  # cycles, before "warm-up" means anything
-HOW = (
-    "Choose the plan 'repeatability' and start it: this page fills while it runs. Or open a recording on the Runs page."
-)
-NO_RUN = "Here come the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. " + HOW
+WARM_UP_FROM = 6  # cycles, so that warm-up can be distinguished
+HOW = "Choose the plan 'repeatability' and start it: this page is updated during the run. Or open a recording on Runs."
+NO_RUN = f"You will see the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. {HOW}"
 NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
 
 
@@ -38,7 +35,7 @@ class RepeatabilityModel:
 
     Parameters
     ----------
-    jobs : where the work is done.
+    jobs : where the job is done.
     clock : seconds, monotonic.
     """
 
@@ -47,35 +44,35 @@ class RepeatabilityModel:
         self.level = fidelity().level
         self.result: RunResult | None = None
         self.failure = ""  # why the last run could not be read
-        self.words = ""
+        self.headline = ""
         self.revision = 0
-        self._asked_at = -np.inf
-        self._asked_cycles = 0
+        self._started_s = -np.inf
+        self._started_cycles = 0
         self._followed: Path | None = None
         self._ended_at = np.inf
 
     def set_fidelity(self, level: Fidelity) -> None:
-        """Analyse as finely as this from now on."""
+        """Set the fidelity of the next analyses."""
         self.level = level.level
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Read the running recording again where enough is new, and once more when the run has ended."""
+        """Analyse the open recording again after each new cycle, and once more after the run."""
         progress = snapshot.progress
         if snapshot.state is not SessionState.RUNNING or snapshot.recording is None or progress is None:
             if snapshot.state is not SessionState.FINISHING:
-                self._read_the_whole()
+                self._read_ended()
             return
         self._ended_at = np.inf
-        enough = progress.complete_cycles >= self._asked_cycles + 1 or progress.complete_cycles < self._asked_cycles
+        enough = progress.complete_cycles >= self._started_cycles + 1 or progress.complete_cycles < self._started_cycles
         continuous = getattr(snapshot.plan, "kind", "") == "continuous" and progress.complete_cycles >= 2
-        free = self._clock() - self._asked_at >= EVERY_S and self.jobs.get("repeatability") is None
+        free = self._clock() - self._started_s >= LEAST_INTERVAL_S and self.jobs.get("repeatability") is None
         if continuous and enough and free:
-            self._asked_at, self._asked_cycles = self._clock(), progress.complete_cycles
+            self._started_s, self._started_cycles = self._clock(), progress.complete_cycles
             self._followed = snapshot.recording
             self.analyse(snapshot.recording, label="Repeatability so far")
 
-    def _read_the_whole(self) -> None:
-        """Read the run that has ended, once the recorder has written its last samples."""
+    def _read_ended(self) -> None:
+        """Analyse the run that has ended, once its last samples are written."""
         if self._followed is None:
             return
         self._ended_at = min(self._ended_at, self._clock())
@@ -96,23 +93,24 @@ class RepeatabilityModel:
             self.revision += 1
 
     def show(self, result: RunResult) -> None:
-        """Show a result that is there already."""
+        """Show a result."""
         self.result, self.failure = result, ""
-        self.words = "   ".join(
+        self.headline = "   ".join(
             [result.unit or "no unit", count(result.cycles, "complete cycle"), duration(result.duration_s)]
             + ([f"{result.partial} partial, left out"] if result.partial else [])
         )
         self.revision += 1
 
     def missing(self) -> tuple[str, str]:
-        """Return title and words of what is missing for the page; both empty where there is a cycle to show."""
+        """Return title and text of what is missing; both empty where there is a cycle to show."""
         if self.failure:
             return "This run cannot be shown", self.failure
         if self.result is None:
-            return "No run of many cycles yet", NO_RUN
+            return "No repeatability run yet", NO_RUN
         if not self.result.cycles:
-            begun = f" It broke off after {count(self.result.partial, 'partial one')}." if self.result.partial else ""
-            return f"{Path(self.result.path).name} has no complete cycle", f"{NO_CYCLE}{begun} {HOW}"
+            partial = self.result.partial
+            found = f" This run has {count(partial, 'partial cycle')}." if partial else ""
+            return f"{Path(self.result.path).name} has no complete cycle", f"{NO_CYCLE}{found} {HOW}"
         return "", ""
 
     def groups(self) -> list[range]:
@@ -125,15 +123,8 @@ class RepeatabilityModel:
         """Return cycle numbers and the signal's change at the highest and the lowest level, mV from the first cycle."""
         assert self.result is not None
         loops = self.result.loops
-        numbers = np.asarray(loops.numbers, dtype=float)
-        top = np.nanmean(loops.signal_mv[sensor][:, :, -1], axis=0)
-        bottom = np.nanmean(loops.signal_mv[sensor][:, :, 0], axis=0)
-        return numbers, top - top[0], bottom - bottom[0]
-
-    def numbers(self) -> FloatArray:
-        """Return the numbers of the complete cycles."""
-        assert self.result is not None
-        return np.asarray(self.result.loops.numbers, dtype=float)
+        top, bottom = (np.nanmean(loops.signal_mv[sensor][:, :, at], axis=0) for at in (-1, 0))
+        return np.asarray(loops.numbers, dtype=float), top - top[0], bottom - bottom[0]
 
     def cycles(self, sensor: int) -> CycleSeries:
         """Return a sensor's figures cycle by cycle."""
@@ -141,7 +132,7 @@ class RepeatabilityModel:
         return self.result.sensors[sensor].cycles
 
     def warm_up(self) -> str:
-        """Return the warm-up cycles in words; empty where there are none, or too few cycles to tell."""
+        """Return the warm-up cycles as text; empty where there are none, or too few cycles."""
         if self.result is None:
             return ""
         longest = max((s.cycles.warm_up for s in self.result.sensors), default=0)

@@ -1,7 +1,7 @@
-"""The recordings of a folder and the units on the shelf; what can be done with them.
+"""The recordings of a folder, the units with their calibrations, and what can be done with them.
 
-Rules: a list is read on a helper thread, from heads and overviews, never from samples. A damaged file is listed with
-its reason, never left out. Exports and reports are made by a helper process.
+Rules: the list is read on a helper thread, from heads and overviews, never from samples. A damaged file is listed with
+its reason. Exports and reports are made by a helper process.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from protocol.recording import SUFFIX, RunEnd, open_recording
 HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
 POINTS = 160  # of a thumbnail
 MOST_COMPARED = 4
-LOOK_EVERY_S = 3.0
+SCAN_INTERVAL_S = 3.0
 STATES = {
     "closed": "\u25cf complete", "recovered": "\u25cf recovered", "recording": "\u25b6 recording",
     "interrupted": "\u25b2 interrupted",
 }  # fmt: skip
-ONE, SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
+CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
 NONE_CHOSEN = "Choose a recording to calibrate, replay or export it, or two to four to compare them."
 
 
@@ -54,76 +54,66 @@ class RunEntry:
 
     @property
     def interrupted(self) -> bool:
-        """Whether a killed session left it."""
+        """Whether a killed session left it open."""
         return self.summary is not None and self.summary.status == "interrupted"
 
     @property
     def closed(self) -> bool:
-        """Whether it is complete as a file, so that something may be added to it."""
+        """Whether the file is closed, so that readings may be added."""
         return self.summary is not None and self.summary.status in ("closed", "recovered")
 
     @property
     def resumable(self) -> bool:
-        """Whether its run did not come to its end and can go on in it."""
+        """Whether its run ended early and can be resumed."""
         s = self.summary
-        ended = s is not None and s.status != "recording" and s.run_end is not RunEnd.FINISHED
-        return ended and s is not None and s.steps > 0
+        return s is not None and s.status != "recording" and s.run_end is not RunEnd.FINISHED and s.steps > 0
 
     @property
-    def hover(self) -> str:
-        """Return what is said on hover."""
+    def tip(self) -> str:
+        """The tooltip."""
         s = self.summary
         if s is None:
             return self.problem
         breaks = "\n".join(
-            f"broken after {count(b.complete_cycles, 'cycle')}: {b.cause}"
+            f"interrupted after {count(b.complete_cycles, 'cycle')}: {b.cause}"
             + (f", for {duration(b.break_s)}" if b.break_s is not None else "")
             for b in s.breaks
         )
-        told = (
+        lines = (
             self.path.name,
             f"{duration(s.duration_s)} long, {count(s.readings, 'reading')}",
             breaks,
             s.note,
             f"operator {s.operator}" if s.operator else "",
             s.stop_reason,
-            f"{s.lost_samples} samples lost",
+            f"{count(s.lost_samples, 'sample')} lost",
         )
-        return "\n".join(part for part in told if part)
+        return "\n".join(line for line in lines if line)
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Return the line as text, in the order of `HEADINGS`."""
+        """The line as texts, in the order of `HEADINGS`."""
         s = self.summary
         if s is None:
-            return ("", NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, "\u25a0 cannot be read", self.path.name)
+            return ("", *(NOTHING,) * 5, "\u25a0 cannot be read", self.path.name)
         simulated = "  SIMULATED" if s.simulated else ""
         cycles = str(s.cycles.complete) + (f" + {s.cycles.partial} partial" if s.cycles.partial else "")
-        when = s.started_utc[:16].replace("T", "  ")
-        state = _state(s.status, s.run_end) + (f", {count(len(s.breaks), 'break')}" if s.breaks else "")
-        return (
-            "",
-            f"{s.unit or NOTHING}{simulated}",
-            when,
-            duration(s.duration_s),
-            cycles,
-            str(s.readings),
-            state,
-            self.path.name,
-        )
+        state = _state(s) + (f", {count(len(s.breaks), 'interruption')}" if s.breaks else "")
+        unit, started = f"{s.unit or NOTHING}{simulated}", s.started_utc[:16].replace("T", "  ")
+        return ("", unit, started, duration(s.duration_s), cycles, str(s.readings), state, self.path.name)
 
 
-def _state(status: str, end: RunEnd | None) -> str:
-    """Return what became of a run: a file that is closed in order may hold a run that was not finished."""
-    if status == "closed" and end in (RunEnd.ABORTED, RunEnd.FAULT):
-        return "\u25b2 broken off"
-    if status == "closed" and end is RunEnd.STOPPED:
-        return "\u25a0 stopped"
-    return STATES.get(status, status)
+def _state(s: Summary) -> str:
+    """Return the state of a recording: a closed file may hold a run that did not reach its end."""
+    if s.status == "closed" and s.run_end in (RunEnd.ABORTED, RunEnd.FAULT):
+        return "\u25b2 aborted"
+    if s.status == "closed" and s.run_end is RunEnd.STOPPED:
+        return "\u25a0 stopped early"
+    return STATES.get(s.status, s.status)
 
 
 def read_run(path: Path) -> RunEntry:
-    """Return one line of the list; never raises for what the file is."""
+    """Return one line of the list; a file that cannot be read is a line with its problem."""
     try:
         return RunEntry(path, summarise(path), "", _outline(path))
     except (ProtocolError, BoatDaqError) as error:
@@ -151,8 +141,8 @@ def _outline(path: Path) -> tuple[tuple[float, float, float], ...]:
     )
 
 
-def _began(run: RunEntry) -> tuple[str, str]:
-    """Return what the list is sorted by: a line keeps its place while its file is written, under the mouse too."""
+def _sort_key(run: RunEntry) -> tuple[str, str]:
+    """Return start and name: the place of a line in the list does not change while its file is written."""
     return (run.summary.started_utc if run.summary is not None else "", run.path.name)
 
 
@@ -182,23 +172,22 @@ class RunsModel:
         self.folder, self.units, self.jobs, self._notices = folder, units, jobs, notices
         self.runs: list[RunEntry] = []
         self.comparison: tuple[RunResult, ...] = ()
-        self.nothing = (np.zeros(0), np.zeros(0))
         self.revision = 0
-        self._looked_at = -LOOK_EVERY_S
+        self._scanned_at = -SCAN_INTERVAL_S
         self._known: dict[tuple[Path, int, int], RunEntry] = {}
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="runs")
         self._future: Future[list[RunEntry]] | None = None
 
-    def look(self) -> None:
+    def scan(self) -> None:
         """Read the folder again on the helper thread."""
         if self._future is None:
             self._future = self._pool.submit(self._read)
 
-    def look_now_and_then(self) -> None:
-        """Read the folder again if the last time is a while ago."""
-        if monotonic() - self._looked_at >= LOOK_EVERY_S:
-            self._looked_at = monotonic()
-            self.look()
+    def scan_at_intervals(self) -> None:
+        """Read the folder again after the interval."""
+        if monotonic() - self._scanned_at >= SCAN_INTERVAL_S:
+            self._scanned_at = monotonic()
+            self.scan()
 
     def _read(self) -> list[RunEntry]:
         found: dict[tuple[Path, int, int], RunEntry] = {}
@@ -209,10 +198,10 @@ class RunsModel:
             fresh = run is None or run.summary is None or run.summary.status in ("recording", "interrupted")
             found[key] = read_run(path) if fresh or run is None else run
         self._known = found
-        return sorted(found.values(), key=_began, reverse=True)
+        return sorted(found.values(), key=_sort_key, reverse=True)
 
     def poll(self) -> None:
-        """Take the list where it has come."""
+        """Take the list from the helper thread."""
         if self._future is not None and self._future.done():
             future, self._future = self._future, None
             runs = future.result()
@@ -226,20 +215,20 @@ class RunsModel:
         return max(found, key=lambda path: path.stat().st_mtime_ns, default=None)
 
     def interrupted(self) -> list[Path]:
-        """Return what killed sessions left in the folder."""
+        """Return the recordings that killed sessions left open."""
         return find_interrupted(self.folder) if self.folder.is_dir() else []
 
     def recover(self, path: Path) -> None:
-        """Close properly what a killed session left, in the background."""
+        """Close a recording that a killed session left open, in the background."""
         job = Job(f"Recovering {path.name}", recover, path)
-        self.jobs.start("recover", job, lambda job: self.finished(job, f"{path.name} is recovered and complete"))
+        self.jobs.start("recover", job, lambda job: self.finished(job, f"{path.name} is recovered"))
 
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
-        """Make a broken run ready to go on, in the background; `then` is called with it.
+        """Prepare the resumption of a run in the background; `then` is called with it.
 
         Raises
         ------
-        OperatorError, StorageError, RecordingError : there is nothing to go on with, or not now.
+        OperatorError, StorageError, RecordingError : the run cannot be resumed, or not now.
         """
         read_broken_run(path)
 
@@ -253,7 +242,7 @@ class RunsModel:
         self.jobs.start("resume", job, ready)
 
     def export(self, paths: list[Path], target: Path) -> None:
-        """Write the samples of one recording as CSV or Parquet, as the ending of `target` says, in the background.
+        """Write the samples of one recording as CSV or Parquet, by the suffix of `target`, in the background.
 
         Raises
         ------
@@ -262,17 +251,11 @@ class RunsModel:
         if len(paths) != 1:
             raise OperatorError("one recording is exported at a time", "Choose one line.")
         kind: Literal["csv", "parquet"] = "parquet" if target.suffix == ".parquet" else "csv"
-        job = Job(
-            f"Exporting {paths[0].name}",
-            export_run,
-            paths[0],
-            target,
-            kind,
-        )
+        job = Job(f"Exporting {paths[0].name}", export_run, paths[0], target, kind)
         self.jobs.start("export", job, lambda job: self.finished(job, f"Saved {target.name}"))
 
     def compare(self, paths: list[Path]) -> None:
-        """Analyse two to four recordings in the background, to lay their curves over each other.
+        """Analyse two to four recordings in the background, to compare their curves.
 
         Raises
         ------
@@ -283,8 +266,8 @@ class RunsModel:
         job = Job("Comparing", compare_runs, paths)
         self.jobs.start("compare", job, self._compared)
 
-    def forget_comparison(self) -> None:
-        """Compare nothing any more."""
+    def clear_comparison(self) -> None:
+        """Show no comparison."""
         self.comparison = ()
 
     def _compared(self, job: Job) -> None:
@@ -294,7 +277,7 @@ class RunsModel:
             self._failed(job)
 
     def comparison_lines(self) -> tuple[list[list[tuple[FloatArray, FloatArray]]], str]:
-        """Return for each sensor every run's curve less the first run's, over its range, and the words above them."""
+        """Return for each sensor every run's curve less the first run's, over its range, and a legend."""
         runs = [run for run in self.comparison if run.calibrated]
         if len(runs) < 2:
             return [], "fewer than two of these runs have a calibration" if self.comparison else ""
@@ -306,14 +289,14 @@ class RunsModel:
         return lines, "   ".join(f"{n}: {Path(run.path).stem}" for n, run in enumerate(runs, 1))
 
     def report(self, paths: list[Path], target: Path) -> None:
-        """Make the report of one or several recordings, HTML or PDF, in the background.
+        """Write the report of one or several recordings, HTML or PDF, in the background.
 
         Raises
         ------
         OperatorError : no recording was chosen.
         """
         if not paths:
-            raise OperatorError("no recording was chosen", "Choose one line or several.")
+            raise OperatorError("no recording is chosen", "Choose one line or several.")
         job = Job("Making the report", report_runs, paths, target)
         self.jobs.start("report", job, lambda job: self.finished(job, f"Saved {target.name}"))
 
@@ -323,7 +306,7 @@ class RunsModel:
             self._notices.inform(done)
         else:
             self._failed(job)
-        self.look()
+        self.scan()
 
     def _failed(self, job: Job) -> None:
         if job.failure is not None:
@@ -341,54 +324,41 @@ class RunsModel:
                 )
         return lines
 
-    def sensitivities(self, unit: str) -> list[list[float]]:
-        """Return for each sensor its sensitivity over the unit's calibrations, oldest first, mV/mm."""
+    def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
+        """Return for each sensor (number of the accepted calibration, sensitivity in mV/mm), oldest first."""
         history = [entry for entry in self.units.load(unit).history if entry.accepted]
         rows = [
             [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in e.content.get("sensors", [])] for e in history
         ]
-        sensors = max((len(row) for row in rows), default=0)
-        return [[float(row[i]) for row in rows if i < len(row) and row[i] is not None] for i in range(sensors)]
-
-    def ages(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
-        """Return for each sensor (number of the calibration, sensitivity)."""
-        return [(np.arange(1.0, len(row) + 1), np.array(row)) for row in self.sensitivities(unit)]
+        found = []
+        for i in range(max((len(row) for row in rows), default=0)):
+            values = np.array([row[i] for row in rows if i < len(row) and row[i] is not None], dtype=float)
+            found.append((np.arange(1.0, values.size + 1), values))
+        return found
 
     def close(self) -> None:
-        """Let the thread end."""
+        """End the helper thread."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 
-def told(chosen: Sequence[RunEntry]) -> str:
-    """Return what stands under the list: what to choose, or what is to be known of what is chosen."""
+def selection_text(chosen: Sequence[RunEntry]) -> str:
+    """Return the line under the list: what to choose, or the details of what is chosen."""
     if not chosen:
         return NONE_CHOSEN
     if len(chosen) > 1:
-        return f"{count(len(chosen), 'recording')} are chosen: for a report, or to be compared."
-    return " \u00b7 ".join(chosen[0].hover.splitlines())
+        return f"{count(len(chosen), 'recording')} are chosen, for a report or to be compared."
+    return " \u00b7 ".join(chosen[0].tip.splitlines())
 
 
-def obstacle(deed: str, chosen: Sequence[RunEntry]) -> str:
-    """Return why `deed` (a button's key) cannot be done with `chosen`."""
-    if deed == "report":
-        return _readable(chosen) if chosen else SOME
-    if deed == "compare":
-        return _comparable(chosen)
-    if not chosen:
-        return ONE
-    if len(chosen) > 1:
-        return f"{count(len(chosen), 'recording')} are chosen; choose only one."
-    if deed == "readings" and chosen[0].summary is not None and not chosen[0].closed:
-        return "Its readings can be corrected once the recording is closed or recovered."
-    return _readable(chosen)
-
-
-def _readable(chosen: Sequence[RunEntry]) -> str:
-    return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")
-
-
-def _comparable(chosen: Sequence[RunEntry]) -> str:
-    if not 2 <= len(chosen) <= MOST_COMPARED:
+def obstacle(button: str, chosen: Sequence[RunEntry]) -> str:
+    """Return why a button (its key) cannot be used with the chosen recordings; empty where it can."""
+    if button == "compare" and not 2 <= len(chosen) <= MOST_COMPARED:
         now = f"{count(len(chosen), 'recording')} {'is' if len(chosen) == 1 else 'are'} chosen" if chosen else "none is"
         return f"Choose two to four recordings (Ctrl and click, or Shift and an arrow); {now}."
-    return _readable(chosen)
+    if not chosen:
+        return CHOOSE_SOME if button == "report" else CHOOSE_ONE
+    if len(chosen) > 1 and button not in ("report", "compare"):
+        return f"{count(len(chosen), 'recording')} are chosen; choose only one."
+    if button == "readings" and chosen[0].summary is not None and not chosen[0].closed:
+        return "Its readings can be corrected once the recording is closed or recovered."
+    return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")

@@ -24,7 +24,7 @@ from boat_daq.viewmodels.common.services import Panel
 from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.results.test_result_pages import result
+from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.results.test_runs_page import PATIENCE_MS, SAMPLE
 
 RAMPING = Progress("calibration", 4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20.0, 130.0)
@@ -243,7 +243,7 @@ def test_no_table_of_figures_scrolls_sideways(whole, width):
     """At 150 % on 1280 x 800 the figures stood in a column of which only the names were to be seen."""
     cells = (FigureText("256.3", "definition"), FigureText("190.6", "definition"))
     rows = tuple(FigureRow(name, "mV/mm", cells) for name in ("Sensitivity", "Repeatability, worst") * 7)
-    shown = dataclasses.replace(result(), figures=rows)
+    shown = dataclasses.replace(run_result(), figures=rows)
     whole.model.calibration.show(shown)
     whole.model.repeatability.show(shown)
     whole.resize(width, 533)
@@ -362,7 +362,7 @@ def test_a_recording_under_way_keeps_its_place_in_the_list(live, qtbot):
     def listed(written: str) -> list[str]:
         os.utime(folder / written, ns=(2**62, 2**62))
         os.utime(folder / {"a.boat": "b.boat", "b.boat": "a.boat"}[written], ns=(1, 1))
-        runs.look()
+        runs.scan()
         qtbot.waitUntil(lambda: (runs.poll(), runs._future is None)[1], timeout=PATIENCE_MS)
         return [run.path.name for run in runs.runs]
 
@@ -421,17 +421,18 @@ def test_nothing_of_an_earlier_run_is_left_on_the_calibration_page(live):
     """A run without readings, opened after one with, was shown with the curves of the other."""
     live.go("Calibrate")
     page, model = live.pages["Calibrate"], live.model.calibration
-    model.show(result())
+    model.show(run_result())
     live.refresh()
     card = page.curves[0]
     assert card.loading.x.size and page.curves[0].columns()
-    bare = dataclasses.replace(result().sensors[0], x=np.zeros(0), y=np.zeros(0), content=None, void="none was read")
-    model.show(dataclasses.replace(result(), sensors=(bare, bare)))
+    whole, none = run_result(), np.zeros(0)
+    bare = dataclasses.replace(whole.sensors[0], x=none, y=none, content=None, void="none was read")
+    model.show(dataclasses.replace(whole, sensors=(bare, bare)))
     live.refresh()
     assert not any(layer.x.size for shown in page.curves for plot in shown.plots for layer in plot.layers)
     assert page.missing.isVisible()
     assert not card.isVisible()
-    model.show(result())
+    model.show(run_result())
     live.refresh()
     model.result = None
     model.revision += 1

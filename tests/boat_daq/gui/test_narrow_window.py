@@ -23,7 +23,7 @@ def listed(window, names):
     damaged = dataclasses.replace(run, summary=None, problem="/a/long/way/to/x.boat cannot be read: it is malformed")
     made = [dataclasses.replace(run, path=run.path.with_name(name)) for name in names]
     window.model.runs.runs = [dataclasses.replace(made[0], summary=broken), damaged, *made[1:]]
-    window.model.runs.look = lambda: None
+    window.model.runs.scan = lambda: None
     window.model.runs.revision += 1
     window.go("Runs")
     QApplication.processEvents()

@@ -114,7 +114,7 @@ def test_the_list_of_runs_does_not_scroll_sideways_on_a_narrow_window(live, qtbo
     live.model.services.recordings.mkdir()
     shutil.copy(SAMPLE, live.model.services.recordings / "SA1_2026-11-21_223500.boat")
     live.go("Runs")
-    live.model.runs.look()
+    live.model.runs.scan()
     qtbot.waitUntil(lambda: (live.refresh(), live.pages["Runs"].list.rowCount())[1] == 1, timeout=PATIENCE_MS)
     for width, thumbnail in ((853, THUMBNAIL[0] // 2), (1280, THUMBNAIL[0])):
         live.resize(width, 500)

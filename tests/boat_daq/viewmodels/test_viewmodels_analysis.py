@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.errors import AnalysisError
+from analysis.figures.figure import SENSOR_FIGURES
 from analysis.optics.scene.curves import parametric_elongations
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.settings import UnitLibrary
@@ -123,14 +124,16 @@ def test_a_run_comes_back_as_the_page_draws_it(result):
         assert np.all(np.diff(sensor.grid) > 0)
         assert np.all(sensor.band_95[0] <= sensor.band_68[0])
         assert np.all(sensor.band_68[0] <= sensor.curve)
-        assert sensor.values["sensitivity_mv_per_mm"] == pytest.approx(expected, rel=0.05)
-    assert {row.name for row in result.figures} >= {"Sensitivity", "SNR", "Hysteresis, system"}
+        assert sensor.content["figures"]["sensitivity_mv_per_mm"] == pytest.approx(expected, rel=0.05)
+    labels = {row.name for row in result.figures}
+    assert labels <= {definition.label for definition in SENSOR_FIGURES.values()}
+    assert len(labels) > 9
 
 
 def test_accepting_stores_and_the_stored_converts(tmp_path, result):
     """What is accepted is in the unit's history, and converts its own points back to their elongations."""
     model = model_on(tmp_path, result)
-    assert model.obstacle() == ""
+    assert model.obstacle() is None
     model.accept("tester")
     stored = UnitLibrary(tmp_path / "units").load("SA1").calibration
     assert stored.operator == "tester"
@@ -150,7 +153,7 @@ def test_the_next_calibration_is_compared_with_the_last(tmp_path, result):
     again = model_on(tmp_path, result)
     assert "Sensor 1: \u25cf agrees" in again.comparison()
     assert "0.0 mV" in again.comparison()
-    grid, curve, apart = again.shown(0).last
+    grid, curve, apart = again.curve(0).previous
     assert curve == pytest.approx(np.interp(grid, result.sensors[0].grid, result.sensors[0].curve), abs=1e-3)
     assert np.abs(apart).max() < 1e-9
     rows = again.coefficient_rows()
@@ -197,13 +200,13 @@ def test_a_value_with_its_standard_error(value, error, text):
 def test_curve_and_band_belong_together(tmp_path, result):
     """Once the posterior is there, its mean is the curve, inside its own bands, and the residuals are about it."""
     model = model_on(tmp_path, result)
-    shown = model.shown(0)
-    assert (shown.source, shown.new_reading_95) == ("least squares", None)
+    shown = model.curve(0)
+    assert (shown.sampled, shown.new_reading_95) == (False, None)
     sensor = result.sensors[0]
     mean = sensor.curve + 5.0
     bands = [(mean - width, mean + width) for width in (1.0, 2.0, 4.0)]
     model.posterior = (PosteriorResult(sensor.grid, mean, *bands, {}),)
-    shown = model.shown(0)
+    shown = model.curve(0)
     assert shown.curve is mean
     assert np.all((shown.band_95[0] <= shown.band_68[0]) & (shown.band_68[0] <= shown.curve))
     assert shown.residuals == pytest.approx(sensor.residuals - 5.0, abs=1e-2)
@@ -214,7 +217,7 @@ def test_a_curve_that_turns_is_not_accepted(tmp_path, result):
     bent = dict(result.sensors[0].content) | {"fit": result.sensors[0].content["fit"] | {"monotone": False}}
     sensors = (dataclasses.replace(result.sensors[0], content=bent), result.sensors[1])
     model = model_on(tmp_path, dataclasses.replace(result, sensors=sensors))
-    assert "Sensor 1: the curve turns" in model.obstacle()
+    assert "Sensor 1: the curve turns" in str(model.obstacle())
     with pytest.raises(OperatorError):
         model.accept()
     assert UnitLibrary(tmp_path / "units").names() == []
@@ -224,10 +227,10 @@ def test_nothing_is_analysed_while_a_sequence_runs(tmp_path):
     """The recording is not closed under a run."""
     model = model_on(tmp_path)
     model.session.change(state=SessionState.RUNNING)
-    with pytest.raises(OperatorError, match="still runs"):
+    with pytest.raises(OperatorError, match="in progress"):
         model.analyse_current()
     model.session.change(state=SessionState.IDLE)
-    with pytest.raises(OperatorError, match="nothing has been recorded"):
+    with pytest.raises(OperatorError, match="no recording"):
         model.analyse_current()
 
 
@@ -258,7 +261,7 @@ def test_figures_say_definition_and_interval():
     from analysis.figures.figure import Figure, Reason
 
     cell = figure_text(Figure(39.31, "mV/mm", 5, 39.0, 39.6, definition="end to end"), 1)
-    assert (cell.text, cell.hover) == ("39.3", "end to end\n95 %: 39.0 to 39.6 mV/mm\nn = 5")
+    assert (cell.text, cell.tip) == ("39.3", "end to end\n95 %: 39.0 to 39.6 mV/mm\nn = 5")
     assert figure_text(Figure.nothing("dB", Reason.NO_FULL_SCALE, "no span"), 1).text == "\u2013"
     assert figure_text(None, 1).text == "\u2013"
 
@@ -293,9 +296,9 @@ def test_every_cycle_has_its_figures(result):
     each = model.cycles(0)
     assert each.sensitivity_unit == "mV/mm"
     assert each.sensitivity == pytest.approx([39.3, 39.3], rel=0.02)
-    assert each.snr_db == pytest.approx([result.sensors[0].values["snr_db"]] * 2, abs=1.0)
+    assert each.snr_db == pytest.approx([result.sensors[0].content["figures"]["snr_db"]] * 2, abs=1.0)
     assert each.hysteresis_percent_fso == pytest.approx(
-        [result.sensors[0].values["system_hysteresis_percent_fso"]] * 2, abs=0.5
+        [result.sensors[0].content["figures"]["system_hysteresis_percent_fso"]] * 2, abs=0.5
     )
     long = dataclasses.replace(each, warm_up=3)
     sensors = tuple(dataclasses.replace(s, cycles=long) for s in result.sensors)
@@ -351,10 +354,10 @@ def test_runs_are_listed_with_what_they_are(recording, tmp_path):
 def test_the_list_comes_by_polling(recording, tmp_path):
     """The folder is read beside the window; a second look without change is no change."""
     model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
-    model.look()
+    model.scan()
     until(lambda: (model.poll(), model.runs)[1])
     revision = model.revision
-    model.look()
+    model.scan()
     until(lambda: (model.poll(), model._future is None)[1])
     assert model.revision == revision
     assert model.interrupted() == []

@@ -18,7 +18,7 @@ from boat_daq.viewmodels.common.services import Page
 from tests.boat_daq.gui.models.test_optics_page import swept, traced
 from tests.boat_daq.gui.models.test_shadow_page import mark
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.results.test_result_pages import result
+from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.test_manners import run_shortcut
 from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import report
 from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import swept as mapped
@@ -37,9 +37,9 @@ def fill(window, page: str) -> None:
     """Give a page what it draws."""
     model = window.model
     if page == "Calibrate":
-        model.calibration.show(result())
+        model.calibration.show(run_result())
     elif page == "Repeat":
-        model.repeatability.show(result())
+        model.repeatability.show(run_result())
     elif page == "Runs":
         model.runs.ages = lambda unit: [(np.arange(1.0, 4.0), np.array([39.0, 39.5, 38.0])), (np.arange(1.0, 4.0),) * 2]
         model.runs.unit_lines = lambda: [("SA1", "2026-01-01", "39 / 29", "run.boat")]
@@ -94,7 +94,7 @@ def looked_at(window, page):
     if page == "Live":
         window.live.toggle_overlay()
     elif page == "Runs":
-        window.model.runs.comparison = (result(), result(5.0))
+        window.model.runs.comparison = (run_result(), run_result(5.0))
     else:
         return
     window.refresh()

@@ -1,0 +1,81 @@
+"""A table that is read, not edited."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
+
+from boat_daq.gui import style
+from boat_daq.gui.widgets.tooltips import as_words
+
+Cell = str | tuple[str, str]
+"""A text, or a text with its tooltip."""
+LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+
+
+class DataTable(QTableWidget):
+    """Rows of texts; each column is as wide as its texts, one takes the rest.
+
+    Parameters
+    ----------
+    name : what the table holds, for a screen reader.
+    headings : of the columns.
+    stretched : the column that takes the remaining width.
+    right : columns aligned to the right, those of numbers.
+    """
+
+    def __init__(
+        self, name: str, headings: Sequence[str] = (), *, stretched: int = -1, right: Sequence[int] = ()
+    ) -> None:
+        super().__init__()
+        self.setAccessibleName(name)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setShowGrid(False)
+        self.setWordWrap(False)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
+        self.horizontalHeader().setHighlightSections(False)
+        self.horizontalHeader().setDefaultAlignment(LEFT)
+        self.set_headings(headings, stretched=stretched, right=right)
+
+    def set_headings(self, headings: Sequence[str], *, stretched: int = -1, right: Sequence[int] = ()) -> None:
+        """Replace the columns; parameters as of the class."""
+        self._right = frozenset(right)
+        self.setColumnCount(len(headings))
+        self.setHorizontalHeaderLabels(list(headings))
+        self._right = frozenset(right)
+        for column in right:
+            self._set_header(column, RIGHT, Qt.ItemDataRole.TextAlignmentRole)
+        header = self.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        if headings:
+            header.setSectionResizeMode(stretched % len(headings), QHeaderView.ResizeMode.Stretch)
+
+    def explain(self, tips: dict[int, str]) -> None:
+        """Set the tooltips of headings, by column."""
+        for column, tip in tips.items():
+            self._set_header(column, tip, Qt.ItemDataRole.ToolTipRole)
+
+    def _set_header(self, column: int, value: object, role: Qt.ItemDataRole) -> None:
+        self.model().setHeaderData(column, Qt.Orientation.Horizontal, value, role)
+
+    def fill(self, rows: Sequence[Sequence[Cell]], tips: Sequence[str] = ()) -> None:
+        """Show other rows.
+
+        Parameters
+        ----------
+        rows : their cells.
+        tips : for each row the tooltip of the cells that have none of their own.
+        """
+        self.setRowCount(len(rows))
+        for i, cells in enumerate(rows):
+            for k, cell in enumerate(cells):
+                text, tip = (cell, tips[i] if tips else "") if isinstance(cell, str) else cell
+                item = QTableWidgetItem(text)
+                item.setToolTip(as_words(tip))
+                item.setTextAlignment(RIGHT if k in self._right else LEFT)
+                self.setItem(i, k, item)

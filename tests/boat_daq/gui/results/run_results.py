@@ -1,0 +1,56 @@
+"""Results of a run made up for the tests of the pages."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from analysis.calibration.fit import fit_calibration
+from analysis.warning import Warning, WarningCode
+from boat_daq.viewmodels.results.analysis_view import CycleSeries, LoopSet, RunResult, SensorResult
+
+CYCLES = 8
+X = np.linspace(-2.7, 3.8, 19)
+GRID = np.linspace(-2.7, 3.8, 161)
+
+
+def sensor(number: int, offset: float = 0.0) -> SensorResult:
+    """A cubic with a little scatter."""
+    y = 1650 + offset + 40 * X - 2 * X**2 + 0.5 * np.cos(7 * X)
+    fit = fit_calibration(X, y)
+    each = np.linspace(0.0, 1.0, CYCLES)
+    cycles = CycleSeries(5 + each, 44 + each, 2.8 + 0.01 * each, "mV/kPa", 0)
+    content = {"name": f"s{number}", "fit": fit.as_json(), "elongation_mm": X.tolist(), "signal_mv": y.tolist()}
+    return SensorResult(
+        f"Sensor {number}", "", cycles, X, y, fit.residuals, X > 0, GRID,
+        fit.predict(GRID), fit.band(GRID, 0.68), fit.band(GRID, 0.95), content | {"figures": {}},
+    )  # fmt: skip
+
+
+def run_result(offset: float = 0.0, warnings: tuple[Warning, ...] = (), **more) -> RunResult:
+    """A run of two sensors and eight cycles."""
+    level = np.linspace(-40.0, 50.0, 10)
+    pressure = np.broadcast_to(level, (2, CYCLES, 10))
+    loops = LoopSet(tuple(range(1, CYCLES + 1)), pressure, None, np.stack([1650 + 3 * pressure] * 2))
+    sensors = (sensor(1, offset), sensor(2, offset))
+    return RunResult("run.boat", "SA1", True, 100.0, CYCLES, 0, sensors, (), loops, warnings, 0.14, **more)
+
+
+def out_of_tolerance_result(**more) -> RunResult:
+    """The same run with a fit that misses two bounds."""
+    missed = (
+        Warning(WarningCode.OUT_OF_TOLERANCE, "r2", "R\u00b2 0.7512 is below 0.9988"),
+        Warning(WarningCode.OUT_OF_TOLERANCE, "combined_error_percent_fso", "combined error 33.0 % FSO is above 12.1"),
+    )
+    whole = run_result(**more)
+    first = dataclasses.replace(whole.sensors[0], out_of_tolerance=missed)
+    return dataclasses.replace(whole, sensors=(first, whole.sensors[1]))
+
+
+def without_readings(read: int, **more) -> RunResult:
+    """A run that has no curve."""
+    nothing = np.zeros(0)
+    whole = run_result()
+    sensors = tuple(dataclasses.replace(s, x=nothing, y=nothing, content=None, void="...") for s in whole.sensors)
+    return dataclasses.replace(whole, sensors=sensors, plateaus=37, read=read, **more)

@@ -1,0 +1,242 @@
+"""The Calibrate page over made-up results: curves, comparison, warnings, acceptance and its undo."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, QRect
+from PySide6.QtWidgets import QApplication
+
+from analysis.warning import Warning, WarningCode
+from boat_daq.gui import style
+from boat_daq.gui.results.closed_readings import ClosedReadings
+from boat_daq.viewmodels.results.analysis_view import PosteriorResult
+from tests.boat_daq.gui.results.run_results import GRID, out_of_tolerance_result, run_result, without_readings
+from tests.boat_daq.gui.test_manners import run_shortcut
+
+SAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
+
+
+def test_previous_calibration_is_compared(live):
+    """Accept one, show another 2 mV away: the previous curve is drawn, the table has coefficients and E_n."""
+    model = live.model
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    model.calibration.show(run_result())
+    live.refresh()
+    assert "no earlier calibration" in page.comparison.text()
+    run_shortcut(live, "Ctrl+Return")
+    model.calibration.accepted = None
+    model.calibration.show(run_result(offset=2.0))
+    live.refresh()
+    assert page.coefficients.rowCount() == 8
+    assert page.coefficients.item(0, 2).text() != page.coefficients.item(0, 1).text()
+    assert "▲ differs" in page.comparison.text()
+    card = page.curves[0]
+    assert card.difference.y == pytest.approx(-2.0, abs=1e-6)
+    assert card.previous.y == pytest.approx(card.curve.y - 2.0, abs=1e-3)
+
+
+def test_acceptance_is_undone_and_redone_by_keys(live):
+    """Ctrl+Return stores and uses it, Ctrl+Z removes it, Ctrl+Shift+Z restores it."""
+    model = live.model
+    live.go("Calibrate")
+    model.calibration.show(run_result())
+    live.refresh()
+    page = live.pages["Calibrate"]
+    for keys, in_force in (("Ctrl+Return", True), ("Ctrl+Z", False), ("Ctrl+Shift+Z", True)):
+        run_shortcut(live, keys)
+        live.refresh()
+        assert (model.units.load("SA1").calibration is not None) is in_force
+        assert page.accept.isEnabled() is not in_force
+        assert ("calibrated 20" in live.header.unit.text()) is in_force
+
+
+def test_sampled_posterior_replaces_curve_and_bands(live):
+    """The mean with both of its bands; without a posterior the fit's own."""
+    live.go("Calibrate")
+    live.model.calibration.show(run_result())
+    live.refresh()
+    card = live.pages["Calibrate"].curves[0]
+    assert card.readout.text().endswith("(fit)")
+    assert not card.wide.item.isVisible()
+    fit = card.curve.y
+    found = [
+        PosteriorResult(GRID, fit + 3, (fit + 2, fit + 4), (fit, fit + 6), (fit - 5, fit + 9),
+                        {"converged": True, "n_eff": 9000.0, "acceptance": 0.4})
+    ] * 2  # fmt: skip
+    live.model.calibration.posterior = tuple(found)
+    live.model.calibration.revision += 1
+    live.refresh()
+    assert card.readout.text().endswith("(emcee)")
+    assert card.curve.y == pytest.approx(fit + 3)
+    wide, narrow = card.bands
+    assert np.all((wide.low <= narrow.low) & (narrow.low <= card.curve.y) & (narrow.y <= wide.y))
+    assert card.wide.item.isVisible()
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (853, 533)])
+def test_missed_bounds_are_shown_beside_the_accept_button(live, size):
+    """Figures, bounds and their source are visible beside a button that is not primary; acceptance is marked."""
+    model = live.model
+    model.unit.preparation.ask = lambda content: None  # the live conversion is not looked at here
+    live.resize(*size)
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    model.calibration.show(run_result())
+    live.refresh()
+    assert (page.accept.text(), page.accept.property("role"), page.warnings_line.isVisible()) == (
+        "Accept",
+        "primary",
+        False,
+    )
+    assert page.verdict.property("state") == "ok"
+    model.calibration.show(out_of_tolerance_result())
+    live.refresh()
+    QApplication.processEvents()
+    assert page.verdict.property("state") == "warning"
+    assert page.warnings.text() == "Sensor 1: R\u00b2 0.7512 is below 0.9988, combined error 33.0 % FSO is above 12.1"
+    assert (page.accept.text(), page.accept.property("role")) == ("Accept anyway", "")
+    for widget in (page.accept, page.warnings):
+        assert whole_in_sight(live, widget)
+    page.accept.click()
+    stored = model.units.load("SA1").calibration
+    assert stored is not None
+    assert stored.content["poor"] == [page.warnings.text()]
+    live.refresh()
+    assert "Accepted out of tolerance" in page.verdict.text()
+    assert model.unit.text(model.snapshot).endswith(", poor")
+
+
+def test_turning_curve_shows_its_reason_and_its_readings(live):
+    """A curve without an inverse: its reason and the button to the readings are under the verdict."""
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    at_night = Warning(WarningCode.IMPORT, "", "recorded at night")
+    misread = Warning(WarningCode.OUTLIER, "s1", "the reading +4.20 mm at 0 kPa is off the curve")
+    whole = run_result(warnings=(at_night, misread))
+    fit = whole.sensors[0].content["fit"] | {"monotone": False}
+    turned = dataclasses.replace(whole.sensors[0], content=whole.sensors[0].content | {"fit": fit})
+    live.model.calibration.show(dataclasses.replace(whole, sensors=(turned, whole.sensors[1])))
+    live.model.calibration.last_path = Path("run.boat")
+    live.refresh()
+    assert page.verdict.text().endswith("the curve turns inside its range")
+    assert "one signal would stand for two elongations" in page.warnings.text()
+    assert (page.warnings.isVisible(), page.readings.isVisible(), page.accept.isEnabled()) == (True, True, False)
+    assert page.run_warnings.text().splitlines()[0].endswith("is off the curve")  # first: it can be corrected
+
+
+def test_readings_are_corrected_in_a_panel(live, tmp_path, qtbot):
+    """The panel shows a correction and its undo without being refreshed."""
+    path = Path(shutil.copy(SAMPLE, tmp_path / "older.boat"))
+    live.go("Calibrate")
+    live.model.calibration.show(out_of_tolerance_result())
+    live.model.calibration.last_path = path
+    live.refresh()
+    live.pages["Calibrate"].readings.click()
+    (panel,) = live.findChildren(ClosedReadings)
+    before, index = panel.table.model.rows[2].cells[3], panel.table.model.index(2, 3)
+    panel.table.model.setData(index, "1.25")
+    qtbot.waitUntil(lambda: index.data() == "1.25", timeout=10_000)
+    live.model.undo.undo()
+    qtbot.waitUntil(lambda: index.data() == before, timeout=10_000)
+    panel.close()
+
+
+def test_key_does_not_accept_a_calibration_out_of_tolerance(live):
+    """Ctrl+Return then prompts in the status strip, without a dialog; its action accepts."""
+    model = live.model
+    model.unit.preparation.ask = lambda content: None  # the live conversion is not looked at here
+    live.go("Calibrate")
+    model.calibration.show(out_of_tolerance_result())
+    live.refresh()
+    run_shortcut(live, "Ctrl+Return")
+    assert model.units.load("SA1").calibration is None
+    notice = model.notices.current()
+    assert notice is not None
+    assert "R\u00b2 0.7512 is below 0.9988" in notice.cause
+    assert (notice.action_text, QApplication.activeModalWidget()) == ("Accept anyway", None)
+    assert notice.action is not None
+    notice.action()
+    assert model.units.load("SA1").calibration is not None
+
+
+def test_many_warnings_scroll_below_the_figures(live):
+    """Forty warnings at 1280 x 800: the accept button, the verdict and the figures remain visible."""
+    live.resize(1280, 800)
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    warnings = tuple(
+        Warning(WarningCode.OUTLIER, "s1", f"the reading +6.86 mm at +50 kPa, unloading, cycle {i} is off the curve")
+        for i in range(40)
+    )
+    live.model.calibration.show(dataclasses.replace(out_of_tolerance_result(), warnings=warnings))
+    live.refresh()
+    QApplication.processEvents()
+    assert page.run_warnings.text().count("\u25b2") == 40
+    assert page.table.height() > style.FIGURES_LEAST
+    assert all(whole_in_sight(live, widget) for widget in (page.accept, page.verdict, page.table, page.texts))
+
+
+@pytest.mark.parametrize(
+    ("run", "title", "action"),
+    [
+        (without_readings(0), "None of 37 plateaus has a reading", "Enter readings \u2026"),
+        (without_readings(3), "Only 3 of 37 plateaus have a reading", "Enter readings \u2026"),
+        (without_readings(3, path="run.csv"), "Only 3 of 37 plateaus have a reading", ""),
+        (without_readings(0, cycles=0), "This run has no complete cycle", "Show the plan"),
+        (dataclasses.replace(without_readings(0), plateaus=0), "This run has no plateaus", "Show it on Repeat"),
+    ],
+)
+def test_missing_readings_are_shown_in_place_of_the_curves(live, run, title, action):
+    """Without readings, cycles or plateaus: what is missing and the next step, no empty axes."""
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    live.model.calibration.show(run)
+    live.refresh()
+    assert not any(card.isVisible() for card in page.curves)
+    assert not page.actuator.view.isVisible()
+    assert page.missing.isVisible()
+    assert page.missing.title.text() == title
+    assert (page.missing.button.text() if page.missing.button.isVisible() else "") == action
+    assert title in page.verdict.text()
+    live.model.calibration.show(run_result())
+    live.refresh()
+    assert all(card.isVisible() for card in page.curves)
+
+
+def test_run_without_plateaus_is_shown_on_the_repeat_page(live):
+    """The button shows the run on the Repeat page."""
+    live.go("Calibrate")
+    run = dataclasses.replace(without_readings(0), plateaus=0)
+    live.model.calibration.show(run)
+    live.refresh()
+    live.pages["Calibrate"].missing.button.click()
+    assert (live.page, live.model.repeatability.result) == ("Repeat", run)
+
+
+def test_headline_counts_plateaus_readings_and_points(live):
+    """How many plateaus there are, were read and are in the curve."""
+    live.go("Calibrate")
+    page = live.pages["Calibrate"]
+    for read, words in (
+        (19, "19 of 37 plateaus read, all in the curve"),
+        (20, "20 of 37 plateaus read, 19 in the curve"),
+    ):
+        live.model.calibration.show(dataclasses.replace(run_result(), plateaus=37, read=read))
+        live.refresh()
+        assert words in page.headline.text()
+    live.model.calibration.show(dataclasses.replace(run_result(), plateaus=19, read=19))
+    live.refresh()
+    assert "19 of 19 plateaus read, all in the curve" in page.headline.text()
+
+
+def whole_in_sight(window, widget) -> bool:
+    """Whether all of a widget is inside the window's page without scrolling."""
+    room = window.scrolls["Calibrate"].viewport()
+    place = widget.mapTo(room, QPoint(0, 0))
+    return widget.isVisible() and room.rect().contains(QRect(place, widget.size()))

@@ -1,0 +1,66 @@
+"""The Repeat page over made-up results: cycles, interruptions, what is missing."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+
+from boat_daq.viewmodels.common.jobs import JobFailure, JobState
+from boat_daq.viewmodels.results.analysis_view import BreakResult
+from tests.boat_daq.gui.results.run_results import CYCLES, run_result
+
+
+def test_every_cycle_and_interruption_is_drawn(live):
+    """Eight points in each plot; a line at the break and the tests in their own tab; gone with the next run."""
+    rows = (("Sensor 1: span (mV)", "256 (n = 4)", "251 (n = 4)", "▲ 0.0004", "0.3"),)
+    broken = run_result(breaks=(BreakResult(4.5, "the run was broken after 4 cycles (interrupted)", rows),))
+    live.go("Repeat")
+    page = live.pages["Repeat"]
+    live.model.repeatability.show(broken)
+    live.refresh()
+    for card in (page.hysteresis, page.sensitivity, page.snr):
+        assert card.sensors[0].x.tolist() == list(range(1, CYCLES + 1))
+    assert page.sensitivity.plot.unit == "mV/kPa"
+    assert {line.value() for _, line in page.break_lines} == {4.5}
+    assert page.tabs.count() == 2
+    assert page.tests.item(0, 3).text() == "▲ 0.0004"
+    assert "broken after 4 cycles" in page.break_texts.text()
+    live.model.repeatability.show(dataclasses.replace(broken, breaks=()))
+    live.refresh()
+    assert (page.break_lines, page.tabs.count()) == ([], 1)
+
+
+def test_missing_cycles_are_shown_in_place_of_the_plots(live):
+    """No run, a run without a complete cycle, one that cannot be read: text and the next step, no empty axes."""
+    app_model, model = live.model, live.model.repeatability
+    live.go("Repeat")
+    page = live.pages["Repeat"]
+    live.refresh()
+    assert page.missing.title.text() == "No repeatability run yet"
+    model.show(dataclasses.replace(run_result(), cycles=0, partial=1))
+    live.refresh()
+    assert page.missing.isVisible()
+    assert page.missing.title.text() == "run.boat has no complete cycle"
+    model.show(run_result())
+    live.refresh()
+    assert not page.missing.isVisible()
+    model._analysed(SimpleNamespace(state=JobState.FAILED, failure=JobFailure("damaged", "Recover it.", "")))
+    live.refresh()
+    assert (page.missing.isVisible(), page.missing.words.text()) == (True, "damaged. Recover it.")
+    page.missing.button.click()
+    assert app_model.sequence.plan.name == "repeatability"
+
+
+def test_figure_without_cycles_is_shown_as_text(live):
+    """Without hysteresis in any cycle a text replaces its plot; the others are drawn."""
+    live.go("Repeat")
+    page = live.pages["Repeat"]
+    whole = run_result()
+    none = dataclasses.replace(whole.sensors[0].cycles, hysteresis_percent_fso=np.full(CYCLES, np.nan))
+    sensors = tuple(dataclasses.replace(s, cycles=none) for s in whole.sensors)
+    live.model.repeatability.show(dataclasses.replace(whole, sensors=sensors))
+    live.refresh()
+    assert (page.hysteresis.view.isVisible(), page.hysteresis.empty_text.isVisible()) == (False, True)
+    assert page.snr.view.isVisible()

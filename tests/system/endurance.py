@@ -2,10 +2,10 @@
 
     python -m tests.system.endurance --hours 24 --speed 100
 
-Offscreen, in a home and folder of its own. The board streams and is recorded; the pressure goes up and down all the
-time; halfway the window's thread is blocked for `--block` seconds. Every tenth of a board hour a line goes to standard
-output: resident memory, frames drawn and what they cost. At the end come the measurements as JSON, then a line for each
-mark: kept or broken, with the figure. The exit code is 1 where one is broken.
+Offscreen, in a home and folder of its own. The board streams and is recorded; the pressure alternates all the
+time; halfway the window's thread is blocked for `--block` seconds. Every tenth of a board hour a line is printed:
+resident memory, frames drawn and their cost. At the end come the measurements as JSON, then a line for each criterion:
+met or failed, with the figure. The exit code is 1 where one failed.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ WORST_FRAME_MS = 100.0
 
 
 def resident_mb() -> float:
-    """Resident memory of this process, MB."""
+    """Return the resident memory of this process, MB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 class Watch:
-    """Draws the window's frames and keeps what each cost."""
+    """Draws the window's frames and stores the cost of each."""
 
     def __init__(self, window) -> None:
         self.window = window
-        self.frames_ms = array("d")  # small: what it keeps would count as the window's growth
+        self.frames_ms = array("d")  # compact: it would count as the window's growth
         self.cpu_ms = array("d")  # of the window's thread: what a frame costs on a busy computer, too
         self.refreshes_ms = array("d")
         window.frame_timer.timeout.disconnect()
@@ -54,12 +54,12 @@ class Watch:
         window.calm_timer.timeout.connect(self.refresh)
 
     def forget(self) -> None:
-        """Begin anew: the first frames make fonts and caches."""
+        """Drop the costs so far: the first frames fill font and other caches."""
         for costs in (self.frames_ms, self.cpu_ms, self.refreshes_ms):
             del costs[:]
 
     def draw(self) -> None:
-        """One frame, painted at once so that its whole cost is seen."""
+        """Draw a frame, painted at once so that its whole cost is measured."""
         began, used = time.perf_counter(), time.thread_time()
         self.window.draw()
         self.window.live.plots.view.viewport().repaint()
@@ -68,14 +68,14 @@ class Watch:
         self.cpu_ms.append(1000 * (time.thread_time() - used))
 
     def refresh(self) -> None:
-        """The figures, a few times a second."""
+        """Refresh the figures, a few times a second."""
         began = time.perf_counter()
         self.window.refresh()
         self.refreshes_ms.append(1000 * (time.perf_counter() - began))
 
 
 def recorded(path: Path) -> dict[str, int]:
-    """How many samples the recording has, how many the board's clock says it should have, and the gaps."""
+    """Return the number of recorded samples, that expected by the board's clock, and that of the gaps."""
     with closing(open_recording(path)) as db:
         (samples,) = db.execute("SELECT sum(n) FROM block").fetchone()
         spans = db.execute("SELECT min(first_time_us), max(last_time_us) FROM block GROUP BY segment").fetchall()
@@ -87,8 +87,8 @@ def recorded(path: Path) -> dict[str, int]:
     }
 
 
-def marks(result: dict[str, Any]) -> list[tuple[str, bool | None, str]]:
-    """Return each mark of a run: what was promised, whether it was kept (None: not to be said), the figures."""
+def criteria_of(result: dict[str, Any]) -> list[tuple[str, bool | None, str]]:
+    """Return each criterion of a run: its text, whether it is met (None: not determined), the figures."""
     first = [mb for hour, mb in result["memory_mb"] if hour <= 1.01]
     later = [mb for hour, mb in result["memory_mb"] if hour > 1.01]
     growth = f"first hour {max(first):.1f} MB"
@@ -106,16 +106,16 @@ def marks(result: dict[str, Any]) -> list[tuple[str, bool | None, str]]:
     ]
 
 
-def told_marks(result: dict[str, Any]) -> bool:
-    """Print the marks; returns whether none is broken."""
-    found = marks(result)
+def print_criteria(result: dict[str, Any]) -> bool:
+    """Print the criteria and return whether none failed."""
+    found = criteria_of(result)
     for what, kept, figures in found:
-        print(f"{'not asked' if kept is None else 'kept' if kept else 'BROKEN':10s} {what}: {figures}", flush=True)
+        print(f"{'undetermined' if kept is None else 'met' if kept else 'FAILED':12s} {what}: {figures}", flush=True)
     return all(kept is not False for _, kept, _ in found)
 
 
 def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str, Any]:
-    """Run it; returns what was measured."""
+    """Run the window and return the measurements."""
     from boat_daq.gui.app import make_application, make_window
     from boat_daq.gui.collector import Collector
 
@@ -148,8 +148,8 @@ def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str
                 time.sleep(block_s)
             if passed >= next_line:
                 next_line += 360.0
-                lines.append(told(passed, watch))
-        lines.append(told(passed, watch))
+                lines.append(report_line(passed, watch))
+        lines.append(report_line(passed, watch))
         result = {
             "hours": hours, "speed": speed, "blocked_s": block_s, "wall_s": round(time.perf_counter() - began_wall, 1),
             "cpu_s": round(time.process_time(), 1), "memory_mb": lines, "frames": len(watch.frames_ms),
@@ -170,7 +170,7 @@ def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str
 
 
 def steer(model, target: int) -> int:
-    """Ask for the other pressure once the one before has been reached; returns which one is asked for."""
+    """Request the other pressure once the one before is reached; return the index of the one requested."""
     last = model.snapshot.last
     wanted = PRESSURES_KPA[target % 2]
     if np.isnan(last.target_kpa) or abs(last.pressure_kpa - wanted) < 1.0:
@@ -179,8 +179,8 @@ def steer(model, target: int) -> int:
     return target
 
 
-def told(passed_s: float, watch: Watch) -> tuple[float, float]:
-    """Print a line; returns board hours and memory."""
+def report_line(passed_s: float, watch: Watch) -> tuple[float, float]:
+    """Print a line and return board hours and memory."""
     recent = watch.frames_ms[-500:] or array("d", [0.0])
     megabytes = resident_mb()
     print(
@@ -197,7 +197,7 @@ def until(condition, what: str, timeout_s: float = 60.0) -> None:
     end = time.perf_counter() + timeout_s
     while not condition():
         if time.perf_counter() > end:
-            raise SystemExit(f"waited in vain for: {what}")
+            raise SystemExit(f"timed out waiting for: {what}")
         QTest.qWait(50)
 
 
@@ -216,7 +216,7 @@ def main() -> None:
         os.chdir(folder)
         result = run(chosen.hours, chosen.speed, chosen.block, chosen.window)
         print(json.dumps(result), flush=True)
-        kept = told_marks(result)
+        kept = print_criteria(result)
     os._exit(0 if kept else 1)
 
 

@@ -1,9 +1,9 @@
-"""A board written from the wire contract alone, sharing no line with the program: the second opinion on the link.
+"""A board written from the wire contract alone, without a line of the program: an independent check of the link.
 
 Run as a script: it prints the name of its pseudo-terminal, then answers on it until it is killed. Every sample payload
-that it has written to the port is appended to `--sent`, so that a test can hold the recording against it; `--truth`
-takes its clock (us) and elongation (mm) at each sample. Its plant is
-a straight one: the pressure follows its ramp, the elongation is proportional to pressure with a loop of play, and
+that it has written to the port is appended to `--sent`, so that a test can compare the recording with it; `--truth`
+receives its clock (us) and elongation (mm) at each sample. Its plant is
+simple: the pressure follows its ramp, the elongation is proportional to pressure with backlash, and
 each sensor is a cubic.
 """
 

@@ -1,4 +1,4 @@
-"""The main job, whole: a session on the virtual board over a real port, its figures within bounds of the truth."""
+"""`boat-daq demo`: a session on the virtual board over a real port, its figures within bounds of the truth."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def demo(folder: Path, *arguments: str) -> dict[str, Any]:
 
 
 def check_against_truth(content: dict[str, Any]) -> None:
-    """Hold every figure of the comparison against its bound."""
+    """Check every figure of the comparison against its bound."""
     rows = {row["figure"]: row for row in content["comparison"]}
     for name, row in rows.items():
         kind = name.partition(" ")[2]
@@ -46,8 +46,8 @@ def check_against_truth(content: dict[str, Any]) -> None:
     assert sum(name.partition(" ")[2] in (*BOUNDS, "sensitivity", "R²") for name in rows) == 13
 
 
-def test_the_demo_finds_the_truth_and_writes_its_report(tmp_path: Path) -> None:
-    """One seed: nothing lost, five cycles, every figure within its bound, reports made, SIMULATED said."""
+def test_demo_agrees_with_the_truth_and_writes_reports(tmp_path: Path) -> None:
+    """One seed: no sample lost, five cycles, every figure within its bound, reports marked SIMULATED."""
     content = demo(tmp_path, "--seed", "11")
     assert content["simulated"] is True
     assert content["lost_samples"] == 0
@@ -66,8 +66,8 @@ def test_the_demo_finds_the_truth_and_writes_its_report(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("unit", ["SA2-falling", pytest.param("SA3", marks=pytest.mark.nightly)])
-def test_other_units_and_a_falling_signal(unit: str, tmp_path: Path) -> None:
-    """Units of other cubics, and one whose signal falls with elongation, within the same bounds."""
+def test_demo_agrees_for_other_specimens_and_polarity(unit: str, tmp_path: Path) -> None:
+    """Specimens with other cubics, and one whose signal falls with elongation, within the same bounds."""
     content = demo(tmp_path, "--unit", unit, "--seed", "5", "--cycles", "2", "--no-mcmc", "--no-report")
     check_against_truth(content)
     rising = content["sensors"][0]["calibration"]["coefficients"][1] > 0
@@ -75,7 +75,7 @@ def test_other_units_and_a_falling_signal(unit: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_twenty_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_demo_agrees_for_twenty_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Twenty seeds, every one within the bounds; the spread is printed."""
     errors: dict[str, list[float]] = {}
     for seed in range(20):

@@ -1,4 +1,4 @@
-"""Long and often: a day's recording, a hundred connects, a consumer that stands still. Real pseudo-terminals."""
+"""Endurance: a day's recording, a hundred connections, a consumer that blocks. Real pseudo-terminals."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def memory_mb(process: int | str = "self") -> float:
-    """Resident memory of a process."""
+    """Return the resident memory of a process, MB."""
     pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def recorded_indices(path: Path) -> np.ndarray:
-    """Every sample's index, in order."""
+    """Return every sample's index, in order."""
     with closing(open_recording(path)) as db:
         dtype = dtype_from_description(read_session(db)["sample_dtype"])
         blobs = db.execute("SELECT samples FROM block ORDER BY id")
@@ -58,29 +58,29 @@ def recorded_indices(path: Path) -> np.ndarray:
         ({"difference": "chunk 3"}, ["the file is identical to its bytes"]),
     ],
 )
-def test_the_windows_endurance_names_each_mark_that_is_broken(change: dict, broken: list[str]) -> None:
-    """Both sides of each mark; the run itself takes a quarter of an hour and is started by hand."""
+def test_endurance_names_each_failed_criterion(change: dict, broken: list[str]) -> None:
+    """Both sides of each criterion; the run itself takes a quarter of an hour and is started manually."""
     result = {
         "memory_mb": [(1.0, 300.0), (2.0, 301.0)], "frame_worst_ms": 50.0, "refresh_worst_ms": 20.0,
         "frame_cpu_worst_ms": 9.0, "frames": 9,
         "samples": 1000, "expected": 1000, "lost": 0, "gaps": 0, "difference": "",
     }  # fmt: skip
-    assert [what for what, kept, _ in endurance.marks({**result, **change}) if kept is False] == broken
+    assert [what for what, kept, _ in endurance.criteria_of({**result, **change}) if kept is False] == broken
 
 
-def test_an_hours_run_says_nothing_of_growth_after_its_first_hour() -> None:
-    """There is nothing yet to compare with."""
+def test_endurance_of_one_hour_leaves_growth_undetermined() -> None:
+    """Growth is compared with the first hour: a run of one hour leaves it undetermined."""
     result = {
         "memory_mb": [(0.0, 300.0), (1.0, 400.0)], "frame_worst_ms": 50.0, "refresh_worst_ms": 20.0,
         "frame_cpu_worst_ms": 9.0, "frames": 9,
         "samples": 1000, "expected": 1000, "lost": 0, "gaps": 0, "difference": "",
     }  # fmt: skip
-    assert [kept for _, kept, _ in endurance.marks(result)] == [None, True, True, True]
+    assert [kept for _, kept, _ in endurance.criteria_of(result)] == [None, True, True, True]
 
 
 @pytest.mark.parametrize("times", [6, pytest.param(100, marks=[pytest.mark.nightly, pytest.mark.timeout(900)])])
-def test_connecting_again_and_again_leaves_nothing_behind(times: int, tmp_path: Path) -> None:
-    """One session, connected, recorded from and disconnected so often: as many threads and open files as after the
+def test_repeated_connections_leak_nothing(times: int, tmp_path: Path) -> None:
+    """One session, connected, recorded from and disconnected repeatedly: as many threads and open files as after the
     second time, and less than 5 MB more memory than after the fourth; every recording is closed.
     """
     session = Session(Settings(), UnitLibrary(tmp_path / "units"))
@@ -99,21 +99,21 @@ def test_connecting_again_and_again_leaves_nothing_behind(times: int, tmp_path: 
     threads, files, memory = (list(column) for column in zip(*seen, strict=True))
     assert threads[-1] <= threads[1]
     assert files[-1] <= files[1]
-    assert memory[-1] < memory[3] + 5.0  # what numpy and the allocator keep for the next time is there by the fourth
+    assert memory[-1] < memory[3] + 5.0  # numpy and the allocator have filled their caches by then
     assert "health log" not in {thread.name for thread in threading.enumerate()}
 
 
 def open_files() -> int:
-    """The fewest of twenty looks: the health line opens a file for an instant, once a second."""
-    looks = []
+    """Return the fewest of twenty counts: the health log opens a file for an instant, once a second."""
+    counts = []
     for _ in range(20):
-        looks.append(len(list(Path("/proc/self/fd").iterdir())))
+        counts.append(len(list(Path("/proc/self/fd").iterdir())))
         time.sleep(0.005)
-    return min(looks)
+    return min(counts)
 
 
 def busy(seconds: float) -> None:
-    """Hold the interpreter as a window that computes does."""
+    """Hold the interpreter, as a window that computes does."""
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         sum(range(1000))
@@ -122,10 +122,10 @@ def busy(seconds: float) -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("block", [time.sleep, busy], ids=["asleep", "busy"])
 @pytest.mark.parametrize("on_reading_thread", [False, True], ids=["window", "sink"])
-def test_a_consumer_that_stands_still_for_ten_seconds_loses_nothing(
+def test_consumer_blocked_for_ten_seconds_loses_no_sample(
     block: Callable[[float], None], on_reading_thread: bool, tmp_path: Path
 ) -> None:
-    """A window's thread asleep or computing, and even a sink on the reading thread: every instant is recorded."""
+    """The window's thread asleep or computing, or a sink on the reading thread: every sample is recorded."""
     session = Session(Settings(), UnitLibrary(tmp_path / "units"))
     run = tmp_path / "run.boat"
     with serve(BoardSettings(speed=4.0)) as board:
@@ -144,7 +144,7 @@ def test_a_consumer_that_stands_still_for_ten_seconds_loses_nothing(
         else:
             block(10.0)
         seen = session.snapshot()
-        assert seen.recorded_s > 25.0  # 40 but for what a board at 4 times real time does not make up for
+        assert seen.recorded_s > 25.0  # 40 less what a board at 4 times real time does not catch up
         session.close()
     indices = recorded_indices(run)
     assert np.array_equal(indices, np.arange(len(indices)))
@@ -154,7 +154,7 @@ def test_a_consumer_that_stands_still_for_ten_seconds_loses_nothing(
 @pytest.mark.nightly
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("hours", [1, 24])
-def test_a_days_recording_has_every_sample_in_bounded_memory(hours: int, tmp_path: Path) -> None:
+def test_recording_of_a_day_is_complete_in_bounded_memory(hours: int, tmp_path: Path) -> None:
     """At 100 times real time: the exact count, nothing lost, memory within 5 % of its first hour's, and the file is
     identical to its bytes.
     """

@@ -1,4 +1,4 @@
-"""The whole program against a board that shares no line with it: over a real port, into a real file, out again."""
+"""The whole program against a board that shares no code with it: over a real port, into a file and out again."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SENT = np.dtype(
         ("pressure_pa", "<i4"),
         ("state", "u1"),
         ("flags", "u1"),
-        ("light", "<u2", (2, 2)),
+        ("lit_dark", "<u2", (2, 2)),
     ]
 )
 SLOW_PLAN = """
@@ -48,7 +48,7 @@ min_dwell_s = 0.8
 
 @dataclass(frozen=True)
 class Session:
-    """What a board sent, and what the program made of it."""
+    """What a board sent, and the recording of it."""
 
     run: Path
     sent: np.ndarray[Any, Any]
@@ -88,14 +88,14 @@ def fast(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 def check_every_sample(session: Session) -> None:
-    """Hold what was sent against what is in the file, field by field."""
+    """Compare what was sent with what is in the file, field by field."""
     recording = load_recording(session.run)
     sent = session.sent
     assert session.summary["lost_samples"] == 0
     assert recording.n == sent.size
     np.testing.assert_array_equal(np.round(recording.pressure_kpa * 1000), sent["pressure_pa"])
-    np.testing.assert_array_equal(recording.lit, sent["light"][:, :, 0])
-    np.testing.assert_array_equal(recording.dark, sent["light"][:, :, 1])
+    np.testing.assert_array_equal(recording.lit, sent["lit_dark"][:, :, 0])
+    np.testing.assert_array_equal(recording.dark, sent["lit_dark"][:, :, 1])
     np.testing.assert_array_equal(recording.state, sent["state"])
     assert program("verify", str(session.run))["identical"] is True
 
@@ -106,7 +106,7 @@ def test_every_sample_sent_at_50x_is_in_the_file(fast: tuple[str, Session]) -> N
 
 
 def test_every_sample_sent_at_1x_is_in_the_file(tmp_path: Path) -> None:
-    """The same at the board's own pace, with a plan from a file."""
+    """The same in real time, with a plan from a file."""
     plan = tmp_path / "short.toml"
     plan.write_text(SLOW_PLAN)
     session = record(tmp_path, ["--speed", "1"], ["--plan", str(plan)])
@@ -128,7 +128,7 @@ def write_readings(session: Session, path: Path) -> None:
 
 
 def test_falling_calibrates_as_well_as_rising(fast: tuple[str, Session], tmp_path: Path) -> None:
-    """The board's own cubics come back: b0 within 1 mV, sensitivity within 1 %, R2 above 0.999, either way up."""
+    """The fit finds the board's own cubics: b0 within 1 mV, sensitivity within 1 %, R2 above 0.999."""
     polarity, session = fast
     readings = tmp_path / "readings.csv"
     write_readings(session, readings)

@@ -1,4 +1,4 @@
-"""Leaving in the middle: Ctrl-C and a polite kill close properly; kill -9 leaves a vented board and a whole file."""
+"""Ending a run early: SIGINT and SIGTERM vent and close; SIGKILL leaves a vented board and a recoverable file."""
 
 from __future__ import annotations
 
@@ -47,19 +47,19 @@ def start_under_pressure(board: ServedBoard, folder: Path) -> subprocess.Popen[s
             return process
         time.sleep(0.05)
     process.kill()
-    raise AssertionError("the unit never came under pressure")
+    raise AssertionError("the unit was never pressurised")
 
 
 def info(path: Path) -> dict[str, Any]:
-    """Return what `boat-daq info` says of a recording."""
+    """Return the object that `boat-daq info` prints of a recording."""
     command = [sys.executable, "-m", "boat_daq", "info", str(path), "--json"]
     content: dict[str, Any] = json.loads(subprocess.run(command, capture_output=True, cwd=ROOT, check=True).stdout)
     return content
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_leaving_vents_and_closes(number: int, board: ServedBoard, tmp_path: Path) -> None:
-    """Ctrl-C and `kill`: exit 130, the unit vented, one closed file, identical to its bytes."""
+def test_signal_vents_and_closes(number: int, board: ServedBoard, tmp_path: Path) -> None:
+    """Exit 130, the unit vented, one closed file, identical to its bytes."""
     process = start_under_pressure(board, tmp_path)
     process.send_signal(number)
     process.communicate(timeout=60)
@@ -72,14 +72,14 @@ def test_leaving_vents_and_closes(number: int, board: ServedBoard, tmp_path: Pat
 
 
 @pytest.mark.fault(18, 30, how="`record` killed with -9 under pressure on a pseudo-terminal", times=1)
-def test_a_killed_host_leaves_a_vented_board_and_a_file_that_recovers(board: ServedBoard, tmp_path: Path) -> None:
-    """kill -9 under pressure: the board vents by its own watchdog; the file says interrupted, recovers, verifies."""
+def test_killed_host_leaves_a_vented_board_and_a_recoverable_file(board: ServedBoard, tmp_path: Path) -> None:
+    """The board vents by its own watchdog; the file is interrupted, recovers and verifies."""
     process = start_under_pressure(board, tmp_path)
     process.kill()
     process.communicate(timeout=60)
     run = tmp_path / "run.boat"
     assert info(run)["status"] == "interrupted"
-    time.sleep(1.6)  # 16 s of board time: its watchdog of 5 s, and the way back to zero
+    time.sleep(1.6)  # 16 s of board time: its watchdog of 5 s, and the return to zero
     assert abs(truth(tmp_path)[-1]) < 1.0
     for command in ("recover", "verify"):
         done = subprocess.run(

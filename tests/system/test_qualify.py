@@ -1,4 +1,4 @@
-"""`boat-daq qualify`: a sound program passes; one that loses or invents is found out, and the exit code says so."""
+"""`boat-daq qualify`: a sound program passes; one that loses or invents samples fails, with exit code 1."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from protocol.link import framing
 
 
 def broken(outcome: DrillResult) -> set[str]:
-    """The criteria that are not kept."""
+    """Return the criteria that are not met."""
     return {criterion.text for criterion in outcome.criteria if not criterion.kept}
 
 
-def test_losses_are_held_against_the_boards_truth(tmp_path: Path) -> None:
-    """A sound program passes, and the count is the one that was injected: 1 + 7 + 255 + 10 and the bytes' frames."""
+def test_losses_are_compared_with_the_board_truth(tmp_path: Path) -> None:
+    """A sound program passes, and counts what was injected: 1 + 7 + 255 + 10 samples and the damaged frames."""
     outcome = run_drill(drills.loss, tmp_path / "loss")
     assert outcome.passed, outcome
     assert outcome.counts["missing_by_truth"] == outcome.counts["lost_said"] >= 273
 
 
-def test_a_recorder_that_loses_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A block of samples in ten is thrown away without a word: the board's truth does not agree."""
+def test_recorder_that_drops_samples_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One block of samples in ten is dropped without an error: the board's truth disagrees."""
     take, seen = Recorder.__call__, [0]
 
     def careless(recorder: Recorder, block: Any) -> None:
@@ -50,7 +50,7 @@ def test_a_recorder_that_loses_is_found_out(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.nightly
-def test_a_decoder_that_believes_everything_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_decoder_without_checksum_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the CRC, flipped bits become samples that the board never took."""
     monkeypatch.setattr(framing, "RESIDUE", _EqualToAll())
     outcome = run_drill(drills.flips, tmp_path / "flips")
@@ -58,7 +58,7 @@ def test_a_decoder_that_believes_everything_is_found_out(tmp_path: Path, monkeyp
 
 
 class _EqualToAll:
-    """Every checksum is right."""
+    """Equals everything: every checksum is valid."""
 
     __hash__ = object.__hash__
 
@@ -70,34 +70,34 @@ class _EqualToAll:
 
 
 def passing(_bench: DrillRig) -> DrillResult:
-    """Kept."""
+    """Return a result whose criterion is met."""
     return DrillResult("passing", "nothing", (Criterion("is kept", "yes", True),), "nothing")
 
 
 def failing(_bench: DrillRig) -> DrillResult:
-    """Not kept."""
+    """Return a result whose criterion is not met."""
     return DrillResult("failing", "a doctored criterion", (Criterion("is <b>never</b> kept", "no", False),), "all")
 
 
 def breaking(_bench: DrillRig) -> DrillResult:
-    """Raises."""
+    """Raise an error."""
     raise RuntimeError("the drill itself broke")
 
 
 def empty(_bench: DrillRig) -> DrillResult:
-    """States no criterion."""
+    """Return a result without a criterion."""
     return DrillResult("empty", "nothing", (), "nothing")
 
 
-def test_a_drill_that_fails_makes_exit_1_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The report names it, and its folder is kept for whoever looks for the cause."""
+def test_failed_drill_gives_exit_1_and_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The report names it, and its folder is kept for finding the cause."""
     monkeypatch.setattr(drills, "DRILLS", (passing, failing))
     run = CliRunner().invoke(app, ["qualify", "--out", str(tmp_path), "--json"])
     assert run.exit_code == 1
-    told = json.loads(run.stdout)
-    assert told["passed"] is False
-    assert told["verdict"].startswith("FAILED: failing")
-    html, _, written = (Path(path) for path in told["files"])
+    content = json.loads(run.stdout)
+    assert content["passed"] is False
+    assert content["verdict"].startswith("FAILED: failing")
+    html, _, written = (Path(path) for path in content["files"])
     assert "failing: FAILED" in html.read_text(encoding="utf-8")
     assert "<b>never</b>" not in html.read_text(encoding="utf-8")
     assert json.loads(written.read_text(encoding="utf-8"))["passed"] is False
@@ -105,30 +105,36 @@ def test_a_drill_that_fails_makes_exit_1_and_says_so(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.parametrize("drill", [breaking, empty])
-def test_a_drill_that_breaks_or_asks_nothing_has_failed(drill: drills.Drill, tmp_path: Path) -> None:
-    """Nothing passes by not having been judged."""
+def test_drill_that_raises_or_checks_nothing_fails(drill: drills.Drill, tmp_path: Path) -> None:
+    """A drill without a criterion does not pass."""
     outcome = run_drill(drill, tmp_path / "drill")
     assert not outcome.passed
     assert not result([outcome], datetime.now(UTC), whole=True)["passed"]
 
 
-def test_a_report_is_simulated_dated_and_to_be_signed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Exit 0 where all is kept; a part of the drills is no whole qualification; an unknown drill is a wrong call."""
+def test_report_is_marked_simulated_and_dated_for_signature(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exit 0 where all criteria are met; some drills are no full qualification; an unknown drill is exit 2."""
     monkeypatch.setattr(drills, "DRILLS", (passing, failing))
     run = CliRunner().invoke(app, ["qualify", "--out", str(tmp_path), "--drill", "passing", "--json"])
     assert run.exit_code == 0
-    told = json.loads(run.stdout)
-    assert (told["passed"], told["whole"], told["simulated"]) == (True, False, True)
-    html, pdf, _ = (Path(path) for path in told["files"])
+    content = json.loads(run.stdout)
+    assert (content["passed"], content["whole"], content["simulated"]) == (True, False, True)
+    html, pdf, _ = (Path(path) for path in content["files"])
     text = html.read_text(encoding="utf-8")
-    for word in ("SIMULATED", "Signature", told["begun"][:10], told["versions"]["Python"], "no whole qualification"):
-        assert word in text
+    for part in (
+        "SIMULATED",
+        "Signature",
+        content["begun"][:10],
+        content["versions"]["Python"],
+        "no whole qualification",
+    ):
+        assert part in text
     assert pdf.read_bytes().startswith(b"%PDF")
     assert CliRunner().invoke(app, ["qualify", "--drill", "nonsense"]).exit_code == 2
 
 
-def test_a_report_names_what_was_qualified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An operator signs for a program, a computer, a disk and a port: each stands in it, above the drills."""
+def test_report_names_what_was_qualified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Program, computer, disk and port are named above the drills and the signature."""
     board = BoardSettings(speed=8.0, seed=0, faults=("index_gap@4:7",))
 
     def served(bench: DrillRig) -> DrillResult:
@@ -137,21 +143,22 @@ def test_a_report_names_what_was_qualified(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(drills, "DRILLS", (served,))
     run = CliRunner().invoke(app, ["qualify", "--out", str(tmp_path), "--json"])
-    told = json.loads(run.stdout)
-    assert (len(told["program"]["sha256"]), told["program"]["version"]) == (64, __version__)
-    assert told["disk"]["folder"].startswith(str(tmp_path))
-    assert told["disk"]["file_system"] and told["machine"]["system"]
-    (used,) = told["drills"][0]["boards"]
+    content = json.loads(run.stdout)
+    assert (len(content["program"]["sha256"]), content["program"]["version"]) == (64, __version__)
+    assert content["disk"]["folder"].startswith(str(tmp_path))
+    assert content["disk"]["file_system"] and content["machine"]["system"]
+    (used,) = content["drills"][0]["boards"]
     faults = ["index_gap@4:7"]
     assert used == {"port": "pseudo-terminal", "speed": 8.0, "unit": "SA1", "seed": 0, "faults": faults}
-    text = Path(told["files"][0]).read_text(encoding="utf-8")
-    for word in (told["program"]["sha256"], told["disk"]["folder"], told["machine"]["system"], used["port"], "seed 0"):
-        assert word in text
-    assert text.index(told["verdict"]) < text.index("Signature") < text.index(">Drills<")
+    text = Path(content["files"][0]).read_text(encoding="utf-8")
+    computer = (content["program"]["sha256"], content["disk"]["folder"], content["machine"]["system"])
+    for part in (*computer, used["port"], "seed 0"):
+        assert part in text
+    assert text.index(content["verdict"]) < text.index("Signature") < text.index(">Drills<")
 
 
-def test_the_programs_hash_is_of_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Any byte of any file of the program changes it; the same files give the same."""
+def test_program_hash_depends_on_every_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any byte of any file of the program changes it; the same files give the same hash."""
     for package in ("boat_daq", "protocol", "analysis"):
         (tmp_path / package).mkdir()
         (tmp_path / package / "a.py").write_text("x = 1\n")
@@ -165,7 +172,7 @@ def test_the_programs_hash_is_of_its_files(tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("drill", available(), ids=lambda drill: drill.__name__)
-def test_every_drill_passes_here(drill: drills.Drill, tmp_path: Path) -> None:
+def test_every_drill_passes_on_this_machine(drill: drills.Drill, tmp_path: Path) -> None:
     """All that `qualify` runs, on this machine."""
     outcome = run_drill(drill, tmp_path / drill.__name__)
     assert outcome.passed, broken(outcome)

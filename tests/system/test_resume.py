@@ -1,4 +1,4 @@
-"""A run broken by kill -9 or by an unplugged board goes on in its own recording, through a real pseudo-terminal."""
+"""A run broken by SIGKILL or an unplugged board is resumed in its own recording, over a real pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CHUNKS = "SELECT id, host_ns, direction, raw FROM chunk ORDER BY id"
 
 
 def reached_cycles(path: Path) -> int:
-    """Number of cycles that have both their ends in the file, as any reader sees it while it is written."""
+    """Return the number of complete cycles in the file, as any reader sees it while it is written."""
     if not path.exists() or not path.stat().st_size:
         return 0
     try:
@@ -52,7 +52,7 @@ def reached_cycles(path: Path) -> int:
 
 
 def started_run(board: ServedBoard, run: Path) -> subprocess.Popen[str]:
-    """Record until two cycles are whole and the third is under way."""
+    """Record until two cycles are complete and the third has begun."""
     command = [
         sys.executable,
         "-m",
@@ -72,7 +72,7 @@ def started_run(board: ServedBoard, run: Path) -> subprocess.Popen[str]:
         time.sleep(0.02)
     if reached_cycles(run) < 2 or process.poll() is not None:
         process.kill()
-        raise AssertionError(f"the run was not under way: {process.communicate(timeout=30)[1]}")
+        raise AssertionError(f"the run had not begun: {process.communicate(timeout=30)[1]}")
     return process
 
 
@@ -82,16 +82,16 @@ def rows(path: Path, sql: str) -> list[tuple[Any, ...]]:
 
 
 def resume(run: Path, port: str, capsys: pytest.CaptureFixture[str], **options: Any) -> dict[str, Any]:
-    """Go on with `record --resume --json` and return its object."""
+    """Run `record --resume --json` and return its object."""
     capsys.readouterr()
     record(port=port, resume=run, as_json=True, **options)
-    told: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return told
+    content: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return content
 
 
-def test_a_killed_run_resumed_and_has_all_its_cycles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """All cycles are there, what was recorded before is untouched byte for byte, the whole is identical to its bytes;
-    the break is told by record, by info and in the file. Another unit or plan, and a finished run, are refused.
+def test_killed_run_is_resumed_with_all_its_cycles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All cycles are there, earlier rows are unchanged byte for byte, the whole is identical to its bytes;
+    the break is reported by record, by info and in the file. Another unit or plan, and a finished run, are refused.
     """
     run = tmp_path / "run.boat"
     with serve(BoardSettings(speed=SPEED)) as board:
@@ -105,16 +105,16 @@ def test_a_killed_run_resumed_and_has_all_its_cycles(tmp_path: Path, capsys: pyt
             ({"plan": "calibration"}, "runs a plan with"),
             ({"rate": 50}, "rate in Hz 100; now it is 50"),
         )
-        for options, words in wrong:
-            with pytest.raises(BoatDaqError, match=words):
+        for options, cause in wrong:
+            with pytest.raises(BoatDaqError, match=cause):
                 record(port=board.url, resume=run, **options)
         assert rows(run, CHUNKS) == before
-        told = resume(run, board.url, capsys)
-    (broken,) = told["breaks"]
-    assert (told["status"], told["stop_reason"]) == ("closed", "finished")
-    assert told["cycles"]["complete"] == CYCLES
+        content = resume(run, board.url, capsys)
+    (broken,) = content["breaks"]
+    assert (content["status"], content["stop_reason"]) == ("closed", "finished")
+    assert content["cycles"]["complete"] == CYCLES
     assert broken["cause"] == "interrupted"
-    assert broken["complete_cycles"] + told["cycles"]["partial"] + 1 == broken["first_cycle"]
+    assert broken["complete_cycles"] + content["cycles"]["partial"] + 1 == broken["first_cycle"]
     assert rows(run, CHUNKS)[: len(before)] == before
     assert rows(run, "SELECT * FROM step ORDER BY id")[: len(steps_before)] == steps_before
     numbers = [n for (n,) in rows(run, "SELECT id FROM step ORDER BY id")]
@@ -129,17 +129,17 @@ def test_a_killed_run_resumed_and_has_all_its_cycles(tmp_path: Path, capsys: pyt
     assert len(find_cycles(recording).used) == CYCLES
 
 
-def test_an_unplugged_run_resumed_at_the_same_board_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A board that is gone ends the run with a failure that says how to go on; another board is refused by its
-    identity, and the file is not touched by that. The board that is there again has lost its clock, and its second
-    sensor reads 20 mV more: the analysis says so, and does not pool.
+def test_unplugged_run_is_resumed_at_the_same_board_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A lost board ends the run with a failure that names the command to resume; another board is refused by its
+    identity, and the file stays as it is. The board that is back has restarted its clock, and its second sensor reads
+    20 mV more: the analysis reports the difference and does not pool.
     """
     run = tmp_path / "run.boat"
     with serve(BoardSettings(speed=SPEED)) as board:
         process = started_run(board, run)
-    _, told_then = process.communicate(timeout=60)
+    _, messages = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert f"record --resume {run}" in told_then
+    assert f"record --resume {run}" in messages
     content = run.read_bytes()
     with (
         serve(BoardSettings(speed=SPEED, unit="SA2")) as other,
@@ -148,10 +148,10 @@ def test_an_unplugged_run_resumed_at_the_same_board_only(tmp_path: Path, capsys:
         record(port=other.url, resume=run)
     assert run.read_bytes() == content
     with serve(BoardSettings(speed=SPEED, faults=("sensor_disagreement@0:20",))) as board:
-        told = resume(run, board.url, capsys, note="plugged in again")
-    assert told["cycles"]["complete"] == CYCLES
-    assert told["breaks"][0]["cause"].startswith("aborted")
-    assert told["breaks"][0]["note"] == "plugged in again"
+        content = resume(run, board.url, capsys, note="plugged in again")
+    assert content["cycles"]["complete"] == CYCLES
+    assert content["breaks"][0]["cause"].startswith("aborted")
+    assert content["breaks"][0]["note"] == "plugged in again"
     assert verify_recording(run).difference == ""
     figures = analyse(run, mcmc=False).to_json()
     (found,) = figures["breaks"]
@@ -161,14 +161,14 @@ def test_an_unplugged_run_resumed_at_the_same_board_only(tmp_path: Path, capsys:
     assert len(figures["parts"]) == 2
 
 
-def test_a_finished_run_has_nothing_to_go_on_with() -> None:
-    """Refused with the reason, before any port is opened."""
+def test_finished_run_cannot_be_resumed() -> None:
+    """It is refused with the reason, before any port is opened."""
     with pytest.raises(OperatorError, match="all its 2 cycles"):
         read_broken_run(ROOT / "recordings" / "simulated_SA1_two_cycles.boat")
 
 
-def test_a_window_goes_on_in_a_session_that_is_connected(tmp_path: Path) -> None:
-    """`resume_recording` beside samples that flow: earlier steps are there, another plan and a run from the start are
+def test_run_is_resumed_in_a_connected_session(tmp_path: Path) -> None:
+    """`resume_recording` while samples arrive: earlier steps are there, another plan and a run from the start are
     refused, and the run is armed at its next whole cycle.
     """
     run = tmp_path / "run.boat"

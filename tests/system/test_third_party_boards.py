@@ -1,4 +1,4 @@
-"""The program against boards of other makers, each within the contract or plainly outside it: what comes of a run."""
+"""The program against boards of other makers, each within the wire contract or clearly outside it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def ci(kind: type[boards.Board], *more: object) -> object:
 
 @contextmanager
 def served(kind: type[boards.Board]) -> Iterator[boards.Board]:
-    """A board at work; however it is left, it is vented, and has heard nothing between a command and its repeats."""
+    """Serve a board; afterwards it is vented, and received nothing between a command and its repetitions."""
     with closing(kind()) as board:
         yield board
         time.sleep(0.5)
@@ -66,10 +66,10 @@ def recorded(board: boards.Board, path: Path) -> tuple[Summary, str]:
         nightly(boards.Latched),
     ],
 )
-def test_a_board_within_the_contract_runs_a_plan(
+def test_board_within_the_contract_runs_a_plan(
     kind: type[boards.Board], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One cycle, every sample that the board sent after START, each command acted on once, and no error said."""
+    """One cycle, every sample that the board sent after START, each command executed once, and no error."""
     with served(kind) as board:
         summary, failure = recorded(board, tmp_path / "run.boat")
         assert failure == ""
@@ -84,7 +84,7 @@ def test_a_board_within_the_contract_runs_a_plan(
 
 
 @pytest.mark.parametrize(
-    ("kind", "word", "remedy"),
+    ("kind", "cause", "remedy"),
     [
         ci(boards.NoStart, "refused START: out of its limits, at 100 Hz", "rate"),
         ci(boards.Narrow, "above the board's limit of 30 kPa", "lower"),
@@ -94,14 +94,14 @@ def test_a_board_within_the_contract_runs_a_plan(
         nightly(boards.NoVacuum, "5 to 70 kPa, leave out 0 kPa", "firmware"),
     ],
 )
-def test_a_board_that_cannot_is_refused_and_left_at_rest(
-    kind: type[boards.Board], word: str, remedy: str, tmp_path: Path
+def test_unusable_board_is_refused_and_left_vented(
+    kind: type[boards.Board], cause: str, remedy: str, tmp_path: Path
 ) -> None:
-    """The reason and a remedy; no pressure was asked for, and no watchdog is left to trip behind us."""
+    """The error has cause and remedy; no pressure was commanded, and no watchdog is left armed."""
     with served(kind) as board:
         with pytest.raises(BoatDaqError) as refusal:
             run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
-        assert word in refusal.value.cause
+        assert cause in refusal.value.cause
         assert remedy in refusal.value.remedy
         assert boards.SET_PRESSURE not in board.acts
         assert board.timeout_s == 0
@@ -110,7 +110,7 @@ def test_a_board_that_cannot_is_refused_and_left_at_rest(
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(
-    ("kind", "word"),
+    ("kind", "cause"),
     [
         ci(boards.TooLate, "did not answer"),
         ci(boards.NoLimits, "refused SET_LIMITS"),
@@ -119,15 +119,15 @@ def test_a_board_that_cannot_is_refused_and_left_at_rest(
         ci(boards.Resets, "restarted (brown out)"),
     ],
 )
-def test_a_run_that_breaks_says_why_once(
-    kind: type[boards.Board], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_broken_run_is_reported_once(
+    kind: type[boards.Board], cause: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Vented, recorded until then, and one error with its remedy."""
+    """It is vented, recorded until then, and reported by one error with its remedy."""
     with served(kind) as board:
         summary, failure = recorded(board, tmp_path / "run.boat")
-        assert word in failure
+        assert cause in failure
         assert summary.cycles.complete == 0
-    told = capsys.readouterr().err
-    assert told.count("error:") == 1
-    assert told.count("try:") == 1
-    assert told.count(word) == 1
+    errors = capsys.readouterr().err
+    assert errors.count("error:") == 1
+    assert errors.count("try:") == 1
+    assert errors.count(cause) == 1

@@ -1,4 +1,4 @@
-"""Whole journeys through the real window, under Xvfb: from the first start to a calibration, a report, a recovery."""
+"""Scenarios of the real window, under Xvfb: from the first start to a calibration, a report, a recovery."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from protocol.recording import open_recording
 
 ROOT = Path(__file__).resolve().parents[2]
-SHOTS = "BOAT_DAQ_SHOTS"  # a folder to keep the screenshots in, for looking at them
+SHOTS = "BOAT_DAQ_SHOTS"  # a folder for the screenshots
 
 pytestmark = pytest.mark.skipif(
     shutil.which("Xvfb") is None, reason="Xvfb is not installed: no screen to open a window on"
@@ -39,10 +39,10 @@ def screen(request):
 
 
 @pytest.fixture
-def travel(screen, tmp_path):
-    """Run a journey in its own process and home; returns what it printed, and its folder."""
+def run_scenario(screen, tmp_path):
+    """Return a function that runs a scenario in its own process and home and returns what it printed."""
 
-    def go(name: str, *, expect: int = 0, patience_s: float = 220) -> dict[str, object]:
+    def go(name: str, *, expect: int = 0, timeout_s: float = 220) -> dict[str, object]:
         folder = Path(os.environ.get(SHOTS, str(tmp_path)))
         folder.mkdir(parents=True, exist_ok=True)
         home = tmp_path / "home"
@@ -52,7 +52,7 @@ def travel(screen, tmp_path):
         }  # fmt: skip
         done = subprocess.run(
             [sys.executable, "-m", "tests.system.window_scenarios", name, str(folder)],
-            cwd=home, env=env, capture_output=True, text=True, timeout=patience_s,
+            cwd=home, env=env, capture_output=True, text=True, timeout=timeout_s,
         )  # fmt: skip
         assert done.returncode == expect, done.stdout + done.stderr
         return json.loads(done.stdout.splitlines()[-1]) if expect == 0 else {}
@@ -61,9 +61,9 @@ def travel(screen, tmp_path):
 
 
 @pytest.mark.timeout(240)
-def test_first_start_to_accepted_calibration_and_report(travel, capsys):
-    """A new user's way: connect the virtual board, a cycle, every reading, accept, see millimetres, report."""
-    seen = travel("whole_session")
+def test_first_start_to_accepted_calibration_and_report(run_scenario, capsys):
+    """Connect the virtual board, run a cycle, type every reading, accept, show millimetres, make a report."""
+    seen = run_scenario("first_session")
     with capsys.disabled():
         print(f"\nwhole session, seconds from the start: {seen['times']}")
     assert seen["readings"] == 19
@@ -73,25 +73,27 @@ def test_first_start_to_accepted_calibration_and_report(travel, capsys):
     assert seen["simulated"] is True
 
 
-def test_killed_session_is_offered_and_recovered(travel, capsys):
-    """Killed in a run; the next start says so, a click closes the file with its samples, another arms its rest."""
-    travel("killed", expect=-9)
-    seen = travel("recover")
+def test_killed_session_is_offered_and_recovered(run_scenario, capsys):
+    """After a kill in a run the next start offers recovery; a click closes the file, another arms the rest."""
+    run_scenario("killed", expect=-9)
+    seen = run_scenario("recover")
     with capsys.disabled():
         print(f"\nrecovery, seconds from the start: {seen['times']}")
     assert "was not closed" in seen["offer"]
     assert seen["status"] == ["recovered"]
     assert seen["samples"] >= 1200 - 400  # 12 s of board time, less 0.2 s of wall time at 20x
-    assert (seen["same_file"], seen["target"]) == (True, False)  # nothing moves before Start
+    assert (seen["same_file"], seen["target"]) == (True, False)  # no target before Start
 
 
-@pytest.mark.parametrize("way", ["pty", "tcp"])
-def test_unplugged_and_plugged_in_again(travel, capsys, way):
-    """The board is gone in a run: said at once, nothing lost; back: shown, and no pressure until somebody asks."""
-    seen = travel(f"unplug:{way}")
+@pytest.mark.parametrize("carrier", ["pty", "tcp"])
+def test_unplugged_board_is_reported_and_found_again(run_scenario, capsys, carrier):
+    """The loss is reported and no sample lost; the board's return is shown, and no pressure until requested."""
+    seen = run_scenario(f"unplug:{carrier}")
     with capsys.disabled():
-        print(f"\n{way}: shown {seen['shown_s']} s after the loss, back {seen['back_s']} s after the board was there")
-    assert seen["said"]
+        print(
+            f"\n{carrier}: shown {seen['shown_s']} s after the loss, back {seen['back_s']} s after the board was there"
+        )
+    assert seen["message"]
     assert seen["state"] == "fault"
     assert seen["targets"] == [False, False]
     assert seen["at_rest_kpa"] < 2.0
@@ -105,9 +107,9 @@ def test_unplugged_and_plugged_in_again(travel, capsys, way):
 
 @pytest.mark.nightly
 @pytest.mark.skipif(shutil.which("xdotool") is None, reason="xdotool is not installed: no mouse for the screen")
-def test_a_session_by_mouse(travel, capsys):
-    """A tired person's way from the first start to the PDF, by mouse and keyboard of the screen; clicks counted."""
-    seen = travel("by_mouse")
+def test_session_by_mouse_takes_ten_clicks(run_scenario, capsys):
+    """From the first start to the PDF by mouse and keyboard of the screen, with at most ten clicks."""
+    seen = run_scenario("by_mouse")
     with capsys.disabled():
         print(
             f"\nby mouse: {seen['clicks']} clicks, {seen['keys']} keys for {seen['readings']} readings: {seen['times']}"
@@ -118,9 +120,9 @@ def test_a_session_by_mouse(travel, capsys):
 
 @pytest.mark.nightly
 @pytest.mark.timeout(900)
-def test_a_hundred_cycles_in_the_window(travel, capsys):
-    """The page fills while the run goes, and has every cycle at its end, each with its figures near the unit's."""
-    seen = travel("hundred_cycles", patience_s=800)
+def test_hundred_cycles_are_shown_with_their_figures(run_scenario, capsys):
+    """The page shows cycles during the run and all of them at its end, with figures near the specimen's."""
+    seen = run_scenario("hundred_cycles", timeout_s=800)
     with capsys.disabled():
         print(f"\na hundred cycles: {seen['times']}, {seen['figures']}")
     assert seen["ended"] == "finished"
@@ -134,9 +136,9 @@ def test_a_hundred_cycles_in_the_window(travel, capsys):
 @pytest.mark.skipif(
     shutil.which("xdotool") is None, reason="xdotool is not installed: no key can be sent to the screen"
 )
-def test_escape_vents_in_every_state(travel, capsys):
+def test_escape_vents_in_every_state(run_scenario, capsys):
     """Esc vents from the page, over an open menu, from a field, and while a helper process computes."""
-    seen = travel("vent")
+    seen = run_scenario("vent")
     with capsys.disabled():
         print(f"\nvented, seconds from the key: {seen['vented_s']}")
     assert set(seen["vented_s"]) == {"page", "menu", "field", "working"}

@@ -1,4 +1,4 @@
-"""The shadow's alarms on virtual boards, healthy and ill, in the real window under Xvfb."""
+"""The shadow's alarms on virtual boards, healthy and faulty, in the real window under Xvfb."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pytestmark = [
 
 @pytest.fixture
 def watched(screen, tmp_path):  # noqa: F811 - the fixture above
-    """Run cycles in a window of its own; returns what it saw."""
+    """Run cycles in a window of its own; return its alarms and rows."""
 
     def go(seed: int, cycles: int, *fault: str) -> dict[str, list[list[str]]]:
         folder = Path(os.environ.get(SHOTS, str(tmp_path)))
@@ -41,15 +41,15 @@ def watched(screen, tmp_path):  # noqa: F811 - the fixture above
 
 
 @pytest.mark.parametrize("seed", [21, 22])
-def test_a_healthy_board_raises_no_alarm(watched, seed):
+def test_healthy_board_raises_no_alarm(watched, seed):
     """Thirty cycles of a healthy unit."""
     seen = watched(seed, 30)
     assert seen["cycles"] >= 29
     assert seen["alarms"] == []
 
 
-def test_sensors_that_part_are_named_and_dated(watched):
-    """20 mV between the sensors from 300 s on: found within three cycles, in words that say what and since when."""
+def test_sensor_disagreement_is_named_and_dated(watched):
+    """20 mV between the sensors from 300 s on: found within three cycles, with kind and first cycle."""
     seen = watched(23, 24, "sensor_disagreement@300:20")
     _, since, found = next(a for a in seen["alarms"] if a[0] == "sensor disagreement")
     assert 11 <= since <= 16

@@ -1,7 +1,7 @@
-"""Boards of other makers, from the wire contract alone, each strange in a way that it leaves open, or forbids.
+"""Boards of other makers, from the wire contract alone, each unusual in a way that the contract allows or forbids.
 
-One thread serves one board on a pseudo-terminal at real time. What a board does is its own; what the program made of
-it is looked at from `Board.acts` (commands that it acted on), `heard` (all frames), and `pressures` (kPa, each tick).
+One thread serves one board on a pseudo-terminal in real time. What the program sent is checked through
+`Board.acts` (commands executed), `heard` (all frames received), and `pressures` (kPa, each tick).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ TICK_S = 0.002
 
 
 def stuffed(body: bytes) -> bytes:
-    """COBS."""
+    """Encode a body by COBS, with its delimiter."""
     out = bytearray()
     for run in body.split(b"\0"):
         out += bytes([len(run) + 1]) + run  # a body is at most 200 bytes: no run is longer than 253
@@ -52,7 +52,7 @@ class Board:
     extra = b""  # at the end of every payload
     statuses: ClassVar[dict[int, int]] = {}  # command -> status it is refused with
     delay_s = 0.0  # of every answer
-    boots_s = 0.0  # deaf and silent for so long after power-on
+    boots_s = 0.0  # neither receives nor sends for so long after power-on
     lose: ClassVar[dict[int, int]] = {}  # command -> how many of its first answers are lost
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ class Board:
         os.close(self._master)
         os.close(self._slave)
 
-    # ---- the wire --------------------------------------------------------------------------------------------------
+    # ---- frames ----------------------------------------------------------------------------------------------------
 
     def frame(self, kind: int, payload: bytes) -> bytes:
         body = bytes([kind, self._seq]) + payload + self.extra
@@ -114,11 +114,11 @@ class Board:
         while data:
             try:
                 data = data[os.write(self._master, data) :]
-            except BlockingIOError:  # nobody reads: a real UART would drop it too
+            except BlockingIOError:  # no reader: a real UART would drop it too
                 return
 
     def chatter(self) -> bytes:
-        """What it says besides, each tick."""
+        """Return the bytes that it sends besides, each tick."""
         return b""
 
     def _run(self) -> None:
@@ -149,8 +149,8 @@ class Board:
     def sample(self) -> bytes:
         flags = 4 if self.timeout_s else 0
         head = struct.pack("<IIiBB", self.index, self.clock_us(), round(self.pressure), self.state, flags)
-        light = [(2000 + 40 * n + round(self.pressure / 100) + self.index % 3, 100 + n) for n in range(self.sensors)]
-        return self.frame(SAMPLE, head + b"".join(struct.pack("<HH", *pair) for pair in light))
+        counts = [(2000 + 40 * n + round(self.pressure / 100) + self.index % 3, 100 + n) for n in range(self.sensors)]
+        return self.frame(SAMPLE, head + b"".join(struct.pack("<HH", *pair) for pair in counts))
 
     # ---- commands --------------------------------------------------------------------------------------------------
 
@@ -221,25 +221,25 @@ class Board:
 
 
 class LosesStart(Board):
-    """Its first answers to START, SET_PRESSURE and SET_LIMITS are lost; it counts what it acts on."""
+    """Its first answers to START, SET_PRESSURE and SET_LIMITS are lost."""
 
     lose: ClassVar[dict[int, int]] = {START: 1, SET_PRESSURE: 2, SET_LIMITS: 1}
 
 
 class Late(Board):
-    """Every answer takes 200 ms: in time, but only just."""
+    """Every answer takes 200 ms: just in time."""
 
     delay_s = 0.2
 
 
 class TooLate(Board):
-    """Every answer takes 900 ms: a link that counts as lost."""
+    """Every answer takes 900 ms: the link counts as lost."""
 
     delay_s = 0.9
 
 
 class NoLimits(Board):
-    """Will not be told its limits."""
+    """Refuses limits."""
 
     statuses: ClassVar[dict[int, int]] = {SET_LIMITS: 6}
 
@@ -251,7 +251,7 @@ class NoWatchdog(Board):
 
 
 class NoStart(Board):
-    """Will not sample at any rate asked for."""
+    """Refuses every sampling rate."""
 
     statuses: ClassVar[dict[int, int]] = {START: 3}
 
@@ -265,7 +265,7 @@ class Slow(Board):
 
 
 class Four(Board):
-    """Four sensors, an identity of 16 characters that is no ASCII throughout, a clock about to wrap."""
+    """Has four sensors, an identity of 16 characters, not all ASCII, and a clock about to wrap."""
 
     sensors = 4
     identity = b"B\xd6ARD-WITHOUT-NU"
@@ -273,13 +273,13 @@ class Four(Board):
 
 
 class BootsLate(Board):
-    """Deaf and silent for two seconds after its port opened."""
+    """Neither receives nor sends for two seconds after its port opened."""
 
     boots_s = 2.0
 
 
 class Newer(Board):
-    """A newer minor version: every message is longer, of its own types there are many, and a LOG floods the line."""
+    """Has a newer minor version: longer messages, unknown types, and a LOG that floods the link."""
 
     extra = b"\xaa\x00\x55"
 
@@ -312,7 +312,7 @@ class Narrow(Board):
 
 
 class Leaks(Board):
-    """Never gets beyond 12 kPa, and says so itself after a while."""
+    """Never exceeds 12 kPa."""
 
     def _move(self, now_s: float, dt_s: float) -> None:
         super()._move(now_s, dt_s)
@@ -320,21 +320,21 @@ class Leaks(Board):
 
 
 class Drops(Board):
-    """Says honestly that it dropped samples: an index gap, the flag, and the event before it."""
+    """Reports samples that it dropped: an index gap, the flag, and the event before it."""
 
     def sample(self) -> bytes:
         if self.index == 150:
             self.index += 7
-            told = self.event(9, 7)
+            event = self.event(9, 7)
             frame = super().sample()
             body = bytearray(unstuffed(frame[:-1]))[:-4]
             body[15] |= 16
-            return told + stuffed(bytes(body) + struct.pack("<I", zlib.crc32(bytes(body))))
+            return event + stuffed(bytes(body) + struct.pack("<I", zlib.crc32(bytes(body))))
         return super().sample()
 
 
 class Trickles(Board):
-    """Its UART hands bytes over one by one, with empty frames between."""
+    """Its UART sends bytes one by one, with empty frames between."""
 
     def send(self, data: bytes) -> None:
         for at in range(len(data)):
@@ -343,7 +343,7 @@ class Trickles(Board):
 
 
 class Running(Board):
-    """Samples already as the host comes: an earlier one died; it holds its pressure, with no watchdog armed."""
+    """Samples before the host connects: an earlier host died; it holds its pressure, without a watchdog armed."""
 
     def reset(self) -> None:
         super().reset()
@@ -352,7 +352,7 @@ class Running(Board):
 
 
 class Latched(Board):
-    """Has latched a fault before the host came; its cause is gone."""
+    """Has latched a fault before the host connects; its cause is gone."""
 
     def reset(self) -> None:
         super().reset()
@@ -360,19 +360,19 @@ class Latched(Board):
 
 
 class NoSensors(Board):
-    """Says that it has no sensor at all, which no board may."""
+    """Reports that it has no sensor, which the contract forbids."""
 
     sensors = 0
 
 
 class NoScale(Board):
-    """Says that its converter has no bits, which no signal can be made of."""
+    """Reports a converter of no bits, from which no signal can be computed."""
 
     adc_bits = 0
 
 
 class NoVacuum(Board):
-    """Has limits that do not hold 0 kPa: whatever it is, no unit can be vented inside them."""
+    """Has limits that exclude 0 kPa: no unit can be vented within them."""
 
     hard_pa = (5_000, 70_000)
 

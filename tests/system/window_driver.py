@@ -1,4 +1,4 @@
-"""What journeys through the window need from outside it: a board that is unplugged, and a hand on the mouse."""
+"""Drives a scenario of the window from outside: a board that is unplugged, and mouse and keyboard of the screen."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SPEED = 20.0
 
 
 class RestartedBoard:
-    """A virtual board in a process that is killed and started again, with one identity, at one place."""
+    """A virtual board in a process that is killed and started again, with one identity at one port."""
 
-    def __init__(self, folder: Path, way: str, speed: float = SPEED) -> None:
+    def __init__(self, folder: Path, carrier: str, speed: float = SPEED) -> None:
         self._speed = speed
-        if way == "pty":
+        if carrier == "pty":
             self.port = str(folder / "board")
             self._place = ["--pty", "--link", self.port]
         else:
@@ -34,23 +34,23 @@ class RestartedBoard:
         self.start()
 
     def start(self) -> None:
-        """Plug it in; returns when it can be found."""
+        """Start the board and return when its port can be opened."""
         command = [sys.executable, "-m", "boat_daq", "board", *self._place, "--speed", f"{self._speed:g}", "--json"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE)
         assert self._process.stdout is not None
         self._process.stdout.readline()
 
     def kill(self) -> None:
-        """Pull the plug."""
+        """Kill the board's process, as an unplugged cable."""
         self._process.kill()
         self._process.wait()
 
 
-class Hand:
-    """A hand on the mouse and the keyboard of the screen: xdotool, so that the window cannot tell it from one."""
+class UserInput:
+    """Mouse and keyboard events of the screen by xdotool: the window receives them as a user's."""
 
-    def __init__(self, journey) -> None:
-        self.journey = journey
+    def __init__(self, scenario) -> None:
+        self.scenario = scenario
         self.clicks = self.keys = 0
 
     def click(self, widget: QWidget | str, *, at: QPoint | None = None) -> None:
@@ -58,7 +58,7 @@ class Hand:
         if isinstance(widget, str):
             found = (w for top in QApplication.topLevelWidgets() for w in top.findChildren(QPushButton))
             widget = next(b for b in found if b.text() == widget and b.isVisible())
-        self.journey.until(lambda: widget.isVisible() and widget.isEnabled(), f"to click {widget}", 30)
+        self.scenario.until(lambda: widget.isVisible() and widget.isEnabled(), f"to click {widget}", 30)
         place = widget.mapToGlobal(at or widget.rect().center())
         self._do("mousemove", str(place.x()), str(place.y()), "click", "1")
         self.clicks += 1
@@ -70,75 +70,75 @@ class Hand:
         self.keys += len(text) + 1
 
     @staticmethod
-    def _do(*words: str) -> None:
-        subprocess.run(["xdotool", *words], check=True)
+    def _do(*arguments: str) -> None:
+        subprocess.run(["xdotool", *arguments], check=True)
         QTest.qWait(40)
 
 
-def by_mouse(journey) -> None:
-    """First start to accepted calibration and PDF as a tired person does it: what is seen is clicked; two cycles."""
-    window, model, hand = journey.window, journey.window.model, Hand(journey)
+def by_mouse(scenario) -> None:
+    """Run the first start to accepted calibration and PDF by mouse and keyboard alone; two cycles."""
+    window, model, user = scenario.window, scenario.window.model, UserInput(scenario)
     focus(window)
-    hand.click("Connect a board \u2026")
+    user.click("Connect a board \u2026")
     panel = window.connect_panel
-    journey.until(panel.isVisible, "the panel")
+    scenario.until(panel.isVisible, "the panel")
     panel.speed.setCurrentIndex(panel.speed.findData(SPEED))  # a real session has no speed: not counted
-    hand.click(panel.virtual_button)
-    journey.until(model.live.has_data, "the first sample")
-    journey.note("connected")
+    user.click(panel.virtual_button)
+    scenario.until(model.live.has_data, "the first sample")
+    scenario.note("connected")
     focus(window)
     tabs, field = window.live.pane, window.live.plan.fields["cycles"]
-    hand.click(tabs.tabBar(), at=tabs.tabBar().tabRect(1).center())
-    hand.click(field)
+    user.click(tabs.tabBar(), at=tabs.tabBar().tabRect(1).center())
+    user.click(field)
     field.selectAll()
-    hand.type("2")
-    journey.until(lambda: model.sequence.plan.cycles == 2, "two cycles", 5)
-    hand.click("Arm")
-    hand.click("Start")
-    journey.until(lambda: journey.state() is SessionState.RUNNING, "running")
-    journey.note("started")
-    bar, asked, read = window.live.reading, None, 0
-    while journey.state() in (SessionState.RUNNING, SessionState.FINISHING):
+    user.type("2")
+    scenario.until(lambda: model.sequence.plan.cycles == 2, "two cycles", 5)
+    user.click("Arm")
+    user.click("Start")
+    scenario.until(lambda: scenario.state() is SessionState.RUNNING, "running")
+    scenario.note("started")
+    bar, last_step, read = window.live.reading, None, 0
+    while scenario.state() in (SessionState.RUNNING, SessionState.FINISHING):
         waiting = model.session.snapshot().waiting_for_reading
-        if waiting is None or waiting.step_id == asked or bar.asked != waiting.step_id:
+        if waiting is None or waiting.step_id == last_step or bar.asked != waiting.step_id:
             QTest.qWait(10)
             continue
-        hand.type(f"{model.connection.simulated_mm():.1f}")  # the field has the focus already
-        asked, read = waiting.step_id, read + 1
-    journey.note("run ended")
-    journey.until(window.strip.act.isVisible, "the next step's offer", 10)
-    hand.click(window.strip.act)
-    journey.until(lambda: model.calibration.result is not None, "the analysis", 90)
-    journey.note("analysed")
+        user.type(f"{model.connection.simulated_mm():.1f}")  # the field has the focus already
+        last_step, read = waiting.step_id, read + 1
+    scenario.note("run ended")
+    scenario.until(window.strip.act.isVisible, "the next step's offer", 10)
+    user.click(window.strip.act)
+    scenario.until(lambda: model.calibration.result is not None, "the analysis", 90)
+    scenario.note("analysed")
     page = window.pages["Calibrate"]
-    hand.click(page.accept)
-    journey.until(lambda: model.live.inverse is not None, "the live elongation", 60)
-    journey.note("accepted")
-    hand.click(page.report)
-    target = save_as(journey, hand, journey.folder / "by-mouse.pdf")
-    journey.until(lambda: target.exists() and model.jobs.get("report") is None, "the report", 120)
-    journey.note("PDF made")
-    journey.keep("12-done")
-    journey.done(
-        clicks=hand.clicks, keys=hand.keys, readings=read, said=journey.strip(),
+    user.click(page.accept)
+    scenario.until(lambda: model.live.inverse is not None, "the live elongation", 60)
+    scenario.note("accepted")
+    user.click(page.report)
+    target = save_as(scenario, user, scenario.folder / "by-mouse.pdf")
+    scenario.until(lambda: target.exists() and model.jobs.get("report") is None, "the report", 120)
+    scenario.note("PDF made")
+    scenario.keep("12-done")
+    scenario.done(
+        clicks=user.clicks, keys=user.keys, readings=read, message=scenario.strip(),
         report=target.read_bytes()[:5].decode("latin-1"),
     )  # fmt: skip
 
 
-def save_as(journey, hand: Hand, target: Path) -> Path:
-    """Type a name into the dialog that asks for one."""
-    dialog = journey.window.findChild(QFileDialog)
-    journey.until(dialog.isVisible, "the dialog")
-    journey.keep("11-report-dialog")
+def save_as(scenario, user: UserInput, target: Path) -> Path:
+    """Type a name into the file dialog and return its path."""
+    dialog = scenario.window.findChild(QFileDialog)
+    scenario.until(dialog.isVisible, "the dialog")
+    scenario.keep("11-report-dialog")
     names = dialog.findChild(QLineEdit)
     focus(dialog)
-    journey.until(names.hasFocus, "the name's field to have the focus", 5)
+    scenario.until(names.hasFocus, "the name's field to have the focus", 5)
     names.selectAll()
-    hand.type(str(target))
+    user.type(str(target))
     return target
 
 
 def focus(window: QWidget) -> None:
-    """Give a window the keyboard: no window manager is here to do it."""
+    """Give a window the keyboard focus: without a window manager nothing else does."""
     subprocess.run(["xdotool", "windowfocus", "--sync", str(int(window.winId()))], check=True)
     QTest.qWait(50)

@@ -1,8 +1,8 @@
-"""A journey through the real window, in a process of its own: started by `test_window_scenarios.py` under Xvfb.
+"""Scenarios of the real window, each in a process of its own: started by `test_window_scenarios.py` under Xvfb.
 
     python -m tests.system.window_scenarios NAME FOLDER [light|dark]
 
-Every deed is a click on a button that can be seen or a key on the window; screenshots of the screen go to FOLDER, the
+Every action is a click on a visible button or a key press; screenshots of the screen go to FOLDER, the
 times to standard output as JSON.
 """
 
@@ -26,8 +26,8 @@ from boat_daq.gui.main_window import MainWindow
 from tests.system.window_driver import SPEED, RestartedBoard, by_mouse
 
 
-class Journey:
-    """A window and what a hand does with it."""
+class Scenario:
+    """A window and the actions of its user."""
 
     def __init__(self, folder: Path, theme: str = "light") -> None:
         self.folder = folder
@@ -53,7 +53,7 @@ class Journey:
                 self.keep("failed")
                 self.save_pictures()
                 raise SystemExit(
-                    f"waited in vain for: {what}; strip: {self.strip()}; {self.window.model.snapshot.state}"
+                    f"timed out waiting for: {what}; strip: {self.strip()}; {self.window.model.snapshot.state}"
                 )
             QTest.qWait(20)
 
@@ -72,7 +72,7 @@ class Journey:
         QTest.keyClicks(widget or self.app.focusWidget(), text)
 
     def keep(self, name: str) -> None:
-        """Take a picture of the screen now; it is written at the end, when no board waits for us."""
+        """Take a screenshot now; it is written at the end, when no board is under pressure."""
         QTest.qWait(120)
         self.pictures.append((name, self.window.screen().grabWindow(0)))
 
@@ -81,17 +81,17 @@ class Journey:
             picture.save(str(self.folder / f"{name}.png"))
 
     def done(self, **more) -> None:
-        """Write pictures and times, close the window, leave."""
+        """Write screenshots and times, close the window, end the process."""
         self.window.close()
         self.note("closed")
         self.save_pictures()
         print(json.dumps({"times": self.times, **more}), flush=True)
-        os._exit(0)  # the interpreter's own end is not what is looked at here
+        os._exit(0)  # the interpreter's own shutdown is not part of the test
 
     # ---- parts of a session --------------------------------------------------------------------------------------
 
     def connect_virtual(self) -> None:
-        """Start a virtual board at `SPEED` from the panel, as a hand would."""
+        """Start a virtual board at `SPEED` from the connect panel."""
         self.click(self.window.header.link)
         panel = self.window.connect_panel
         self.until(panel.isVisible, "the connect panel")
@@ -112,7 +112,7 @@ class Journey:
         self.window.live.pane.setCurrentWidget(self.window.live.table)
 
     def connect_to(self, port: str) -> None:
-        """Type a port into the panel and connect, as a hand would."""
+        """Type a port into the connect panel and connect."""
         self.click(self.window.header.link)
         panel = self.window.connect_panel
         self.until(panel.isVisible, "the connect panel")
@@ -136,22 +136,22 @@ class Journey:
         return self.window.model.session.snapshot().state
 
     def run_plan(self, picture_at: int = 9) -> int:
-        """Arm, start, type every reading with Enter until the run has ended; returns the number of readings."""
+        """Arm, start, type every reading with Enter until the run has ended; return the number of readings."""
         model, bar = self.window.model, self.window.live.reading
         self.start_run()
-        read, asked = 0, None
+        read, last_step = 0, None
         while self.state() is SessionState.RUNNING or self.state() is SessionState.FINISHING:
             waiting = model.session.snapshot().waiting_for_reading
-            if waiting is None or waiting.step_id == asked:
+            if waiting is None or waiting.step_id == last_step:
                 QTest.qWait(10)
                 continue
-            self.until(lambda w=waiting: bar.isVisible() and bar.asked == w.step_id, "the question", 5)
+            self.until(lambda w=waiting: bar.isVisible() and bar.asked == w.step_id, "the reading field", 5)
             if read == picture_at:
                 self.keep("2-running")
             millimetres = model.connection.simulated_mm()
             self.keys(f"{millimetres:.1f}", bar.field)
             QTest.keyClick(bar.field, Qt.Key.Key_Return)
-            asked, read = waiting.step_id, read + 1
+            last_step, read = waiting.step_id, read + 1
         self.until(lambda: self.state() is SessionState.IDLE, "the end of the run")
         self.note("run ended")
         return read
@@ -192,25 +192,25 @@ class Journey:
         return target
 
 
-def whole_session(journey: Journey) -> None:
+def first_session(scenario: Scenario) -> None:
     """From the first start to an accepted calibration, its live elongation and a report."""
-    assert journey.window.live.first_steps.isVisible()
-    journey.keep("1-first-start")
-    journey.connect_virtual()
-    journey.choose_cycles(1)  # two are gone through by mouse, at night
-    read = journey.run_plan()
-    journey.calibrate()
-    journey.click(journey.window.navigation.buttons["Live"])
-    journey.window.live.pane.setCurrentWidget(journey.window.live.shadow)
-    journey.until(lambda: journey.window.model.shadow.model is not None, "the shadow", 90)
-    journey.window.model.session.set_pressure(30.0, 10.0)
+    assert scenario.window.live.first_steps.isVisible()
+    scenario.keep("1-first-start")
+    scenario.connect_virtual()
+    scenario.choose_cycles(1)  # the nightly test by mouse runs two
+    read = scenario.run_plan()
+    scenario.calibrate()
+    scenario.click(scenario.window.navigation.buttons["Live"])
+    scenario.window.live.pane.setCurrentWidget(scenario.window.live.shadow)
+    scenario.until(lambda: scenario.window.model.shadow.model is not None, "the shadow", 90)
+    scenario.window.model.session.set_pressure(30.0, 10.0)
     QTest.qWait(1500)
-    journey.keep("5-live-calibrated")
-    target = journey.report()
-    model = journey.window.model
+    scenario.keep("5-live-calibrated")
+    target = scenario.report()
+    model = scenario.window.model
     stored = model.units.load("SA1").calibration
     fits = [sensor["fit"] for sensor in stored.content["sensors"]]
-    journey.done(
+    scenario.done(
         readings=read,
         report=target.read_bytes()[:5].decode("latin-1"),
         r2=[fit["r2"] for fit in fits],
@@ -219,75 +219,75 @@ def whole_session(journey: Journey) -> None:
     )
 
 
-def killed(journey: Journey) -> None:
-    """Begin a run and be killed in it."""
-    journey.connect_virtual()
-    journey.choose_cycles(1)
-    journey.start_run()
-    journey.until(lambda: journey.window.model.session.snapshot().recorded_s > 12, "some seconds of recording")
+def killed(scenario: Scenario) -> None:
+    """Begin a run and kill this process in it."""
+    scenario.connect_virtual()
+    scenario.choose_cycles(1)
+    scenario.start_run()
+    scenario.until(lambda: scenario.window.model.session.snapshot().recorded_s > 12, "some seconds of recording")
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def recover(journey: Journey) -> None:
-    """The next start finds what was left and recovers it at a click."""
-    strip = journey.window.strip
-    journey.until(strip.act.isVisible, "the offer to recover")
-    offer = journey.strip()
-    journey.keep("6-recovery")
-    journey.click(strip.act)
-    model = journey.window.model
-    journey.until(lambda: model.jobs.get("recover") is None, "the recovery")
-    journey.click(journey.window.navigation.buttons["Runs"])
-    journey.until(
+def recover(scenario: Scenario) -> None:
+    """Recover the interrupted recording at a click and arm the rest of its run."""
+    strip = scenario.window.strip
+    scenario.until(strip.act.isVisible, "the offer to recover")
+    offer = scenario.strip()
+    scenario.keep("6-recovery")
+    scenario.click(strip.act)
+    model = scenario.window.model
+    scenario.until(lambda: model.jobs.get("recover") is None, "the recovery")
+    scenario.click(scenario.window.navigation.buttons["Runs"])
+    scenario.until(
         lambda: any(r.summary and r.summary.status == "recovered" for r in model.runs.runs), "the recovered run"
     )
-    journey.note("recovered")
+    scenario.note("recovered")
     killed_run, status = model.runs.runs[0].path, [r.summary.status for r in model.runs.runs if r.summary]
     samples = model.runs.runs[0].summary.samples
-    journey.connect_virtual()
-    journey.click(journey.window.navigation.buttons["Runs"])
-    page = journey.window.pages["Runs"]
+    scenario.connect_virtual()
+    scenario.click(scenario.window.navigation.buttons["Runs"])
+    page = scenario.window.pages["Runs"]
     page.list.selectRow(0)
-    journey.until(page.buttons["resume"].isVisible, "the offer to resume", 10)
-    journey.keep("6-resume")
-    journey.click(page.buttons["resume"])
-    journey.until(lambda: journey.state() is SessionState.ARMED, "armed again", 30)
-    journey.note("armed again")
+    scenario.until(page.buttons["resume"].isVisible, "the offer to resume", 10)
+    scenario.keep("6-resume")
+    scenario.click(page.buttons["resume"])
+    scenario.until(lambda: scenario.state() is SessionState.ARMED, "armed again", 30)
+    scenario.note("armed again")
     snapshot = model.session.snapshot()
-    journey.keep("7-recovered")
-    journey.done(
+    scenario.keep("7-recovered")
+    scenario.done(
         offer=offer, status=status, samples=samples, same_file=snapshot.recording == killed_run,
         target=snapshot.last.target_kpa == snapshot.last.target_kpa,
     )  # fmt: skip
 
 
-def vent(journey: Journey) -> None:
-    """Esc vents: with the window in front, with a menu open, with a field being typed in, while a helper computes."""
-    model = journey.window.model
-    journey.connect_virtual()
+def vent(scenario: Scenario) -> None:
+    """Press Esc under pressure: with the window in front, a menu open, a field in use, a helper computing."""
+    model = scenario.window.model
+    scenario.connect_virtual()
     measured = {}
     for name in ("page", "menu", "field", "working"):
         model.session.set_pressure(30.0, 10.0)
-        journey.until(lambda: model.session.snapshot().last.pressure_kpa > 20, "pressure", 20)
-        prepare_for_vent(journey, name)
+        scenario.until(lambda: model.session.snapshot().last.pressure_kpa > 20, "pressure", 20)
+        prepare_for_vent(scenario, name)
         QTest.qWait(100)
         began = time.perf_counter()
         subprocess.run(["xdotool", "key", "Escape"], check=True)
-        journey.until(lambda: model.session.snapshot().last.pressure_kpa < 5, f"vented from {name}", 20)
+        scenario.until(lambda: model.session.snapshot().last.pressure_kpa < 5, f"vented from {name}", 20)
         measured[name] = round(time.perf_counter() - began, 3)
         for popup in (QApplication.activePopupWidget(),):
             if popup is not None:
                 popup.close()
         model.jobs.close()
-        journey.until(lambda: abs(model.session.snapshot().last.pressure_kpa) < 0.5, "at rest again", 20)
-        QTest.qWait(800)  # the check before the next pressure looks back a moment
-    journey.done(vented_s=measured)
+        scenario.until(lambda: abs(model.session.snapshot().last.pressure_kpa) < 0.5, "at rest again", 20)
+        QTest.qWait(800)  # the check before the next pressure averages over a moment
+    scenario.done(vented_s=measured)
 
 
-def prepare_for_vent(journey: Journey, name: str) -> None:
+def prepare_for_vent(scenario: Scenario, name: str) -> None:
     """Bring the window into a state in which Esc must still vent."""
-    window = journey.window
-    subprocess.run(["xdotool", "windowfocus", "--sync", str(int(window.winId()))], check=True)  # no manager is here to
+    window = scenario.window
+    subprocess.run(["xdotool", "windowfocus", "--sync", str(int(window.winId()))], check=True)  # no window manager does
     if name == "menu":
         menu = window.menuBar().actions()[0].menu()
         menu.popup(window.mapToGlobal(QPoint(5, 20)))
@@ -297,7 +297,7 @@ def prepare_for_vent(journey: Journey, name: str) -> None:
     if name == "working":
         from boat_daq.viewmodels.common.jobs import Job
 
-        window.model.jobs.start("busy", Job("Working hard", keep_busy), lambda job: None)
+        window.model.jobs.start("busy", Job("Computing", keep_busy), lambda job: None)
         QTest.qWait(300)
 
 
@@ -308,81 +308,82 @@ def keep_busy() -> None:
         sum(i * i for i in range(10_000))
 
 
-def unplug(journey: Journey, way: str = "pty") -> None:
-    """Lose the board in the middle of a run and find it again: shown, data kept, nothing under pressure by itself."""
-    board = RestartedBoard(journey.folder, way)
-    window, model = journey.window, journey.window.model
-    journey.connect_to(board.port)
-    journey.choose_cycles(1)
-    journey.start_run()
-    journey.until(lambda: model.session.snapshot().last.pressure_kpa > 30, "pressure")
+def unplug(scenario: Scenario, carrier: str = "pty") -> None:
+    """Lose the board in a run and find it again: shown, data stored, no pressure until requested."""
+    board = RestartedBoard(scenario.folder, carrier)
+    window, model = scenario.window, scenario.window.model
+    scenario.connect_to(board.port)
+    scenario.choose_cycles(1)
+    scenario.start_run()
+    scenario.until(lambda: model.session.snapshot().last.pressure_kpa > 30, "pressure")
     recorded_s, kept = model.session.snapshot().recorded_s, len(model.session.ring)
 
     board.kill()
     began = time.perf_counter()
-    journey.until(lambda: "unplugged" in window.header.link.text(), "the loss in the head", 10)
+    scenario.until(lambda: "unplugged" in window.header.link.text(), "the loss in the head", 10)
     shown_s = time.perf_counter() - began
-    journey.until(lambda: journey.state() is SessionState.FAULT, "the fault", 5)
-    journey.keep("7-unplugged")
-    said = journey.strip()
+    scenario.until(lambda: scenario.state() is SessionState.FAULT, "the fault", 5)
+    scenario.keep("7-unplugged")
+    message = scenario.strip()
 
     board.start()
     began = time.perf_counter()
-    journey.until(lambda: "connected" in window.header.link.text(), "the board again", 15)
+    scenario.until(lambda: "connected" in window.header.link.text(), "the board again", 15)
     back_s = time.perf_counter() - began
-    journey.until(lambda: len(model.session.ring) > kept + 300, "samples again", 15)
-    journey.keep("8-replugged")
+    scenario.until(lambda: len(model.session.ring) > kept + 300, "samples again", 15)
+    scenario.keep("8-replugged")
     at_rest = max(abs(float(p)) for p in model.session.ring.view(last=200)["pressure_kpa"])
-    state, target = journey.state(), model.session.snapshot().last.target_kpa
+    state, target = scenario.state(), model.session.snapshot().last.target_kpa
 
-    journey.click(window.live.sequence.buttons["clear"])
-    journey.until(lambda: journey.state() is not SessionState.FAULT, "the fault cleared", 10)
+    scenario.click(window.live.sequence.buttons["clear"])
+    scenario.until(lambda: scenario.state() is not SessionState.FAULT, "the fault cleared", 10)
     QTest.qWait(500)
     target_later = model.session.snapshot().last.target_kpa
     recording = model.session.snapshot().recording
-    window.model.undo.clear()
     model.run.toggle_recording()
-    journey.until(lambda: model.session.snapshot().recording is None, "the recording closed")
+    scenario.until(lambda: model.session.snapshot().recording is None, "the recording closed")
     board.kill()
-    journey.done(
-        shown_s=round(shown_s, 2), back_s=round(back_s, 2), said=said, state=state.value, at_rest_kpa=at_rest,
+    scenario.done(
+        shown_s=round(shown_s, 2), back_s=round(back_s, 2), message=message, state=state.value, at_rest_kpa=at_rest,
         targets=[target == target, target_later == target_later], recorded_s=recorded_s, recording=str(recording),
     )  # fmt: skip
 
 
-def hundred_cycles(journey: Journey, speed: str = "100") -> None:
-    """The plan of a hundred cycles, watched on its page while it runs; then its figures."""
-    board = RestartedBoard(journey.folder, "pty", float(speed))
-    window, model = journey.window, journey.window.model
-    journey.connect_to(board.port)
-    journey.click(window.navigation.buttons["Repeat"])
-    journey.click("Choose the plan")
-    journey.until(lambda: model.sequence.plan.name == "repeatability", "the plan")
-    journey.start_run()
-    journey.click(window.navigation.buttons["Repeat"])
+def hundred_cycles(scenario: Scenario, speed: str = "100") -> None:
+    """Run the plan of a hundred cycles with its page open, then print its figures."""
+    board = RestartedBoard(scenario.folder, "pty", float(speed))
+    window, model = scenario.window, scenario.window.model
+    scenario.connect_to(board.port)
+    scenario.click(window.navigation.buttons["Repeat"])
+    scenario.click("Choose the plan")
+    scenario.until(lambda: model.sequence.plan.name == "repeatability", "the plan")
+    scenario.start_run()
+    scenario.click(window.navigation.buttons["Repeat"])
     while_running = 0
-    model = model.repeatability
-    while journey.state() in (SessionState.RUNNING, SessionState.FINISHING):
+    repeatability = model.repeatability
+    while scenario.state() in (SessionState.RUNNING, SessionState.FINISHING):
         QTest.qWait(50)
-        if model.result is not None and not while_running:
-            while_running = model.result.cycles
-            journey.keep("9-repeat-running")
-    journey.note("run ended")
+        if repeatability.result is not None and not while_running:
+            while_running = repeatability.result.cycles
+            scenario.keep("9-repeat-running")
+    scenario.note("run ended")
     ended = model.session.snapshot().run_ended
     assert ended is not None
-    journey.until(
-        lambda: model.result is not None and model.result.cycles == model.sequence.plan.cycles, "all cycles", 120
+    scenario.until(
+        lambda: repeatability.result is not None and repeatability.result.cycles == model.sequence.plan.cycles,
+        "all cycles",
+        120,
     )
-    journey.note("all cycles shown")
+    scenario.note("all cycles shown")
     QTest.qWait(300)
-    journey.keep("10-repeat")
+    scenario.keep("10-repeat")
     figures = [
         {"cycles": s.cycles.snr_db.size, "snr_db": float(s.cycles.snr_db.mean()), "unit": s.cycles.sensitivity_unit,
          "sensitivity": float(s.cycles.sensitivity.mean()), "hysteresis": float(s.cycles.hysteresis_percent_fso.mean())}
-        for s in model.result.sensors
+        for s in repeatability.result.sensors
     ]  # fmt: skip
     board.kill()
-    journey.done(
+    scenario.done(
         ended=str(ended.end),
         while_running=while_running,
         figures=figures,
@@ -390,10 +391,10 @@ def hundred_cycles(journey: Journey, speed: str = "100") -> None:
     )
 
 
-JOURNEYS = {
+SCENARIOS = {
     "unplug": unplug,
     "hundred_cycles": hundred_cycles,
-    "whole_session": whole_session,
+    "first_session": first_session,
     "killed": killed,
     "recover": recover,
     "vent": vent,
@@ -401,5 +402,5 @@ JOURNEYS = {
 }
 
 if __name__ == "__main__":
-    name, _, of = sys.argv[1].partition(":")
-    JOURNEYS[name](Journey(Path(sys.argv[2]), *sys.argv[3:]), *filter(None, [of]))
+    name, _, option = sys.argv[1].partition(":")
+    SCENARIOS[name](Scenario(Path(sys.argv[2]), *sys.argv[3:]), *filter(None, [option]))

@@ -13,46 +13,46 @@ import sys
 from pathlib import Path
 
 from boat_daq.engine.snapshot import SessionState
-from tests.system.window_scenarios import SPEED, Journey
+from tests.system.window_scenarios import SPEED, Scenario
 
 SAMPLE = Path(__file__).resolve().parents[2] / "recordings" / "simulated_SA1_two_cycles.boat"
-GOING = (SessionState.RUNNING, SessionState.FINISHING)
+ACTIVE = (SessionState.RUNNING, SessionState.FINISHING)
 
 
-def watch(journey: Journey, seed: str, cycles: int, fault: str | None) -> None:
-    """Calibrate, connect, run cycles with the shadow's page open; say which alarms came."""
-    model = journey.window.model
+def watch(scenario: Scenario, seed: str, cycles: int, fault: str | None) -> None:
+    """Calibrate, connect, run cycles with the shadow's page open; print the alarms."""
+    model = scenario.window.model
     model.calibration.analyse(SAMPLE)
-    journey.until(lambda: model.calibration.result is not None, "the analysis", 120)
+    scenario.until(lambda: model.calibration.result is not None, "the analysis", 120)
     model.calibration.request_acceptance()
     model.shadow.prepare()
-    journey.until(lambda: model.shadow.model is not None, "the shadow", 120)
+    scenario.until(lambda: model.shadow.model is not None, "the shadow", 120)
     command = [sys.executable, "-m", "boat_daq", "board", "--pty", "--speed", f"{SPEED:g}", "--seed", seed]
     board = subprocess.Popen(command + (["--fault", fault] if fault else []), stdout=subprocess.PIPE, text=True)
     assert board.stdout is not None
     model.connection.connect(board.stdout.readline().strip())
-    journey.until(model.connected, "the board")
-    journey.until(lambda: model.live.inverse is not None, "the live elongation")
+    scenario.until(model.connected, "the board")
+    scenario.until(lambda: model.live.inverse is not None, "the live elongation")
     model.sequence.choose("repeatability")
     model.sequence.plan = dataclasses.replace(model.sequence.plan, cycles=cycles)
-    journey.click(journey.window.live.sequence.buttons["arm"])
-    journey.until(lambda: journey.state() is SessionState.ARMED, "armed")
-    journey.click(journey.window.live.sequence.buttons["start"])
-    journey.until(lambda: journey.state() is SessionState.RUNNING, "running")
-    journey.click(journey.window.navigation.buttons["Shadow"])
+    scenario.click(scenario.window.live.sequence.buttons["arm"])
+    scenario.until(lambda: scenario.state() is SessionState.ARMED, "armed")
+    scenario.click(scenario.window.live.sequence.buttons["start"])
+    scenario.until(lambda: scenario.state() is SessionState.RUNNING, "running")
+    scenario.click(scenario.window.navigation.buttons["Shadow"])
     for frame in range(6):
-        journey.until(lambda n=frame: len(model.monitor.marks) > n, "a cycle", 60)
-        journey.keep(f"shadow-{frame}")
-    journey.until(lambda: journey.state() not in GOING, "the end of the run", 180)
-    journey.until(lambda: len(model.monitor.marks) >= cycles - 1, "the last cycle", 20)
-    journey.keep("shadow-end")
+        scenario.until(lambda n=frame: len(model.monitor.marks) > n, "a cycle", 60)
+        scenario.keep(f"shadow-{frame}")
+    scenario.until(lambda: scenario.state() not in ACTIVE, "the end of the run", 180)
+    scenario.until(lambda: len(model.monitor.marks) >= cycles - 1, "the last cycle", 20)
+    scenario.keep("shadow-end")
     board.terminate()
     board.wait()
     rows = [dataclasses.astuple(row) for row in model.monitor.rows()]
     alarms = [(a.illness, a.since_cycle, a.cycle) for a in model.monitor.alarms]
-    journey.done(cycles=len(model.monitor.marks), alarms=alarms, rows=rows)
+    scenario.done(cycles=len(model.monitor.marks), alarms=alarms, rows=rows)
 
 
 if __name__ == "__main__":
     folder, seed, cycles, *fault = sys.argv[1:]
-    watch(Journey(Path(folder)), seed, int(cycles), fault[0] if fault else None)
+    watch(Scenario(Path(folder)), seed, int(cycles), fault[0] if fault else None)

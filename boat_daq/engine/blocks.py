@@ -1,8 +1,8 @@
 """A block: bytes of one read or write and the events decoded from them, passed from the reading thread to the sinks.
 
 Rules: a block is a value, shared by all sinks and changed by none. Every byte that came or went is in exactly one
-block, so the blocks of a session, in order, are the session. What the engine itself detects (port gone, silence, a
-sink that failed) comes the same way, as an event in a block, so that one stream holds everything in order.
+block, so the blocks of a session, in order, are the session. What the engine itself detects (port gone, silence, a sink
+that failed) comes the same way, as an event in a block, so that one stream holds everything in order.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The log: what the program did, in a file of bounded size, for the analysis of a fault.
 
-Rules: `note` only puts a line into a bounded queue; a thread of the log's own writes it. A queue that is full drops
-the line and counts it, so that neither the reader nor the recorder ever waits for a disk here. A process
-has a log of its own, named by its start, in the platform's folder (or BOAT_DAQ_HOME/log); it rotates at `FILE_BYTES`,
-and logs beyond `FOLDER_BYTES` are removed, the oldest first. Tracebacks are written here and nowhere else. Before
-`start_log`, and in a script that never calls it, every note is discarded.
+Rules: `note` only puts a line into a bounded queue; a thread of the log's own writes it. A queue that is full drops the
+line and counts it, so that neither the reader nor the recorder ever waits for a disk here. A process has a log of its
+own, named by its start, in the platform's folder (or BOAT_DAQ_HOME/log); it rotates at `FILE_BYTES`, and logs beyond
+`FOLDER_BYTES` are removed, the oldest first. Tracebacks are written here and nowhere else. Before `start_log`, and in a
+script that never calls it, every note is discarded.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ Neighbouring cycles share the plateau at `high_kpa`: it is held once, numbered a
 and is also the point at which the next one begins. The plateau that opens the run belongs to no cycle and is marked
 "start". So every cycle owns the same number of plateaus (its nine below and nine above in the calibration plan, -40 and
 the closing +50 among them), none is counted twice in a fit, and each branch is whole when the plateau before its first
-one is taken as its beginning. The opening plateau is held until it is steady like every other, so that the first
-cycle begins from the same history as the rest.
+one is taken as its beginning. The opening plateau is held until it is steady like every other, so that the first cycle
+begins from the same history as the rest.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Stored settings and the library of units, each a small TOML file.
 
 Rules. A file is replaced whole or not at all: written beside, flushed to the disk, renamed; the one before stays as
-`.bak`. An edited file with an error is refused by key (`toml_values`), and no default silently replaces a limit.
-Files carry a version; a newer one than this program's is refused, so that an older program never cuts it down. The
-folders are the system's own (platformdirs), or the one in the environment variable BOAT_DAQ_HOME. A file that a disk
-destroyed (gone, empty, no text) is replaced by its backup, with a warning (`take_warnings`); one that editing made
-unreadable is refused instead, because its backup would undo the edit, a tighter limit perhaps.
+`.bak`. An edited file with an error is refused by key (`toml_values`), and no default silently replaces a limit. Files
+carry a version; a newer one than this program's is refused, so that an older program never cuts it down. The folders
+are the system's own (platformdirs), or the one in the environment variable BOAT_DAQ_HOME. A file that a disk destroyed
+(gone, empty, no text) is replaced by its backup, with a warning (`take_warnings`); one that editing made unreadable is
+refused instead, because its backup would undo the edit, a tighter limit perhaps.
 
 A unit keeps its limits and every calibration that was ever stored with it. Calibrations are added, never changed: the
 last accepted one is in force; a withdrawal is a newer entry that is not accepted.

@@ -1,8 +1,7 @@
 """A session's state as frozen values, taken under its lock, for pages and commands to show.
 
 Nothing here acts. A page calls `Session.snapshot()` up to 30 times a second, compares with the one before, and shows
-the difference. Pressure is in kPa (gauge), time in seconds of
-board time unless a name says otherwise.
+the difference. Pressure is in kPa (gauge), time in seconds of board time unless a name says otherwise.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def test_local_scheduler_needs_no_option(address: str) -> None:
 
 def test_boards_are_local_by_default() -> None:
     """Without the option a host connects, and a virtual board listens, on this computer only."""
-    with pytest.raises(DeviceError, match="not this machine") as host:
+    with pytest.raises(DeviceError, match="another machine") as host:
         open_transport("socket://192.0.2.1:7777")
     with pytest.raises(OperatorError) as board:
         TcpCarrier("0.0.0.0:0")

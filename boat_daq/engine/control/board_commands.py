@@ -1,7 +1,7 @@
 """Commands to one board, and what its answers, refusals and missing answers mean.
 
-A refused command is not done, and a command without an answer is not known to be done: under pressure both are trips.
-A vent is repeated until it is acknowledged. Nothing here commands a pressure; `Controller` does.
+A refused command is not done, and a command without an answer is not known to be done: under pressure both are trips. A
+vent is repeated until it is acknowledged. Nothing here commands a pressure; `Controller` does.
 """
 
 from __future__ import annotations

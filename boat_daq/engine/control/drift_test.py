@@ -1,13 +1,13 @@
 """Is a plateau steady? A drift with its own uncertainty, from samples that are not independent.
 
 The slope of a least-squares line through the window is the drift of a channel; its standard error follows from the
-residuals' scatter. Neighbouring samples resemble each other (the pump's lag, the
-converter's filter), so n samples count only as n_eff = n (1 - r) / (1 + r), r the residuals' lag-1 autocorrelation
-(Santer et al., J. Geophys. Res. 105 (2000) 7337, eq. 6), never more than n.
+residuals' scatter. Neighbouring samples resemble each other (the pump's lag, the converter's filter), so n samples
+count only as n_eff = n (1 - r) / (1 + r), r the residuals' lag-1 autocorrelation (Santer et al., J. Geophys. Res. 105
+(2000) 7337, eq. 6), never more than n.
 
-A plateau is steady when no drift faster than a stated tolerance is credible: |slope| + K * standard error <=
-tolerance, in every channel. This is a test of equivalence. A test that the slope does not differ from zero would
-pass any channel that is noisy enough. Here a noisier channel needs a longer window.
+A plateau is steady when no drift faster than a stated tolerance is credible: |slope| + K * standard error <= tolerance,
+in every channel. This is a test of equivalence. A test that the slope does not differ from zero would pass any channel
+that is noisy enough. Here a noisier channel needs a longer window.
 """
 
 from __future__ import annotations

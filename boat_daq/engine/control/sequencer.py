@@ -8,8 +8,8 @@
 
 Rules. It runs on board time. It requests pressures with `GoTo` and never commands one: the interlock does. Every exit
 from running requests a vent, and a run has exactly one `RunEnding`. A pause vents, so that no unit is touched under
-pressure: the present cycle is left out, and the run resumes with the next number from the opening plateau, until it
-has as many complete cycles as the plan. Numbers of steps and cycles are never used twice.
+pressure: the present cycle is left out, and the run resumes with the next number from the opening plateau, until it has
+as many complete cycles as the plan. Numbers of steps and cycles are never used twice.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """One step of a run, watched sample by sample: has the pressure arrived, settled, and is the plateau steady?
 
 Arrival is judged by the measured pressure alone, so that a board that never reports HOLDING works as well. The outcome
-depends on the samples and their board time only, not on how they were cut into blocks, so that a run at 100 times
-real time takes the same decisions at the same samples.
+depends on the samples and their board time only, not on how they were cut into blocks, so that a run at 100 times real
+time takes the same decisions at the same samples.
 
 - *arrived*: the first sample of the present stay within `tolerance_kpa` of the target. Leaving ends the stay.
 - *settled*: `settling_s` later, still within.

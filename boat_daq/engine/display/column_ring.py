@@ -1,8 +1,8 @@
 """A ring of columns in fixed memory, written by one thread and copied by any other without a lock.
 
 The writer publishes how far it is about to write before it writes, and how far it has written afterwards. A reader
-copies, compares again, and drops what may have been overwritten meanwhile: always the oldest. Entries are counted
-from the first ever, so an index stays right while the ring turns.
+copies, compares again, and drops what may have been overwritten meanwhile: always the oldest. Entries are counted from
+the first ever, so an index stays right while the ring turns.
 """
 
 from __future__ import annotations

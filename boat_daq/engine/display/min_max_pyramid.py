@@ -1,9 +1,9 @@
 """Minima and maxima of a long record at several widths, kept up as it grows, so that any span is drawn at once.
 
-Level 0 is the record itself; an entry of level j holds first time, last time, minimum and maximum of every column
-over 4**j samples. A span is drawn from the finest level that reaches back far enough and has few enough entries in
-it; the newest samples, not yet enough for an entry there, come from the levels below. No peak is lost at any width.
-NaN is no value: an entry is NaN only if all its samples are.
+Level 0 is the record itself; an entry of level j holds first time, last time, minimum and maximum of every column over
+4**j samples. A span is drawn from the finest level that reaches back far enough and has few enough entries in it; the
+newest samples, not yet enough for an entry there, come from the levels below. No peak is lost at any width. NaN is no
+value: an entry is NaN only if all its samples are.
 """
 
 from __future__ import annotations

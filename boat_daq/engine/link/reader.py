@@ -1,10 +1,10 @@
 """The one reading thread: transport.read -> link.receive -> sinks, in that order, and nothing else.
 
-Rules: no disk, no screen, no sleep on this thread. Every sink sees every block in the same order. A sink that raises
-is reported in a block of its own, once, and called again with the next; reading never stops for it. The link is used
-under one lock, so `send` may be called from any thread and writes at once: a vent does not wait for the reader. What
-was sent comes to the sinks as blocks too, on the reading thread. No lock is held while a sink runs, so a sink may call
-anything here, and so may a thread that a sink waits for.
+Rules: no disk, no screen, no sleep on this thread. Every sink sees every block in the same order. A sink that raises is
+reported in a block of its own, once, and called again with the next; reading never stops for it. The link is used under
+one lock, so `send` may be called from any thread and writes at once: a vent does not wait for the reader. What was sent
+comes to the sinks as blocks too, on the reading thread. No lock is held while a sink runs, so a sink may call anything
+here, and so may a thread that a sink waits for.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Fault drills: a fault is injected into a virtual board, and what the program saw is held against the board's truth.
+"""Fault drills: a fault is injected into a virtual board, and the program's results are compared with its truth.
 
 Strategy: a drill serves a board on a real port, lets a real session record from it, and compares three things: the
-recording, what the session said, and the CSV in which the board keeps the truth of each sampling instant
-(`drill_bench`).
+recording, what the session reported, and the CSV in which the board keeps the truth of each sampling instant
+(`test_rig`).
 
 Rules: a drill states each of its criteria with what was seen; an exception in a drill is a failure of it. Everything
-here is SIMULATED: it tries program, computer, disk and port, not the lab's board.
+here is SIMULATED: it tests program, computer, disk and port, not the lab's board.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from boat_daq.engine.qualification.test_rig import (
     nothing_lost,
     nothing_wrong,
     recorder_under_pressure,
-    said,
+    reported,
     slow_commits,
     vented,
 )
@@ -55,92 +55,92 @@ STAIRS = Plan(
 )  # fmt: skip
 
 
-def loss(bench: DrillRig) -> DrillResult:
+def loss(rig: DrillRig) -> DrillResult:
     """Frames that never arrive, and samples that the board itself drops."""
     faults = ("index_gap@4:1", "index_gap@6:7", "index_gap@8:255", "dropped@14:10", "drop_byte@16:0.0005")
-    with bench.board(*faults) as board, bench.recording(board) as session:
+    with rig.board(*faults) as board, rig.recording(board) as session:
         session.wait(lambda s: s.last is not None and s.last.time_s > 30, WAIT_S)
-    found = compare(bench)
-    criteria = (loss_is_exact(found), nothing_wrong(found), _happened(found.missing >= 273, found), identical(bench))
+    found = compare(rig)
+    criteria = (loss_is_exact(found), nothing_wrong(found), _happened(found.missing >= 273, found), identical(rig))
     injected = "1, 7 and 255 frames, one byte in 2,000, 10 dropped by the board"
     return DrillResult("loss", injected, criteria, lost(found), counts(found))
 
 
-def flips(bench: DrillRig) -> DrillResult:
+def flips(rig: DrillRig) -> DrillResult:
     """One byte in a thousand with a flipped bit."""
-    with bench.board("bit_flips@3:1e-3") as board, bench.recording(board) as session:
+    with rig.board("bit_flips@3:1e-3") as board, rig.recording(board) as session:
         session.wait(lambda s: s.last is not None and s.last.time_s > 50, WAIT_S)
-    found = compare(bench)
+    found = compare(rig)
     criteria = (
         nothing_wrong(found),
         loss_is_exact(found),
         _happened(found.summary.crc_errors > 0, found),
-        identical(bench),
+        identical(rig),
     )
     return DrillResult("flips", "a bit of one byte in 1,000 flipped", criteria, lost(found), counts(found))
 
 
-def unplug(bench: DrillRig) -> DrillResult:
+def unplug(rig: DrillRig) -> DrillResult:
     """The cable is pulled under pressure and put in again."""
-    with bench.board("unplug@14:20") as board, bench.recording(board) as session:
-        bench.run_plan(session, dataclasses.replace(PLAN, cycles=20))
+    with rig.board("unplug@14:20") as board, rig.recording(board) as session:
+        rig.run_plan(session, dataclasses.replace(PLAN, cycles=20))
         ended = session.snapshot()
         again = session.wait(lambda s: s.link is LinkState.UP and s.last is not None and s.last.time_s > 38, WAIT_S)
-    found = compare(bench)
+    found = compare(rig)
     back_kpa = found.truth[found.truth[:, 0] > 36e6, 1]
     highest = float(np.abs(back_kpa).max()) if len(back_kpa) else float("nan")
     criteria = (
         Criterion("the run ends in a fault", f"{ended.state}: {ended.latched}", ended.state is SessionState.FAULT),
         Criterion("the board is found again", str(again.link), again.link is LinkState.UP),
         Criterion(
-            "no pressure goes on by itself", f"at most {highest:.2f} kPa once it is back", bool(highest <= VENTED_KPA)
+            "no pressure resumes by itself", f"at most {highest:.2f} kPa once it is back", bool(highest <= VENTED_KPA)
         ),
         loss_is_exact(found),
         nothing_wrong(found),
         vented(found),
-        identical(bench),
+        identical(rig),
     )
     return DrillResult("unplug", "port gone for 20 s of board time, in a run", criteria, lost(found), counts(found))
 
 
-def pump_stall(bench: DrillRig) -> DrillResult:
+def pump_stall(rig: DrillRig) -> DrillResult:
     """Pumps that get no further than 30 kPa."""
-    with bench.board("stall@0:30") as board, bench.recording(board) as session:
-        bench.run_plan(session, PLAN)
+    with rig.board("stall@0:30") as board, rig.recording(board) as session:
+        rig.run_plan(session, PLAN)
         ended = session.snapshot()
-    found = compare(bench)
+    found = compare(rig)
     state = ended.state in (SessionState.ABORTED, SessionState.FAULT)
     criteria = (
-        Criterion("the run is given up", f"{ended.state}: {ended.run_ended}", state),
-        said(found, ("step_timeout", "target_not_reached_pa"), "the recording says that the target was not reached"),
+        Criterion("the run is aborted", f"{ended.state}: {ended.run_ended.text if ended.run_ended else ''}", state),
+        reported(found, ("step_timeout", "target_not_reached_pa"), "the recording reports a target not reached"),
         Criterion("no cycle counts", f"{found.summary.cycles.complete} complete", found.summary.cycles.complete == 0),
         vented(found),
         nothing_lost(found),
-        identical(bench),
+        identical(rig),
     )
     return DrillResult("stall", "pumps get no further than 30 kPa", criteria, lost(found), counts(found))
 
 
-def leak(bench: DrillRig) -> DrillResult:
+def leak(rig: DrillRig) -> DrillResult:
     """A bladder that leaks behind the gauge: the pressure holds, the elongation does not."""
-    with bench.board("leak@0:150") as board, bench.recording(board) as session:
-        bench.run_plan(session, STAIRS)
-    found = compare(bench)
+    with rig.board("leak@0:150") as board, rig.recording(board) as session:
+        rig.run_plan(session, STAIRS)
+    found = compare(rig)
     criteria = (
-        said(found, ("not_steady",), "a plateau that drifts is said to be not steady"),
+        reported(found, ("not_steady",), "a drifting plateau is reported as not steady"),
         vented(found),
         nothing_lost(found),
-        identical(bench),
+        identical(rig),
     )
     return DrillResult("leak", "150 % of the bladder lost a minute", criteria, lost(found), counts(found))
 
 
-def ambient_flash(bench: DrillRig) -> DrillResult:
+def ambient_flash(rig: DrillRig) -> DrillResult:
     """A lamp is switched on beside the sensor."""
     lamp_s = 15.0
-    with bench.board(f"ambient_step@{lamp_s:g}:300") as board, bench.recording(board) as session:
+    with rig.board(f"ambient_step@{lamp_s:g}:300") as board, rig.recording(board) as session:
         session.wait(lambda s: s.last is not None and s.last.time_s > 2 * lamp_s, WAIT_S)
-    found = compare(bench)
+    found = compare(rig)
     behind = found.samples["time_us"] > lamp_s * 1e6 + 1e5
     before = found.samples["time_us"] < lamp_s * 1e6
     dark = found.samples["dark"].astype(float)
@@ -151,94 +151,94 @@ def ambient_flash(bench: DrillRig) -> DrillResult:
     n = min(int(behind.sum()), int(before.sum()))
     bound = 5.0 * float(scale * signal[before].std(axis=0).max()) * np.sqrt(2.0 / max(n, 1)) + 0.05
     criteria = (
-        Criterion("the lamp is seen by the dark reading", f"{moved:.0f} mV", moved > 200),
+        Criterion("the dark reading shows the lamp", f"{moved:.0f} mV", moved > 200),
         Criterion(f"the signal does not move, to {bound:.2f} mV", f"{shift:.3f} mV", shift <= bound),
         nothing_lost(found),
-        identical(bench),
+        identical(rig),
     )
     return DrillResult("ambient flash", "a lamp beside the sensors, 300 mV", criteria, lost(found), counts(found))
 
 
-def estop(bench: DrillRig) -> DrillResult:
+def estop(rig: DrillRig) -> DrillResult:
     """The e-stop is pressed in a run."""
-    with bench.board("estop@12:30") as board, bench.recording(board) as session:
-        bench.run_plan(session, dataclasses.replace(PLAN, cycles=20))
+    with rig.board("estop@12:30") as board, rig.recording(board) as session:
+        rig.run_plan(session, dataclasses.replace(PLAN, cycles=20))
         ended = session.snapshot()
         session.wait(lambda s: s.last is not None and s.last.time_s > 20, WAIT_S)
-    found = compare(bench)
+    found = compare(rig)
     criteria = (
         Criterion("the run ends in a fault", f"{ended.state}: {ended.latched}", ended.state is SessionState.FAULT),
         vented(found),
         nothing_lost(found),
-        identical(bench),
+        identical(rig),
     )
     return DrillResult("e-stop", "pressed in a run", criteria, lost(found), counts(found))
 
 
-def kill(bench: DrillRig) -> DrillResult:
+def kill(rig: DrillRig) -> DrillResult:
     """The program is killed without a warning, under pressure."""
-    with bench.board(speed=4.0) as board, recorder_under_pressure(bench, board) as process:
+    with rig.board(speed=4.0) as board, recorder_under_pressure(rig, board) as process:
         process.kill()
         process.wait(10)
-        killed_us = last_true(bench)[0]
+        killed_us = last_true(rig)[0]
         time.sleep(4.0)  # 16 s of board time: its watchdog of 5 s, and the way to zero
-    was = summarise(bench.run).status
-    recovery = recover(bench.run)
-    found = compare(bench)
+    was = summarise(rig.run).status
+    recovery = recover(rig.run)
+    found = compare(rig)
     missing_s = (killed_us - float(found.samples["time_us"][-1])) / 4e6
     criteria = (
-        Criterion("the file says that it was interrupted", was, was == "interrupted"),
+        Criterion("the file is marked as interrupted", was, was == "interrupted"),
         Criterion("it is recovered in place", recovery.status, recovery.status == "recovered" and not recovery.damaged),
         Criterion(
             f"at most {ACKNOWLEDGED_S:g} s are missing at its end", f"{missing_s:.2f} s", missing_s <= ACKNOWLEDGED_S
         ),
         vented(found),
         nothing_lost(found),
-        identical(bench),
+        identical(rig),
     )
     cut = f"the last {max(missing_s, 0.0):.2f} s before the kill"
     injected = "the recording program killed without a warning (SIGKILL), under pressure"
     return DrillResult("kill", injected, criteria, cut, counts(found))
 
 
-def host_stall(bench: DrillRig) -> DrillResult:
-    """The computer stands still for three seconds, under pressure."""
-    with bench.board(speed=4.0) as board, recorder_under_pressure(bench, board) as process:
+def host_stall(rig: DrillRig) -> DrillResult:
+    """The computer stalls for three seconds, under pressure."""
+    with rig.board(speed=4.0) as board, recorder_under_pressure(rig, board) as process:
         process.send_signal(signal.SIGSTOP)
         time.sleep(3.0)
-        during_kpa = abs(last_true(bench)[1])
+        during_kpa = abs(last_true(rig)[1])
         process.send_signal(signal.SIGCONT)
         process.wait(WAIT_S)
-    found = compare(bench)
+    found = compare(rig)
     criteria = (
         Criterion(
             f"the board vents by itself, within {VENTED_KPA:g} kPa",
-            f"{during_kpa:.2f} kPa while it stood",
+            f"{during_kpa:.2f} kPa during the stall",
             during_kpa <= VENTED_KPA,
         ),
-        Criterion("the run is given up", f"exit code {process.returncode}", process.returncode == 1),
+        Criterion("the run is aborted", f"exit code {process.returncode}", process.returncode == 1),
         loss_is_exact(found),
         nothing_wrong(found),
         vented(found),
-        identical(bench),
+        identical(rig),
     )
     return DrillResult(
         "host stall", "the program stopped for 3 s, under pressure", criteria, lost(found), counts(found)
     )
 
 
-def slow_disk(bench: DrillRig) -> DrillResult:
+def slow_disk(rig: DrillRig) -> DrillResult:
     """Every commit takes 0.7 s."""
-    with bench.board() as board, slow_commits(0.7), bench.recording(board) as session:
+    with rig.board() as board, slow_commits(0.7), rig.recording(board) as session:
         session.wait(lambda s: s.last is not None and s.last.time_s > 35, WAIT_S)
         health = session.snapshot().health
-    found = compare(bench)
+    found = compare(rig)
     lag_ms = health.lag_ms if health is not None else 0.0
     criteria = (
         Criterion("the lag is shown", f"{lag_ms:.0f} ms", lag_ms > 100),
         nothing_lost(found),
         nothing_wrong(found),
-        identical(bench),
+        identical(rig),
     )
     return DrillResult("slow disk", "0.7 s for each commit", criteria, lost(found), counts(found))
 
@@ -256,27 +256,27 @@ def run_drill(drill: Drill, folder: Path) -> DrillResult:
     """Run one drill in an empty folder; whatever goes wrong in it is its failure."""
     folder.mkdir(parents=True)
     begun = time.monotonic()
-    bench = DrillRig(folder)
+    rig = DrillRig(folder)
     try:
-        outcome = drill(bench)
+        outcome = drill(rig)
     except Exception as error:  # noqa: BLE001 - a drill that breaks has failed, and the next one is run
         name = drill.__name__.replace("_", " ")
-        broke = Criterion("the drill comes to its end", f"{type(error).__name__}: {error}", False)
+        broke = Criterion("the drill completes", f"{type(error).__name__}: {error}", False)
         outcome = DrillResult(name, (drill.__doc__ or "").strip(), (broke,), "unknown")
-    rate_hz = _rate(bench)
+    rate_hz = _rate(rig)
     seconds = time.monotonic() - begun
-    return dataclasses.replace(outcome, seconds=seconds, boards=tuple(bench.served), rate_hz=rate_hz)
+    return dataclasses.replace(outcome, seconds=seconds, boards=tuple(rig.served), rate_hz=rate_hz)
 
 
-def _rate(bench: DrillRig) -> float | None:
-    """Return the sampling rate that a drill's recording was asked for; None where none can be read."""
+def _rate(rig: DrillRig) -> float | None:
+    """Return the sampling rate requested for a drill's recording; None where none can be read."""
     try:
-        return summarise(bench.run).rate_asked_hz
+        return summarise(rig.run).rate_asked_hz
     except RecordingError:
         return None
 
 
 def _happened(seen: bool, found: TruthComparison) -> Criterion:
-    """A drill in which the fault did not strike says nothing."""
+    """Return whether the fault occurred: a drill without it shows nothing."""
     text = f"{found.missing} missing, {found.summary.damaged_frames} damaged frames"
-    return Criterion("the fault has struck", text, seen)
+    return Criterion("the fault has occurred", text, seen)

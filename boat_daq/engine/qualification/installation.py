@@ -1,4 +1,4 @@
-"""What this installation is: program, computer and disk, in the words that an operator signs for."""
+"""Identity of this installation: program, computer and disk, for the qualification report."""
 
 from __future__ import annotations
 

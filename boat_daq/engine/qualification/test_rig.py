@@ -1,7 +1,7 @@
-"""Where fault drills work: a board, a session, and the board's own truth to hold the recording against.
+"""The rig of a fault drill: a board, a session, and the board's own truth to compare the recording with.
 
-Samples are matched by board time, to the microsecond, so that what is missing and what is wrong is counted by the
-board's side and not by the program's own counters; those are then held against it.
+Samples are matched by board time, to the microsecond, so that what is missing and what is wrong is counted from the
+truth and not by the program's own counters, which are then compared with it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from protocol.recording import dtype_from_description, open_recording, read_sess
 PORT = "pty" if hasattr(os, "openpty") else "127.0.0.1:0"
 SPEED = 8.0
 VENTED_KPA = 2.0
-WRONG_MV, WRONG_KPA = 15.0, 3.0  # ten times the noise of a sample: no honest one is so far from the truth
+WRONG_MV, WRONG_KPA = 15.0, 3.0  # ten times the noise of a sample
 WAIT_S = 40.0
 VENTING_S = 5.0
 _ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
@@ -50,7 +50,7 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True)
 class DrillResult:
-    """What a drill came to, and on which boards; `lost` says in words what is missing from the recording."""
+    """Result of a drill, and on which boards; `lost` is a text on what is missing from the recording."""
 
     name: str
     injected: str
@@ -69,7 +69,7 @@ class DrillResult:
 
 @dataclass(frozen=True, slots=True)
 class DrillRig:
-    """Where a drill works: an empty folder of its own; `served` are the boards it had."""
+    """The rig of one drill: an empty folder of its own; `served` are the boards it had."""
 
     folder: Path
     served: list[BoardSettings] = field(default_factory=list)
@@ -146,9 +146,9 @@ class TruthComparison:
         return float(self.truth[-1, 1])
 
 
-def compare(bench: DrillRig) -> TruthComparison:
-    """Hold the recording against the board's truth."""
-    with closing(open_recording(bench.run)) as db:
+def compare(rig: DrillRig) -> TruthComparison:
+    """Compare the recording with the board's truth."""
+    with closing(open_recording(rig.run)) as db:
         meta = read_session(db)
         dtype = dtype_from_description(meta["sample_dtype"])
         blocks = db.execute("SELECT segment, samples FROM block ORDER BY id").fetchall()
@@ -156,7 +156,7 @@ def compare(bench: DrillRig) -> TruthComparison:
     parts = [(segment, np.frombuffer(blob, dtype)) for segment, blob in blocks]
     samples = np.concatenate([part for _, part in parts]) if parts else np.empty(0, dtype)
     segments = np.concatenate([np.full(len(part), segment) for segment, part in parts]) if parts else np.empty(0)
-    lines = bench.truth.read_text(encoding="utf-8").splitlines()
+    lines = rig.truth.read_text(encoding="utf-8").splitlines()
     rows = [line.split(",")[2:] for line in lines if line[:1].isdigit()]
     truth = np.array([row for row in rows if len(row) == len(rows[0])], dtype=float)
     truth[:, 0] = np.round(truth[:, 0] * 1e6)
@@ -168,7 +168,7 @@ def compare(bench: DrillRig) -> TruthComparison:
         missing += int(inside.sum() - np.isin(times[inside], own).sum())
     between = (times >= samples["time_us"][0]) & (times <= samples["time_us"][-1]) if len(samples) else times < 0
     absent = int(between.sum() - np.isin(times[between], samples["time_us"]).sum()) - missing
-    return TruthComparison(summarise(bench.run), samples, truth, missing, absent, _wrong(samples, truth, meta), events)
+    return TruthComparison(summarise(rig.run), samples, truth, missing, absent, _wrong(samples, truth, meta), events)
 
 
 def _wrong(samples: npt.NDArray[np.void], truth: npt.NDArray[np.float64], meta: dict[str, Any]) -> int:
@@ -186,45 +186,44 @@ def _wrong(samples: npt.NDArray[np.void], truth: npt.NDArray[np.float64], meta: 
 
 
 def loss_is_exact(found: TruthComparison) -> Criterion:
-    """What the program says is lost is what the board's truth says is missing."""
-    said = found.summary.lost_samples
-    return Criterion(
-        "lost samples are counted exactly", f"{said} said, {found.missing} missing by the board", said == found.missing
-    )
+    """Return whether the program counts as lost what the board's truth shows as missing."""
+    lost = found.summary.lost_samples
+    seen = f"{lost} counted, {found.missing} missing by the board"
+    return Criterion("lost samples are counted exactly", seen, lost == found.missing)
 
 
 def nothing_lost(found: TruthComparison) -> Criterion:
-    """No sample is missing."""
+    """Return whether no sample is missing."""
     return Criterion("no sample is lost", f"{found.missing} of {len(found.samples)} missing", found.missing == 0)
 
 
 def nothing_wrong(found: TruthComparison) -> Criterion:
-    """Every recorded sample is one that the board took."""
+    """Return whether every recorded sample is one that the board took."""
     return Criterion("no wrong sample", f"{found.wrong} of {len(found.samples)}", found.wrong == 0)
 
 
 def vented(found: TruthComparison) -> Criterion:
-    """The unit is without pressure at the end."""
+    """Return whether the unit is without pressure at the end."""
     seen = f"{found.vented_kpa:+.2f} kPa at the end"
     return Criterion(f"the unit is vented, within {VENTED_KPA:g} kPa", seen, abs(found.vented_kpa) <= VENTED_KPA)
 
 
-def identical(bench: DrillRig) -> Criterion:
-    """The recording comes out the same from its raw bytes."""
-    verdict = verify_recording(bench.run)
+def identical(rig: DrillRig) -> Criterion:
+    """Return whether the recording derives identically from its raw bytes."""
+    verdict = verify_recording(rig.run)
     return Criterion("the recording is identical to its bytes", verdict.difference or "identical", verdict.identical)
 
 
-def said(found: TruthComparison, kinds: Sequence[str], text: str) -> Criterion:
-    """One of these events is in the recording."""
+def reported(found: TruthComparison, kinds: Sequence[str], text: str) -> Criterion:
+    """Return whether one of these events is in the recording."""
     seen = [kind for kind in kinds if found.events.get(kind)]
     return Criterion(text, ", ".join(seen) or "nothing", bool(seen))
 
 
 def lost(found: TruthComparison) -> str:
-    """Say in words what the recording lacks."""
-    said_lost = f"{found.missing} samples of {found.missing + len(found.samples)}" if found.missing else "nothing"
-    return f"{said_lost}; {found.absent} instants without a link" if found.absent else said_lost
+    """Return a text on what the recording lacks."""
+    text = f"{found.missing} samples of {found.missing + len(found.samples)}" if found.missing else "nothing"
+    return f"{text}; {found.absent} instants without a link" if found.absent else text
 
 
 def counts(found: TruthComparison) -> dict[str, float]:
@@ -258,22 +257,22 @@ def slow_commits(seconds: float) -> Iterator[None]:
         setattr(RecordingFile, "commit", commit)  # noqa: B010
 
 
-def last_true(bench: DrillRig) -> tuple[float, float]:
+def last_true(rig: DrillRig) -> tuple[float, float]:
     """Return time (us) and pressure (kPa) of the newest whole line of the truth."""
-    lines = bench.truth.read_text(encoding="utf-8").splitlines()[2:-1] if bench.truth.exists() else []
+    lines = rig.truth.read_text(encoding="utf-8").splitlines()[2:-1] if rig.truth.exists() else []
     cells = lines[-1].split(",") if lines else ["0"] * 4
     return float(cells[2]) * 1e6, float(cells[3])
 
 
 @contextmanager
-def recorder_under_pressure(bench: DrillRig, board: ServedBoard) -> Iterator[subprocess.Popen[bytes]]:
+def recorder_under_pressure(rig: DrillRig, board: ServedBoard) -> Iterator[subprocess.Popen[bytes]]:
     """Start `boat-daq record` in a process of its own and wait until the unit is under pressure."""
-    options = ["--port", board.url, "--plan", "calibration", "--out", str(bench.run)]
+    options = ["--port", board.url, "--plan", "calibration", "--out", str(rig.run)]
     nowhere = subprocess.DEVNULL
     process = start_module("boat_daq", "record", *options, stdout=nowhere, stderr=nowhere)
     try:
         deadline = time.monotonic() + WAIT_S
-        while last_true(bench)[1] < 20.0:
+        while last_true(rig)[1] < 20.0:
             if time.monotonic() > deadline or process.poll() is not None:
                 raise DeviceError("the unit never came under pressure")
             time.sleep(0.02)

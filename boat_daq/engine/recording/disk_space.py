@@ -1,4 +1,4 @@
-"""Does a plan's recording fit on the disk? Asked before the first pressure."""
+"""Whether a plan's recording fits on the disk: checked before the first pressure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,12 @@ def bytes_per_second(rate_hz: float, n_sensors: int) -> float:
 
 
 def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: int) -> DiskSpace:
-    """Return how the plan's recording fits into `folder`.
+    """Return how a recording fits into a folder.
+
+    Parameters
+    ----------
+    folder : of the recording.
+    rate_hz, duration_s, n_sensors : of the plan's run.
 
     Raises
     ------
@@ -44,12 +49,12 @@ def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: i
     if not folder.is_dir():
         raise StorageError(f"there is no folder {folder}", "Create it, or choose another.")
     if not os.access(folder, os.W_OK):
-        raise StorageError(f"the folder {folder} cannot be written", "Choose one that you may write to.")
+        raise StorageError(f"the folder {folder} cannot be written", "Choose one with write permission.")
     needed = int(bytes_per_second(rate_hz, n_sensors) * duration_s) + SPACE_FLOOR_BYTES
     space = DiskSpace(needed, shutil.disk_usage(folder).free)
     if space.times < 1.0:
         raise StorageError(
             f"the recording needs about {needed / 1e6:.0f} MB and {folder} has {space.free_bytes / 1e6:.0f} MB free",
-            "Make room, choose another disk, or record less.",
+            "Free disk space, choose another disk, or record less.",
         )
     return space

@@ -1,14 +1,15 @@
 """One recording on disk, written through one connection by one thread at a time.
 
-Rules: tables and metadata are written before the file goes into WAL mode, so that even the bare file names itself.
-A commit is a transaction with synchronous=FULL; inserts carry their keys and are OR IGNORE, so that a commit whose
-outcome is unknown can be tried again. Nobody else writes (`file_lock`) and nobody else checkpoints: SQLite up to
-3.51.2 can damage a file where two do. A clean close leaves one plain file without -wal beside it.
+Rules: tables and metadata are written before the file goes into WAL mode, so that even the bare file names itself. A
+commit is a transaction with synchronous=FULL; inserts carry their keys and are OR IGNORE, so that a commit whose
+outcome is unknown can be tried again. No other program writes (`file_lock`) or checkpoints: SQLite up to 3.51.2 can
+damage a file where two do. A clean close leaves one plain file without -wal beside it.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import shutil
 import sqlite3
@@ -29,7 +30,8 @@ from protocol.recording.checks import harden
 
 Statement: TypeAlias = tuple[str, tuple[Any, ...]]
 
-SPACE_FLOOR_BYTES = 32 * 2**20  # below this a recording is ended while there is room to close it
+_LOCKED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+SPACE_FLOOR_BYTES = 32 * 2**20  # below this a recording is ended while it can still be closed
 
 
 def now_utc() -> str:
@@ -52,15 +54,21 @@ def check_recording_name(path: Path) -> None:
 
 
 def storage_error(path: Path, error: Exception) -> StorageError:
-    """Return what a failing disk means in words."""
-    text = str(error)
-    if "full" in text or getattr(error, "errno", None) == 28:
-        return StorageError(f"the disk of {path.parent} is full", "Make room; what is recorded so far is kept.")
-    if "readonly" in text or "read-only" in text.lower():
-        return StorageError(f"{path} cannot be written any more: read-only", "Choose a folder that you may write to.")
-    if "locked" in text:
-        return StorageError(f"{path} is held by another program", "Close the program that has it open.")
-    return StorageError(f"{path} cannot be written: {text}", "Check the disk; what is recorded so far is kept.")
+    """Return cause and remedy of an error of SQLite or the system while a recording is written."""
+    code = _sqlite_code(error)
+    number = getattr(error, "errno", None)
+    if code == sqlite3.SQLITE_FULL or number == errno.ENOSPC:
+        return StorageError(f"the disk of {path.parent} is full", "Free disk space; what is recorded so far is kept.")
+    if code == sqlite3.SQLITE_READONLY or number == errno.EROFS:
+        return StorageError(f"{path} has become read-only", "Choose a folder with write permission.")
+    if code in _LOCKED:
+        return StorageError(f"{path} is locked by another program", "Close the program that has it open.")
+    return StorageError(f"{path} cannot be written: {error}", "Check the disk; what is recorded so far is kept.")
+
+
+def _sqlite_code(error: Exception) -> int:
+    """Return the primary code of an error of SQLite; 0 for any other."""
+    return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
 
 
 class RecordingFile:
@@ -121,7 +129,7 @@ class RecordingFile:
 
     @classmethod
     def resume(cls, path: Path) -> RecordingFile:
-        """Open an existing, closed recording to go on in it, with its log on.
+        """Open an existing, closed recording to resume it, with its log on.
 
         Raises
         ------
@@ -157,7 +165,7 @@ class RecordingFile:
         return [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})")]
 
     def check_place(self) -> None:
-        """Notice what no write would tell: that the file was removed, or that the disk is nearly full.
+        """Detect what no write reports: that the file was removed, or that the disk is nearly full.
 
         Raises
         ------
@@ -169,7 +177,7 @@ class RecordingFile:
             )
         free = shutil.disk_usage(self.path.parent).free
         if free < SPACE_FLOOR_BYTES:
-            raise StorageError(f"the disk of {self.path.parent} is full but for {free / 1e6:.0f} MB", "Make room.")
+            raise StorageError(f"the disk of {self.path.parent} has only {free / 1e6:.0f} MB left", "Free disk space.")
 
     def close(self, *, check: bool = True) -> bool:
         """Close into one checked file; False where another program has it open, so that -wal stays beside it.
@@ -186,7 +194,7 @@ class RecordingFile:
             mode = self._connection.execute("PRAGMA journal_mode=DELETE").fetchone()
             return bool(mode == ("delete",))
         except sqlite3.OperationalError as error:
-            if "locked" in str(error):
+            if _sqlite_code(error) in _LOCKED:
                 return False
             raise storage_error(self.path, error) from error
         finally:
@@ -235,7 +243,7 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _into_wal(connection: sqlite3.Connection) -> None:
-    """Switch the log on, and see that it is on: some file systems refuse without a word."""
+    """Switch the log on, and check that it is on: some file systems refuse silently."""
     mode = connection.execute("PRAGMA journal_mode=WAL").fetchone()[0]
     if mode != "wal":
         raise sqlite3.OperationalError(f"this file system cannot keep a log (journal mode {mode})")
@@ -243,7 +251,7 @@ def _into_wal(connection: sqlite3.Connection) -> None:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return what names the file itself, not its name; None when it is gone."""
+    """Return what identifies the file itself, not its name; None when it is gone."""
     try:
         status = path.stat()
     except OSError:

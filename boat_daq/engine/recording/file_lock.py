@@ -1,10 +1,10 @@
-"""Who writes this recording? A lock beside the file, held for as long as its writer lives.
+"""A lock beside a recording, held for as long as its writer lives.
 
-SQLite's own locks last only as long as a transaction, so they cannot say that a recording is under way. This one
+SQLite's own locks last only as long as a transaction, so they do not show that a recording is in progress. This one
 does: an empty file NAME.boat-lock, locked by the operating system, which lets go of it when the process ends in any
-way. The lock is advisory: it keeps honest programs from writing to one recording, and tells a killed session from a
-living one. (It is not on the recording itself, because closing a second descriptor of that file would drop SQLite's
-own locks on it.)
+way. The lock is advisory: it keeps cooperating programs from writing to one recording, and distinguishes a killed
+session from a living one. (It is not on the recording itself, because closing a second descriptor of that file would
+drop SQLite's own locks on it.)
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def lock_path(recording: Path) -> Path:
 
 
 class WriterLock:
-    """The right to write `recording`; released by `release` or by the end of the process.
+    """The exclusive right to write a recording, until `release` or the end of the process.
 
     Raises
     ------
@@ -57,16 +57,17 @@ class WriterLock:
             locked = _try_lock(self._descriptor)
         except OSError as error:
             raise StorageError(
-                f"cannot write in {recording.parent}: {error.strerror}", "Choose a local folder that you may write to."
+                f"cannot write in {recording.parent}: {error.strerror}", "Choose a local folder with write permission."
             ) from error
         if not locked:
             os.close(self._descriptor)
             raise StorageError(
-                f"{recording} is being written by another program", "Read it, or wait until that program has closed it."
+                f"{recording} is being written by another program",
+                "Wait until that program has closed it.",
             )
 
     def release(self) -> None:
-        """Let others write; may be called twice."""
+        """Release the lock; may be called twice."""
         if self._descriptor is None:
             return
         if sys.platform != "win32":  # Windows cannot remove an open file, and removing a closed one would race

@@ -1,9 +1,9 @@
 """The recorder: a sink that keeps everything, on its own thread, and loses nothing it has acknowledged.
 
 Rules: the reading thread only puts a block into a queue. The writing thread commits what is there every 100 ms, bytes
-and the samples decoded from them in one transaction. When the disk fails, the session is told once, and what is not
-yet written is kept in bounded memory and tried again: room that is made in time loses nothing. When that memory is
-full, no later byte is taken, so that a file is always an unbroken beginning of the session.
+and the samples decoded from them in one transaction. When the disk fails, the session is notified once, and what is not
+yet written is kept in bounded memory and tried again: nothing is lost if disk space is freed in time. When that memory
+is full, no later byte is taken, so that a file is always an unbroken beginning of the session.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ class Recorder:
     meta : values for `session` (keys of `protocol.recording.SESSION_KEYS`; uuid, status, times, version and the
         sample type are filled in here). `n_sensors` and `sample_kind` must be there.
     health : called once a second on the writing thread for a row of `health`; such as `LinkHealth.snapshot`.
-    on_error : called once for each cause, on the writing thread, when the disk fails; the recorder goes on trying. It
+    on_error : called once for each cause, on the writing thread, when the disk fails; the recorder keeps trying. It
         must not call `close`, which waits for that thread.
-    resumes : the broken run whose recording this goes on in, instead of creating one (`resumption`).
+    resumes : the broken run whose recording is resumed, instead of creating one (`resumption`).
 
     Raises
     ------
@@ -97,10 +97,10 @@ class Recorder:
         self._break_kept = resumes is not None
         self._acknowledged = Acknowledged()
         self._error: StorageError | None = None  # of the last commit
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._refusing: StorageError | None = None  # why no later byte is taken
         self._stopping = self._closed = False
-        self._next_look_s = self._next_try_s = 0.0
+        self._next_check_s = self._next_try_s = 0.0
         self._thread = threading.Thread(target=self._run, name=f"recorder {path.name}", daemon=True)
         self._thread.start()
 
@@ -112,7 +112,7 @@ class Recorder:
                 return
             if self._held_bytes + size > MEMORY_BYTES_MAX:
                 self._refusing = StorageError(f"{self.path} is written too slowly", "What came before this is kept.")
-                text = "no later byte is kept"
+                text = "no later data are recorded"
                 self._put(block.host_ns, lambda rows: rows.event(block.host_ns, "host", "recording_full", None, text))
                 return
             self._held_bytes += size
@@ -145,16 +145,21 @@ class Recorder:
         self._later(lambda rows, host_ns: rows.attached(decoder_state, host_ns))
 
     def new_segment(self, reason: str, *, paused: bool = False) -> None:
-        """Begin a segment by hand ("paused", "resumed").
+        """Begin a segment of the sequencer's ("paused", "resumed").
 
-        A link, START and a restarted board begin one by themselves.
+        A link, START and a restarted board begin one without this.
         """
         self._later(lambda rows, host_ns: rows.begin_segment(reason, host_ns, paused=paused))
 
     def run_resumed(self, cause: str, *, first_cycle: int, complete_cycles: int) -> None:
-        """Keep the break of a run that goes on while its recording stayed open (the board was unplugged), as a segment.
+        """Keep the break of a run that resumes while its recording stayed open (the board was unplugged), as a segment.
 
-        A recording that was opened to go on in it has its break already: then nothing is kept.
+        A recording that was opened to be resumed has its break already: then nothing is kept.
+
+        Parameters
+        ----------
+        cause : how the run had ended.
+        first_cycle, complete_cycles : where it resumes, and how many cycles are whole.
         """
         if self._break_kept:
             self._break_kept = False
@@ -233,7 +238,7 @@ class Recorder:
             self._file.abandon()
             raise self._error
         if not self._file.close():
-            self.warning = "another program has the recording open: the -wal file beside it belongs to it"
+            self.warning = "another program has the recording open: the -wal file beside it is a part of it"
         return self.path
 
     def _later(self, make: Callable[[RowMaker, int], Iterator[Statement]]) -> None:
@@ -246,21 +251,21 @@ class Recorder:
         self._taken += 1
 
     def _run(self) -> None:
-        """The writing thread: a commit every 100 ms, a look around every second."""
+        """Commit every 100 ms and check the file every second, on the writing thread."""
         stopping, due_s = False, time.monotonic()
         while not stopping:
             due_s = max(due_s + COMMIT_S, time.monotonic())  # the time that a commit takes does not put off the next
             with self._changed:
                 stopping = self._changed.wait_for(lambda: self._stopping, due_s - time.monotonic())
             now_s = time.monotonic()
-            if now_s >= self._next_look_s:
-                self._next_look_s = now_s + 1.0
-                self._guarded(self._look_around)
+            if now_s >= self._next_check_s:
+                self._next_check_s = now_s + 1.0
+                self._guarded(self._check_file)
             if stopping or now_s >= self._next_try_s:
                 self._guarded(self._commit)
 
     def _guarded(self, work: Callable[[], None]) -> None:
-        """Do a part of the writing; whatever goes wrong is told, and the thread goes on."""
+        """Do a part of the writing; every error is reported, and the thread continues."""
         try:
             work()
         except StorageError as error:
@@ -270,8 +275,8 @@ class Recorder:
             self._refusing = StorageError(f"{self.path} is not written properly: {error!r}", "Report this fault.")
             self._report(self._refusing)
 
-    def _look_around(self) -> None:
-        """Keep the link's counters; notice a file that was taken away, a disk nearly full, memory that is full."""
+    def _check_file(self) -> None:
+        """Keep the link's counters; detect a file that was removed, a disk nearly full, memory that is full."""
         if self._health is not None:
             health = self._health()
             self._later(lambda rows, host_ns: health_row(host_ns, health, *rows.here))
@@ -305,14 +310,14 @@ class Recorder:
             self._next_try_s = time.monotonic() + RETRY_S
             raise
         if self._error is not None:
-            self._told.discard(self._error.cause)
+            self._reported.discard(self._error.cause)
             self._error = None
         self._waiting = []
 
     def _report(self, error: StorageError) -> None:
-        """Tell the session, once for each cause."""
-        if error.cause in self._told:
+        """Report to the session, once for each cause."""
+        if error.cause in self._reported:
             return
-        self._told.add(error.cause)
+        self._reported.add(error.cause)
         if self._on_error is not None:
             self._on_error(error)

@@ -1,9 +1,9 @@
-"""What a killed session or a bad disk left: found, checked, closed properly; or what is readable, saved elsewhere.
+"""Recover what a killed session or a bad disk left: close it properly, or save elsewhere what is readable.
 
 Rules: a recording that a living program writes is left alone. The file is checked read-only first: SQLite replays its
-log up to the last whole commit, so a torn or zeroed tail costs nothing that was acknowledged. A sound file is closed
-in place. A damaged one is never touched: all rows that can be read go into a new file beside it, and what could not
-be read is named.
+log up to the last whole commit, so a torn or zeroed tail costs nothing that was acknowledged. A sound file is closed in
+place. A damaged one is never touched: all rows that can be read go into a new file beside it, and what could not be
+read is named.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _NAMES_ANOTHER = bytes.fromhex("d9d505f920a163d7")  # how a journal ends that be
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What was done.
+    """What a recovery did.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Recovery:
 
 
 def find_interrupted(folder: Path) -> list[Path]:
-    """Return the recordings of a folder that were begun, not closed, and that nobody writes."""
+    """Return the recordings of a folder that were begun, not closed, and that no program writes."""
     return [path for path in sorted(folder.glob(f"*{SUFFIX}")) if _is_interrupted(path)]
 
 
@@ -76,15 +76,15 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     Parameters
     ----------
     path : a recording.
-    progress : told (rows, rows in all) while rows are copied or checked; raising from it cancels.
+    progress : takes (rows, rows in all) while rows are copied or checked; raising from it cancels.
 
     Raises
     ------
     StorageError : a living program writes it, or the folder cannot be written.
-    RecordingError : not a recording, one of a newer program, or so damaged that nothing says what its bytes are.
+    RecordingError : not a recording, one of a newer program, or so damaged that the layout of its samples is unknown.
     """
     if is_being_written(path):
-        raise StorageError(f"{path} is being written by another program", "Let that program close it.")
+        raise StorageError(f"{path} is being written by another program", "Close it there first.")
     refuse_newer(path)
     _roll_back(path)
     faults = _check(path, progress)
@@ -105,13 +105,13 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
 def _roll_back(path: Path) -> None:
     """Undo what a killed program had half added to a closed recording: its -journal lies beside the file.
 
-    A journal that names another file is not ours: SQLite would look into that one, and may delete it.
+    A journal that names another file was not left by this program: SQLite would open that file, and may delete it.
     """
     journal = path.with_name(path.name + "-journal")
     if not os.path.lexists(journal):
         return
     if journal.is_symlink() or not journal.is_file() or _end_of(journal) == _NAMES_ANOTHER:
-        raise RecordingError(f"{journal} leads to another file: boat-daq leaves none like it", "Move it away.")
+        raise RecordingError(f"{journal} leads to another file, and is not boat-daq's", "Move it elsewhere.")
     lock = WriterLock(path)
     try:
         with closing(sqlite3.connect(path, isolation_level=None)) as db:
@@ -156,7 +156,7 @@ def _check(path: Path, progress: Progress | None) -> list[_Fault]:
         if not _looks_like_ours(path):
             remedy = getattr(error, "remedy", "")
             if isinstance(error, DamagedRecordingError):  # whose remedy, recovery, was just tried
-                remedy = "Nothing in it can be read; look for another copy."
+                remedy = "Nothing in it can be read; use another copy."
             raise RecordingError(str(error), remedy) from error
         return [_Fault(str(error), structural=True)]
 
@@ -182,11 +182,11 @@ def _wrong_checksums(db: sqlite3.Connection, progress: Progress | None) -> Itera
     size = session_dtype(read_session(db)).itemsize
     for number, n, length in db.execute("SELECT id, n, length(samples) FROM block ORDER BY id"):
         if length != n * size:
-            yield f"block {number} says {n} samples and holds {length} bytes"
+            yield f"block {number} is for {n} samples and holds {length} bytes"
 
 
 def _counts(db: sqlite3.Connection) -> tuple[int, int]:
-    """Return the samples and the chunks that are there, whatever a block says that it holds."""
+    """Return how many samples and chunks are there, whatever the counts of the blocks."""
     size = session_dtype(read_session(db)).itemsize
     samples, chunks = db.execute(
         "SELECT (SELECT coalesce(sum(length(samples) / ?), 0) FROM block), (SELECT count(*) FROM chunk)", (size,)
@@ -225,7 +225,7 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
 def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
     """Give what the killed program could not write: when it ended, and that it was killed."""
     first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
-    begun = [first, *breaks_of(meta)][-1]  # the monotonic clock may have begun anew since the first start
+    begun = [first, *breaks_of(meta)][-1]  # the monotonic clock may have restarted since the first start
     last_ns = db.execute(
         "SELECT host_ns FROM chunk WHERE id >= ? ORDER BY id DESC LIMIT 1", (begun["first_chunk"],)
     ).fetchone()
@@ -262,7 +262,7 @@ def _salvage(path: Path, faults: list[_Fault], progress: Progress | None) -> Rec
     target = _free_name(path)
     with closing(_open_damaged(path)) as db:
         meta = read_session(db)
-        session_dtype(meta)  # nothing else says what the bytes are
+        session_dtype(meta)  # refuses a file whose bytes nothing describes
         file = RecordingFile.create(target, meta)
         reader = _RowReader(db, bytes_of(path))
         try:
@@ -294,8 +294,8 @@ def _free_name(path: Path) -> Path:
 def _copy(reader: _RowReader, file: RecordingFile, table: str) -> None:
     batch: list[Statement] = []
     size = 0
-    theirs = reader.columns(table)
-    names = [name for name in file.columns(table) if name in theirs]
+    present = reader.columns(table)
+    names = [name for name in file.columns(table) if name in present]
     if names[:1] != ["id"]:
         reader.lost.append(f"{table}: cannot be read at all")
         return
@@ -317,7 +317,7 @@ def _length(row: tuple[Any, ...]) -> int:
 
 @dataclass(slots=True)
 class _RowReader:
-    """Reads tables by their keys and goes on behind what cannot be read.
+    """Reads tables by their keys and continues behind what cannot be read.
 
     `left` is how many bytes the file can still hold: in a forged one many rows may share the pages of one long value.
     """
@@ -327,11 +327,11 @@ class _RowReader:
     lost: list[str] = field(default_factory=list)
 
     def columns(self, table: str) -> set[str]:
-        """Return the names of the columns that the damaged file says it has."""
+        """Return the names of a table's columns in the damaged file."""
         return {row[1] for row in self.db.execute(f"PRAGMA table_info({table})")}
 
     def rows(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
-        """Give the readable rows in order, those left out that no column of ours could hold."""
+        """Give the readable rows in order, without those that do not fit the schema."""
         kinds = [layout()[table][name] for name in names]
         for row in self._readable(table, names):
             self.left -= _length(row)
@@ -341,7 +341,7 @@ class _RowReader:
             if all(map(value_fits, kinds, row)):
                 yield row
             else:
-                self.lost.append(f"{table}: row {row[0]} is no row of ours")
+                self.lost.append(f"{table}: row {row[0]} does not fit the schema")
 
     def _readable(self, table: str, names: list[str]) -> Iterator[tuple[Any, ...]]:
         last = 0

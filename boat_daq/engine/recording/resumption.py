@@ -1,9 +1,10 @@
-"""A run that was broken, by a crash or an unplugged board, goes on in its own recording, at its next whole cycle.
+"""Resume a run that was broken, by a crash or an unplugged board, in its own recording, at its next whole cycle.
 
 Rules: nothing that was recorded is altered. What comes is appended: chunks, segments, steps and events with the next
-free keys, behind an event `break_s` that says why, for how long and where the run goes on. `session.resumptions` keeps
-for each break what a reader of the file needs: the first segment behind it, the newest result before it (which was of
-less than the whole run), and both clocks. The board, its unit and the plan must be those of the beginning.
+free keys, behind an event `break_s` with its cause, its length and the cycle at which the run resumes.
+`session.resumptions` keeps for each break what a reader of the file needs: the first segment behind it, the newest
+result before it (which was of less than the whole run), and both clocks. The board, its unit and the plan must be those
+of the beginning.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,7 @@ _STEP_COLUMNS = (
     "status",
     "detail",
 )
-# what must be as it was, in the words in which a difference is told; only what a wrong unit, board or firmware changes
+# what must be as it was, and its name in messages; only what a wrong unit, board or firmware changes
 _SAME = {
     "unit": "unit",
     "board_id": "board",
@@ -67,13 +68,13 @@ _SAME = {
 
 @dataclass(frozen=True, slots=True)
 class BrokenRun:
-    """A recording whose run can go on.
+    """A recording whose run can be resumed.
 
     Attributes
     ----------
     meta : its `session`.
     marks, readings : of all that was run so far, in order.
-    first_cycle, complete_cycles : where it goes on, and how many cycles are whole.
+    first_cycle, complete_cycles : where it resumes, and how many cycles are whole.
     cause : how it ended: "interrupted", "stopped", "aborted: ...".
     """
 
@@ -96,22 +97,22 @@ class BrokenRun:
 
         Parameters
         ----------
-        now : what a recording begun now would say of them (keys of `protocol.recording.SESSION_KEYS`).
+        now : the metadata of a recording begun now (keys of `protocol.recording.SESSION_KEYS`).
         can_command : whether this link commands pressure.
 
         Raises
         ------
-        OperatorError : names what differs, or the link only listens.
+        OperatorError : names what differs, or the link is read only.
         """
         if not can_command:
-            raise OperatorError("a run cannot go on over a link that only listens", "connect the board itself")
-        for key, words in _SAME.items():
+            raise OperatorError("a run cannot be resumed over a read-only link", "connect the board itself")
+        for key, name in _SAME.items():
             was, found = self.meta[key], now[key]
             if (was or None) != (found or None):
                 then, today = (str(value or "not named") for value in (was, found))
                 raise OperatorError(
-                    f"{self.path.name} was recorded with {words} {then:.60}; now it is {today:.60}",
-                    "a broken run goes on with the same board, unit and rate; or begin a new recording",
+                    f"{self.path.name} was recorded with {name} {then:.60}; now it is {today:.60}",
+                    "resume it with the same board, unit and rate, or begin a new recording",
                 )
 
     def check_plan(self, plan: Plan) -> None:
@@ -125,13 +126,13 @@ class BrokenRun:
             was, asked = getattr(self.plan, key), getattr(plan, key)
             if was != asked:
                 raise OperatorError(
-                    f"{self.path.name} runs a plan with {key} {was}, not {asked}",
-                    "a broken run goes on with its own plan: leave --plan and its options out",
+                    f"the plan of {self.path.name} has {key} {was}, not {asked}",
+                    "a broken run resumes with its own plan: omit --plan and its options",
                 )
 
 
 def read_broken_run(path: Path) -> BrokenRun:
-    """Return what is known of a run that did not come to its end; nothing is written.
+    """Return what is known of a run that is not finished; nothing is written.
 
     Raises
     ------
@@ -140,12 +141,12 @@ def read_broken_run(path: Path) -> BrokenRun:
     StorageError : a living program writes it.
     """
     if is_being_written(path):
-        raise StorageError(f"{path} is being written by another program", "let that program close it first")
+        raise StorageError(f"{path} is being written by another program", "close it there first")
     refuse_newer(path)
     with closing(open_recording(path)) as db:
         meta = read_session(db)
         if not isinstance(meta["plan"], dict):
-            raise OperatorError(f"{path.name} has no run to go on with", "it was recorded without a plan: begin anew")
+            raise OperatorError(f"{path.name} was recorded without a plan: it has no run to resume", "begin a new one")
         plan = build(Plan, meta["plan"], f"the plan of {path.name}")
         steps = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
         marks = tuple(_mark(row) for row in steps)
@@ -155,7 +156,7 @@ def read_broken_run(path: Path) -> BrokenRun:
         readings = tuple(Reading(*row) for row in rows)
     first_cycle, complete = resume_point(plan, list(marks))
     if complete >= plan.cycles:
-        raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "there is nothing to go on with")
+        raise OperatorError(f"{path.name} has all its {plan.cycles} cycles", "begin a new recording")
     if layout_version(path) < SCHEMA_VERSION:
         raise OperatorError(f"{path.name} has the layout of an older program", f"boat-daq upgrade {path}")
     cause = str(RunEnd.INTERRUPTED) if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
@@ -183,27 +184,18 @@ def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] |
     if recovery.damaged or recovery.path != path:
         raise StorageError(
             f"{path.name} is damaged: {recovery.damaged[0] if recovery.damaged else 'see boat-daq recover'}",
-            "keep it as it is and begin a new recording; boat-daq recover saves what is readable",
+            "begin a new recording; boat-daq recover saves what is readable",
         )
-    upgrade(path)  # rows of today would not fit an older layout; the file as it was stays beside it
-    again = read_broken_run(path)
-    return BrokenRun(
-        path,
-        again.meta,
-        broken.plan,
-        again.marks,
-        again.readings,
-        again.first_cycle,
-        again.complete_cycles,
-        broken.cause,
-    )
+    upgrade(path)  # rows of the present layout would not fit an older one
+    return replace(read_broken_run(path), cause=broken.cause)
 
 
 def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFile, Counters, list[dict[str, Any]]]:
-    """Open the recording to go on in it, and write down the break; returns the file, its counters and its breaks.
+    """Open a recording to resume it, and record the break; return the file, its counters and its breaks.
 
     Parameters
     ----------
+    broken : the run.
     metadata : operator, note, port of the part that begins.
 
     Raises
@@ -248,7 +240,7 @@ def _count(path: Path) -> Counters:
 
 
 def _break(broken: BrokenRun, counters: Counters, metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entry that says: broken here, goes on there."""
+    """Return the entry of the break that ends now."""
     ended = broken.meta["ended_utc"]
     away = (datetime.now().astimezone() - datetime.fromisoformat(ended)).total_seconds() if ended else None
     return break_entry(
@@ -271,8 +263,8 @@ def break_entry(*, cause: str, break_s: float | None, **keys: Any) -> dict[str, 
 
 
 def break_text(entry: Mapping[str, Any]) -> str:
-    """Return the words of the event `break_s`."""
+    """Return the text of the event `break_s`."""
     return (
         f"broken ({entry['cause']}) after {entry['complete_cycles']} complete cycles; "
-        f"goes on at cycle {entry['first_cycle']}"
+        f"resumes at cycle {entry['first_cycle']}"
     )

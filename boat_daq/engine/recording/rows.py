@@ -1,7 +1,7 @@
-"""From blocks to rows: what of a stream goes into which table. Pure, used by the one writing thread.
+"""From blocks to rows: which part of a stream goes into which table. Pure, used by the one writing thread.
 
-Rules: the bytes stand in the file before what was understood of them, in the same transaction. Samples are stored
-exactly as the link gave them. Keys are counted here, so that a statement tried twice is the same statement.
+Rules: bytes are stored before what was decoded from them, in the same transaction. Samples are stored exactly as the
+link gave them. Keys are counted here, so that a statement tried twice is the same statement.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ UPDATE_STEP = """UPDATE step SET arrived_us = coalesce(?, arrived_us), settled_u
 INSERT_READING = "INSERT INTO reading VALUES (NULL, ?, ?, ?, ?, ?, ?, ?)"
 INSERT_HEALTH = "INSERT INTO health VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
-# `event.kind` of what a board reports: the unit of the value stands at its end
+# `event.kind` of what a board reports: its end is the unit of the value
 BOARD_EVENT_KINDS: dict[int, str] = {
     EventCode.BOOTED: "booted",
     EventCode.OVER_PRESSURE: "over_pressure_pa",
@@ -184,7 +184,7 @@ class RowMaker:
         self.samples = before.samples
 
     def block(self, block: Block) -> Iterator[Statement]:
-        """Give the rows of a block: its bytes, then what was understood of them, in order."""
+        """Give the rows of a block: its bytes, then what was decoded from them, in order."""
         if block.raw:
             self.chunks += 1
             self.bytes += len(block.raw)
@@ -195,7 +195,7 @@ class RowMaker:
             if isinstance(event, link.Samples):
                 yield from self._samples(event.array, block.host_ns)
             else:
-                yield from self._told(event, block.host_ns)
+                yield from self._event_rows(event, block.host_ns)
 
     def attached(self, decoder_state: Mapping[str, Any], host_ns: int) -> Iterator[Statement]:
         """Give the row of the segment that begins with a link, and what that link remembers of earlier bytes."""
@@ -216,7 +216,7 @@ class RowMaker:
     def event(
         self, host_ns: int, source: str, kind: str, value: float | None, text: str, time_us: int | None = None
     ) -> Iterator[Statement]:
-        """Give the row of an event; at the newest sample's time unless told another."""
+        """Give the row of an event; at the newest sample's time unless given another."""
         self._last_event += 1
         time_us = self._time_us if time_us is None else time_us
         segment = self.segment or None
@@ -272,7 +272,7 @@ class RowMaker:
         self._start_due, self._start_unanswered = False, True
         return samples[first:]
 
-    def _told(self, event: link.LinkEvent | EngineEvent, host_ns: int) -> Iterator[Statement]:
+    def _event_rows(self, event: link.LinkEvent | EngineEvent, host_ns: int) -> Iterator[Statement]:
         """Give the rows of an event that is not samples."""
         match event:
             case link.BoardRestarted(hello):
@@ -286,7 +286,7 @@ class RowMaker:
                 self._start_due = self._start_unanswered = False
                 yield from self.event(host_ns, "host", "start_hz", command.rate_hz, "")
             case link.CommandDone(Heartbeat() | Identify(), _, AckStatus.DONE | None):
-                return  # the bytes have them; a row every half second would bury the rest
+                return  # the bytes have them; a row every half second would hide the others
             case link.CommandDone(SetPressure() as command, _, AckStatus.DONE):
                 yield from self.event(host_ns, "host", "set_pressure_pa", command.target_pa, str(command))
             case link.CommandDone(command, _, AckStatus.DONE):
@@ -298,9 +298,9 @@ class RowMaker:
             case link.SampleGap(lost, before_index, time_us):
                 text = f"before index {before_index}"
                 yield from self.event(host_ns, "host", "gap", lost, text, time_us)
-            case link.BoardEventReceived(told, time_us):
-                kind = BOARD_EVENT_KINDS.get(told.code, f"code_{int(told.code)}")
-                value = told.value + 1 if told.code == EventCode.SENSOR_SATURATED else told.value
+            case link.BoardEventReceived(received, time_us):
+                kind = BOARD_EVENT_KINDS.get(received.code, f"code_{int(received.code)}")
+                value = received.value + 1 if received.code == EventCode.SENSOR_SATURATED else received.value
                 yield from self.event(host_ns, "board", kind, value, "", time_us)
             case PortLost(error):
                 yield from self.event(host_ns, "host", "port_lost", None, error.cause)
@@ -311,5 +311,5 @@ class RowMaker:
             case link.HelloReceived(hello):
                 yield from self.event(host_ns, "board", "hello", None, str(hello))
             case link.WrongProtocol(board_version, program_version):
-                text = f"this program speaks version {program_version}"
+                text = f"this program uses version {program_version}"
                 yield from self.event(host_ns, "board", "wrong_protocol_version", board_version, text)

@@ -1,7 +1,7 @@
-"""A recording in short: who, when, how long, what was lost. Read from the overview, not from the samples.
+"""Summarise a recording: who, when, how long, what was lost. Read from the overview, not from the samples.
 
-So a day of 8.6 million samples is summed up in a fraction of a second; only what a killed session left without an
-overview is counted from its blocks' heads.
+So a day of 8.6 million samples takes a fraction of a second; only what a killed session left without an overview is
+counted from its blocks.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class CycleCounts:
 
 @dataclass(frozen=True, slots=True)
 class BreakSummary:
-    """Where a broken run went on (`resumption`): why it had ended, for how long, and with which cycle it went on."""
+    """A break of a run (`resumption`): why it had ended, for how long, and with which cycle it resumed."""
 
     utc: str
     cause: str
@@ -62,10 +62,10 @@ class BreakSummary:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What `boat-daq info` tells; units are in the names."""
+    """What `boat-daq info` shows; units are in the names."""
 
     path: Path
-    status: str  # "recording" (under way), "interrupted", "closed", "recovered"
+    status: str  # "recording" (in progress), "interrupted", "closed", "recovered"
     simulated: bool
     operator: str | None
     unit: str | None
@@ -76,7 +76,7 @@ class Summary:
     started_utc: str
     ended_utc: str | None
     stop_reason: str | None
-    run_end: RunEnd | None  # the code of it; None while the recording is under way, or was interrupted
+    run_end: RunEnd | None  # the code of it; None while it is in progress, or was interrupted
     duration_s: float  # board time of all segments
     rate_hz: float | None  # samples that came for each second of it
     rate_sampled_hz: float | None  # those lost on the way counted too: the board's own rate
@@ -99,7 +99,7 @@ class Summary:
 
 
 def summarise(path: Path) -> Summary:
-    """Return a recording in short.
+    """Return the summary of a recording.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     samples = sum(segment.samples for segment in segments)
     if samples * session_dtype(meta).itemsize > bytes_of(path):
         raise DamagedRecordingError(
-            f"{path} says that it holds {samples} samples: more samples than its size can hold",
+            f"{path} claims {samples} samples, more samples than its size can hold",
             f"boat-daq recover {path}",
         )
     duration_s = sum(segment.duration_s for segment in segments)
@@ -128,7 +128,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     status = meta["status"]
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
-    told = (
+    plain = (
         "operator",
         "unit",
         "note",
@@ -143,7 +143,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         path=path,
         status=status,
         simulated=bool(meta["simulated"]),
-        **{key: meta[key] for key in told},
+        **{key: meta[key] for key in plain},
         run_end=run_end_of(meta),
         duration_s=duration_s,
         rate_hz=_rate(samples, len(segments), duration_s),

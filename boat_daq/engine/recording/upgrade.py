@@ -1,11 +1,11 @@
-"""An older recording brought to today's layout. The file as it was stays beside it, untouched to the last byte.
+"""Upgrade an older recording to the present layout. The original stays beside it, unchanged to the last byte.
 
 Strategy: a copy gets the columns that it lacks and is checked; then the original takes the name of a backup and the
 copy the original's name, each in one step of the file system. Whatever stops it in between, the original's name leads
 to a whole file, and no byte of the original was written.
 
 Rules: only columns are added (`ADDED`), so every value reads as before; what an older program did not keep stays
-unknown (NULL) and is not made up. A recording that is under way, interrupted or damaged is refused: recover it first.
+unknown (NULL). A recording that is in progress, interrupted or damaged is refused: recover it first.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from protocol.recording.checks import DAMAGE, columns_of, harden
 
 @dataclass(frozen=True, slots=True)
 class Upgrade:
-    """What was done.
+    """What an upgrade did.
 
     Attributes
     ----------
@@ -49,13 +49,13 @@ class Upgrade:
 
 
 def upgrade(path: Path) -> Upgrade:
-    """Bring a closed recording to today's layout.
+    """Upgrade a closed recording to the present layout.
 
     Raises
     ------
     RecordingError : not a recording, or one of a newer program.
     OperatorError : it is interrupted.
-    StorageError : it is under way or damaged, or the folder cannot be written.
+    StorageError : it is in progress or damaged, or the folder cannot be written.
     """
     refuse_newer(path)
     version = layout_version(path)

@@ -1,9 +1,9 @@
-"""Derive everything again from the raw bytes, and say `identical` or name the first difference.
+"""Derive everything again from the raw bytes, and report `identical` or the first difference.
 
 The chunks are checked against their checksums and decoded again by a link that begins in the state the recording's
-began in; samples, gaps and the overview must come out bit for bit as they are stored. Memory stays bounded however
-long the recording is. Results of analyses are derived again through a function that the caller hands in, because the
-engine knows no analysis.
+began in; samples, gaps and the overview must come out bit for bit as they are stored. Memory stays bounded however long
+the recording is. Results of analyses are derived again through a function of the caller's, because the engine does not
+import the analysis.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Verification:
 
 @dataclass(frozen=True, slots=True)
 class StoredResult:
-    """A result as it stands in the file."""
+    """A result as it is stored in the file."""
 
     id: int
     kind: str
@@ -74,9 +74,9 @@ def verify_recording(
     Parameters
     ----------
     path : a recording; one that is interrupted is checked up to its last commit.
-    reanalyse : computes a stored result anew, or returns None for a kind it does not know.
-    code : state of the program that `reanalyse` computes with; results say by which state they were computed.
-    progress : told (samples compared, samples in all); raising from it cancels.
+    reanalyse : computes a stored result anew, or returns None for an unknown kind.
+    code : state of the program that `reanalyse` computes with; a result names the one it was computed by.
+    progress : takes (samples compared, samples in all); raising from it cancels.
 
     Raises
     ------
@@ -174,15 +174,15 @@ def _chunks(db: sqlite3.Connection, first: int, after: int, tally: dict[str, int
 
 
 def _stored(db: sqlite3.Connection, dtype: np.dtype[np.void], overview: OverviewRows) -> Iterator[NDArray[np.void]]:
-    """Give the samples that the file has; check what the rows say of them, and the overview, on the way."""
+    """Give the samples that the file has; check their rows and the overview on the way."""
     rows = db.execute("SELECT id, segment, n, first_time_us, last_time_us, samples FROM block ORDER BY id")
     kept = iter(db.execute("SELECT * FROM overview ORDER BY id").fetchall())
     for number, segment, n, first_us, last_us, blob in rows:
         if len(blob) != n * dtype.itemsize or not n:
-            raise _Difference(f"block {number} says {n} samples and holds {len(blob)} bytes")
+            raise _Difference(f"block {number} is for {n} samples and holds {len(blob)} bytes")
         samples = np.frombuffer(blob, dtype)
         if (first_us, last_us) != (samples["time_us"][0], samples["time_us"][-1]):
-            raise _Difference(f"block {number} names other times than its samples have")
+            raise _Difference(f"the times of block {number} differ from those of its samples")
         for _, row in overview.add(number, segment, samples):
             if next(kept, None) != row:
                 raise _Difference(f"row {row[0]} of the overview differs from its samples")
@@ -238,10 +238,10 @@ def _verify_results(
 
 
 def _by_whom(stored: StoredResult, code: str) -> str:
-    """Say whether other numbers come from another program or from none: a file that was changed."""
+    """Return whether other numbers may come from another program, or only from a file that was changed."""
     made = stored.parameters.get("code")
     if made == code:
-        return "this very program gives other numbers than are stored"
+        return "this program, which computed it, gives other numbers than are stored"
     known = f"code {made}" if made else "its code is not recorded"
     return (
         f"it was computed by another state of the program (version {stored.program_version}, {known}; this is code "

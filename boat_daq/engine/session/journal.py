@@ -1,7 +1,7 @@
 """A session's messages, steps and readings: kept for display, and written into the recording where one runs.
 
-Steps and readings are kept here as well as in the file, so that no page reads the disk for them. Steps are
-numbered from 1 in every recording; a step's number is its id in the recording's table `step`.
+Steps and readings are kept here as well as in the file, so that no page reads the disk for them. Steps are numbered
+from 1 in every recording; a step's number is its id in the recording's table `step`.
 """
 
 from __future__ import annotations

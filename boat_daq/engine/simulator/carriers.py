@@ -1,9 +1,9 @@
 """What a virtual board is served on: a pseudo-terminal or a TCP port of this machine. One host at a time on either.
 
 The pseudo-terminal is set raw before a byte is sent: else what the board sends is echoed back to it, and a data byte 03
-flushes the queue. Its other end is not held open here: as long as the master is, its settings stay, and a hang-up tells
-that the host has closed; what it left unread is thrown away then, so that the next host does not read the past. On TCP
-a second host is turned away at once rather than left waiting.
+flushes the queue. Its other end is not held open here: as long as the master is, its settings stay, and a hang-up shows
+that the host has closed; what it left unread is discarded then, so that the next host does not read old data. On TCP a
+second host is turned away at once rather than left waiting.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 class Carrier(Protocol):
-    """Bytes to and from whoever has the port open."""
+    """Bytes to and from the host that has the port open."""
 
     url: str
 
     def plug(self) -> None:
-        """Make the port be there; `url` may differ from before."""
+        """Open the port; `url` may differ from before."""
 
     def unplug(self) -> None:
         """Take the port away."""
 
     def wait(self, timeout_s: float, *, to_write: bool) -> None:
-        """Sleep until there is something to read (or room to write), or the time is over."""
+        """Sleep until something can be read (or written), or the time is over."""
 
     def read(self) -> bytes:
         """Return what the host has sent."""
@@ -44,7 +44,7 @@ class Carrier(Protocol):
         """Send what can be sent now and return how many bytes that were."""
 
     def closed_by_host(self) -> None:
-        """Throw away what the host that has left did not read."""
+        """Discard what the host that has left did not read."""
 
     @property
     def connected(self) -> bool:
@@ -58,7 +58,7 @@ class PtyCarrier:
         if sys.platform == "win32":
             raise OperatorError("there are no pseudo-terminals on this system", "use --tcp 127.0.0.1:0")
         if link is not None and link.exists() and not link.is_symlink():
-            raise OperatorError(f"{link} is there and is not a link", "name another path for the link")
+            raise OperatorError(f"{link} exists and is not a link", "choose another path for the link")
         self.url = ""
         self._link = link
         self._master = -1
@@ -114,7 +114,7 @@ class PtyCarrier:
         self._poll.poll(timeout_s * 1000)
 
     def read(self) -> bytes:
-        # EIO: nobody has it open. What was written before closing, a VENT perhaps, is still read first.
+        # EIO: no host has it open. What was written before closing, a VENT perhaps, is still read first.
         with contextlib.suppress(OSError):
             return os.read(self._master, _READ_BYTES)
         return b""
@@ -136,7 +136,7 @@ class TcpCarrier:
         if self._host not in _LOOPBACK and not allow_remote:
             raise OperatorError(
                 f"{self._host} would open the board to other machines",
-                "use 127.0.0.1, or add --allow-remote: nothing on that way is encrypted or asks who is there",
+                "use 127.0.0.1, or add --allow-remote: the connection is neither encrypted nor authenticated",
             )
         self._port = int(port)
         self.url = ""

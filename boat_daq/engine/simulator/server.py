@@ -5,11 +5,11 @@ bytes are handed over before each step, so that a stalled machine does not starv
 lies in the buffer; for the same reason a fast board does not make up for a stall: its time then simply went slower. At
 1x it does, so that its clock keeps to the wall's. Nor does a fast board count milliseconds of a busy computer as
 seconds without a host: just before its watchdog would vent, it waits up to a second of wall time for one that is
-connected; the time in which this program itself did not run is not counted: the host may have stood still with it.
-Nor does it run ahead of what that host has read: an answer would stand behind seconds of samples, and count
-as none; while bytes wait for the port its time stands still, again for up to a second without a byte taken. Longer, a
-host that does not read holds no board up: beyond the transmit buffer samples are dropped, counted and told, as the
-contract says. With no host at all bytes go nowhere, as on a wire without a listener.
+connected; the time in which this program itself did not run is not counted: the host may have stalled with it. Nor does
+it run ahead of what that host has read: an answer would come behind seconds of samples, and count as none; while bytes
+wait for the port its time stops, again for up to a second without a byte taken. Longer, a host that does not read does
+not delay the board: beyond the transmit buffer samples are dropped, counted and reported, as the contract requires.
+Without a host the bytes are discarded.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class BoardSettings:
     faults : as NAME@SECONDS[:VALUE].
     truth : CSV file for the noise-free values beside each sample, or None.
     link : symbolic link to the pseudo-terminal, which finds it again after a replug.
-    buffer_bytes : transmit buffer; what finds no room in it is dropped.
+    buffer_bytes : transmit buffer; what does not fit into it is dropped.
     allow_remote : let TCP listen on other addresses than loopback.
     """
 
@@ -70,7 +70,7 @@ class BoardSettings:
 
 
 class BoardServer:
-    """A board on a port. `run` serves until told to stop; `close` takes the port away."""
+    """A board on a port. `run` serves until it is stopped; `close` removes the port."""
 
     def __init__(self, settings: BoardSettings) -> None:
         """Open the port; `url` is what a host connects to.
@@ -94,7 +94,7 @@ class BoardServer:
         self._congested = False
         self._connected = False
         self._plugged = True
-        self._looked_s = self._seen_s = 0.0  # time spent looking for the host, and when it was last looked for
+        self._looked_s = self._seen_s = 0.0  # time spent looking for the host, and when it last was
         self._heard_s = self._taken_s = 0.0  # of the time spent looking: when the host last sent, and took, a byte
         self._carrier.plug()
 
@@ -104,7 +104,7 @@ class BoardServer:
         return self._carrier.url
 
     def run(self, stopped: Callable[[], bool], replugged: Callable[[str], None] | None = None) -> None:
-        """Serve until `stopped()`; `replugged(url)` tells of a port that came back under another name."""
+        """Serve until `stopped()`; `replugged(url)` is called for a port that returned under another name."""
         step_s = _FAST_STEP_S if self._speed >= 20 else _STEP_S
         clock_us = 1e6 * self._speed
         origin, done_us = time.monotonic(), 0
@@ -145,7 +145,7 @@ class BoardServer:
             _write_truth(self._truth, self.board)
 
     def _for_host_us(self) -> int:
-        """Return how far a fast board's time may go on before it has to wait for its host; one with grace, if any."""
+        """Return how far a fast board's time may advance before it has to wait for its host."""
         watchdog_us = self.board.watchdog_us
         if not self._connected:
             return sys.maxsize
@@ -289,16 +289,16 @@ def _serve_in_process(settings: BoardSettings) -> ServedBoard:
 
 
 def _serve_for_parent(text: str) -> None:
-    """Serve as the settings in `text` (JSON) say until standard input ends, as it does with the parent.
+    """Serve with the settings in `text` (JSON) until standard input ends, as it does with the parent.
 
-    Ctrl-C is the parent's: a board that went first could not be vented any more.
+    Ctrl-C is left to the parent: a board that ended first could not be vented any more.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     settings = json.loads(text)
     try:
         server = BoardServer(BoardSettings(**{**settings, "faults": tuple(settings["faults"])}))
     except (BoatDaqError, ProtocolError):
-        sys.exit(1)  # the parent finds the same, and says it
+        sys.exit(1)  # the parent finds the same, and reports it
     stop = threading.Event()
 
     def wait_for_parent() -> None:

@@ -78,7 +78,7 @@ def test_a_result_says_by_which_state_it_was_computed(
     with closing(sqlite3.connect(run)) as db, db:
         db.execute("UPDATE result SET content = json_set(content, '$.sensors[1].figures.fso_mv.value', 1.0)")
     assert verdict() == (
-        "result 1 (analysis): this very program gives other numbers than are stored; "
+        "result 1 (analysis): this program, which computed it, gives other numbers than are stored; "
         "the first is sensors[1].figures.fso_mv.value"
     )
     with closing(sqlite3.connect(run)) as db, db:

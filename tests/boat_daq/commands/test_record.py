@@ -68,6 +68,6 @@ def test_a_link_that_only_listens_says_why(tmp_path: Path) -> None:
     session = Session(Settings(), UnitLibrary(tmp_path))
     session.connect(f"replay:{RECORDING}@5")
     session.wait_connected()
-    with pytest.raises(OperatorError, match="only listens: a replayed recording cannot be commanded"):
+    with pytest.raises(OperatorError, match="read only: a replay takes no commands"):
         session.arm(built_in_plans()["calibration"])
     session.close()

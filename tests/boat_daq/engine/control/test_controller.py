@@ -321,7 +321,7 @@ def test_a_listener_sends_nothing_but_start() -> None:
     bench = Bench()
     bench.control.board.can_command = False
     bench.connected()
-    with pytest.raises(OperatorError, match="only listens"):
+    with pytest.raises(OperatorError, match="read only"):
         bench.control.arm(QUICK)
     bench.do(bench.control.vent, bench.control.leave)
     assert not bench.sent_of(Vent) and not bench.sent_of(Heartbeat) and not bench.sent_of(SetLimits)

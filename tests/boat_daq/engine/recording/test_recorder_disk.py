@@ -135,5 +135,5 @@ def test_a_nearly_full_disk_is_told_while_there_is_room_to_close(path, source, m
     recorder(source.next())
     recorder.flush()
     recorder.close("aborted: disk")
-    assert ["full but for" in error.cause for error in errors] == [True]
+    assert ["MB left" in error.cause for error in errors] == [True]
     assert verify_recording(path).identical

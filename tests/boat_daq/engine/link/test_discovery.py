@@ -102,16 +102,16 @@ def test_a_silent_port_another_device_and_another_version_are_told_apart():
             told = identify_port(port)
             assert time.monotonic() - began < 1.5
             assert told.hello is None
-            assert says in told.remark
+            assert says in told.problem
 
 
 def test_a_port_that_cannot_be_opened_says_why():
     """Listing ports never fails because one of them is busy or gone."""
     with served(Board()) as port:
         mine = open_transport(port)
-        assert "in use" in identify_port(port).remark
+        assert "in use" in identify_port(port).problem
         mine.close()
-    assert "no port" in identify_port("/dev/ttyNOWHERE").remark
+    assert "no port" in identify_port("/dev/ttyNOWHERE").problem
 
 
 @pytest.mark.fault(11, how="a board that comes back under another port's name", times=1)

@@ -102,7 +102,7 @@ def test_a_fault_of_the_program_is_told_and_ends_the_taking(path, source, monkey
         time.sleep(0.02)
     monkeypatch.undo()
     recorder(source.next())
-    recorder.close("aborted: fault")
+    recorder.close(RunEnd.ABORTED, "fault")
     assert "ZeroDivisionError" in errors[0].cause
     assert rows(path, "SELECT sum(n) FROM block") == [(kept,)]
     assert verify_recording(path).identical
@@ -134,6 +134,6 @@ def test_a_nearly_full_disk_is_told_while_there_is_room_to_close(path, source, m
     recorder = Recorder(path, meta_of(source.link), on_error=errors.append)
     recorder(source.next())
     recorder.flush()
-    recorder.close("aborted: disk")
+    recorder.close(RunEnd.ABORTED, "disk")
     assert ["MB left" in error.cause for error in errors] == [True]
     assert verify_recording(path).identical

@@ -188,7 +188,7 @@ def test_what_cannot_be_gone_on_with_is_refused_and_not_touched(left: Path, tmp_
         read_broken_run(tmp_path / "live.boat")
     recorder.update_meta(plan=None)
     recorder.close(RunEnd.STOPPED)
-    with pytest.raises(OperatorError, match="no run to go on with"):
+    with pytest.raises(OperatorError, match="no run to resume"):
         read_broken_run(tmp_path / "live.boat")
     recover(left)
     for version, refused, words in ((1, OperatorError, "older program"), (99, RecordingError, "layout 99")):

@@ -1,4 +1,4 @@
-"""Where the monitor's sequential test breaks down: heavy tails, cycles that follow one another, small shifts.
+"""Where the monitor's sequential test breaks down: heavy tails, correlated cycles, small shifts.
 
 Truth: simulated figures, healthy by construction, or with a shift of known size at a known cycle.
 """
@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.atlas.sweep import Answer, Axis, Study
-from analysis.shadow.monitoring.cusum import SelfStartingCusum, sight, threshold_for
+from analysis.atlas.sweep import Axis, Study, StudyResult
+from analysis.shadow.monitoring.cusum import SelfStartingCusum, smallest_shift, threshold_for
 from analysis.shadow.monitoring.monitor import HEALTHY_CYCLES_BETWEEN_ALARMS, NOT_INDEPENDENT
 
 SUMS = 10
@@ -17,11 +17,18 @@ SUMS = 10
 RUNS, CYCLES = 800, 250
 SHIFTED_RUNS, AFTER = 200, 300
 NORMAL = 1e9
-"""Degrees of freedom of Student's t that are as good as none."""
+"""Degrees of freedom of Student's t that make it normal."""
 
 
 def healthy(degrees: float, correlation: float, cycles: int, runs: int) -> FloatArray:
-    """Figures of healthy actuators, (cycles, runs): a first-order autoregression driven by Student's t, sd 1."""
+    """Return figures of healthy actuators: a first-order autoregression driven by Student's t, sd 1.
+
+    Parameters
+    ----------
+    degrees : of freedom of the driving noise.
+    correlation : of neighbouring cycles.
+    cycles, runs : shape of the result.
+    """
     rng = np.random.default_rng(0)
     if degrees >= NORMAL:
         driven = rng.standard_normal((cycles, runs))
@@ -33,41 +40,41 @@ def healthy(degrees: float, correlation: float, cycles: int, runs: int) -> Float
     return np.asarray(found)
 
 
-def false_alarms(correlation: float, degrees: float) -> Answer:
-    """False alarms over all sums in 1,000 healthy cycles, counted where nothing was said against them."""
+def false_alarms(correlation: float, degrees: float) -> StudyResult:
+    """Count false alarms without warning over all sums in 1,000 healthy cycles."""
     threshold = threshold_for(HEALTHY_CYCLES_BETWEEN_ALARMS, SUMS)
     cusum, up = SelfStartingCusum(np.full(RUNS, 1e-9)), np.zeros((RUNS, 2), dtype=bool)
-    silent, doubted = 0, 0
+    unwarned, warned = 0, 0
     for row in healthy(degrees, correlation, CYCLES, RUNS):
         sums = cusum.update(row)
         fresh = (sums > threshold) & ~up
         up = (up | fresh) & (sums > 0)
-        doubt = cusum.dependent()
-        silent += int((fresh & ~doubt).sum())
-        doubted += int((fresh & doubt).sum())
+        dependent = cusum.dependent()
+        unwarned += int((fresh & ~dependent).sum())
+        warned += int((fresh & dependent).sum())
     per_thousand = 1000.0 * SUMS / 2.0 / (RUNS * CYCLES)
-    return Answer(per_thousand * silent, NOT_INDEPENDENT if doubted > silent else "")
+    return StudyResult(per_thousand * unwarned, NOT_INDEPENDENT if warned > unwarned else "")
 
 
-def shift(size: float, history: float) -> Answer:
-    """A lasting shift of `size` standard deviations after `history` healthy cycles: the share of runs without alarm."""
+def shift(size: float, history: float) -> StudyResult:
+    """Return the share of runs without alarm after a lasting shift of `size` sd, `history` healthy cycles before it."""
     threshold, n = threshold_for(HEALTHY_CYCLES_BETWEEN_ALARMS, SUMS), int(history)
-    smallest = sight(n, threshold)
+    smallest = smallest_shift(n, threshold)
     if not np.isfinite(smallest):
-        return Answer(float("nan"), "the history is too short to find any shift")
+        return StudyResult(float("nan"), "the history is too short to find any shift")
     cusum, found = SelfStartingCusum(np.full(SHIFTED_RUNS, 1e-9)), np.zeros(SHIFTED_RUNS, dtype=bool)
     rows = np.random.default_rng(1).standard_normal((n + AFTER, SHIFTED_RUNS))
     rows[n:] += size
     for k, row in enumerate(rows):
         sums = cusum.update(row)
         found |= (sums[:, 0] > threshold) & (k >= n)
-    said = f"a shift below {smallest:.1f} standard deviations is not promised to be found" if size < smallest else ""
-    return Answer(float(1.0 - found.mean()), said)
+    warning = f"a shift below {smallest:.1f} standard deviations is not promised to be found" if size < smallest else ""
+    return StudyResult(float(1.0 - found.mean()), warning)
 
 
 STUDIES = (
     Study(
-        "alarms-false", "alarms", "Heavy tails, and cycles that follow one another", "simulated healthy figures",
+        "alarms-false", "alarms", "Heavy tails, and correlated cycles", "simulated healthy figures",
         "unqualified false alarms in 1,000 cycles", 2.0,
         Axis("correlation of neighbouring cycles", "", (-0.5, -0.2, 0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)),
         Axis("degrees of freedom of the tails", "", (2.1, 3.0, 5.0, 10.0, NORMAL), ("2.1", "3", "5", "10", "normal")),

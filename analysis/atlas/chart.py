@@ -1,7 +1,7 @@
-"""Maps as pictures: where a method works, where it works with a reservation, where it refuses.
+"""Maps as pictures: where a method works, where it works with a warning, where it refuses.
 
-Rules: every outcome has a colour, a hatching and a letter, so that it can be told without colour; the fourth, quiet
-wrong, is the one that must never be seen. Values stand evenly along both axes.
+Rules: every outcome has a colour, a hatching and a letter, so that it is recognised without colour; the fourth, wrong
+without warning, must never occur. Values are drawn at equal distances along both axes.
 """
 
 from __future__ import annotations
@@ -13,32 +13,32 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from analysis import figure_style as style
-from analysis.atlas.sweep import Map, Outcome
+from analysis.atlas.sweep import CellOutcome, StudyMap
 
-LOOK: dict[Outcome, tuple[str, str, str]] = {
-    Outcome.WORKS: ("#9AD0F0", "", ""),
-    Outcome.DEGRADED: ("#F0E442", "///", "d"),
-    Outcome.REFUSED: ("#C9CED6", "xx", "r"),
-    Outcome.QUIET_WRONG: ("#000000", "", "!"),
+LOOK: dict[CellOutcome, tuple[str, str, str]] = {
+    CellOutcome.WORKS: ("#9AD0F0", "", ""),
+    CellOutcome.WARNS: ("#F0E442", "///", "d"),
+    CellOutcome.REFUSES: ("#C9CED6", "xx", "r"),
+    CellOutcome.WRONG_UNWARNED: ("#000000", "", "!"),
 }
 """Colour, hatching and letter of each outcome."""
-WORDS = {
-    Outcome.WORKS: "works: right to its tolerance",
-    Outcome.DEGRADED: "d: a number, with a reservation said",
-    Outcome.REFUSED: "r: refused, with the reason",
-    Outcome.QUIET_WRONG: "!: wrong and silent (must not occur)",
+LEGEND = {
+    CellOutcome.WORKS: "works: within its tolerance",
+    CellOutcome.WARNS: "d: works with a warning",
+    CellOutcome.REFUSES: "r: refuses, with the reason",
+    CellOutcome.WRONG_UNWARNED: "!: wrong without warning (must not occur)",
 }
 PANEL_INCH = (4.4, 3.7)
 MOST_COLUMNS = 3
 
 
-def draw_map(axes: Axes, drawn: Map) -> None:
+def draw_map(axes: Axes, drawn: StudyMap) -> None:
     """Draw one map into given axes."""
     study = drawn.study
     for j, row in enumerate(drawn.cells):
         for i, cell in enumerate(row):
             colour, hatch, letter = LOOK[cell.outcome]
-            ink = style.PAPER if cell.outcome is Outcome.QUIET_WRONG else style.SOFT
+            ink = style.PAPER if cell.outcome is CellOutcome.WRONG_UNWARNED else style.SOFT
             axes.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=colour, ec=style.PAPER, hatch=hatch, lw=0.8))
             if letter:
                 axes.text(i, j, letter, ha="center", va="center", fontsize=7, color=ink)
@@ -50,8 +50,8 @@ def draw_map(axes: Axes, drawn: Map) -> None:
     axes.grid(visible=False)
 
 
-def method_atlas(maps: Sequence[Map]) -> Figure:
-    """Draw the maps of one method side by side, with what the colours mean."""
+def method_atlas(maps: Sequence[StudyMap]) -> Figure:
+    """Draw the maps of one method side by side, with a legend of the outcomes."""
     columns = 2 if len(maps) == 4 else min(len(maps), MOST_COLUMNS)
     rows = -(-len(maps) // columns)
     size = (max(PANEL_INCH[0] * columns, 6.4), PANEL_INCH[1] * rows + 0.5)
@@ -61,7 +61,7 @@ def method_atlas(maps: Sequence[Map]) -> Figure:
         draw_map(axes, drawn)
     for axes in grid[len(maps) :]:
         axes.set_axis_off()
-    seen = [o for o in Outcome if any(m.counts[o.value] for m in maps) or o is not Outcome.QUIET_WRONG]
-    handles = [Patch(fc=LOOK[o][0], hatch=LOOK[o][1], ec=style.SOFT, label=WORDS[o]) for o in seen]
+    seen = [o for o in CellOutcome if any(m.counts[o.value] for m in maps) or o is not CellOutcome.WRONG_UNWARNED]
+    handles = [Patch(fc=LOOK[o][0], hatch=LOOK[o][1], ec=style.SOFT, label=LEGEND[o]) for o in seen]
     figure.legend(handles=handles, loc="outside upper center", ncols=2 if columns < MOST_COLUMNS else len(handles))
     return figure

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.atlas.runs import STEPS, Stairs, analysed, analysed_with, flags_of, off_percent
-from analysis.atlas.sweep import Answer, Axis, Study, joined
+from analysis.atlas.runs import STEPS, Stairs, analysed, analysed_with, off_percent, warnings_of
+from analysis.atlas.sweep import Axis, Study, StudyResult, joined
 
 FULL_MV = 255.5
 BULGE_PERCENT = 5.0
 
 
-def snr(span_mv: float, noise_mv: float) -> Answer:
-    """The signal-to-noise ratio of a staircase whose signal spans `span_mv`, in dB off its stated interval."""
+def snr(span_mv: float, noise_mv: float) -> StudyResult:
+    """Return the signal-to-noise ratio of a staircase whose signal spans `span_mv`, dB off its stated interval."""
     run = Stairs(scale=span_mv / FULL_MV, noise_mv=noise_mv)
     found = analysed(run)
     figure = found.sensors[0].figures["snr_db"]
     with np.errstate(divide="ignore", invalid="ignore"):
         truth = float(20.0 * np.log10(np.float64(run.truth["fso_mv"]) / noise_mv))
-    said = joined([figure.void, figure.note, flags_of(found)])
+    message = joined([figure.void, figure.note, warnings_of(found)])
     if np.isnan(figure.value) or (np.isinf(figure.value) and figure.void):
-        return Answer(float("nan"), said)
+        return StudyResult(float("nan"), message)
     low, high = (figure.low, figure.high) if np.isfinite(figure.low + figure.high) else (figure.value, figure.value)
-    return Answer(max(low - truth, truth - high, 0.0), said)
+    return StudyResult(max(low - truth, truth - high, 0.0), message)
 
 
-def overlap(read_percent: float, bulge_at: float) -> Answer:
-    """The sensor's loop over x where each branch was read over a part of its way only, from its beginning on."""
+def overlap(read_percent: float, bulge_at: float) -> StudyResult:
+    """Return the sensor's loop over x where only the first part of each branch was read."""
     run = Stairs(bulge_percent=BULGE_PERCENT, bulge_at=bulge_at)
     kept = round(read_percent / 100.0 * STEPS)
     levels, branch = run.holds
@@ -41,8 +41,8 @@ def overlap(read_percent: float, bulge_at: float) -> Answer:
     figure = found.sensors[0].figures["sensor_hysteresis_percent_fso"]
     full = found.sensors[0].figures["fso_mv"].value
     truth = BULGE_PERCENT * run.truth["fso_mv"] / full
-    said = joined([figure.void, figure.note, flags_of(found)])
-    return Answer(off_percent(figure, "percent_fso", truth), said)
+    message = joined([figure.void, figure.note, warnings_of(found)])
+    return StudyResult(off_percent(figure, "percent_fso", truth), message)
 
 
 STUDIES = (

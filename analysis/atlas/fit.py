@@ -1,8 +1,8 @@
 """Where the polynomial fit and its inverse break down.
 
 Truth: the curve that the points were made from. Without noise it is evaluated in rational arithmetic at the very
-doubles that the fit gets; with noise, what is stated must hold what is true: over many draws of the noise, the median
-error of those about which nothing is said; where most draws say something, that is the answer.
+doubles that the fit gets; with noise, the stated interval must contain the truth: over many draws of the noise, the
+median error of those without warning; where most draws have a warning, that is the result.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from fractions import Fraction
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.atlas.sweep import Answer, Axis, Study, joined
+from analysis.atlas.sweep import Axis, Study, StudyResult, joined
 from analysis.calibration.checks import calibration_warnings
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.inverse import Inverse
@@ -27,7 +27,7 @@ SURE = 0.999
 DRAWS = 21
 READINGS = 1000
 ROUNDING = 1e-6
-"""Relative to the span of y: what the fit may lose without a word."""
+"""Relative to the span of y: what the fit may lose without a warning."""
 
 
 def warned(fit: Calibration) -> list[str]:
@@ -36,7 +36,7 @@ def warned(fit: Calibration) -> list[str]:
 
 
 def cubic(x: FloatArray) -> FloatArray:
-    """The sensor without noise, mV; the rounding of doubles is far below its noise."""
+    """Return the sensor's signal without noise, mV; the rounding of doubles is far below its noise."""
     return np.asarray(np.polynomial.polynomial.polyval(x, CUBIC), dtype=np.float64)
 
 
@@ -47,44 +47,49 @@ def exact(x: FloatArray, coefficients: tuple[float, ...]) -> FloatArray:
 
 
 def wavy(degree: float) -> tuple[float, ...]:
-    """Monomials of Chebyshev's polynomial in u = -1..1, which uses its whole degree."""
+    """Return the monomials of Chebyshev's polynomial in u = -1..1, which uses its whole degree."""
     return tuple(np.polynomial.chebyshev.cheb2poly([0.0] * int(degree) + [1.0]).tolist())
 
 
-def clusters(width: float, degree: float) -> Answer:
-    """Points in two clusters at the ends of the range, each `width` of it wide; the curve is judged everywhere."""
+def clusters(width: float, degree: float) -> StudyResult:
+    """Fit points in two clusters at the ends of the range, each `width` of it wide; compare the curve everywhere."""
     part = width * np.linspace(0.0, 1.0, 12)
     u = np.sort(np.concatenate([-1.0 + 2.0 * part, 1.0 - 2.0 * part]))
     fit = fit_calibration(u, exact(u, wavy(degree)), int(degree))
     at = np.linspace(-1.0, 1.0, 41)
     truth = exact(at, wavy(degree))
-    return Answer(float(np.abs(fit.predict(at) - truth).max() / np.ptp(truth)), joined(warned(fit)))
+    return StudyResult(float(np.abs(fit.predict(at) - truth).max() / np.ptp(truth)), joined(warned(fit)))
 
 
-def offset(away: float, degree: float) -> Answer:
-    """The range lies `away` from zero; the curve is judged as a user of b0, b1, ... evaluates it."""
+def offset(away: float, degree: float) -> StudyResult:
+    """Fit a range `away` from zero; compare the curve as a user of b0, b1, ... evaluates it."""
     half = (RANGE_MM[1] - RANGE_MM[0]) / 2
     x = away + half * np.linspace(-1.0, 1.0, 24)
     y = exact((x - away) / half, wavy(degree))
     fit = fit_calibration(x, y, int(degree))
     written = np.polynomial.polynomial.polyval(x, fit.coefficients)
-    return Answer(float(np.abs(written - y).max() / np.ptp(y)), joined(warned(fit)))
+    return StudyResult(float(np.abs(written - y).max() / np.ptp(y)), joined(warned(fit)))
 
 
-def few_points(count: float, degree: float) -> Answer:
-    """Few points with noise, the degree as high or higher than the truth's."""
+def few_points(count: float, degree: float) -> StudyResult:
+    """Fit few points with noise, the degree as high as the truth's or higher."""
     x = np.linspace(*RANGE_MM, int(count))
     return over_draws(x, np.zeros(x.size), int(degree))
 
 
-def outlier(size: float, count: float) -> Answer:
-    """One point in the worst place, an end of the range, is off by `size` standard deviations of the noise."""
+def outlier(size: float, count: float) -> StudyResult:
+    """Fit points of which one, at an end of the range, is off by `size` standard deviations of the noise."""
     x = np.linspace(*RANGE_MM, int(count))
     return over_draws(x, np.where(x == x[-1], size, 0.0), 3)
 
 
-def over_draws(x: FloatArray, off: FloatArray, degree: int) -> Answer:
-    """Fit many draws; the error is the distance from the true curve in half-widths of the stated 99.9 % band."""
+def over_draws(x: FloatArray, off: FloatArray, degree: int) -> StudyResult:
+    """Fit many draws; return the distance from the true curve in half-widths of the stated 99.9 % band.
+
+    Parameters
+    ----------
+    x : (n,) mm. off : (n,) errors put in, sd of the noise. degree : of the fit.
+    """
     fits = []
     for seed in range(DRAWS):
         noise = np.random.default_rng(seed).standard_normal(x.size)
@@ -92,27 +97,27 @@ def over_draws(x: FloatArray, off: FloatArray, degree: int) -> Answer:
     return most([_in_band(fit) for fit in fits])
 
 
-def _in_band(fit: Calibration) -> Answer:
+def _in_band(fit: Calibration) -> StudyResult:
     at = np.linspace(*fit.x_range, 41)
     low, high = fit.band(at, SURE)
     with np.errstate(invalid="ignore"):
         parts = np.abs(fit.predict(at) - cubic(at)) / ((high - low) / 2)
-    return Answer(float(np.max(np.where(np.isfinite(parts), parts, np.inf))), joined(warned(fit)))
+    return StudyResult(float(np.max(np.where(np.isfinite(parts), parts, np.inf))), joined(warned(fit)))
 
 
-def most(answers: Sequence[Answer]) -> Answer:
-    """Return what most of several answers are: a reservation, or the median error of those without one."""
-    silent = [answer.error for answer in answers if not answer.said]
-    if 2 * len(silent) >= len(answers):
-        return Answer(float(np.median(silent)))
-    said = next(answer for answer in answers if answer.said)
-    return Answer(float(np.median([answer.error for answer in answers])), said.said)
+def most(results: Sequence[StudyResult]) -> StudyResult:
+    """Return what most of several results are: a warning, or the median error of those without one."""
+    unwarned = [result.error for result in results if not result.message]
+    if 2 * len(unwarned) >= len(results):
+        return StudyResult(float(np.median(unwarned)))
+    message = next(result.message for result in results if result.message)
+    return StudyResult(float(np.median([result.error for result in results])), message)
 
 
-def turning(gap_mm: float, place: float) -> Answer:
-    """A signal at `place` of a calibrated range (0 its lower end, 1 its upper) that ends `gap_mm` before the turn.
+def turning(gap_mm: float, place: float) -> StudyResult:
+    """Invert a signal at `place` of a calibrated range (0 to 1) that ends `gap_mm` before the turning point.
 
-    The error is the share of readings, given without a flag, that lie farther from the truth than twice the stated
+    The error is the share of readings without a flag that lie farther from the truth than twice the stated
     uncertainty: 5 % of normal scatter do.
     """
     low, high = RANGE_MM[0], TURNING_MM - gap_mm
@@ -126,7 +131,7 @@ def turning(gap_mm: float, place: float) -> Answer:
     beyond = np.abs(found.elongation_mm - truth)[given] > 2.0 * found.standard_uncertainty_mm[given]
     error = float(beyond.mean()) if given.mean() > 0.01 else float("nan")
     outside = f"{1 - given.mean():.0%} of the readings flagged outside the range" if given.mean() < 0.5 else ""
-    return Answer(error, joined([outside, *warned(fit)]))
+    return StudyResult(error, joined([outside, *warned(fit)]))
 
 
 _DEGREES = tuple(float(d) for d in range(1, 11))

@@ -11,14 +11,14 @@ from functools import lru_cache
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.atlas.sweep import Answer, Axis, Study, joined
+from analysis.atlas.sweep import Axis, Study, StudyResult, joined
 from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.material import NeoHookean
-from analysis.shadow.fem.mesh import Mesh, check_quality
+from analysis.shadow.fem.mesh import Mesh, check_quality, structured_quads
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.pressure import volume_gradient
 from analysis.shadow.fem.problem import make_problem
-from analysis.shadow.fem.scikit_fem import Oracle, make_oracle
+from analysis.shadow.fem.scikit_fem import ScikitFemProblem, make_scikit_fem_problem
 from analysis.shadow.fem.solver import Solution, Solver
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
@@ -29,36 +29,24 @@ SIDE = 4
 
 
 def cylinder_mesh(distortion: float) -> Mesh:
-    """A slice of a thick cylinder, its inner corners moved at random by a share of an element."""
+    """Mesh a slice of a thick cylinder, its inner corners moved at random by a share of an element."""
     steps = np.linspace(0.0, 1.0, SIDE + 1)
     r, z = np.meshgrid(INNER_MM * (OUTER_MM / INNER_MM) ** steps, 6.0 * steps)
     moved = distortion * np.random.default_rng(4).uniform(-1.0, 1.0, (2, SIDE - 1, SIDE - 1))
     r[1:-1, 1:-1] += moved[0] * np.diff(r, axis=1)[1:-1, :-1]
     z[1:-1, 1:-1] += moved[1] * 6.0 / SIDE
-    corner = np.arange((SIDE + 1) ** 2).reshape(SIDE + 1, SIDE + 1)
-    nodes = [np.array([a, b]) for a, b in zip(r.ravel(), z.ravel(), strict=True)]
-    middles: dict[tuple[int, int], int] = {}
-
-    def middle(a: int, b: int) -> int:
-        key = (min(a, b), max(a, b))
-        if key not in middles:
-            middles[key] = len(nodes)
-            nodes.append((nodes[a] + nodes[b]) / 2)
-        return middles[key]
-
-    quads = []
-    for j in range(SIDE):
-        for i in range(SIDE):
-            c = [int(corner[j, i]), int(corner[j, i + 1]), int(corner[j + 1, i + 1]), int(corner[j + 1, i])]
-            quads.append([*c, *(middle(c[k], c[(k + 1) % 4]) for k in range(4))])
-    table, places = np.array(quads), np.array(nodes)
-    ends = [np.flatnonzero(places[:, 1] == end) for end in (0.0, 6.0)]
-    wetted = table[::SIDE][:, EDGES[3]]
-    return Mesh(places, table, np.zeros(len(table), dtype=np.int64), wetted, *ends)
+    quads, used, column = structured_quads(SIDE, SIDE)
+    places = np.full((*used.shape, 2), np.nan)
+    places[::2, ::2] = np.stack([r, z], axis=2)
+    places[::2, 1::2] = (places[::2, :-1:2] + places[::2, 2::2]) / 2
+    places[1::2, ::2] = (places[:-1:2, ::2] + places[2::2, ::2]) / 2
+    nodes = places[used]
+    ends = [np.flatnonzero(nodes[:, 1] == end) for end in (0.0, 6.0)]
+    return Mesh(nodes, quads, np.zeros(len(quads), dtype=np.int64), quads[column == 0][:, EDGES[3]], *ends)
 
 
-def cylinder(half_less_nu: float, distortion: float) -> Answer:
-    """Lame's cylinder in plane strain; nu is one half less `half_less_nu`. The error is that of the inner radius."""
+def cylinder(half_less_nu: float, distortion: float) -> StudyResult:
+    """Return the error of the inner radius of Lame's cylinder in plane strain; nu is one half less `half_less_nu`."""
     nu = 0.5 - half_less_nu
     material, mesh = NeoHookean(MODULUS_KPA, nu), cylinder_mesh(distortion)
     check_quality(mesh)
@@ -69,44 +57,44 @@ def cylinder(half_less_nu: float, distortion: float) -> Answer:
     square = INNER_MM**2 / (OUTER_MM**2 - INNER_MM**2)
     exact = (1 + nu) / MODULUS_KPA * LOAD_KPA * square * ((1 - 2 * nu) * INNER_MM + OUTER_MM**2 / INNER_MM)
     inner = found[np.unique(mesh.cavity), 0]
-    return Answer(float(np.abs(inner / exact - 1.0).max()))
+    return StudyResult(float(np.abs(inner / exact - 1.0).max()))
 
 
 @lru_cache(maxsize=16)
 def actuator(**values: float) -> FullModel:
-    """An actuator and its limits, kept."""
+    """Return an actuator, cached with its limits."""
     return FullModel(ActuatorParameters(**values))  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=16)
-def oracle(model: FullModel) -> Oracle:
-    """The same mesh in scikit-fem, kept."""
-    return make_oracle(model.problem)
+def in_scikit_fem(model: FullModel) -> ScikitFemProblem:
+    """Return the same mesh in scikit-fem, cached."""
+    return make_scikit_fem_problem(model.problem)
 
 
 def out_of_balance(model: FullModel, found: Solution) -> float:
-    """Relative force out of balance of a state, its inner forces assembled by scikit-fem."""
+    """Return the relative force out of balance of a state, its inner forces assembled by scikit-fem."""
     load = np.zeros_like(found.displacement_mm)
     volume_gradient(model.mesh.nodes, found.displacement_mm, model.mesh.cavity, load)
-    inner = oracle(model).internal_force(found.displacement_mm)
+    inner = in_scikit_fem(model).internal_force(found.displacement_mm)
     force = model.problem.gather(inner - found.pressure_kpa * load)
     return float(np.linalg.norm(force)) / max(float(np.linalg.norm(inner)), 1e-12)
 
 
-def limit(pressure_kpa: float, wall_mm: float) -> Answer:
-    """A pressure, for a wall of a given thickness: in balance, or refused beyond the critical pressure."""
+def limit(pressure_kpa: float, wall_mm: float) -> StudyResult:
+    """Return the force out of balance at a pressure, for a wall of a given thickness."""
     model = actuator(wall_mm=wall_mm)
     found = model.solve(pressure_kpa=pressure_kpa)
     stable = model.stability.unstable_mode(found) is None
-    return Answer(out_of_balance(model, found) if stable else math.inf)
+    return StudyResult(out_of_balance(model, found) if stable else math.inf)
 
 
-def coarse(axial: float, across: float) -> Answer:
-    """The tracked points at -40 and 50 kPa on a coarse mesh against a fine one, mm."""
+def coarse(axial: float, across: float) -> StudyResult:
+    """Return the error of the tracked points at -40 and 50 kPa on a coarse mesh against a fine one, mm."""
     wall = max(1, round(across / 2))
     model = actuator(axial_elements=int(axial), wall_elements=wall, lattice_elements=int(across))
     found = _tracked(model)
-    return Answer(float(np.linalg.norm(found - _fine(), axis=-1).max()), joined(model.reservations))
+    return StudyResult(float(np.linalg.norm(found - _fine(), axis=-1).max()), joined(model.reservations))
 
 
 def _tracked(model: FullModel) -> FloatArray:
@@ -120,18 +108,18 @@ def _fine() -> FloatArray:
 
 @lru_cache(maxsize=1)
 def shadow() -> Shadow:
-    """The default actuator with its table."""
+    """Return the default actuator with its table."""
     return Shadow()
 
 
-def edge(pressure_kpa: float, elongation_mm: float) -> Answer:
-    """A state of the reduced model about the edge of its rectangle; all tracked points against the full model, mm."""
+def edge(pressure_kpa: float, elongation_mm: float) -> StudyResult:
+    """Return the error of the tracked points near the edge of the table against the full model, mm."""
     state, model = shadow().state(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm), shadow().model
     full = model.solve(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm)
     drawn = model.guides.tracked.positions(state.nodes_mm - model.mesh.nodes)
     error = np.linalg.norm(drawn - model.tracked(full), axis=1).max()
     fell_back = "outside the table: the full model answered" if state.model == "full" else ""
-    return Answer(float(error), fell_back)
+    return StudyResult(float(error), fell_back)
 
 
 STUDIES = (

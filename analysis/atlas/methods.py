@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from analysis.atlas import alarms as atlas_alarms
-from analysis.atlas import figures as atlas_figures
-from analysis.atlas import fit as atlas_fit
-from analysis.atlas import mechanics as atlas_mechanics
-from analysis.atlas import optics as atlas_optics
-from analysis.atlas import posterior as atlas_posterior
-from analysis.atlas import segmentation as atlas_segmentation
+from analysis.atlas import alarms, figures, fit, mechanics, optics, posterior, segmentation
 from analysis.atlas.sweep import Study
 from analysis.errors import RequestError
 
-_ROOMS = (
-    atlas_fit, atlas_posterior, atlas_segmentation, atlas_figures, atlas_optics, atlas_mechanics, atlas_alarms,
-)  # fmt: skip
-STUDIES: dict[str, Study] = {study.name: study for room in _ROOMS for study in room.STUDIES}
+_MODULES = (fit, posterior, segmentation, figures, optics, mechanics, alarms)
+STUDIES: dict[str, Study] = {study.name: study for module in _MODULES for study in module.STUDIES}
 METHOD_TITLES = {
     "fit": "Calibration: the polynomial fit",
     "inverse": "Inverse: mV to mm",

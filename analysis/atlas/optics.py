@@ -1,7 +1,7 @@
 """Where the ray tracer breaks down: grazing rays, rays along a bend, corners, cavities too small or too deep.
 
-Truth: closed forms of a straight guide and of a ring; and, where cavities stand, a second tracer of straight segments
-in extended precision, which tries every segment for every ray.
+Truth: closed forms of a straight guide and of a ring; and, with cavities, a second tracer of straight segments in
+extended precision, which tries every segment for every ray.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from analysis.atlas.sweep import Answer, Axis, Study, joined
+from analysis.atlas.sweep import Axis, Study, StudyResult, joined
 from analysis.optics.scene.arc_spline import ring, straight
 from analysis.optics.scene.frame import one_strip
 from analysis.optics.scene.parameters import Design, Light, Waveguide
@@ -27,30 +27,30 @@ RAYS, CAP_MM = 250, 1000.0
 
 
 def given_up(out: TraceResult, names: tuple[str, ...] = GIVEN_UP) -> str:
-    """What the ledger says of rays that were not followed to an end."""
+    """Return what the ledger has of rays that were not followed to an end."""
     return joined(
         [f"{out.ledger[name]} of {out.ledger['released']} rays: {name}" for name in names if out.ledger[name]]
     )
 
 
-def grazing(angle: float, excess: float) -> Answer:
-    """One ray that meets a straight wall at `angle` (rad), in resin of index 1 + `excess`.
+def grazing(angle: float, excess: float) -> StudyResult:
+    """Trace one ray that meets a straight wall at `angle` (rad), in resin of index 1 + `excess`.
 
-    Total reflection asks n cos(angle) > 1, which is excess > 2 n sin^2(angle / 2): it is told without cancellation.
+    Total reflection requires n cos(angle) > 1, which is excess > 2 n sin^2(angle / 2), free of cancellation.
     """
     guide = Waveguide(index=1.0 + excess)
     start = np.array([0.1, HALF_MM - 20.0 * math.tan(angle), math.cos(angle), math.sin(angle)])
     out = trace(one_strip(straight((0, 0), (LENGTH_MM, 0)), guide, start), PLAIN, guide, ONE, threads=1)
     n = 1.0 + excess
     guided = n - 1.0 > 2.0 * n * math.sin(angle / 2.0) ** 2
-    return Answer(float(abs(out.ledger["detected"] - guided)), given_up(out))
+    return StudyResult(float(abs(out.ledger["detected"] - guided)), given_up(out))
 
 
-def whispering(depth_mm: float, radius_mm: float) -> Answer:
-    """One ray along the outer wall of a quarter ring, `depth_mm` below it at its flattest, in resin that absorbs.
+def whispering(depth_mm: float, radius_mm: float) -> StudyResult:
+    """Trace one ray along the outer wall of a quarter ring, `depth_mm` below it at most, in resin that absorbs.
 
-    All its chords are alike: it meets the wall after an angle b = acos(1 - depth / R), then every 2 b. What arrives is
-    exp(-way), the way summed over the chords.
+    All its chords are alike: it meets the wall after an angle b = acos(1 - depth / R), then every 2 b. The power that
+    arrives is exp(-path length), summed over the chords.
     """
     outer = radius_mm + HALF_MM
     start = np.array([outer - depth_mm, 0.0, 0.0, 1.0])
@@ -58,26 +58,26 @@ def whispering(depth_mm: float, radius_mm: float) -> Answer:
     b = 2.0 * math.asin(math.sqrt(depth / outer / 2.0))
     chords = max(math.floor((math.pi / 2 - b) / (2.0 * b)), 0)
     rest = math.pi / 2 - b - 2.0 * b * chords  # from the last hit to the end face
-    way = outer * (math.sin(b) * (2.0 + 2.0 * chords) + math.cos(b) * math.tan(rest - b))
-    guide = Waveguide(attenuation_db_per_cm=100.0 / math.log(10.0) / way)
+    path_mm = outer * (math.sin(b) * (2.0 + 2.0 * chords) + math.cos(b) * math.tan(rest - b))
+    guide = Waveguide(attenuation_db_per_cm=100.0 / math.log(10.0) / path_mm)
     out = trace(one_strip(ring(radius_mm, math.pi / 2, 5), guide, start), PLAIN, guide, ONE, threads=1)
-    return Answer(abs(out.power / math.exp(-1.0) - 1.0), given_up(out))
+    return StudyResult(abs(out.power / math.exp(-1.0) - 1.0), given_up(out))
 
 
-def corner(beside_mm: float, angle_deg: float) -> Answer:
-    """One ray aimed beside a cavity's corner, by `beside_mm` to the right of its way."""
+def corner(beside_mm: float, angle_deg: float) -> StudyResult:
+    """Trace one ray aimed beside a cavity's corner, by `beside_mm` to its right."""
     design, guide = Design(1, 1.0, 0.5, 0.9), Waveguide()
     angle = math.radians(angle_deg)
-    way = np.array([math.cos(angle), math.sin(angle)])
-    aim = np.array([LENGTH_MM / 2 - 0.5, HALF_MM - 0.5]) + beside_mm * np.array([way[1], -way[0]])
-    start = np.concatenate([aim - 0.8 * way, way])
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    aim = np.array([LENGTH_MM / 2 - 0.5, HALF_MM - 0.5]) + beside_mm * np.array([direction[1], -direction[0]])
+    start = np.concatenate([aim - 0.8 * direction, direction])
     out = trace(one_strip(straight((0, 0), (LENGTH_MM, 0)), guide, start), design, guide, ONE, threads=1)
     ends, _ = second_tracer(segments(design), start[None, :2], start[None, 2:], 1.5, 1e6)
-    return Answer(float(abs(out.ledger["detected"] - int((ends == 1).sum()))), given_up(out))
+    return StudyResult(float(abs(out.ledger["detected"] - int((ends == 1).sum()))), given_up(out))
 
 
-def cavity(width_mm: float, depth_mm: float) -> Answer:
-    """A row of five cavities of any width and depth, a fan of 250 rays: how many counts apart are two tracers?"""
+def cavity(width_mm: float, depth_mm: float) -> StudyResult:
+    """Return by how many rays of 250 two tracers differ on a row of five cavities."""
     design, guide = Design(5, width_mm, depth_mm, 0.9), Waveguide()
     light = Light(rays=RAYS, secondary=0, path_cap_mm=CAP_MM)
     out = trace(one_strip(straight((0, 0), (LENGTH_MM, 0)), guide), design, guide, light, threads=1)
@@ -86,18 +86,18 @@ def cavity(width_mm: float, depth_mm: float) -> Answer:
     ends, _ = second_tracer(segments(design), start, np.stack([np.cos(angle), np.sin(angle)], axis=1), 1.5, CAP_MM)
     ours = out.ledger["escaped"], out.ledger["detected"], out.ledger["trapped"] + out.ledger["cut"]
     apart = max(abs(count - int((ends == end).sum())) for end, count in enumerate(ours))
-    return Answer(float(apart), given_up(out, ("corner", "dropped")))
+    return StudyResult(float(apart), given_up(out, ("corner", "dropped")))
 
 
 def segments(design: Design) -> LongArray:
-    """The outline of a straight guide with cavities in its upper face, (n, 2, 2); the receiver is the first segment."""
+    """Return the outline of a straight guide with cavities in its upper face, (n, 2, 2), the receiver first."""
     pitch = design.width_mm + design.spacing_mm
-    top, floor = HALF_MM, HALF_MM - design.depth_mm
+    top, bottom = HALF_MM, HALF_MM - design.depth_mm
     path = [(0.0, top)]
     for i in range(design.cavities):
         a = LENGTH_MM / 2 + (i - (design.cavities - 1) / 2) * pitch - design.width_mm / 2
         b = a + design.width_mm
-        path += [(a, top), (a, floor), (b, floor), (b, top)]
+        path += [(a, top), (a, bottom), (b, bottom), (b, top)]
     path += [(LENGTH_MM, top), (LENGTH_MM, -HALF_MM), (0.0, -HALF_MM), (0.0, top)]
     points = np.array(path, dtype=np.longdouble)
     rows = np.stack([points[:-1], points[1:]], axis=1)
@@ -106,15 +106,21 @@ def segments(design: Design) -> LongArray:
 
 
 def second_tracer(
-    surfaces: LongArray, start: npt.ArrayLike, way: npt.ArrayLike, index: float, cap_mm: float
+    surfaces: LongArray, start: npt.ArrayLike, direction: npt.ArrayLike, index: float, cap_mm: float
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Follow rays through straight segments without secondaries, every segment tried for every ray.
+
+    Parameters
+    ----------
+    surfaces : from `segments`.
+    start, direction : (rays, 2), mm and unit vectors.
+    index : of the resin. cap_mm : path length after which a ray is stopped.
 
     Returns
     -------
     (rays,) 0 escaped, 1 detected, 2 stopped at the cap; and the surfaces that each met.
     """
-    p, d = np.array(start, dtype=np.longdouble), np.array(way, dtype=np.longdouble)
+    p, d = np.array(start, dtype=np.longdouble), np.array(direction, dtype=np.longdouble)
     d /= np.hypot(d[:, :1], d[:, 1:])
     a, e = surfaces[:, 0], surfaces[:, 1] - surfaces[:, 0]
     normal = np.stack([-e[:, 1], e[:, 0]], axis=1) / np.hypot(e[:, :1], e[:, 1:])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.atlas.fit import NOISE_MV, cubic
-from analysis.atlas.sweep import Answer, Axis, Study, joined
+from analysis.atlas.sweep import Axis, Study, StudyResult, joined
 from analysis.calibration.posterior import Posterior, sample_posterior
 from analysis.published import RANGE_MM
 
@@ -17,23 +17,23 @@ STEP_MM = (RANGE_MM[1] - RANGE_MM[0]) / (LEVELS - 1)
 POSITIONS = np.tile(np.linspace(*RANGE_MM, LEVELS), CYCLES)
 
 
-def said_by(posterior: Posterior) -> str:
-    """What a user is told about a posterior."""
+def messages_of(posterior: Posterior) -> str:
+    """Return the messages that a user gets about a posterior."""
     return joined([warning.text for warning in posterior.warnings])
 
 
-def start(ball: float, steps: float) -> Answer:
-    """Walkers that start in a ball of any size and take any number of steps; the worst relative error of an sd."""
+def start(ball: float, steps: float) -> StudyResult:
+    """Sample from walkers that start in a ball of any size; return the worst relative error of an sd."""
     y = cubic(POSITIONS) + NOISE_MV * np.random.default_rng(2).standard_normal(POSITIONS.size)
     found = sample_posterior(POSITIONS, y, start_sd=ball, max_steps=int(steps), seed=1)
     fit = found.calibration
     closed = fit.std_errors * np.sqrt(fit.dof / (fit.dof - 2))
     away = np.abs(found.mean - fit.coefficients) / closed
-    return Answer(float(max(np.abs(found.sd / closed - 1.0).max(), away.max())), said_by(found))
+    return StudyResult(float(max(np.abs(found.sd / closed - 1.0).max(), away.max())), messages_of(found))
 
 
-def rounded(grid_steps: float, noise_mv: float) -> Answer:
-    """Every cycle at the same positions, read on a grid of `grid_steps` steps between them.
+def rounded(grid_steps: float, noise_mv: float) -> StudyResult:
+    """Sample readings rounded to a grid of `grid_steps` steps between positions.
 
     The error is the greatest distance of the band's middle from the true curve, in its standard deviations.
     """
@@ -43,7 +43,7 @@ def rounded(grid_steps: float, noise_mv: float) -> Answer:
     found = sample_posterior(read, y, reading_sd=grid / np.sqrt(12.0), seed=1)
     at = np.linspace(*found.calibration.x_range, 31)
     curves = found.curves(at)
-    return Answer(float(np.max(np.abs(curves.mean(axis=0) - cubic(at)) / curves.std(axis=0))), said_by(found))
+    return StudyResult(float(np.max(np.abs(curves.mean(axis=0) - cubic(at)) / curves.std(axis=0))), messages_of(found))
 
 
 STUDIES = (

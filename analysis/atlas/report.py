@@ -1,4 +1,4 @@
-"""The atlas as files: one JSON of all maps, one picture a method."""
+"""The atlas as files: one JSON of all maps, one picture per method."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ import matplotlib as mpl
 from PIL import Image
 
 from analysis import figure_style as style
-from analysis.atlas.chart import WORDS, method_atlas
-from analysis.atlas.sweep import Map, Outcome
-from analysis.tradeoff.report import machine
+from analysis.atlas.chart import LEGEND, method_atlas
+from analysis.atlas.sweep import CellOutcome, StudyMap
+from analysis.machine import machine
 
 DPI = 110
 COLOURS = 64
-"""Of a PNG: the maps need no more, and such a file is a third as large."""
+"""Of a PNG: enough for the maps, and the file is a third as large."""
 HATCH = {"hatch.linewidth": 0.3}
 
 
-def atlas_json(maps: Sequence[Map]) -> dict[str, Any]:
+def atlas_json(maps: Sequence[StudyMap]) -> dict[str, Any]:
     """Return what `atlas --json` prints."""
     return {
         "machine": machine(),
-        "outcomes": {outcome.value: words for outcome, words in WORDS.items()},
-        "quiet_wrong": sum(len(m.found(Outcome.QUIET_WRONG)) for m in maps),
+        "outcomes": {outcome.value: text for outcome, text in LEGEND.items()},
+        "quiet_wrong": sum(len(m.found(CellOutcome.WRONG_UNWARNED)) for m in maps),
         "maps": [m.as_json() for m in maps],
     }
 
 
-def write_atlas(maps: Sequence[Map], folder: Path) -> list[Path]:
+def write_atlas(maps: Sequence[StudyMap], folder: Path) -> list[Path]:
     """Write atlas.json and, for each method, METHOD.png and METHOD.svg; return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "atlas.json"]

@@ -1,4 +1,4 @@
-"""Runs with a truth in closed form, disturbed one way at a time, and analysed as a user would.
+"""Runs with a truth in closed form, disturbed in one way at a time, and analysed as a user would.
 
 A staircase of pressure moves the elongation along a line with a parabolic loop of known width; the paper's cubic makes
 the signal. Full scale, sensitivity and the system's hysteresis then follow from the formula alone.
@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
 from analysis.atlas.fit import NOISE_MV, cubic
-from analysis.atlas.sweep import Answer, joined
+from analysis.atlas.sweep import StudyResult, joined
 from analysis.data.recording import Recording
 from analysis.figures.figure import Figure
 from analysis.figures.pipeline import Analysis, analyse
@@ -27,8 +27,7 @@ MM_PER_KPA = 6.5 / SPAN_KPA
 LOOP_SHARE = 0.08
 """Half the loop's width in the middle, as a share of the span of x, times 1/2: 4 % of full scale in the signal."""
 EXPECTED = ("simulated", "no_calibration", "hysteresis_is_a_bound")
-"""Flags that say nothing against a number; a calibration that is not there is void by its own reason, a
-figure that is a bound says so in its note."""
+"""Warnings that do not concern a number's truth: a missing calibration has its own reason, a bound its own note."""
 
 
 @dataclass(frozen=True)
@@ -61,17 +60,17 @@ class Stairs:
         object.__setattr__(self, "levels_kpa", levels)
 
     def elongation(self, pressure_kpa: FloatArray, loading: FloatArray) -> FloatArray:
-        """x of a pressure on the loading (1) or unloading (0) branch, mm."""
+        """Return x of a pressure on the loading (1) or unloading (0) branch, mm."""
         share = (pressure_kpa - self.levels_kpa[-1]) / self.span_kpa
         bow = LOOP_SHARE * share * (1.0 - share) * self.span_kpa * MM_PER_KPA
         return np.asarray(MM_PER_KPA * pressure_kpa + 0.19 + np.where(loading > 0, -bow, bow))
 
     def signal(self, x: FloatArray) -> FloatArray:
-        """Signal without noise, mV."""
+        """Return the signal without noise, mV."""
         return np.asarray(cubic(np.zeros(1))[0] + self.scale * (cubic(x) - cubic(np.zeros(1))[0]))
 
     def bulge(self, x: FloatArray) -> FloatArray:
-        """Distance of the loading from the unloading branch over x, mV: s^a (1 - s)^b over the share s of the range."""
+        """Return the distance of the branches over x, mV: s^a (1 - s)^b over the share s of the range."""
         a, b = 5.0 * self.bulge_at, 5.0 * (1.0 - self.bulge_at)
         ends = self.elongation(self.levels_kpa[[-1, 0]], np.zeros(2))
         share = np.clip((x - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
@@ -81,7 +80,7 @@ class Stairs:
 
     @cached_property
     def holds(self) -> tuple[FloatArray, FloatArray]:
-        """Level and branch (1 loading) of every hold."""
+        """Return level and branch (1 loading) of every hold."""
         down, up = self.levels_kpa[1:], self.levels_kpa[-2::-1]
         levels = np.concatenate([self.levels_kpa[:1], *[down, up] * self.cycles])
         branch = np.concatenate([[0.0], *[np.zeros(STEPS), np.ones(STEPS)] * self.cycles])
@@ -89,7 +88,7 @@ class Stairs:
 
     @cached_property
     def trace(self) -> tuple[FloatArray, FloatArray]:
-        """Pressure and branch of every sample."""
+        """Return pressure and branch of every sample."""
         levels, branch = self.holds
         hold = max(1, round(self.dwell_s * self.rate_hz))
         ramp = max(1, round(self.span_kpa / STEPS / self.ramp_kpa_per_s * self.rate_hz))
@@ -101,7 +100,7 @@ class Stairs:
 
     @cached_property
     def columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Time (s), measured pressure (kPa) and signal (mV) of every sample."""
+        """Return time (s), measured pressure (kPa) and signal (mV) of every sample."""
         pressure, loading = self.trace
         rng = np.random.default_rng(self.seed)
         x = self.elongation(pressure, loading)
@@ -112,7 +111,7 @@ class Stairs:
 
     @property
     def truth(self) -> dict[str, float]:
-        """Full scale (mV), sensitivity (mV/mm) and system hysteresis (% FSO) from the formula."""
+        """Return full scale (mV), sensitivity (mV/mm) and system hysteresis (% FSO) from the formula."""
         ends = self.elongation(self.levels_kpa[[0, -1]], np.zeros(2))
         full = abs(float(np.diff(self.signal(ends))[0]))
         apart = self.signal(self.elongation(self.levels_kpa, np.ones(STEPS + 1)))
@@ -125,14 +124,19 @@ class Stairs:
         }
 
     def recording(self, kept: IntArray | None = None) -> Recording:
-        """The run; `kept` are the samples that arrived, all by default."""
+        """Return the run; `kept` are the samples that arrived, all by default."""
         time, pressure, signal = self.columns
         rows = np.arange(time.size) if kept is None else kept
         return Recording.from_arrays(time[rows], pressure[rows], signal[rows], index=rows)
 
 
 def analysed(run: Stairs, recording: Recording | None = None, *, readings: bool = True) -> Analysis:
-    """Analyse a run, with a file of its exact elongations, one row a hold, or without."""
+    """Analyse a run, with a file of its exact elongations, one row a hold, or without.
+
+    Parameters
+    ----------
+    run : with its truth. recording : of the run, disturbed; the run as it is by default. readings : whether with file.
+    """
     recording = recording or run.recording()
     if not readings:
         return analyse(recording, options=Options(mcmc=False, x_resolution_mm=0.0))
@@ -151,13 +155,13 @@ def analysed_with(recording: Recording, text: str) -> Analysis:
         return analyse(recording, file, options=options)
 
 
-def flags_of(found: Analysis) -> str:
-    """What the analysis says against its own numbers."""
+def warnings_of(found: Analysis) -> str:
+    """Return the analysis' warnings about its own numbers."""
     return joined([warning.sentence for warning in found.warnings if warning.code not in EXPECTED])
 
 
-def judged_run(run: Stairs, recording: Recording | None = None, *, readings: bool = True) -> Answer:
-    """Full scale, sensitivity and hysteresis of a disturbed run against the formula: the worst, % FSO."""
+def compared_with_truth(run: Stairs, recording: Recording | None = None, *, readings: bool = True) -> StudyResult:
+    """Compare full scale, sensitivity and hysteresis of a disturbed run with the formula: the worst, % FSO."""
     found = analysed(run, recording, readings=readings)
     figures, truth = found.sensors[0].figures, dict(run.truth)
     if not readings:
@@ -167,11 +171,11 @@ def judged_run(run: Stairs, recording: Recording | None = None, *, readings: boo
     errors = [off_percent(figures.get(name), name, value) for name, value in truth.items()]
     missed = len(found.cycles.used) != run.cycles
     error = float("inf") if missed and np.isfinite(errors).all() else float(np.max(errors))
-    return Answer(error, joined([*void, flags_of(found)]))
+    return StudyResult(error, joined([*void, warnings_of(found)]))
 
 
 def off_percent(figure: Figure | None, name: str, truth: float) -> float:
-    """Distance of a truth from a figure's stated 95 % interval, from its value where there is none, % FSO.
+    """Return the distance of a truth from a figure's stated 95 % interval, or from its value without one, % FSO.
 
     NaN where there is no figure.
     """

@@ -7,37 +7,37 @@ from functools import partial
 import numpy as np
 
 from analysis.arrays import BoolArray
-from analysis.atlas.runs import Stairs, judged_run
-from analysis.atlas.sweep import Answer, Axis, Study
+from analysis.atlas.runs import Stairs, compared_with_truth
+from analysis.atlas.sweep import Axis, Study, StudyResult
 
 TRUTH = "full scale, sensitivity and hysteresis of the formula that made the run"
 TOLERANCE = 0.5
 """% FSO; a tenth of the hysteresis that is measured."""
 
 
-def noisy(noise_kpa: float, dwell_s: float, *, readings: bool) -> Answer:
-    """White noise on the pressure, holds of a given length."""
-    return judged_run(Stairs(pressure_noise_kpa=noise_kpa, dwell_s=dwell_s), readings=readings)
+def noisy(noise_kpa: float, dwell_s: float, *, readings: bool) -> StudyResult:
+    """Analyse white noise on the pressure, holds of a given length."""
+    return compared_with_truth(Stairs(pressure_noise_kpa=noise_kpa, dwell_s=dwell_s), readings=readings)
 
 
-def lost(share_percent: float, length: float) -> Answer:
-    """Samples that never came, `share_percent` of the run in holes of `length` samples."""
+def lost(share_percent: float, length: float) -> StudyResult:
+    """Analyse a run with lost samples, `share_percent` of it in holes of `length` samples."""
     run = Stairs()
     rows = np.arange(run.trace[0].size)
-    return judged_run(run, run.recording(rows[~_holes(rows.size, share_percent, length)]))
+    return compared_with_truth(run, run.recording(rows[~_holes(rows.size, share_percent, length)]))
 
 
-def loose_wire(share_percent: float, length: float) -> Answer:
-    """A pressure sensor that reads zero for `length` samples at a time."""
+def loose_wire(share_percent: float, length: float) -> StudyResult:
+    """Analyse a pressure sensor that reads zero for `length` samples at a time."""
     run = Stairs()
     time, pressure, _ = run.columns
     pressure[_holes(time.size, share_percent, length)] = 0.0
-    return judged_run(run)
+    return compared_with_truth(run)
 
 
-def small(span_kpa: float, noise_kpa: float) -> Answer:
-    """A staircase of ten levels over a small span of pressure."""
-    return judged_run(Stairs(span_kpa=span_kpa, pressure_noise_kpa=noise_kpa), readings=False)
+def small(span_kpa: float, noise_kpa: float) -> StudyResult:
+    """Analyse a staircase of ten levels over a small span of pressure."""
+    return compared_with_truth(Stairs(span_kpa=span_kpa, pressure_noise_kpa=noise_kpa), readings=False)
 
 
 def _holes(samples: int, share_percent: float, length: float) -> BoolArray:

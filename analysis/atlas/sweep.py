@@ -1,14 +1,14 @@
-"""Where a method breaks down: a sweep over two of its parameters, judged in every place against a truth of its own.
+"""Where a method breaks down: a sweep over two of its parameters, each result compared with a truth of its own.
 
-Strategy: a study asks the method, through the door its users take, at every place of a grid; what comes back is an
-error against a truth that does not come from the method, and whatever the user was told. Four outcomes follow:
+Strategy: a study calls the method, through the interface that its users call, at every point of a grid; the result is
+an error against a truth that does not come from the method, and the message that the user gets. Four outcomes follow:
 
-    works        a number within the tolerance, and nothing was said against it
-    degraded     a number with a reservation: a flag, a note, a fallback
-    refused      no number, and the reason
-    quiet wrong  a number beyond the tolerance, or no number, and not a word: a bug
+    works                  a number within the tolerance, and no message
+    works with a warning   a number, with a warning or from a fallback
+    refuses                no number, and the reason
+    wrong without warning  a number beyond the tolerance, or no number, and no message: a bug
 
-Rules: the outcome is decided once, in `judged`; a tolerance is what the reader of the number was promised. An error
+Rules: the outcome is decided once, in `outcome_of`; a tolerance is what the reader of the number was promised. An error
 outside the analysis' own family is no refusal and ends the sweep.
 """
 
@@ -21,17 +21,29 @@ from enum import StrEnum
 from typing import Any
 
 from analysis.errors import AnalysisError
+from analysis.progress import Progress, part_of
 
-Progress = Callable[[float, float], None]
 
-
-class Outcome(StrEnum):
-    """What a user gets in one place of a map."""
+class CellOutcome(StrEnum):
+    """What a user gets at one point of a map; the values are those of atlas.json."""
 
     WORKS = "works"
-    DEGRADED = "degraded"
-    REFUSED = "refused"
-    QUIET_WRONG = "quiet wrong"
+    WARNS = "degraded"
+    REFUSES = "refused"
+    WRONG_UNWARNED = "quiet wrong"
+
+    @property
+    def label(self) -> str:
+        """Return the outcome in words."""
+        return _LABELS[self]
+
+
+_LABELS = {
+    CellOutcome.WORKS: "works",
+    CellOutcome.WARNS: "works with a warning",
+    CellOutcome.REFUSES: "refuses",
+    CellOutcome.WRONG_UNWARNED: "wrong without warning",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +52,9 @@ class Axis:
 
     Parameters
     ----------
-    name, unit : as the map writes them; no unit is "".
-    values : in their order along the axis, evenly drawn whatever they are.
-    labels : how the map writes the values, where the plain number would not do.
+    name, unit : as the map shows them; no unit is "".
+    values : in their order along the axis, drawn at equal distances.
+    labels : of the values, where the plain number would not do.
     """
 
     name: str
@@ -52,38 +64,47 @@ class Axis:
 
     @property
     def ticks(self) -> tuple[str, ...]:
-        """One label a value."""
+        """Return one label a value."""
         return self.labels or tuple(f"{value:g}" for value in self.values)
 
     @property
     def title(self) -> str:
-        """Name and unit."""
+        """Return name and unit."""
         return f"{self.name}, {self.unit}" if self.unit else self.name
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the axis as plain values."""
+        return {"name": self.name, "unit": self.unit, "values": list(self.values), "labels": list(self.ticks)}
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """What the method gave in one place.
+class StudyResult:
+    """The result of the method at one point.
 
     Parameters
     ----------
     error : against the study's truth, in its unit; NaN where no number was given.
-    said : what the user was told about it: flag, note or reason; "" if nothing.
+    message : warning or reason that the user gets; "" if none.
     """
 
     error: float
-    said: str = ""
+    message: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One place of a map."""
+    """One point of a map."""
 
     x: float
     y: float
-    outcome: Outcome
+    outcome: CellOutcome
     error: float
-    said: str
+    message: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the cell as plain values; an error that is no number is null."""
+        error = self.error if math.isfinite(self.error) else None
+        return {"x": self.x, "y": self.y, "outcome": self.outcome.value, "error": error, "said": self.message}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +113,11 @@ class Study:
 
     Parameters
     ----------
-    name : of the map. method : whose it is, as `boat-daq tradeoff` names methods; several maps may share one.
+    name : of the map. method : it belongs to, as `boat-daq tradeoff` names methods; several maps may share one.
     title : in plain words. truth : what the error is measured against.
     unit, tolerance : of the error; beyond the tolerance a number is wrong.
     x, y : the two parameters.
-    ask : asks the method at (x, y); an error of the analysis is a refusal.
+    run : calls the method at (x, y); an error of the analysis is a refusal.
     """
 
     name: str
@@ -107,24 +128,24 @@ class Study:
     tolerance: float
     x: Axis
     y: Axis
-    ask: Callable[[float, float], Answer]
+    run: Callable[[float, float], StudyResult]
 
     @property
-    def places(self) -> int:
-        """How many places the grid has."""
+    def size(self) -> int:
+        """Return how many points the grid has."""
         return len(self.x.values) * len(self.y.values)
 
     def at(self, x: float, y: float) -> Cell:
-        """Ask in one place, on the grid or off it."""
+        """Run the method at one point, on the grid or off it."""
         try:
-            answer = self.ask(x, y)
+            result = self.run(x, y)
         except AnalysisError as error:
-            answer = Answer(math.nan, error.cause)
-        return Cell(x, y, judged(answer, self.tolerance), answer.error, answer.said)
+            result = StudyResult(math.nan, error.cause)
+        return Cell(x, y, outcome_of(result, self.tolerance), result.error, result.message)
 
 
 @dataclass(frozen=True, slots=True)
-class Map:
+class StudyMap:
     """A study, swept. `cells` [y][x]."""
 
     study: Study
@@ -133,23 +154,24 @@ class Map:
     def __iter__(self) -> Iterator[Cell]:
         return (cell for row in self.cells for cell in row)
 
-    def found(self, outcome: Outcome) -> tuple[Cell, ...]:
+    def found(self, outcome: CellOutcome) -> tuple[Cell, ...]:
         """Return the cells of one outcome."""
         return tuple(cell for cell in self if cell.outcome is outcome)
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of cells of each outcome."""
-        return {outcome.value: len(self.found(outcome)) for outcome in Outcome}
+        """Return the number of cells of each outcome."""
+        return {outcome.value: len(self.found(outcome)) for outcome in CellOutcome}
 
     @property
     def verdict(self) -> str:
-        """One sentence about the map."""
-        parts = [f"{name} in {count}" for name, count in self.counts.items() if count or name == Outcome.QUIET_WRONG]
-        return f"{self.study.title}: {', '.join(parts)} of {self.study.places} places"
+        """Return one sentence about the map."""
+        counts = {outcome: len(self.found(outcome)) for outcome in CellOutcome}
+        parts = [f"{o.label} at {n}" for o, n in counts.items() if n or o is CellOutcome.WRONG_UNWARNED]
+        return f"{self.study.title}: {', '.join(parts)} of {self.study.size} points"
 
     def as_json(self) -> dict[str, Any]:
-        """Return the map as plain values; an error that is no number is null."""
+        """Return the map as plain values."""
         study = self.study
         return {
             "name": study.name,
@@ -158,29 +180,24 @@ class Map:
             "truth": study.truth,
             "unit": study.unit,
             "tolerance": study.tolerance,
-            "x": _axis_json(study.x),
-            "y": _axis_json(study.y),
+            "x": study.x.as_json(),
+            "y": study.y.as_json(),
             "counts": self.counts,
-            "cells": [[_cell_json(cell) for cell in row] for row in self.cells],
+            "cells": [[cell.as_json() for cell in row] for row in self.cells],
         }
 
 
-def judged(answer: Answer, tolerance: float) -> Outcome:
-    """Decide what an answer is worth to the user who got it."""
-    if math.isnan(answer.error):
-        return Outcome.REFUSED if answer.said else Outcome.QUIET_WRONG
-    if answer.said:
-        return Outcome.DEGRADED
-    return Outcome.WORKS if answer.error <= tolerance else Outcome.QUIET_WRONG
+def outcome_of(result: StudyResult, tolerance: float) -> CellOutcome:
+    """Return what a result is worth to the user who gets it."""
+    if math.isnan(result.error):
+        return CellOutcome.REFUSES if result.message else CellOutcome.WRONG_UNWARNED
+    if result.message:
+        return CellOutcome.WARNS
+    return CellOutcome.WORKS if result.error <= tolerance else CellOutcome.WRONG_UNWARNED
 
 
-def sweep(study: Study, progress: Progress | None = None) -> Map:
-    """Ask in every place of a study's grid.
-
-    Parameters
-    ----------
-    progress : called with (places done, places) after each; raising from it cancels.
-    """
+def sweep(study: Study, progress: Progress | None = None) -> StudyMap:
+    """Run the method at every point of a study's grid; `progress` is called with (points done, points)."""
     done, rows = 0, []
     for y in study.y.values:
         row = []
@@ -188,20 +205,17 @@ def sweep(study: Study, progress: Progress | None = None) -> Map:
             row.append(study.at(x, y))
             done += 1
             if progress is not None:
-                progress(done, study.places)
+                progress(done, study.size)
         rows.append(tuple(row))
-    return Map(study, tuple(rows))
+    return StudyMap(study, tuple(rows))
 
 
-def joined(said: Sequence[str]) -> str:
-    """Join what was said to one line."""
-    return "; ".join(dict.fromkeys(text for text in said if text))
+def sweep_all(studies: Sequence[Study], progress: Progress | None = None) -> list[StudyMap]:
+    """Sweep several studies; `progress` is called with (points done, points) of all."""
+    sizes = [study.size for study in studies]
+    return [sweep(study, part_of(progress, sum(sizes[:i]), study.size, sum(sizes))) for i, study in enumerate(studies)]
 
 
-def _axis_json(axis: Axis) -> dict[str, Any]:
-    return {"name": axis.name, "unit": axis.unit, "values": list(axis.values), "labels": list(axis.ticks)}
-
-
-def _cell_json(cell: Cell) -> dict[str, Any]:
-    error = cell.error if math.isfinite(cell.error) else None
-    return {"x": cell.x, "y": cell.y, "outcome": cell.outcome.value, "error": error, "said": cell.said}
+def joined(messages: Sequence[str]) -> str:
+    """Join messages to one line, each once."""
+    return "; ".join(dict.fromkeys(text for text in messages if text))

@@ -109,7 +109,7 @@ def _residuals(compared: AgainstShadow) -> Draw:
 def _table(compared: AgainstShadow) -> Table:
     result = compared.result
     assert result is not None
-    alarms = {number: [a.illness for a in result.alarms if a.cycle == number] for number in compared.numbers}
+    alarms = {number: [a.fault for a in result.alarms if a.cycle == number] for number in compared.numbers}
     rows = zip(compared.numbers, compared.level_mm, compared.band_mm, compared.residual_kpa, strict=True)
     cells = tuple(
         (str(k), f"{d:+.3f}", f"± {2.0 * b:.3f}", f"{r:.2f}", ", ".join(alarms[k]) or "none") for k, d, b, r in rows

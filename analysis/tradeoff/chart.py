@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from analysis import figure_style as style
-from analysis.tradeoff.measure import MARGIN, Measured, Point
+from analysis.tradeoff.measure import MARGIN, CostPoint, Measured
 
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
@@ -96,7 +96,7 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
         _name(axes, shown, levels, measured.front)
 
 
-def _bars(axes: Axes, point: Point, x: float, y: float, floor: float) -> None:
+def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> None:
     """Draw how far the repeats lie apart, half of it to each side."""
     half_x, half_y = min(point.cpu_spread / 2, 0.9 * x), min(point.error_spread / 2, 0.9 * y)
     if y <= floor:

@@ -1,8 +1,8 @@
-"""Time against error of any method, measured; the front; and the rule by which a setting is chosen.
+"""Time against error of any method, measured; the Pareto front; and the rule by which a setting is chosen.
 
-Strategy: a method gives its settings as calls; each is called several times, timed by the clock and by the processor,
-and its result is judged against a reference that the setting does not share. The first call of a setting prepares,
-compiles and warms; it is reported apart and is in no median.
+Strategy: a method lists its settings as calls; each is called several times, timed by the clock and by the processor,
+and its result is compared with a reference that is independent of the setting. The first call of a setting prepares
+and compiles; it is reported apart and is in no median.
 
 Rules: the choice is written once, in `choose`. Costs are compared in processor time, which other work on the machine
 disturbs less than the clock. A result that is not a number is an infinite error, never left out.
@@ -18,8 +18,7 @@ from statistics import median
 from typing import Any
 
 from analysis.fidelity import LEVELS, MARGINS, Fidelity, Level, fidelity
-
-Progress = Callable[[float, float], None]
+from analysis.progress import Progress, part_of
 
 MARGIN = MARGINS["normal"]
 """An error counts as below a tolerance when it is below it by this factor."""
@@ -29,7 +28,7 @@ SHORTEST_S = 2e-3
 """A call shorter than this is repeated until it is as long, and the time divided."""
 REPEATS, QUICK_REPEATS, FEWEST = 7, 2, 3
 LONGEST_S = 2.5
-"""Repeats end here once there are `FEWEST`: a slow setting does not make the others wait."""
+"""Repeats end here once there are `FEWEST`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +37,10 @@ class Setting:
 
     Parameters
     ----------
-    name : what is set, as the chart writes it.
+    name : as the chart shows it.
     call : does the work once; takes the number of the repeat, so that a sample can be another one each time. What it
         prepares and keeps at its first call is not timed.
-    error : judges a result against the reference, in the method's unit.
+    error : of a result against the reference, in the method's unit.
     work : results that one call gives; the time is divided by it.
     """
 
@@ -53,14 +52,14 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A method and who uses its number.
+    """A method and the consumer of its number.
 
     Parameters
     ----------
     name : as the command takes it. title : as the chart shows it.
-    reference : what the error is measured against. independent : whether it owes nothing to the method measured.
-    consumer : who cannot notice less than `tolerance`, in `unit`.
-    per : what one time is for.
+    reference : what the error is measured against. independent : whether it shares nothing with the method.
+    consumer : of the number, who notices an error above `tolerance`, in `unit`.
+    per : what one time is measured for.
     setting_at : name of the setting that the program uses at a fidelity.
     settings : lists the settings; True for the quick run.
     """
@@ -78,17 +77,17 @@ class Method:
 
     @property
     def in_code(self) -> dict[Level, str]:
-        """Name of the setting that the program uses at each fidelity."""
+        """Return the setting that the program uses at each fidelity."""
         return {level: self.setting_at(fidelity(level)) for level in LEVELS}
 
     @property
     def default(self) -> str:
-        """Name of the setting that the program uses unasked."""
+        """Return the setting that the program uses by default."""
         return self.in_code["normal"]
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class CostPoint:
     """One setting, measured.
 
     Parameters
@@ -112,31 +111,31 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A method's points, the names of those on the front, and what the rule chooses (None: no point is good enough).
+    """A method's points, the names of those on the front, and what the rule chooses (None: no point is sufficient).
 
     `levels` has the rule's choice for each fidelity.
     """
 
     method: Method
-    points: tuple[Point, ...]
+    points: tuple[CostPoint, ...]
     front: tuple[str, ...]
     chosen: str | None
     levels: Mapping[Level, str]
 
     @classmethod
-    def of(cls, method: Method, points: Sequence[Point]) -> Measured:
+    def of(cls, method: Method, points: Sequence[CostPoint]) -> Measured:
         """Find the front and apply the rule."""
         chosen = choose(points, method.tolerance, method.default)
         return cls(method, tuple(points), front_of(points), chosen, choose_levels(points, method))
 
     @property
     def default_is_chosen(self) -> bool:
-        """Whether the program's default is what the rule chooses."""
+        """Return whether the program's default is what the rule chooses."""
         return self.chosen == self.method.default
 
     @property
     def verdict(self) -> str:
-        """One sentence about the default."""
+        """Return one sentence about the default."""
         if self.default_is_chosen:
             return f"the default, {self.method.default}, is the cheapest below the tolerance"
         if self.chosen is None:
@@ -144,7 +143,7 @@ class Measured:
         return f"the rule chooses {self.chosen}, the default is {self.method.default}"
 
 
-def front_of(points: Sequence[Point]) -> tuple[str, ...]:
+def front_of(points: Sequence[CostPoint]) -> tuple[str, ...]:
     """Return the settings that no other beats in both processor time and error, cheapest first."""
     best, names = math.inf, []
     for point in sorted(points, key=lambda p: (p.cpu_seconds, p.error)):
@@ -154,35 +153,37 @@ def front_of(points: Sequence[Point]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def choose(points: Sequence[Point], tolerance: float, default: str | None = None, margin: float = MARGIN) -> str | None:
+def choose(
+    points: Sequence[CostPoint], tolerance: float, default: str | None = None, margin: float = MARGIN
+) -> str | None:
     """Choose a setting: the cheapest whose error is below the consumer's tolerance with a margin.
 
     Parameters
     ----------
     points : measured.
-    tolerance : what the consumer can notice, in the unit of the errors.
-    default : kept where it is good enough and costs the same as the cheapest within `TIE`.
+    tolerance : what the consumer notices, in the unit of the errors.
+    default : kept where it is sufficient and costs the same as the cheapest within `TIE`.
     margin : how far below the tolerance is below.
 
     Returns
     -------
-    Its name, or None where no point is good enough.
+    Its name, or None where no point is sufficient.
     """
-    enough = [p for p in points if p.error * margin <= tolerance]
-    if not enough:
+    sufficient = [p for p in points if p.error * margin <= tolerance]
+    if not sufficient:
         return None
-    cheapest = min(enough, key=lambda p: p.cpu_seconds)
-    same = [p.setting for p in enough if p.setting == default and p.cpu_seconds <= TIE * cheapest.cpu_seconds]
+    cheapest = min(sufficient, key=lambda p: p.cpu_seconds)
+    same = [p.setting for p in sufficient if p.setting == default and p.cpu_seconds <= TIE * cheapest.cpu_seconds]
     return same[0] if same else cheapest.setting
 
 
-def choose_levels(points: Sequence[Point], method: Method) -> dict[Level, str]:
-    """Return the rule's choice for each fidelity; where nothing is good enough, the cheapest as exact as the best."""
+def choose_levels(points: Sequence[CostPoint], method: Method) -> dict[Level, str]:
+    """Return the rule's choice for each fidelity; where nothing is sufficient, the cheapest as exact as the best."""
     in_code, best = method.in_code, TIE * min(p.error for p in points)
 
     def chosen(level: Level) -> str:
-        enough = choose(points, method.tolerance, in_code[level], MARGINS[level])
-        return enough or choose(points, best, in_code[level], 1.0) or in_code[level]
+        sufficient = choose(points, method.tolerance, in_code[level], MARGINS[level])
+        return sufficient or choose(points, best, in_code[level], 1.0) or in_code[level]
 
     return {level: chosen(level) for level in LEVELS}
 
@@ -192,29 +193,45 @@ def measure(method: Method, *, quick: bool, progress: Progress | None = None) ->
 
     Parameters
     ----------
+    method : lists its settings.
     quick : fewer settings, 2 repeats; else 7, fewer where they take long.
     progress : called with (settings done, settings) after each call; raising from it cancels.
     """
-    settings = method.settings(quick)
-    points = []
-    for done, setting in enumerate(settings):
-
-        def within(part: float, before: int = done) -> None:
-            if progress is not None:
-                progress(before + part, len(settings))
-
-        points.append(measure_setting(setting, QUICK_REPEATS if quick else REPEATS, within))
+    settings, repeats = method.settings(quick), QUICK_REPEATS if quick else REPEATS
+    points = [
+        measure_setting(setting, repeats, part_of(progress, done, 1, len(settings)))
+        for done, setting in enumerate(settings)
+    ]
     return Measured.of(method, points)
 
 
-def measure_setting(setting: Setting, repeats: int, tell: Callable[[float], None] = lambda part: None) -> Point:
-    """Time one setting and judge its results; `tell` hears the part done after each call and may raise."""
-    tell(0.0)
+def measure_all(methods: Sequence[Method], *, quick: bool, progress: Progress | None = None) -> list[Measured]:
+    """Measure several methods.
+
+    Parameters
+    ----------
+    methods, quick : as in `measure`. progress : called with (methods done, methods).
+    """
+    return [
+        measure(method, quick=quick, progress=part_of(progress, done, 1, len(methods)))
+        for done, method in enumerate(methods)
+    ]
+
+
+def measure_setting(setting: Setting, repeats: int, progress: Progress | None = None) -> CostPoint:
+    """Time one setting and compare its results with the reference.
+
+    Parameters
+    ----------
+    setting : is called. repeats : of the timed call. progress : called with (calls done, calls); it may raise.
+    """
+    report = progress or (lambda done, calls: None)
+    report(0, repeats + 1)
     first, _, _ = _timed(setting, 0, 1)
     calls = 1
     clock, busy, errors = [], [], []
     for repeat in range(repeats):
-        tell((repeat + 1) / (repeats + 1))
+        report(repeat + 1, repeats + 1)
         seconds, cpu, result = _timed(setting, repeat, calls)
         if repeat == 0 and seconds < SHORTEST_S:
             calls = math.ceil(SHORTEST_S / max(seconds, 1e-7))
@@ -225,9 +242,9 @@ def measure_setting(setting: Setting, repeats: int, tell: Callable[[float], None
         errors.append(error if math.isfinite(error) else math.inf)
         if len(clock) >= FEWEST and sum(clock) * calls * setting.work > LONGEST_S:
             break
-    tell(1.0)
+    report(1, 1)
     rms = math.sqrt(sum(e * e for e in errors) / len(errors))
-    return Point(
+    return CostPoint(
         setting.name, median(clock), rms, _range(clock), median(busy), _range(errors), len(clock), _range(busy), first
     )
 

@@ -1,17 +1,15 @@
 """The report of a measurement: JSON as the surface has it, a CSV of all points, charts as PNG and SVG.
 
-Rules: the JSON carries all that the charts show; an error that is infinite (the method failed) is null in it.
+Rules: the JSON has all that the charts show; an error that is infinite (the method failed) is null in it.
 """
 
 from __future__ import annotations
 
 import csv
-import datetime
 import json
 import math
-import os
-import platform
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,36 +17,17 @@ import matplotlib as mpl
 
 from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
+from analysis.machine import machine
 from analysis.tradeoff.chart import method_chart, overview_chart
-from analysis.tradeoff.measure import MARGIN, Measured, Method, Point
+from analysis.tradeoff.measure import MARGIN, CostPoint, Measured, Method
 
+MAY_BE_INFINITE = ("error", "error_spread")
 NO_DATE: dict[str, dict[str, Any]] = {"png": {}, "svg": {"Date": None}}
 TIMING = (
     "seconds: median by the clock of a call, spread: greatest less smallest; cpu_seconds: median processor time, which "
     "front and choice compare, cpu_spread likewise; error: root mean square over the repeats; first_seconds: the first "
     "call, which prepares and compiles and is in no median"
 )
-
-
-def machine() -> dict[str, Any]:
-    """Describe this machine and its load."""
-    return {
-        "system": platform.system(),
-        "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "python": platform.python_version(),
-        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
-        "date_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-    }
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 def report_json(results: Sequence[Measured], *, quick: bool) -> dict[str, Any]:
@@ -64,7 +43,7 @@ def report_json(results: Sequence[Measured], *, quick: bool) -> dict[str, Any]:
 
 
 def measured_from(content: Mapping[str, Any], methods: Mapping[str, Method]) -> list[Measured]:
-    """Return the results that a report was written from, judged by the methods as they are now.
+    """Return the results that a report was written from, compared with the methods as they are now.
 
     Parameters
     ----------
@@ -74,11 +53,9 @@ def measured_from(content: Mapping[str, Any], methods: Mapping[str, Method]) -> 
     return [Measured.of(method, [_point_from(p) for p in points]) for method, points in kept]
 
 
-def _point_from(row: Mapping[str, Any]) -> Point:
-    content: dict[str, Any] = {**row}
-    for name in ("error", "error_spread"):
-        content[name] = math.inf if row[name] is None else row[name]
-    return Point(**content)
+def _point_from(row: Mapping[str, Any]) -> CostPoint:
+    infinite = {name: math.inf for name in MAY_BE_INFINITE if row[name] is None}
+    return CostPoint(**{**row, **infinite})
 
 
 def _method_json(measured: Measured) -> dict[str, Any]:
@@ -102,18 +79,9 @@ def _method_json(measured: Measured) -> dict[str, Any]:
     }
 
 
-def _point_json(point: Point) -> dict[str, Any]:
-    return {
-        "setting": point.setting,
-        "seconds": point.seconds,
-        "error": point.error if math.isfinite(point.error) else None,
-        "spread": point.spread,
-        "cpu_seconds": point.cpu_seconds,
-        "error_spread": point.error_spread if math.isfinite(point.error_spread) else None,
-        "repeats": point.repeats,
-        "cpu_spread": point.cpu_spread,
-        "first_seconds": point.first_seconds,
-    }
+def _point_json(point: CostPoint) -> dict[str, Any]:
+    row = asdict(point)
+    return row | {name: row[name] if math.isfinite(row[name]) else None for name in MAY_BE_INFINITE}
 
 
 def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> list[Path]:
@@ -137,17 +105,7 @@ def write_report(results: Sequence[Measured], folder: Path, *, quick: bool) -> l
 def _write_csv(content: dict[str, Any], path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        columns = (
-            "setting",
-            "seconds",
-            "error",
-            "spread",
-            "cpu_seconds",
-            "error_spread",
-            "repeats",
-            "cpu_spread",
-            "first_seconds",
-        )
+        columns = [column.name for column in fields(CostPoint)]
         table.writerow(["method", *columns, "unit", "tolerance", "on_front", "default", "chosen"])
         for method in content["methods"]:
             for point in method["points"]:

@@ -120,7 +120,7 @@ def replay(
         say(f"ALARM in cycle {alarm.cycle}: {alarm.sentence}")
     for cause in result.left_out:
         say(f"left out: {cause}")
-    seen = ", ".join(f"{name} {size:.2g}" for name, size in result.sight.items() if math.isfinite(size))
+    seen = ", ".join(f"{name} {size:.2g}" for name, size in result.smallest_shift.items() if math.isfinite(size))
     say(f"smallest shifts that these cycles would show from now on: {seen}" if seen else NO_SIGHT)
 
 

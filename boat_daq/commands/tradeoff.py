@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import Advance, JsonOption, emit_json, out, progress_bar, say
+from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, say
 
 if TYPE_CHECKING:
-    from analysis.tradeoff import Measured, Method
+    from analysis.tradeoff import Method
 
 
 def tradeoff(
@@ -35,7 +35,7 @@ def tradeoff(
         boat-daq tradeoff inverse posterior --quick --out charts
     """
     from analysis.errors import RequestError
-    from analysis.tradeoff import METHODS, report_json, write_report
+    from analysis.tradeoff import METHODS, measure_all, report_json, write_report
 
     live = _live_plot()
     known = METHODS | {live.name: live}
@@ -45,7 +45,7 @@ def tradeoff(
         raise RequestError(f"there is no method '{unknown[0]}'", f"Choose among {', '.join(known)}.")
     chosen = [known[name] for name in dict.fromkeys(methods or known)]
     with progress_bar("measuring") as advance:
-        results = _measured(chosen, quick, advance)
+        results = measure_all(chosen, quick=quick, progress=advance)
     files = write_report(results, folder, quick=quick)
     if json:
         emit_json(report_json(results, quick=quick))
@@ -84,16 +84,3 @@ def _writable(folder: Path) -> None:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise FileError(f"{folder} cannot be written: {error.strerror}", "Choose another --out.") from error
-
-
-def _measured(chosen: list[Method], quick: bool, advance: Advance) -> list[Measured]:
-    from analysis.tradeoff import measure
-
-    results = []
-    for done, method in enumerate(chosen):
-
-        def within(part: float, parts: float, before: int = done) -> None:
-            advance(before + part / parts, len(chosen))
-
-        results.append(measure(method, quick=quick, progress=within))
-    return results

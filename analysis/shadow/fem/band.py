@@ -3,9 +3,9 @@
 Strategy: the lower triangle is kept column by column, entry (i, j) at band[j, i - j], with PAD zeros after each column
 so that four columns can be eliminated at a time in one pass over memory. Compiled here and not called from LAPACK
 because a threaded BLAS cuts such small bands into pieces: on a loaded two-core machine that is ten times slower, while
-this one thread is as fast as LAPACK's alone and gives the interpreter's lock away.
+this one thread is as fast as LAPACK's alone and releases the interpreter's lock.
 
-Rule: a factorisation that meets a pivot that is not positive stops there and says where: the test for stability.
+Rule: a factorisation stops at the first pivot that is not positive and returns its number: the test for stability.
 """
 
 from __future__ import annotations
@@ -19,13 +19,19 @@ PAD = 3
 
 
 def empty_band(size: int, bandwidth: int) -> FloatArray:
-    """Return a band of zeros with room for `bandwidth` sub-diagonals, shape (size, bandwidth + 1 + PAD)."""
+    """Return a band of zeros with `bandwidth` sub-diagonals, shape (size, bandwidth + 1 + PAD)."""
     return np.zeros((size, bandwidth + 1 + PAD))
 
 
 @compiled
 def add_to_band(band: FloatArray, row: int, column: int, value: float) -> None:
-    """Add to entry (row, column) of the lower triangle; -1 marks a fixed freedom, the upper triangle is ignored."""
+    """Add `value` to entry (row, column) of the lower triangle.
+
+    Parameters
+    ----------
+    band : see the module. row, column : equations; -1 is a fixed freedom, the upper triangle is ignored.
+    value : mN/mm.
+    """
     if column >= 0 and row >= column:
         band[column, row - column] += value
 
@@ -56,7 +62,7 @@ def factorise(band: FloatArray) -> int:
 
 @compiled_reassociating
 def eliminate_four(band: FloatArray, first: int) -> None:
-    """Take four finished columns off all later columns that they reach."""
+    """Subtract four finished columns from all later columns that they reach."""
     size, width = band.shape[0], band.shape[1] - PAD
     for later in range(first + 4, min(first + width + 3, size)):
         away = later - first

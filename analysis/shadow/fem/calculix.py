@@ -1,4 +1,4 @@
-"""A complete CalculiX deck of the actuator: the same mesh, energy, supports and pressure, and it runs as it is.
+"""A complete CalculiX deck of the actuator: the same mesh, energy, supports and pressure, ready to run.
 
 Strategy: CAX8R elements in (r, axis) as (x, y), NEO HOOKE with our C10 and D1, the base clamped, the tip's axial
 displacements tied by equations to one node, pressure on the wetted faces as a distributed load that follows the

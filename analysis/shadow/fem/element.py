@@ -20,15 +20,13 @@ from analysis.compiled import compiled
 from analysis.shadow.fem import material
 from analysis.shadow.fem.band import add_to_band
 
-CORNER_XI = np.array([-1.0, 1.0, 1.0, -1.0])
-CORNER_ETA = np.array([-1.0, -1.0, 1.0, 1.0])
+NODE_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
+NODE_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
 EDGES = np.array([[0, 4, 1], [1, 5, 2], [2, 6, 3], [3, 7, 0]])
 """Local nodes of each edge: start, middle, end, anticlockwise."""
-_NODE_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
-_NODE_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
 _GAUSS = np.array([-1.0, 1.0])
 EXTRAPOLATION = np.stack(
-    [(1 + np.sqrt(3.0) * x * _NODE_XI) * (1 + np.sqrt(3.0) * y * _NODE_ETA) / 4.0 for y in _GAUSS for x in _GAUSS],
+    [(1 + np.sqrt(3.0) * x * NODE_XI) * (1 + np.sqrt(3.0) * y * NODE_ETA) / 4.0 for y in _GAUSS for x in _GAUSS],
     axis=1,
 )
 """Bilinear weights of the 2 x 2 Gauss points at the eight nodes, shape (8, 4)."""
@@ -46,10 +44,11 @@ def shape(xi: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     values, d/dxi, d/deta : each of shape (n, 8).
     """
     xi, eta = np.atleast_1d(xi)[:, None], np.atleast_1d(eta)[:, None]
-    sx, sy = xi * CORNER_XI, eta * CORNER_ETA
+    corner_xi, corner_eta = NODE_XI[:4], NODE_ETA[:4]
+    sx, sy = xi * corner_xi, eta * corner_eta
     corner = 0.25 * (1 + sx) * (1 + sy) * (sx + sy - 1)
-    corner_x = 0.25 * CORNER_XI * (1 + sy) * (2 * sx + sy)
-    corner_y = 0.25 * CORNER_ETA * (1 + sx) * (sx + 2 * sy)
+    corner_x = 0.25 * corner_xi * (1 + sy) * (2 * sx + sy)
+    corner_y = 0.25 * corner_eta * (1 + sx) * (sx + 2 * sy)
     bubble_x, bubble_y = 1 - xi**2, 1 - eta**2
     middle = np.hstack([bubble_x * (1 - eta), bubble_y * (1 + xi), bubble_x * (1 + eta), bubble_y * (1 - xi)]) / 2
     middle_x = np.hstack([-xi * (1 - eta), bubble_y / 2, -xi * (1 + eta), -bubble_y / 2])
@@ -70,7 +69,7 @@ class QuadratureData:
 
 
 def quadrature_data(nodes: FloatArray, quads: IntArray, points_a_side: int = 2) -> QuadratureData:
-    """Evaluate the gradients of a mesh; det(J) may be negative, `mesh.check_quality` judges it.
+    """Evaluate the gradients of a mesh; det(J) may be negative, which `mesh.check_quality` rejects.
 
     Parameters
     ----------
@@ -96,7 +95,12 @@ def quadrature_data(nodes: FloatArray, quads: IntArray, points_a_side: int = 2) 
 
 @compiled
 def deformation_gradient(gradient: FloatArray, u: FloatArray, quad: IntArray, f: FloatArray) -> None:
-    """Write the five entries of F at one point into `f`."""
+    """Write the five entries of F at one point into `f`.
+
+    Parameters
+    ----------
+    gradient : shape (3, 8). u : shape (n, 2), mm. quad : shape (8,). f : shape (5,).
+    """
     f[:] = (1.0, 0.0, 0.0, 1.0, 1.0)
     for a in range(8):
         ur, uz = u[quad[a], 0], u[quad[a], 1]
@@ -121,7 +125,14 @@ def deformation_gradients(gradient: FloatArray, u: FloatArray, quads: IntArray) 
 def internal_energy(
     gradient: FloatArray, weight: FloatArray, u: FloatArray, quads: IntArray, moduli: FloatArray
 ) -> float:
-    """Return the strain energy, mN mm; infinite where an element is turned inside out."""
+    """Return the strain energy, mN mm; infinite where an element is inverted.
+
+    Parameters
+    ----------
+    gradient, weight : of `QuadratureData`.
+    u : shape (n, 2), nodal displacements, mm.
+    quads, moduli : shape (m, 8) and (m, 2), nodes, and C10 (kPa) and D1 (1/kPa), of each element.
+    """
     f = np.empty(5)
     total = 0.0
     for e in range(gradient.shape[0]):
@@ -137,7 +148,13 @@ def internal_energy(
 def internal_force(
     gradient: FloatArray, weight: FloatArray, u: FloatArray, quads: IntArray, moduli: FloatArray, force: FloatArray
 ) -> float:
-    """Add dW/du to `force`, shape (n, 2), mN; return the smallest J (stop at the first J <= 0)."""
+    """Add dW/du to `force`; return the smallest J (stop at the first J <= 0).
+
+    Parameters
+    ----------
+    gradient, weight, u, quads, moduli : as in `internal_energy`.
+    force : shape (n, 2), mN.
+    """
     f, p = np.empty(5), np.empty(5)
     smallest = np.inf
     for e in range(gradient.shape[0]):
@@ -166,7 +183,14 @@ def internal_tangent(
     equations: IntArray,
     band: FloatArray,
 ) -> None:
-    """Add d2W/du2, mN/mm, to the band of all equations (see band.py)."""
+    """Add d2W/du2, mN/mm, to the band of all equations.
+
+    Parameters
+    ----------
+    gradient, weight, u, quads, moduli : as in `internal_energy`.
+    equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
+    band : lower triangle, see band.py.
+    """
     f, c = np.empty(5), np.empty((5, 5))
     cb = np.empty((2, 5))
     ke = np.empty((16, 16))
@@ -190,7 +214,12 @@ def internal_tangent(
 
 @compiled
 def scatter(ke: FloatArray, quad: IntArray, equations: IntArray, band: FloatArray) -> None:
-    """Add an element matrix, given by its blocks a >= b, to the band; tied freedoms meet twice, as they must."""
+    """Add an element matrix, given by its blocks a >= b, to the band; a pair of tied freedoms counts twice.
+
+    Parameters
+    ----------
+    ke : shape (16, 16). quad : shape (8,). equations, band : as in `internal_tangent`.
+    """
     for a in range(8):
         for b in range(a + 1):
             for i in range(2):

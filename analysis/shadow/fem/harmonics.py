@@ -37,7 +37,15 @@ def harmonic_tangent(
     equations: IntArray,
     band: FloatArray,
 ) -> None:
-    """Add the solid's part of K_n to the lower band; `equations` has shape (nodes, 3) for r, t, z."""
+    """Add the solid's part of K_n to the lower band.
+
+    Parameters
+    ----------
+    gradient, weight, u, quads, moduli : as in `element.internal_energy`.
+    n : wave number.
+    equations : shape (nodes, 3) for r, t, z, -1 where clamped.
+    band : see band.py.
+    """
     f, g, c = np.empty(5), np.empty(5), np.empty((5, 5))
     even, odd, shear = np.zeros((5, 24)), np.zeros((4, 24)), np.zeros((4, 4))
     ke = np.empty((24, 24))
@@ -62,7 +70,12 @@ def harmonic_tangent(
 
 @compiled
 def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArray) -> None:
-    """Write dP/dF of the group rt, zt, tr, tz, kPa, into the symmetric 4 x 4 `c`; `g` is scratch."""
+    """Write dP/dF of the group rt, zt, tr, tz into the symmetric `c`.
+
+    Parameters
+    ----------
+    f, g : shape (5,), F, and scratch. moduli : C10 in kPa and D1 in 1/kPa. c : shape (4, 4), kPa.
+    """
     j = material.inverse_transpose(f, g)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
     a = 2.0 * moduli[0] * j ** (-2.0 / 3.0)
@@ -78,7 +91,12 @@ def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArra
 
 @compiled
 def scatter_block(block: FloatArray, members: IntArray, equations: IntArray, band: FloatArray) -> None:
-    """Add a full symmetric matrix of three freedoms a node to the lower band."""
+    """Add a full symmetric matrix of three freedoms a node to the lower band.
+
+    Parameters
+    ----------
+    block : shape (3 k, 3 k). members : shape (k,), nodes. equations, band : as in `harmonic_tangent`.
+    """
     for a in range(len(members)):
         for i in range(3):
             row = equations[members[a], i]
@@ -95,8 +113,16 @@ def scatter_block(block: FloatArray, members: IntArray, equations: IntArray, ban
 def harmonic_pressure(
     nodes: FloatArray, u: FloatArray, edges: IntArray, load: FloatArray, equations: IntArray, band: FloatArray
 ) -> None:
-    """Add the pressure's part of K_n; `load` is (pressure in kPa, n).
+    """Add the pressure's part of K_n to the lower band.
 
+    Parameters
+    ----------
+    nodes, u : shape (nodes, 2), mm. edges : shape (k, 3), wetted.
+    load : (pressure in kPa, wave number n).
+    equations, band : as in `harmonic_tangent`.
+
+    Notes
+    -----
     Minus p times the second variation of
     V2 = -pi/2 integral of (2 n a b + a^2 + b^2) z' + r (n b + 2 a) c' + n c (r b' - b r') along the wetted edges.
     """
@@ -141,7 +167,12 @@ class Harmonics:
     bandwidth: int
 
     def tangent(self, u: FloatArray, pressure_kpa: float, wave_number: int) -> FloatArray:
-        """Return the band of K_n, mN/mm."""
+        """Return the band of K_n, mN/mm.
+
+        Parameters
+        ----------
+        u : shape (nodes, 2), mm. pressure_kpa : in the cavity. wave_number : n.
+        """
         band = empty_band(self.size, self.bandwidth)
         p = self.problem
         harmonic_tangent(

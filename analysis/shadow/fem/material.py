@@ -5,7 +5,7 @@ compiled. A deformation gradient of a torsion-free axisymmetric motion has five 
 this package: F_rr, F_rz, F_zr, F_zz, F_tt (t is the hoop). Stress and tangent are conjugate to these five, so the
 tangent is a symmetric 5 x 5 matrix.
 
-Rule: J <= 0 is never differentiated; the assembler looks at J first and the solver shortens its step.
+Rule: J <= 0 is never differentiated; the assembler checks J first and the solver shortens its step.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from analysis.compiled import compiled
 from analysis.errors import RequestError
 
 NEAREST_TO_HALF = 1e-6
-"""Nearer to 0.5 a solid is so stiff against volume that rounding hides the load, and no displacement would do."""
+"""Nearer to 0.5 a solid is so stiff against volume that rounding hides the load."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class NeoHookean:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.youngs_modulus_kpa) and self.youngs_modulus_kpa > 0):
             raise RequestError(
-                f"a Young's modulus of {self.youngs_modulus_kpa} kPa is not one", "give a positive number of kPa"
+                f"Young's modulus is {self.youngs_modulus_kpa} kPa, not a positive number", "give a modulus above 0 kPa"
             )
         if not -1.0 < self.poisson_ratio <= 0.5 - NEAREST_TO_HALF:
             raise RequestError(
@@ -65,7 +65,12 @@ def determinant(f: FloatArray) -> float:
 
 @compiled
 def energy(f: FloatArray, c10: float, d1: float) -> float:
-    """Return W, kPa (energy per reference volume)."""
+    """Return W, kPa (energy per reference volume).
+
+    Parameters
+    ----------
+    f : shape (5,), F. c10, d1 : kPa and 1/kPa.
+    """
     j = determinant(f)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
     return float(c10 * (j ** (-2.0 / 3.0) * i1 - 3.0) + (j - 1.0) ** 2 / d1)
@@ -86,7 +91,12 @@ def inverse_transpose(f: FloatArray, g: FloatArray) -> float:
 
 @compiled
 def stress(f: FloatArray, c10: float, d1: float, p: FloatArray) -> None:
-    """Write the first Piola-Kirchhoff stress P = dW/dF, kPa, into `p` (five entries)."""
+    """Write the first Piola-Kirchhoff stress P = dW/dF into `p`.
+
+    Parameters
+    ----------
+    f : shape (5,), F. c10, d1 : kPa and 1/kPa. p : shape (5,), kPa.
+    """
     j = inverse_transpose(f, p)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
     a = 2.0 * c10 * j ** (-2.0 / 3.0)
@@ -97,8 +107,14 @@ def stress(f: FloatArray, c10: float, d1: float, p: FloatArray) -> None:
 
 @compiled
 def tangent(f: FloatArray, c10: float, d1: float, c: FloatArray) -> None:
-    """Write dP/dF, kPa, into the symmetric 5 x 5 `c`.
+    """Write dP/dF into the symmetric `c`.
 
+    Parameters
+    ----------
+    f : shape (5,), F. c10, d1 : kPa and 1/kPa. c : shape (5, 5), kPa.
+
+    Notes
+    -----
     dP = a dF - 2a/3 [F (G:dF) + G (F:dF)] + [2a I1/9 + 2/D1 (2J^2 - J)] G (G:dF) + (a I1/3 - b) G dF^T G
     with G = F^-T, a = 2 C10 J^(-2/3), b = 2/D1 (J^2 - J).
     """

@@ -3,7 +3,7 @@
 Strategy: the actuator is a map of a rectangle: along it the row of bladders, across it the wall and then the lattice,
 graded so that the elements grow away from the wall. Nodes in the middle of an edge lie on the bladder's curve itself.
 
-Rule: a mesh is judged before it is used; one whose map folds or nearly folds is refused by `check_quality`.
+Rule: every mesh passes `check_quality` before it is used, which rejects one whose map folds or nearly folds.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arrays import FloatArray, IntArray
+from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import RequestError
 from analysis.shadow.fem.element import EDGES, shape
 from analysis.shadow.fem.parameters import ActuatorParameters
@@ -31,7 +31,7 @@ class Mesh:
     nodes : shape (n, 2), reference (r, z), mm.
     quads : shape (m, 8), corners anticlockwise, then the midside after each corner.
     material : shape (m,), LATTICE or WALL.
-    cavity : shape (k, 3), nodes of the wetted edges (start, middle, end), the solid on the left hand.
+    cavity : shape (k, 3), nodes of the wetted edges (start, middle, end), the solid on the left.
     base, tip : node numbers on the fixed base and on the rigid tip plate.
     """
 
@@ -43,20 +43,6 @@ class Mesh:
     tip: IntArray
 
 
-@dataclass(frozen=True, slots=True)
-class MeshQuality:
-    """How far a mesh is from a good one.
-
-    `scaled_jacobian` is the least over all elements of min det(J) / mean det(J) (1 for parallelograms, 0 where the map
-    folds); `aspect` is the greatest ratio of the longest to the shortest edge of an element.
-    """
-
-    elements: int
-    nodes: int
-    scaled_jacobian: float
-    aspect: float
-
-
 def bladder_radius(parameters: ActuatorParameters, z_mm: FloatArray) -> FloatArray:
     """Return the inner radius of the bladders at rest, mm: a cosine between neck and belly with the pitch's period."""
     p = parameters
@@ -65,12 +51,28 @@ def bladder_radius(parameters: ActuatorParameters, z_mm: FloatArray) -> FloatArr
 
 
 def stations(parameters: ActuatorParameters) -> FloatArray:
-    """Return where nodes lie across wall (0 .. 1) and lattice (1 .. 2), shape (2 (wall + lattice elements) + 1,)."""
+    """Return positions of nodes across wall (0 .. 1) and lattice (1 .. 2), (2 (wall + lattice elements) + 1,)."""
     p = parameters
     widths = p.grading ** (np.arange(p.lattice_elements) / max(p.lattice_elements - 1, 1))
     ends = np.concatenate([[0.0], np.cumsum(widths)]) / widths.sum()
     lattice = np.sort(np.concatenate([ends, (ends[1:] + ends[:-1]) / 2.0]))
     return np.concatenate([np.linspace(0.0, 1.0, 2 * p.wall_elements + 1), 1.0 + lattice[1:]])
+
+
+def structured_quads(rows: int, columns: int) -> tuple[IntArray, BoolArray, IntArray]:
+    """Number a lattice of rows x columns elements, row by row.
+
+    Returns
+    -------
+    quads (rows columns, 8); (2 rows + 1, 2 columns + 1) which half steps are nodes; the column of each element.
+    """
+    used = np.ones((2 * rows + 1, 2 * columns + 1), dtype=bool)
+    used[1::2, 1::2] = False  # the serendipity element has no node in its middle
+    number = np.full(used.shape, -1)
+    number[used] = np.arange(used.sum())
+    row, column = (a.ravel() for a in np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"))
+    quads = np.stack([number[2 * row + a, 2 * column + b] for a, b in _QUAD_STEPS], axis=1)
+    return quads, used, column
 
 
 def build_mesh(parameters: ActuatorParameters) -> Mesh:
@@ -84,7 +86,7 @@ def build_mesh(parameters: ActuatorParameters) -> Mesh:
     Raises
     ------
     RequestError
-        If the elements come out folded.
+        If an element is folded.
     """
     p = parameters
     across = stations(p)
@@ -92,44 +94,32 @@ def build_mesh(parameters: ActuatorParameters) -> Mesh:
     inner = bladder_radius(p, z)[:, None]
     outer = inner + p.wall_mm
     r = np.where(across <= 1.0, inner + across * p.wall_mm, outer + (across - 1.0) * (p.envelope_radius_mm - outer))
-    used = np.ones(r.shape, dtype=bool)
-    used[1::2, 1::2] = False  # the serendipity element has no node in its middle
-    number = np.full(r.shape, -1)
-    number[used] = np.arange(used.sum())
-    row, column = (
-        a.ravel() for a in np.meshgrid(np.arange(0, len(z) - 1, 2), np.arange(0, len(across) - 1, 2), indexing="ij")
-    )
-    quads = np.stack([number[row + a, column + b] for a, b in _QUAD_STEPS], axis=1)
+    quads, used, column = structured_quads(len(z) // 2, len(across) // 2)
     mesh = Mesh(
         nodes=np.stack([r, np.broadcast_to(z[:, None], r.shape)], axis=2)[used],
         quads=quads,
-        material=np.where(column < 2 * p.wall_elements, WALL, LATTICE),
+        material=np.where(column < p.wall_elements, WALL, LATTICE),
         cavity=quads[column == 0][:, EDGES[3]],
-        base=number[0],
-        tip=number[-1],
+        base=np.arange(used[0].sum()),
+        tip=np.arange(used.sum() - used[-1].sum(), used.sum()),
     )
     check_quality(mesh)
     return mesh
 
 
-def quality(mesh: Mesh) -> MeshQuality:
-    """Measure a mesh at the corners, midsides and centre of its elements."""
+def scaled_jacobian(mesh: Mesh) -> float:
+    """Return the least min det(J) / mean |det(J)| of the elements: 1 for parallelograms, 0 where the map folds."""
     xi, eta = (a.ravel() for a in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
     _, n_xi, n_eta = shape(xi, eta)
     corners = mesh.nodes[mesh.quads]
     d_xi, d_eta = (np.einsum("gi,mic->mgc", n, corners) for n in (n_xi, n_eta))
     det = d_xi[..., 0] * d_eta[..., 1] - d_xi[..., 1] * d_eta[..., 0]
     mean = np.abs(det).mean(axis=1)
-    edges = np.linalg.norm(corners[:, [1, 2, 3, 0]] - corners[:, :4], axis=2)
-    scaled = np.divide(det.min(axis=1), mean, out=np.full(len(det), -1.0), where=mean > 0)
-    shortest = np.maximum(edges.min(axis=1), np.finfo(float).tiny)
-    return MeshQuality(
-        len(mesh.quads), len(mesh.nodes), float(scaled.min()), float((edges.max(axis=1) / shortest).max())
-    )
+    return float(np.divide(det.min(axis=1), mean, out=np.full(len(det), -1.0), where=mean > 0).min())
 
 
-def check_quality(mesh: Mesh) -> MeshQuality:
-    """Return the quality of a mesh fit for use.
+def check_quality(mesh: Mesh) -> None:
+    """Reject a mesh that cannot be used.
 
     Raises
     ------
@@ -143,10 +133,9 @@ def check_quality(mesh: Mesh) -> MeshQuality:
             f"the mesh reaches r = {mesh.nodes[:, 0].min():.3g} mm, beyond the axis",
             "put the axis of the actuator at r = 0 and the mesh at r >= 0",
         )
-    found = quality(mesh)
-    if found.scaled_jacobian < WORST_SCALED_JACOBIAN:
+    found = scaled_jacobian(mesh)
+    if found < WORST_SCALED_JACOBIAN:
         raise RequestError(
-            f"these parameters make no mesh: an element is folded (scaled Jacobian {found.scaled_jacobian:.2g})",
-            "take more elements along a cell, or a shallower bladder",
+            f"no mesh can be built: an element is folded (scaled Jacobian {found:.2g})",
+            "choose more elements along a cell, or a shallower bladder",
         )
-    return found

@@ -1,10 +1,10 @@
 """Meshes and states as files: VTU for ParaView, MSH for Gmsh, INP for CalculiX; and meshes back from VTU and MSH.
 
 Strategy: meshio writes and reads; parts are cells with a number (`part`, in MSH also a physical group with its name):
-lattice 1 and wall 2 are eight-node quadrilaterals, cavity 3, base 4 and tip 5 three-node lines. A mesh from elsewhere
-is taken if it has these; clockwise elements are turned over, wetted edges are directed by the element that owns them.
+lattice 1 and wall 2 are eight-node quadrilaterals, cavity 3, base 4 and tip 5 three-node lines. A foreign mesh is
+accepted if it has these; clockwise elements are reversed, wetted edges get the direction of the element they belong to.
 
-Rules: coordinates are (r, axis, 0) in mm. A file that is not such a mesh is refused with what is missing.
+Rules: coordinates are (r, axis, 0) in mm. A file that is not such a mesh is rejected with what is missing.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from analysis.shadow.fem.solver import Solution
 MAX_BYTES = 128 << 20  # a hundred thousand elements take 20 MB
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
 FLAT_SHARE = 1e-6
-FARTHEST_MM = 1e6  # of a point; beyond it areas are no longer finite somewhere
 """Of the length: how far a node of a flat end may lie from it."""
-_TURNED = [0, 3, 2, 1, 7, 6, 5, 4]
+FARTHEST_MM = 1e6  # of a point: beyond, areas overflow
+_REVERSED = [0, 3, 2, 1, 7, 6, 5, 4]
 
 
 def write_state(path: Path, file_format: str, parameters: ActuatorParameters, mesh: Mesh, solution: Solution) -> None:
@@ -63,7 +63,14 @@ def write_state(path: Path, file_format: str, parameters: ActuatorParameters, me
 
 
 def to_meshio(mesh: Mesh, displacement_mm: FloatArray | None = None, *, named: bool = False) -> meshio.Mesh:
-    """Return a mesh with its parts (as Gmsh's physical groups if `named`), and a state's displacements where given."""
+    """Return a mesh with its parts for meshio.
+
+    Parameters
+    ----------
+    mesh : of the actuator.
+    displacement_mm : shape (n, 2), of a state; none by default.
+    named : write the parts as Gmsh's physical groups.
+    """
     lines = [("base", line_cells(mesh, mesh.base)), ("tip", line_cells(mesh, mesh.tip)), ("cavity", mesh.cavity)]
     quads = [("lattice", mesh.quads[mesh.material == LATTICE]), ("wall", mesh.quads[mesh.material == WALL])]
     cells = [("quad8", c) for _, c in quads] + [("line3", c[:, [0, 2, 1]]) for _, c in lines]
@@ -106,7 +113,7 @@ def read_mesh(path: Path) -> Mesh:
     if path.is_file() and path.stat().st_size > MAX_BYTES:
         raise FileError(f"{path} is larger than {MAX_BYTES >> 20} MB", "give a coarser mesh")
     try:
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio talks, and leaves the program
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # meshio prints, and exits
             found = meshio.read(path, file_format=kind)
     except (Exception, SystemExit) as error:
         raise refusal from error
@@ -135,7 +142,9 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
     quads = flat.reshape(quads.shape)
     nodes = np.asarray(found.points, dtype=float)[used, :2]
     if not (np.abs(nodes) < FARTHEST_MM).all():
-        raise FileError(f"{path.name} has a point that is nowhere, or {FARTHEST_MM:g} mm away", "export the mesh again")
+        raise FileError(
+            f"{path.name} has a point that is not finite, or beyond {FARTHEST_MM:g} mm", "export the mesh again"
+        )
     nodes[:, 1] -= nodes[:, 1].min()
     mesh = Mesh(
         nodes,
@@ -155,7 +164,7 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
 
 
 def check_ends(mesh: Mesh, path: Path) -> None:
-    """Refuse a base or a tip that is not the whole flat end: what is left out would be free where nobody frees it.
+    """Reject a base or a tip that is not the whole flat end: nodes left out would be free.
 
     Raises
     ------
@@ -176,12 +185,12 @@ def check_ends(mesh: Mesh, path: Path) -> None:
 
 
 def check_chain(mesh: Mesh, path: Path) -> None:
-    """Refuse a cavity that is not one chain of edges from base (or axis) to tip: its volume would be another one.
+    """Reject a cavity that is not one chain of edges from base (or axis) to tip: its volume would be wrong.
 
     Raises
     ------
     FileError
-        Saying what is wrong with the chain.
+        With what is wrong with the chain.
     """
     nodes, times = np.unique(mesh.cavity[:, [0, 2]], return_counts=True)
     ends = nodes[times == 1]
@@ -199,23 +208,17 @@ def check_chain(mesh: Mesh, path: Path) -> None:
 
 
 def by_part(found: meshio.Mesh, path: Path) -> dict[str, IntArray]:
-    """Return the cells of each part; parts are told by physical names, else by the number in `part`."""
+    """Return the cells of each part, identified by physical names, else by the number in `part`."""
     numbers = {name: int(data[0]) for name, data in found.field_data.items() if name in PARTS} or PARTS
     labels = found.cell_data.get("gmsh:physical") or found.cell_data.get("part")
     if labels is None:
         raise FileError(
-            f"{path.name} does not say which cells are lattice, wall, cavity, base and tip",
+            f"{path.name} does not mark which cells are lattice, wall, cavity, base and tip",
             "give it physical groups (Gmsh) or a cell array 'part'",
         )
-    kinds = {
-        "lattice": ("quad8", 8),
-        "wall": ("quad8", 8),
-        "cavity": ("line3", 3),
-        "base": ("line3", 3),
-        "tip": ("line3", 3),
-    }
     parts: dict[str, IntArray] = {}
-    for name, (kind, width) in kinds.items():
+    for name in PARTS:
+        kind, width = ("quad8", 8) if name in ("lattice", "wall") else ("line3", 3)
         blocks = [
             block.data[np.asarray(label) == numbers.get(name, -1)]
             for block, label in zip(found.cells, labels, strict=True)
@@ -226,14 +229,14 @@ def by_part(found: meshio.Mesh, path: Path) -> dict[str, IntArray]:
 
 
 def anticlockwise(points: FloatArray, quads: IntArray) -> IntArray:
-    """Turn over the elements that run clockwise."""
+    """Reverse the elements that run clockwise."""
     x, y = points[quads[:, :4], 0], points[quads[:, :4], 1]
     area = (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
-    return np.where(area[:, None] < 0.0, quads[:, _TURNED], quads)
+    return np.where(area[:, None] < 0.0, quads[:, _REVERSED], quads)
 
 
 def directed(mesh: Mesh, path: Path) -> IntArray:
-    """Direct each wetted edge as the element that owns it runs: the solid on the left hand."""
+    """Direct each wetted edge like the element it belongs to: the solid on the left."""
     owned = {frozenset(edge): edge for edge in mesh.quads[:, EDGES].reshape(-1, 3).tolist()}
     try:
         return np.array([owned[frozenset(edge)] for edge in mesh.cavity.tolist()])

@@ -1,9 +1,9 @@
-"""What the shadow's actuator is made of: every length and modulus that a user may change, and its default.
+"""Parameters of the shadow's actuator: every length and modulus that a user may change, and its default.
 
 Strategy: one frozen value from which mesh, materials, guides and caches are derived; its hash names a cached table.
 
-Rule: what the paper gives is marked (paper); what it does not give is marked (assumed) or (fitted). Both fitted values
-come from `fit.py`, and METHODS.md shows the fit.
+Rule: values of the paper are marked (paper), the others (assumed) or (fitted). Both fitted values make the full model
+meet the two elongations that the paper implies (METHODS.md; `tests/analysis/shadow/geometry_fit.py`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ActuatorParameters:
     Raises
     ------
     RequestError
-        If a value is not finite or makes no actuator; the message names it.
+        If a value is not finite or the geometry is impossible; the message names it.
     """
 
     cells: int = 6
@@ -66,7 +66,7 @@ class ActuatorParameters:
     def __post_init__(self) -> None:
         for field in fields(self):
             check_number(field.name, getattr(self, field.name), whole=field.type == "int")
-        _ = self.lattice, self.wall  # their own checks
+        _ = self.lattice, self.wall  # check themselves
         for failed, cause, remedy in self._geometry_faults():
             if failed:
                 raise RequestError(cause, remedy)
@@ -88,7 +88,7 @@ class ActuatorParameters:
             (
                 elements > MOST_ELEMENTS,
                 f"{elements} elements are more than the {MOST_ELEMENTS} allowed here",
-                "ask for fewer elements a cell",
+                "choose fewer elements per cell",
             ),
             (
                 self.guide_bow_mm >= self.envelope_radius_mm,
@@ -99,28 +99,32 @@ class ActuatorParameters:
 
     @property
     def length_mm(self) -> float:
-        """Length between base and tip plate at rest, mm."""
+        """Return the length between base and tip plate at rest, mm."""
         return self.cells * self.pitch_mm
 
     @property
     def lattice(self) -> NeoHookean:
-        """The homogenised lattice."""
+        """Return the homogenised lattice."""
         return NeoHookean(self.lattice_modulus_kpa, self.lattice_poisson)
 
     @property
     def wall(self) -> NeoHookean:
-        """The elastomer of the bladders."""
+        """Return the elastomer of the bladders."""
         return NeoHookean(self.wall_modulus_kpa, self.wall_poisson)
 
     @property
     def digest(self) -> str:
-        """Hash of all values, the name of this actuator's cached table."""
+        """Return the hash of all values, which names this actuator's cached table."""
         text = json.dumps(asdict(self), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def check_number(name: str, value: float, *, whole: bool = False) -> None:
-    """Refuse what is not a finite, positive number (Poisson's ratios may be negative).
+    """Reject what is not a finite, positive number (Poisson's ratios may be negative).
+
+    Parameters
+    ----------
+    name, value : of the parameter. whole : whether it must be a whole number.
 
     Raises
     ------

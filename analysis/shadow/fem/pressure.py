@@ -3,14 +3,14 @@
 Strategy: the load of a pressure p on a closed cavity is p dV/du, where V(u) is the volume that the wetted edges
 enclose with the axis, the base and the tip plate,
 
-    V = - integral of pi r^2 dz along the wetted edges, the solid on the left hand.
+    V = - integral of pi r^2 dz along the wetted edges, the solid on the left.
 
-Differentiating V instead of integrating a traction gives, without a further word, a load that follows the surface,
+Differentiating V instead of integrating a traction gives, without further terms, a load that follows the surface,
 the thrust on the plate at the cavity's end, and a symmetric tangent p d2V/du2. Each edge is a parabola, so V is a
 polynomial and three Gauss points integrate it exactly.
 
 Rule: the chain of wetted edges ends on the axis, on a fixed node or on the plate; elsewhere the end term pi r^2
-would be a force that nobody applies.
+would be a force without a source.
 """
 
 from __future__ import annotations
@@ -29,7 +29,12 @@ _CROSS = np.einsum("g,gi,gj->gij", WEIGHTS, VALUES, DERIVATIVES)
 
 @compiled
 def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
-    """Return V, mm^3, of the cavity whose wetted edges have node numbers `edges`, shape (k, 3)."""
+    """Return V, mm^3, of the cavity.
+
+    Parameters
+    ----------
+    nodes, u : shape (n, 2), reference positions and displacements, mm. edges : shape (k, 3), nodes of wetted edges.
+    """
     volume = 0.0
     for edge in edges:
         for g in range(3):
@@ -43,7 +48,12 @@ def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
 
 @compiled
 def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient: FloatArray) -> None:
-    """Add dV/du, mm^2, to `gradient`, shape (n, 2)."""
+    """Add dV/du to `gradient`.
+
+    Parameters
+    ----------
+    nodes, u, edges : as in `cavity_volume`. gradient : shape (n, 2), mm^2.
+    """
     for edge in edges:
         for g in range(3):
             r, dz = 0.0, 0.0
@@ -59,7 +69,14 @@ def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient:
 def pressure_tangent(
     nodes: FloatArray, u: FloatArray, edges: IntArray, pressure: float, equations: IntArray, band: FloatArray
 ) -> None:
-    """Add -p d2V/du2, mN/mm, to the lower band."""
+    """Add -p d2V/du2 to the lower band.
+
+    Parameters
+    ----------
+    nodes, u, edges : as in `cavity_volume`. pressure : kPa.
+    equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
+    band : mN/mm, see band.py.
+    """
     for edge in edges:
         for a in range(3):
             for b in range(3):

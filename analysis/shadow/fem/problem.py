@@ -1,8 +1,8 @@
 """A boundary-value problem in discrete form: which displacement is which equation, and how forces are assembled.
 
 Strategy: freedoms are numbered by reverse Cuthill-McKee so that the symmetric tangent is a narrow band, assembled in
-place and factorised by Cholesky, which at the same time tells whether the state is stable: it succeeds if and only if
-the tangent is positive definite. The rigid tip plate is one freedom, the elongation, shared by the axial displacements
+place and factorised by Cholesky, which also tests the stability of the state: it succeeds if and only if the tangent is
+positive definite. The rigid tip plate is one freedom, the elongation, shared by the axial displacements
 of all its nodes.
 """
 
@@ -29,7 +29,7 @@ class Balance:
     force : shape (size,), internal minus pressure force by equation, mN.
     area : shape (size,), dV/du by equation, mm^2: the force of a unit pressure.
     scale : the greater norm of internal and pressure forces over all nodes, supports included, mN.
-    smallest_j : the smallest volume ratio J at any Gauss point; forces are void where it is not positive.
+    smallest_j : the smallest volume ratio J at any Gauss point; forces are undefined where it is not positive.
     """
 
     force: FloatArray
@@ -47,7 +47,7 @@ class Problem:
     nodes : shape (n, 2), reference (r, z), mm.
     quads : shape (m, 8).
     moduli : shape (m, 2), C10 in kPa and D1 in 1/kPa of each element.
-    cavity : shape (k, 3), wetted edges, the solid on the left hand.
+    cavity : shape (k, 3), wetted edges, the solid on the left.
     equations : shape (n, 2), the equation of each displacement, -1 where it is prescribed.
     plate, plate_node : the equation of the rigid plate's axial displacement and one of its nodes, -1 without a plate.
     size, bandwidth : number of equations and of sub-diagonals.
@@ -67,7 +67,7 @@ class Problem:
 
     @property
     def roundoff_mn(self) -> float:
-        """The force, mN, below which a residual is rounding: 50 units in the last place of the stiffest stress."""
+        """Return the force, mN, below which a residual is rounding: 50 ulp of the stiffest stress."""
         area = float(self.quadrature.weight.sum()) ** (2.0 / 3.0)
         stiffest = float((2.0 / self.moduli[:, 1]).max())
         return 50.0 * float(np.finfo(float).eps) * float(area) * stiffest

@@ -1,7 +1,7 @@
-"""The same problem assembled by scikit-fem: the second opinion, and the plain way that the benchmark compares with.
+"""The same problem assembled by scikit-fem: an independent check, and the reference of the benchmark.
 
 Strategy: the weak form is written once more, from the material's textbook formulas and scikit-fem's own elements,
-mapping and quadrature; nothing is shared with `element.py` but the mesh. It is slow and short on purpose.
+mapping and quadrature; nothing is shared with `element.py` but the mesh. It is short, and therefore slow.
 """
 
 from __future__ import annotations
@@ -18,10 +18,14 @@ from analysis.shadow.fem.problem import Problem
 
 
 @dataclass(frozen=True, slots=True)
-class Oracle:
-    """A scikit-fem basis on a problem's mesh, and its numbering of our nodes.
+class ScikitFemProblem:
+    """A problem in scikit-fem.
 
-    `numbers` has shape (n, 2): scikit-fem's number of each of our displacements.
+    Parameters
+    ----------
+    basis : scikit-fem's, on the problem's mesh.
+    numbers : shape (n, 2), scikit-fem's number of each of our displacements.
+    c10, d1 : shape (m,), kPa and 1/kPa of each element.
     """
 
     basis: Any
@@ -46,11 +50,11 @@ class Oracle:
         return {"now": self.basis.interpolate(values), "c10": self.c10[:, None], "d1": self.d1[:, None]}
 
 
-def make_oracle(problem: Problem) -> Oracle:
-    """Hand a problem's mesh to scikit-fem.
+def make_scikit_fem_problem(problem: Problem) -> ScikitFemProblem:
+    """Set up a problem in scikit-fem.
 
-    The serendipity map is a biquadratic one whose middle node is placed at -1/4 of the corners plus 1/2 of the
-    midsides, which is how scikit-fem's nine-node mesh is made to follow our eight nodes.
+    The serendipity map is a biquadratic one whose middle node is at -1/4 of the corners plus 1/2 of the midsides, so
+    that scikit-fem's nine-node mesh follows our eight nodes.
     """
     quads, nodes = problem.quads, problem.nodes
     corners, first = np.unique(quads[:, :4], return_inverse=True)
@@ -66,7 +70,7 @@ def make_oracle(problem: Problem) -> Oracle:
     for a in range(8):
         for component in range(2):
             numbers[quads[:, a], component] = basis.element_dofs[2 * a + component]
-    return Oracle(basis, numbers, problem.moduli[:, 0], problem.moduli[:, 1])
+    return ScikitFemProblem(basis, numbers, problem.moduli[:, 0], problem.moduli[:, 1])
 
 
 def _strain(field: Any, r: FloatArray) -> FloatArray:

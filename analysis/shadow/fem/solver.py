@@ -1,17 +1,17 @@
 """Equilibrium of a finite-strain problem: Newton's method, warm starts, line search, load stepping.
 
-Strategy: a state is held by its pressure, by its elongation, or by both; what is not held follows.
+Strategy: a state is controlled by its pressure, by its elongation, or by both; the other quantities follow.
 
     pressure      the plate is free of force; the elongation follows
     elongation    the plate is free of force; the pressure follows (this control passes a limit point)
-    both          the plate is held; the force that holds it follows
+    both          the plate is held; its reaction force follows
 
 Newton steps reuse the last factorisation as long as it brings the residual down fivefold a step (a warm start then
-costs back-substitutions, not factorisations). A step that turns an element inside out, or raises both the residual and
-the potential, is halved. Where a load cannot be reached in one go it is approached in halved load steps.
+costs back-substitutions, not factorisations). A step that inverts an element, or raises both the residual and the
+potential, is halved. A load that cannot be reached in one step is approached in halved load steps.
 
-Rules: a tangent that is not positive definite ends the search (the state is not stable); nothing is returned that has
-not met the tolerance.
+Rules: a tangent that is not positive definite ends the search (the state is not stable); only a state that has met the
+tolerance is returned.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class NotConvergedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Iterate:
-    """A trial state and its forces out of balance; `norm` leaves out the plate while its force may be anything."""
+    """A trial state and its forces out of balance; `norm` leaves out the plate where its reaction is free."""
 
     u: FloatArray
     pressure_kpa: float
@@ -87,28 +87,30 @@ class Iterate:
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
-    """What a load step holds; None follows."""
+class Control:
+    """What a load step prescribes; None follows."""
 
     pressure_kpa: float | None
     elongation_mm: float | None
 
     @property
     def plate(self) -> bool:
-        """Whether the plate is moved to a given place."""
+        """Return whether the plate's displacement is prescribed."""
         return self.elongation_mm is not None
 
     @property
     def both(self) -> bool:
-        """Whether the plate needs a force to be where it is."""
+        """Return whether pressure and elongation are prescribed, so that the plate has a reaction force."""
         return self.plate and self.pressure_kpa is not None
 
 
 def factorise(problem: Problem, u: FloatArray, pressure_kpa: float, *, held: bool) -> Factor | None:
-    """Factorise the tangent; None where it is not positive definite.
+    """Factorise the tangent; return None where it is not positive definite.
 
     Parameters
     ----------
+    problem : mesh, moduli, supports.
+    u, pressure_kpa : state of nodal displacements, shape (n, 2), mm, and pressure.
     held : the plate's displacement is prescribed: its row and column are taken out.
     """
     matrix = problem.tangent(u, pressure_kpa)
@@ -129,12 +131,12 @@ def factorise(problem: Problem, u: FloatArray, pressure_kpa: float, *, held: boo
 
 @dataclass(slots=True)
 class Solver:
-    """Solves one problem again and again, keeping its last factorisation for a warm start.
+    """Solves one problem repeatedly, keeping its last factorisation for a warm start.
 
     Parameters
     ----------
-    problem : what is solved.
-    tolerance : relative residual (Euclidean, to the greater of load and internal forces) at which a state is found.
+    problem : to be solved.
+    tolerance : relative residual (Euclidean, to the greater of load and internal forces) of a solution.
     """
 
     problem: Problem
@@ -148,11 +150,11 @@ class Solver:
     def solve(
         self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None
     ) -> Solution:
-        """Find the state that holds the given pressure, elongation, or both.
+        """Find the state at a given pressure, elongation, or both.
 
         Parameters
         ----------
-        pressure_kpa, elongation_mm : what is held; at least one.
+        pressure_kpa, elongation_mm : prescribed; at least one.
         start : a neighbouring state to begin from; the state at rest by default.
 
         Raises
@@ -164,68 +166,69 @@ class Solver:
         done, step, spent = 0.0, 1.0, 0
         while done < 1.0:
             share = min(1.0, done + step)
-            hold = Hold(
-                part_way(first.pressure_kpa, pressure_kpa, share), part_way(first.elongation_mm, elongation_mm, share)
+            control = Control(
+                interpolate(first.pressure_kpa, pressure_kpa, share),
+                interpolate(first.elongation_mm, elongation_mm, share),
             )
             try:
-                state = self._newton(state, hold)
+                state = self._newton(state, control)
             except NotConvergedError as failure:
                 self._factor = None
                 step /= 2.0
                 if step < SMALLEST_LOAD_STEP:
                     raise ConvergenceError(
                         f"no equilibrium beyond {state.pressure_kpa:.4g} kPa, {state.elongation_mm:.4g} mm: {failure}",
-                        "ask for a smaller load, or a finer mesh",
+                        "choose a smaller load, or a finer mesh",
                     ) from None
             else:
                 spent += state.iterations
                 done, step = share, 1.5 * step
         return replace(state, iterations=spent)
 
-    def _newton(self, start: Solution, hold: Hold) -> Solution:
-        """Iterate from `start` to the state of `hold`."""
-        if self._factor is not None and self._factor.held != hold.plate:
+    def _newton(self, start: Solution, control: Control) -> Solution:
+        """Iterate from `start` to the prescribed state."""
+        if self._factor is not None and self._factor.held != control.plate:
             self._factor = None
-        now = self._look(
-            start.displacement_mm, start.pressure_kpa if hold.pressure_kpa is None else hold.pressure_kpa, hold
+        now = self._evaluate(
+            start.displacement_mm, start.pressure_kpa if control.pressure_kpa is None else control.pressure_kpa, control
         )
         before = np.inf
         for iteration in range(MOST_ITERATIONS):
-            if self._settled(now, hold):
-                return self._found(now, hold, iteration)
-            stale = self._factor is not None and now.norm < CHORD_RATIO * before
+            if self._converged(now, control):
+                return self._solution(now, control, iteration)
+            reuse = self._factor if iteration == 0 or now.norm < CHORD_RATIO * before else None
             before = now.norm
-            moved = self._step(now, hold, self._factor) if stale or (iteration == 0 and self._factor) else None
+            moved = self._try_step(now, control, reuse) if reuse is not None else None
             if moved is None:
-                self._factor = factorise(self.problem, now.u, now.pressure_kpa, held=hold.plate)
+                self._factor = factorise(self.problem, now.u, now.pressure_kpa, held=control.plate)
                 if self._factor is None:
                     raise NotConvergedError("the tangent stiffness is no longer positive definite")
-                moved = self._search(now, hold, self._factor)
+                moved = self._line_search(now, control, self._factor)
             now = moved
-        raise NotConvergedError(f"Newton's method did not settle in {MOST_ITERATIONS} steps")
+        raise NotConvergedError(f"Newton's method did not converge in {MOST_ITERATIONS} steps")
 
-    def _look(self, u: FloatArray, pressure_kpa: float, hold: Hold) -> Iterate:
+    def _evaluate(self, u: FloatArray, pressure_kpa: float, control: Control) -> Iterate:
         balance = self.problem.balance(u, pressure_kpa)
         force = balance.force
         norm = float(np.linalg.norm(force))
-        if hold.both and norm > 0.0:
+        if control.both and norm > 0.0:
             norm = float(np.sqrt(max(norm**2 - force[self.problem.plate] ** 2, 0.0)))
         return Iterate(u, pressure_kpa, balance, norm)
 
-    def _missing_mm(self, now: Iterate, hold: Hold) -> float:
-        """How far the plate still is from where it shall be held."""
-        if hold.elongation_mm is None:
+    def _gap_mm(self, now: Iterate, control: Control) -> float:
+        """Return the distance of the plate from its prescribed displacement."""
+        if control.elongation_mm is None:
             return 0.0
-        return hold.elongation_mm - self.problem.plate_displacement(now.u)
+        return control.elongation_mm - self.problem.plate_displacement(now.u)
 
-    def _settled(self, now: Iterate, hold: Hold) -> bool:
+    def _converged(self, now: Iterate, control: Control) -> bool:
         if not now.balance.smallest_j > 0.0:
-            raise NotConvergedError("an element would be turned inside out")
+            raise NotConvergedError("an element would be inverted")
         enough = self.tolerance * now.balance.scale + self.problem.roundoff_mn
-        return now.norm <= enough and abs(self._missing_mm(now, hold)) < PLATE_TOLERANCE_MM
+        return now.norm <= enough and abs(self._gap_mm(now, control)) < PLATE_TOLERANCE_MM
 
-    def _found(self, now: Iterate, hold: Hold, iterations: int) -> Solution:
-        tip_force = float(now.balance.force[self.problem.plate]) if hold.both else 0.0
+    def _solution(self, now: Iterate, control: Control, iterations: int) -> Solution:
+        tip_force = float(now.balance.force[self.problem.plate]) if control.both else 0.0
         return Solution(
             now.u,
             now.pressure_kpa,
@@ -235,16 +238,16 @@ class Solver:
             now.norm / (now.balance.scale or 1.0),
         )
 
-    def _direction(self, now: Iterate, hold: Hold, factor: Factor) -> tuple[FloatArray, float]:
+    def _direction(self, now: Iterate, control: Control, factor: Factor) -> tuple[FloatArray, float]:
         """Return the Newton step (displacements by node, pressure)."""
         force, plate = now.balance.force, self.problem.plate
-        if not hold.plate:
+        if not control.plate:
             return self.problem.spread(-factor.solve(force)), 0.0
-        gap = self._missing_mm(now, hold)
+        gap = self._gap_mm(now, control)
         right = -(force + factor.column * gap)
         right[plate] = 0.0
         dp = 0.0
-        if hold.both:
+        if control.both:
             du = factor.solve(right)
         else:
             area = now.balance.area.copy()
@@ -256,35 +259,35 @@ class Solver:
         du[plate] = gap
         return self.problem.spread(du), float(dp)
 
-    def _step(self, now: Iterate, hold: Hold, factor: Factor | None) -> Iterate | None:
-        """Try one whole step with an old factor; None if it does not pay."""
-        if factor is None:
-            return None
-        du, dp = self._direction(now, hold, factor)
-        then = self._look(now.u + du, now.pressure_kpa + dp, hold)
-        pays = then.norm < now.norm or then.norm <= CHORD_ENTRY * then.balance.scale
-        return then if then.balance.smallest_j > 0.0 and pays else None
+    def _try_step(self, now: Iterate, control: Control, factor: Factor) -> Iterate | None:
+        """Try one whole step with an old factor; return None if it does not improve the state."""
+        du, dp = self._direction(now, control, factor)
+        then = self._evaluate(now.u + du, now.pressure_kpa + dp, control)
+        improves = then.norm < now.norm or then.norm <= CHORD_ENTRY * then.balance.scale
+        return then if then.balance.smallest_j > 0.0 and improves else None
 
-    def _search(self, now: Iterate, hold: Hold, factor: Factor) -> Iterate:
-        """Go along the Newton step as far as it pays."""
-        du, dp = self._direction(now, hold, factor)
-        comparable = not hold.plate or (hold.both and self._missing_mm(now, hold) == 0.0)
+    def _line_search(self, now: Iterate, control: Control, factor: Factor) -> Iterate:
+        """Shorten the Newton step until it improves the state."""
+        du, dp = self._direction(now, control, factor)
+        comparable = not control.plate or (control.both and self._gap_mm(now, control) == 0.0)
         share = 1.0
         while share > SMALLEST_SHARE:
-            then = self._look(now.u + share * du, now.pressure_kpa + share * dp, hold)
-            if then.balance.smallest_j > 0.0 and (not comparable or then.norm < now.norm or self._lower(now, then)):
+            then = self._evaluate(now.u + share * du, now.pressure_kpa + share * dp, control)
+            if then.balance.smallest_j > 0.0 and (
+                not comparable or then.norm < now.norm or self._potential_falls(now, then)
+            ):
                 return then
             share /= 2.0
-        raise NotConvergedError("no step length brings the state nearer to balance")
+        raise NotConvergedError("no step length reduces the residual")
 
-    def _lower(self, now: Iterate, then: Iterate) -> bool:
-        """Whether the potential falls."""
+    def _potential_falls(self, now: Iterate, then: Iterate) -> bool:
+        """Return whether the potential falls."""
         potential = self.problem.potential
         return potential(then.u, then.pressure_kpa) < potential(now.u, now.pressure_kpa)
 
 
-def part_way(first: float, last: float | None, share: float) -> float | None:
-    """Return the value a given share of the way from `first` to `last`; None where nothing is held."""
+def interpolate(first: float, last: float | None, share: float) -> float | None:
+    """Return the value at a given share from `first` to `last`; None where nothing is prescribed."""
     if last is None:
         return None
     return last if share == 1.0 else first + share * (last - first)

@@ -3,8 +3,8 @@
 Strategy: a state under given pressure is stable while its tangents K_n are positive definite for every wave number n
 around the circle (n = 0 is axisymmetric; n = 2 makes a bladder oval). The margin is the lowest eigenvalue of
 K_n v = lambda K_n(rest) v: 1 at rest, 0 at the limit, without unit, and the same on every mesh that is fine enough. The
-limits themselves are found by walking along the equilibria with the elongation held, which passes a limit point, and by
-bisecting between the last stable and the first unstable state.
+limits themselves are found by walking along the equilibria with prescribed elongation, which passes a limit point, and
+by bisecting between the last stable and the first unstable state.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ WAVE_NUMBERS = (0, 1, 2, 3, 4, 5, 6)
 STEP_SHARE = 1.0 / 50.0
 LONGEST_WALK_SHARE = 0.2
 BISECTIONS = 12
+"""Step and length of the walk as shares of the actuator's length, and how often the last step is halved."""
 EIGENVALUE_STEP = 1e-5
-"""The walk goes in steps of this share of the length, as far as that share, and halves its last step so often."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,20 +46,25 @@ class CriticalState:
 
     @property
     def mode(self) -> str:
-        """The mode in words."""
-        names = {-1: "none found", 0: "axisymmetric (limit point)", 1: "sideways", 2: "the bladders go oval"}
+        """Return the mode in words."""
+        names = {-1: "none found", 0: "axisymmetric (limit point)", 1: "sideways", 2: "the bladders become oval"}
         return names.get(self.wave_number, f"{self.wave_number} waves around the bladders")
 
 
 @dataclass(frozen=True, slots=True)
 class Stability:
-    """The tangents of one actuator, whose signs decide."""
+    """The tangents of one actuator, whose signs decide about its stability."""
 
     problem: Problem
     harmonics: Harmonics
 
     def tangent(self, u: FloatArray, pressure_kpa: float, wave_number: int) -> FloatArray:
-        """Return the band of K_n."""
+        """Return the band of K_n.
+
+        Parameters
+        ----------
+        u : shape (n, 2), mm. pressure_kpa : in the cavity. wave_number : around the circle.
+        """
         if wave_number == 0:
             return self.problem.tangent(u, pressure_kpa)
         return self.harmonics.tangent(u, pressure_kpa, wave_number)
@@ -86,7 +91,12 @@ class Stability:
 
 
 def least_shift(matrix: FloatArray, reference: FloatArray, known: float) -> float:
-    """Return the smaller of `known` and the lowest eigenvalue of matrix v = s reference v, to EIGENVALUE_STEP."""
+    """Return the smaller of `known` and the lowest eigenvalue of matrix v = s reference v, to EIGENVALUE_STEP.
+
+    Parameters
+    ----------
+    matrix, reference : bands. known : upper bound, infinite without one.
+    """
 
     def definite(shift: float) -> bool:
         return band.factorise(matrix - shift * reference) == len(matrix)
@@ -109,12 +119,14 @@ def find_limit(solver: Solver, stability: Stability, length_mm: float, direction
 
     Parameters
     ----------
+    solver, stability : of the actuator.
+    length_mm : at rest.
     direction : -1 towards vacuum, +1 towards inflation.
 
     Returns
     -------
     CriticalState
-        The last stable state, with what ends it.
+        The last stable state, with the mode that ends it.
     """
     step = direction * STEP_SHARE * length_mm
     last, mode = solver.rest(), -1

@@ -6,8 +6,8 @@ normal z for every cycle, however short the history (D. M. Hawkins, D. H. Olwell
 Two sums, S+ = max(0, S+ + z - k) and S- = max(0, S- - z - k), alarm beyond h. h follows from the wanted number of
 healthy cycles between false alarms by Siegmund's formula.
 
-Rules: z is clipped, so no single cycle can raise an alarm; the spread is never taken smaller than a figure's floor, the
-change that nobody cares about, so that a very quiet actuator does not cry over trifles.
+Rules: z is clipped, so no single cycle can raise an alarm; the spread is never smaller than a figure's floor, its least
+relevant change, so that a very quiet actuator raises no alarm for an irrelevant one.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ CLIP = 4.0
 FEWEST = 3
 """k in standard deviations; the greatest |z|; healthy values before the first test."""
 SPENT = 8
-"""Cycles of a history that its own scatter costs a self-starting sum, found by simulation (the atlas has the map)."""
+"""Cycles of history that a self-starting sum loses to its own scatter, found by simulation (map alarms-shift)."""
 FEWEST_FOR_CORRELATION = 20
 CORRELATED = 0.5
-"""A history shorter than this, or whose neighbours correlate by more than so many 1/sqrt(n), is no independent one."""
+"""A shorter history, or one whose neighbours correlate by more than so many 1/sqrt(n), counts as dependent."""
 
 
 def cycles_between_alarms(threshold: float | FloatArray, reference: float = REFERENCE) -> FloatArray:
@@ -40,14 +40,23 @@ def cycles_between_alarms(threshold: float | FloatArray, reference: float = REFE
 
 
 def threshold_for(cycles: float, sides: int, reference: float = REFERENCE) -> float:
-    """Return h so that `sides` one-sided sums together raise one false alarm in `cycles` healthy values."""
+    """Return h so that `sides` one-sided sums together raise one false alarm in `cycles` healthy values.
+
+    `reference` is k, in standard deviations.
+    """
     wanted = cycles * sides
     return float(optimize.brentq(lambda h: float(cycles_between_alarms(h, reference)) - wanted, 0.0, 60.0))
 
 
-def sight(history: int, threshold: float, reference: float = REFERENCE) -> float:
+def smallest_shift(history: int, threshold: float, reference: float = REFERENCE) -> float:
     """Return the smallest lasting shift, in standard deviations, that a self-starting sum finds; infinite without one.
 
+    Parameters
+    ----------
+    history : healthy values before the shift. threshold : h. reference : k, in standard deviations.
+
+    Notes
+    -----
     The baseline learns the shift as well: after m values it has moved the mean by m / (n + m) of it, so the sum grows
     to n (d ln(d / k) - d + k) at most, which must reach the threshold and its overshoot, 1.166. Nine in ten such
     shifts are then found.
@@ -64,11 +73,11 @@ def sight(history: int, threshold: float, reference: float = REFERENCE) -> float
 
 @dataclass(slots=True)
 class SelfStartingCusum:
-    """Sums of many figures side by side; arrays have the shape of `floor`, a last axis of two holds up and down.
+    """Sums of many figures side by side; arrays have the shape of `floor`, a last axis of two is up and down.
 
     Parameters
     ----------
-    floor : smallest spread taken for each figure.
+    floor : smallest spread of each figure.
     """
 
     floor: FloatArray
@@ -91,7 +100,7 @@ class SelfStartingCusum:
     def update(self, values: FloatArray) -> FloatArray:
         """Take one value of each figure (NaN: none this time) and return the sums, shape (..., 2).
 
-        `length` counts the values since each sum last stood at zero, `shift` is their mean distance from the baseline.
+        `length` counts the values since each sum was last zero, `shift` is their mean distance from the baseline.
         """
         seen = np.isfinite(values)
         x = np.where(seen, values, self.mean)
@@ -112,9 +121,9 @@ class SelfStartingCusum:
         return sums
 
     def dependent(self) -> BoolArray:
-        """Whether what came before each sum's rise can be taken for independent: False; else True, shape (..., 2).
+        """Return whether the values before each sum's rise are dependent or too few to decide, shape (..., 2).
 
-        It cannot if there are fewer than 20 values, or if neighbours correlate.
+        Fewer than 20 values, or correlated neighbours.
         """
         n, total, squares, products = np.moveaxis(self.before, -1, 0)
         n = np.maximum(n, 1.0)

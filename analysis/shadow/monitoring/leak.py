@@ -3,18 +3,18 @@
 Strategy: the board holds the gauge's pressure, so a leak between gauge and bladder is not seen in it. What is seen is
 the elongation: its pressure p_nom(x) falls behind the gauge, r = p - p_nom(x) fills at r' = loss p and forgets nothing
 until the valve opens. Within a cycle that is one part in two hundred, under a hysteresis fifty times larger with the
-same phase. So the first cycles of a run are kept as the healthy loop (`Loop`, residual against pressure on both
+same phase. So the first cycles of a run are kept as the healthy loop (`HealthyLoop`, residual against pressure on both
 branches) and taken off; what is left knows neither how long a hold was nor where the cycle was cut, and
 
-    e = c + g p + drift t + loss (integral of p dt) + hum
+    e = c + g p + drift t + loss (integral of p dt) + wave
 
 has offset c and gain g to itself. Drift and leak look alike within a cycle, but not from cycle to cycle: the slope of e
 is taken from the mean of the cycle before, and both e and the integral are freed of it. What is left of the mains'
 flicker between a dark and a lit reading comes back through the sampling as a slow wave near the cycle's own period: it
-is found (hum.py) over the last minutes and taken off.
+is found (wave.py) over the last minutes and taken off.
 
 Rules: arrays of one cycle, time in s, pressure in kPa, NaN where the residual is unknown. A step of pressure in which
-the elongation is not known throughout is left out as a whole: the end of a calibration's range cuts noise on one side.
+the elongation is not known throughout is left out as a whole: the end of a calibration's range truncates the noise.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray
-from analysis.shadow.monitoring.periodic_interference import Hum, find_hum
+from analysis.shadow.monitoring.periodic_interference import Interference, find_interference
 
 STEPS = 48
 KNOWN_SHARE = 0.97
-"""The loop is kept in so many equal steps of pressure a branch; a step known by less than this share is left out."""
+"""Equal steps of pressure a branch of the loop; a step known by less than this share is left out."""
 LEARNING_S, MEMORY_S, BLOCK_S = 80.0, 400.0, 0.5
-"""The loop is learnt for so long, a wave looked for over the cycles of so long, in means over so long."""
+"""Time over which the loop is learnt, the interference is searched, and samples are averaged for the search."""
 FEWEST_SAMPLES = 10
 WORST_CONDITION = 1e4
 
 
 def second_branch(pressure_kpa: FloatArray) -> BoolArray:
-    """Return which rows come after the extreme that the cycle does not begin at."""
+    """Return the rows after the extreme at which the cycle does not begin."""
     p = pressure_kpa
     turn = int(np.argmin(p) if p[0] > (p.min() + p.max()) / 2.0 else np.argmax(p))
     return np.asarray(np.arange(len(p)) > turn)
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class HealthyLoop:
     """Residual of a healthy cycle against pressure.
 
     Parameters
     ----------
-    low_kpa, step_kpa : where the steps of pressure begin, and their width.
+    low_kpa, step_kpa : lower end and width of the steps of pressure.
     pressure_kpa, residual_kpa : of each branch, the steps' means; NaN where a step is not known throughout.
     """
 
@@ -59,8 +59,8 @@ class Loop:
     residual_kpa: tuple[FloatArray, FloatArray]
 
     @classmethod
-    def of(cls, cycles: Sequence[tuple[FloatArray, FloatArray]]) -> Loop | None:
-        """Return the loop of whole cycles, (pressure, residual) of each; None where nothing of it is known."""
+    def of(cls, cycles: Sequence[tuple[FloatArray, FloatArray]]) -> HealthyLoop | None:
+        """Return the loop of whole cycles, (pressure, residual) of each; None where it is unknown."""
         p, r = (np.concatenate(columns) for columns in zip(*cycles, strict=True))
         later = np.concatenate([second_branch(pressure) for pressure, _ in cycles])
         span = float(np.ptp(p)) if len(p) else 0.0
@@ -72,12 +72,12 @@ class Loop:
         means = []
         for branch in (~later, later):
             inside = [branch & (place == k) for k in range(STEPS)]
-            means.append([(p[i].mean(), _known_mean(r[i])) for i in inside if i.any()])
+            means.append([(p[i].mean(), known_mean(r[i])) for i in inside if i.any()])
         down, up = (np.array(rows).reshape(-1, 2) for rows in means)
         return cls(low, step, (down[:, 0], up[:, 0]), (down[:, 1], up[:, 1]))
 
     def beyond(self, pressure_kpa: FloatArray, residual_kpa: FloatArray) -> FloatArray:
-        """Return by how much another cycle's residual is above the loop, kPa; NaN where either is not known."""
+        """Return another cycle's residual less the loop, kPa; NaN where either is unknown."""
         later = second_branch(pressure_kpa)
         out = np.full(len(pressure_kpa), np.nan)
         for branch, p, r in zip((~later, later), self.pressure_kpa, self.residual_kpa, strict=True):
@@ -88,20 +88,20 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
-    """Mean of what a cycle had beyond the loop, kPa, and the mean time of it, s."""
+class CycleMean:
+    """Mean residual of a cycle beyond the loop, kPa, and its mean time, s."""
 
     time_s: float
     beyond_kpa: float
 
     @classmethod
-    def of(cls, time_s: FloatArray, beyond_kpa: FloatArray) -> Level:
-        """Return the level of a cycle; NaN where nothing is known."""
+    def of(cls, time_s: FloatArray, beyond_kpa: FloatArray) -> CycleMean:
+        """Return the mean of a cycle; NaN where nothing is known."""
         known = np.isfinite(beyond_kpa)
-        return cls(_known_mean(np.where(known, time_s, np.nan)), _known_mean(beyond_kpa))
+        return cls(known_mean(np.where(known, time_s, np.nan)), known_mean(beyond_kpa))
 
-    def slope_since(self, before: Level) -> float:
-        """Return the drift between two cycles, kPa/s; 0 where there is none to tell."""
+    def slope_since(self, before: CycleMean) -> float:
+        """Return the drift between two cycles, kPa/s; 0 where it is unknown."""
         gap = self.time_s - before.time_s
         slope = (self.beyond_kpa - before.beyond_kpa) / gap if gap > 0.0 else np.nan
         return float(slope) if np.isfinite(slope) else 0.0
@@ -115,8 +115,8 @@ def loss_percent_per_min(
     Parameters
     ----------
     time_s, pressure_kpa : shape (n,), one cycle.
-    beyond_kpa : shape (n,), its residual, less the healthy loop where there is one.
-    drift_kpa_per_s : slope of it from cycle to cycle, which both sides are freed of; None: the leak makes all of it.
+    beyond_kpa : shape (n,), its residual, less the healthy loop where it is known.
+    drift_kpa_per_s : its slope from cycle to cycle, subtracted from both sides; None: the leak causes all of it.
     """
     known = np.isfinite(beyond_kpa)
     if known.sum() < FEWEST_SAMPLES:
@@ -140,14 +140,14 @@ def integral(time_s: FloatArray, pressure_kpa: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class _Cycle:
-    """What is kept of a cycle: time, pressure, residual beyond the loop."""
+    """A stored cycle: time, pressure, residual beyond the loop."""
 
     time_s: FloatArray
     pressure_kpa: FloatArray
     beyond_kpa: FloatArray
 
     def coarse(self) -> FloatArray:
-        """Return means over `BLOCK_S`, NaN left out: time, beyond, pressure, its integral freed of its trend."""
+        """Return means over `BLOCK_S`, NaN left out: time, beyond, pressure, its integral less its trend."""
         known = np.isfinite(self.beyond_kpa)
         t = self.time_s - self.time_s[0]
         filled = integral(self.time_s, self.pressure_kpa)
@@ -163,17 +163,23 @@ class LeakWatch:
 
     Parameters
     ----------
-    run_in_cycles : cycles before the last of these are left out; the loop is then learnt for `LEARNING_S`.
+    run_in_cycles : cycles before the last of these are left out; then the loop is learnt for `LEARNING_S`.
     """
 
     def __init__(self, run_in_cycles: int) -> None:
         self._run_in, self._cycles = run_in_cycles, 0
-        self._loop: Loop | None = None
-        self._kept: list[_Cycle] = []  # residuals until there is a loop, from then on what is beyond it
+        self._loop: HealthyLoop | None = None
+        self._kept: list[_Cycle] = []  # residuals until there is a loop, then residuals beyond it
 
     def take(self, time_s: FloatArray, pressure_kpa: FloatArray, residual_kpa: FloatArray) -> float:
-        """Take the next whole cycle, shape (n,) each; return its leak in % of the pressure a minute.
+        """Take the next whole cycle; return its leak in % of the pressure a minute.
 
+        Parameters
+        ----------
+        time_s, pressure_kpa, residual_kpa : shape (n,).
+
+        Returns
+        -------
         NaN until the healthy loop is learnt, and where the cycle does not determine it.
         """
         self._cycles += 1
@@ -187,37 +193,38 @@ class LeakWatch:
         before = self._kept[-1]
         now = _Cycle(t, p, self._loop.beyond(p, r))
         self._kept = [*(c for c in self._kept if t[-1] - c.time_s[0] <= MEMORY_S), now]
-        hum = self._hum()
-        e, earlier = (c.beyond_kpa - hum.at(c.time_s) for c in (now, before))
-        return loss_percent_per_min(t, p, e, Level.of(t, e).slope_since(Level.of(before.time_s, earlier)))
+        wave = self._interference()
+        e, earlier = (c.beyond_kpa - wave.at(c.time_s) for c in (now, before))
+        return loss_percent_per_min(t, p, e, CycleMean.of(t, e).slope_since(CycleMean.of(before.time_s, earlier)))
 
     def _learn(self, cycle: _Cycle) -> None:
         self._kept.append(cycle)
         if cycle.time_s[-1] - self._kept[0].time_s[0] < LEARNING_S:
             return
-        self._loop = Loop.of([(c.pressure_kpa, c.beyond_kpa) for c in self._kept])
+        self._loop = HealthyLoop.of([(c.pressure_kpa, c.beyond_kpa) for c in self._kept])
         if self._loop is not None:
             beyond = self._loop.beyond
             self._kept = [_Cycle(c.time_s, c.pressure_kpa, beyond(c.pressure_kpa, c.beyond_kpa)) for c in self._kept]
 
-    def _hum(self) -> Hum:
-        """Return the slow wave in the cycles kept, beside offset, gain and leak that change slowly."""
+    def _interference(self) -> Interference:
+        """Return the interference in the stored cycles, beside offset, gain and leak that change slowly."""
         t, e, p, filled = np.concatenate([c.coarse() for c in self._kept]).T
         period = float(np.median([c.time_s[-1] - c.time_s[0] for c in self._kept]))
         if len(t) < FEWEST_SAMPLES:
-            return Hum()
+            return Interference()
         age = (t - t.mean()) / max(float(np.ptp(t)), 1e-9)
         columns = [np.ones_like(t), age, age**2, *(f * w for f in (p, filled) for w in (np.ones_like(t), age))]
-        return find_hum(t, e, np.stack(columns, axis=1), period)
+        return find_interference(t, e, np.stack(columns, axis=1), period)
 
 
 def _throughout(place: np.ndarray, known: BoolArray) -> BoolArray:
-    """Return which rows are known, in a place that is known by `KNOWN_SHARE` or more."""
+    """Return which rows are known, in a step that is known by `KNOWN_SHARE` or more."""
     rows = np.bincount(place, minlength=2 * STEPS)
     share = np.bincount(place, known, 2 * STEPS) / np.maximum(rows, 1)
     return np.asarray(known & (share[place] >= KNOWN_SHARE))
 
 
-def _known_mean(values: FloatArray) -> float:
+def known_mean(values: FloatArray) -> float:
+    """Return the mean of the values that are finite; NaN without any."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else np.nan

@@ -1,6 +1,6 @@
-"""Is the actuator ill? Figures of each cycle against the nominal actuator, and alarms from a sequential test.
+"""Is the actuator degraded? Figures of each cycle against the nominal actuator, and alarms from a sequential test.
 
-Strategy: a cycle is boiled down to six figures, each the signature of an illness:
+Strategy: a cycle is reduced to six figures, each the signature of a fault:
 
     loss        % a minute by which the elongation's pressure p_nom(x) falls behind the gauge    leak (leak.py)
     fade        % a minute by which the gauge itself falls in a hold (pumps off)                 leak
@@ -10,13 +10,13 @@ Strategy: a cycle is boiled down to six figures, each the signature of an illnes
     difference slope   and how it grows with elongation, mm/mm                                   sensor disagreement
 
 Each figure is compared with its own healthy history by the self-starting CUSUM of cusum.py. A healthy unit's constant
-deviation (its own calibration, its own hysteresis, its creep) is history, not illness. One illness moves several
-figures: a leak also shifts the offset, a sensor that drifts also bends the gain; such an alarm says what it may follow
-from, be it that the other one stands already or that its sum is halfway there.
+deviation (its own calibration, its own hysteresis, its creep) is history, not a fault. One fault moves several
+figures: a leak also shifts the offset, a sensor that drifts also changes the gain; such an alarm names the faults that
+it may follow from, active ones and those whose sum is halfway to an alarm.
 
 Rules: arrays only, time in s, pressure in kPa, elongations in mm, NaN where a value is unknown. A cycle without holds
-has no fade, one sensor has no difference, the run-in no loss: that figure is NaN and waits. False alarms: one in 1,000
-healthy cycles over all alarms together, for cycles whose figures scatter independently.
+has no fade, one sensor has no difference, the run-in no loss: such a figure is NaN and not tested. False alarms: one in
+1,000 healthy cycles over all alarms together, for cycles whose figures scatter independently.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.arrays import BoolArray, FloatArray
+from analysis.arrays import FloatArray
 from analysis.errors import DataError, RequestError
 from analysis.shadow.model.reduced import ReducedModel
-from analysis.shadow.monitoring.cusum import SelfStartingCusum, cycles_between_alarms, sight, threshold_for
+from analysis.shadow.monitoring.cusum import SelfStartingCusum, cycles_between_alarms, smallest_shift, threshold_for
 from analysis.shadow.monitoring.leak import LeakWatch, second_branch
 
-Illness = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
+ActuatorFault = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
 HEALTHY_CYCLES_BETWEEN_ALARMS = 1000.0
 RUN_IN_CYCLES = 2
 STEADY_KPA, SHORTEST_HOLD_S, SETTLING_S, LEAST_PRESSURE_KPA = 0.75, 2.0, 0.7, 15.0
-"""A hold: pressure within this of its own median for so long; its beginning is left out, and so are low pressures."""
+"""A hold: pressure slower than this (kPa/s) for so long; its beginning and low pressures are left out."""
 PRESSURE_STEPS, FEWEST_STEPS = 24, 6
 """Gain, offset and differences are fitted through means over so many steps of pressure a branch; fewer give NaN."""
 
-_CHANNELS: tuple[tuple[str, float, str, Illness | None, Illness | None], ...] = (
+_CHANNELS: tuple[tuple[str, float, str, ActuatorFault | None, ActuatorFault | None], ...] = (
     ("loss", 0.3, "%/min", "leak", None),
     ("fade", 0.1, "%/min", "leak", None),
     ("gain", 0.002, "", "softening", "stiffening"),
@@ -48,23 +48,22 @@ _CHANNELS: tuple[tuple[str, float, str, Illness | None, Illness | None], ...] = 
     ("difference", 0.02, "mm", "sensor disagreement", "sensor disagreement"),
     ("difference slope", 0.005, "mm/mm", "sensor disagreement", "sensor disagreement"),
 )
-"""Figure, floor of its spread (the change nobody cares about), unit, and what a rise or a fall of it means."""
-_BRINGS: dict[Illness, tuple[Illness, ...]] = {
+"""Figure, floor of its spread (its least relevant change), unit, and what a rise or a fall of it means."""
+_BRINGS: dict[ActuatorFault, tuple[ActuatorFault, ...]] = {
     "leak": ("drift", "stiffening"),
     "stiffening": ("leak",),
     "sensor disagreement": ("softening", "stiffening", "drift", "leak"),
 }
-"""What an illness also moves."""
+"""The other faults whose figures a fault moves too."""
 LIKELY = 0.5
-"""An illness whose sum is above this share of the alarm's is named as what another alarm may follow from."""
+"""A fault whose sum is above this share of the threshold is named as a possible cause of another alarm."""
 
-
-NOT_INDEPENDENT = "more often if its cycles follow one another, which those before do or are too few to tell"
+NOT_INDEPENDENT = "more often if cycles are correlated; the preceding ones are, or are too few to decide"
 
 
 @dataclass(frozen=True, slots=True)
 class CycleFigures:
-    """One cycle in six figures; NaN where the cycle does not hold it. Units as in the module's table."""
+    """One cycle in six figures; NaN where the cycle does not determine it. Units as in the module's table."""
 
     loss_percent_per_min: float
     fade_percent_per_min: float
@@ -76,65 +75,70 @@ class CycleFigures:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """What, since when, how sure.
+    """One alarm.
 
     Parameters
     ----------
-    illness : what it is taken for.
-    figure, unit : the figure that says so.
+    fault : most likely.
+    figure, unit : that has changed.
     shift : how far the figure has moved from its healthy history, in `unit`.
     since_cycle, cycle : first cycle of the change, and the cycle in which it was found (from 1).
-    healthy_cycles : a healthy actuator comes this far once in so many cycles.
-    may_follow_from : other illnesses, standing or halfway there, that would also move this figure.
-    independent : whether the cycles before could be taken for independent, as `healthy_cycles` asks.
+    healthy_cycles : a healthy actuator shows this once in so many cycles.
+    may_follow_from : other faults, active or halfway to an alarm, that would also move this figure.
+    independent : whether the cycles before are independent, as `healthy_cycles` requires.
     """
 
-    illness: Illness
+    fault: ActuatorFault
     figure: str
     unit: str
     shift: float
     since_cycle: int
     cycle: int
     healthy_cycles: float
-    may_follow_from: tuple[Illness, ...] = ()
+    may_follow_from: tuple[ActuatorFault, ...] = ()
     independent: bool = True
 
     @property
     def sentence(self) -> str:
-        """The alarm in words."""
+        """Return the alarm in words."""
         size = f"{100 * self.shift:+.1f} %" if self.unit == "" else f"{self.shift:+.3g} {self.unit}"
         cause = f" (may follow from {' and '.join(self.may_follow_from)})" if self.may_follow_from else ""
-        doubt = "" if self.independent else f"; {NOT_INDEPENDENT}"
+        qualified = "" if self.independent else f"; {NOT_INDEPENDENT}"
         return (
-            f"{self.illness} since cycle {self.since_cycle}{cause}: {self.figure} {size} off its history; "
-            f"a healthy actuator does this once in {min(self.healthy_cycles, 1e9):,.0f} cycles{doubt}"
+            f"{self.fault} since cycle {self.since_cycle}{cause}: {self.figure} {size} from its history; "
+            f"a healthy actuator shows this once in {min(self.healthy_cycles, 1e9):,.0f} cycles{qualified}"
         )
 
 
 def deviation_mm(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
-    """Return measured minus nominal elongation, mm; NaN where either is unknown."""
+    """Return measured minus nominal elongation, mm; NaN where either is unknown.
+
+    Parameters
+    ----------
+    table : the nominal actuator. pressure_kpa, elongation_mm : shape (n,), measured.
+    """
     return np.asarray(elongation_mm) - table.nominal_elongation(pressure_kpa)[0]
 
 
 def pressure_residual_kpa(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
-    """Return measured pressure minus the pressure that the elongation stands for, kPa; NaN where unknown."""
+    """Return measured pressure minus the nominal pressure of the elongation, kPa; NaN where unknown.
+
+    Parameters
+    ----------
+    table : the nominal actuator. pressure_kpa, elongation_mm : shape (n,), measured.
+    """
     return np.asarray(pressure_kpa) - table.nominal_pressure(elongation_mm)
 
 
-def running_level(time_s: FloatArray, values: FloatArray, time_constant_s: float = 10.0) -> FloatArray:
-    """Return the exponential mean of a series, NaN skipped; what the pane shows as the deviation's level."""
-    level, out, before = np.nan, np.empty(len(values)), 0.0
-    for i, (t, value) in enumerate(zip(time_s, values, strict=True)):
-        if np.isfinite(value):
-            share = 1.0 - np.exp(-max(t - before, 0.0) / time_constant_s)
-            level = value if np.isnan(level) else level + share * (value - level)
-            before = t
-        out[i] = level
-    return out
+def mean_over_sensors(elongations_mm: FloatArray) -> FloatArray:
+    """Return the mean of the sensors that have one, shape (n,), of (n, sensors); NaN where none has."""
+    known = np.isfinite(elongations_mm)
+    total = np.where(known, elongations_mm, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)
 
 
 def find_holds(time_s: FloatArray, pressure_kpa: FloatArray) -> list[slice]:
-    """Return the stretches of steady pressure, the settling at their beginning left out."""
+    """Return the stretches of steady pressure, without the settling at their beginning."""
     slow = np.abs(np.gradient(moving_mean(pressure_kpa, time_s, 0.5), time_s)) < STEADY_KPA
     slow &= np.isfinite(pressure_kpa) & (np.abs(pressure_kpa) >= LEAST_PRESSURE_KPA)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int)))
@@ -147,7 +151,12 @@ def find_holds(time_s: FloatArray, pressure_kpa: FloatArray) -> list[slice]:
 
 
 def moving_mean(values: FloatArray, time_s: FloatArray, width_s: float) -> FloatArray:
-    """Return the centred mean over a width in time, on the samples' own grid; NaN stays where it was."""
+    """Return the centred mean over a width in time, on the samples' own grid; NaN stays NaN.
+
+    Parameters
+    ----------
+    values, time_s : shape (n,). width_s : of the window.
+    """
     known = np.isfinite(values)
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     half = max(1, round(width_s / max(step, 1e-9) / 2.0))
@@ -158,7 +167,7 @@ def moving_mean(values: FloatArray, time_s: FloatArray, width_s: float) -> Float
 
 
 def fade_percent_per_min(time_s: FloatArray, pressure_kpa: FloatArray) -> float:
-    """Return by how many % of the held pressure the gauge falls a minute under holds; NaN without holds.
+    """Return by how many % of its pressure the gauge falls a minute in holds; NaN without holds.
 
     In hold j, p = c_j - rate p_j (t - mean t_j); the holds' rates are weighted by their inverse variances.
     """
@@ -175,9 +184,9 @@ def fade_percent_per_min(time_s: FloatArray, pressure_kpa: FloatArray) -> float:
 
 
 def branch_means(pressure_kpa: FloatArray, *columns: FloatArray) -> list[FloatArray]:
-    """Average columns over equal steps of pressure on each branch of a cycle, so that waiting does not weigh.
+    """Average columns over equal steps of pressure on each branch of a cycle: the length of holds has no weight.
 
-    The branches part at the extreme that the cycle does not begin at; rows with a NaN in any column are left out.
+    The branches part at the extreme at which the cycle does not begin; rows with a NaN in any column are left out.
     """
     known = np.isfinite(pressure_kpa) & np.isfinite(np.stack(columns)).all(axis=0)
     p = pressure_kpa[known]
@@ -205,34 +214,33 @@ def cycle_figures(
     elongations_mm: FloatArray,
     leak: LeakWatch | None = None,
 ) -> CycleFigures:
-    """Boil one cycle down.
+    """Return one cycle's figures.
 
     Parameters
     ----------
     table : the nominal actuator.
     time_s, pressure_kpa : shape (n,), one whole cycle.
     elongations_mm : shape (n,) or (n, sensors), elongation by each sensor's calibration; NaN where it has none.
-    leak : knows the cycles before; without it the loss is NaN, for one cycle cannot tell a leak from hysteresis.
+    leak : has the cycles before; without it the loss is NaN, for one cycle cannot separate a leak from hysteresis.
 
     Raises
     ------
     DataError
-        If lengths differ, time does not rise, or not one elongation is known.
+        If lengths differ, time does not rise, or no elongation is known.
     """
     x = np.asarray(elongations_mm, dtype=float)
     x = x[:, None] if x.ndim == 1 else x
     t, p = np.asarray(time_s, dtype=float), np.asarray(pressure_kpa, dtype=float)
     if not len(t) == len(p) == len(x):
         raise DataError(
-            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
+            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations differ in number",
             "give one of each for every sample",
         )
     if len(t) < 10 or not (np.diff(t) > 0).all():
         raise DataError("a cycle needs ten samples or more, in rising time", "give whole cycles, in order")
-    known: BoolArray = np.isfinite(x)
-    if not known.any():
+    if not np.isfinite(x).any():
         raise DataError("no elongation is known in this cycle", "check the calibration's range: it gives NaN outside")
-    mean = np.where(known.any(axis=1), np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    mean = mean_over_sensors(x)
     offset, gain = line(*branch_means(p, table.nominal_elongation(p)[0], mean))
     apart = line(*branch_means(p, mean, x[:, 0] - x[:, 1])) if x.shape[1] > 1 else (np.nan, np.nan)
     loss = leak.take(t, p, p - table.nominal_pressure(mean)) if leak is not None else np.nan
@@ -250,7 +258,7 @@ class Monitor:
 
     def __init__(self, table: ReducedModel, healthy_cycles: float = HEALTHY_CYCLES_BETWEEN_ALARMS) -> None:
         if not healthy_cycles >= 10.0:
-            raise RequestError(f"one false alarm in {healthy_cycles:g} cycles is no alarm", "allow one in 10 or fewer")
+            raise RequestError(f"one false alarm in {healthy_cycles:g} cycles is too many", "allow one in 10 or fewer")
         self.table = table
         self.watched = np.array([[rise is not None, fall is not None] for _, _, _, rise, fall in _CHANNELS])
         self.threshold = threshold_for(healthy_cycles, int(self.watched.sum()))
@@ -260,7 +268,7 @@ class Monitor:
         self._leak = LeakWatch(RUN_IN_CYCLES)
 
     def figures(self, time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray) -> CycleFigures:
-        """Boil the run's next whole cycle down (see `cycle_figures`); once each, in order, before `take`."""
+        """Return the figures of the next whole cycle (see `cycle_figures`); once each, in order, before `take`."""
         return cycle_figures(self.table, time_s, pressure_kpa, elongations_mm, self._leak)
 
     def watch(self, time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray) -> list[Alarm]:
@@ -279,35 +287,35 @@ class Monitor:
         self._open.update(fresh)
         return sorted((self._alarm(i, j) for i, j in fresh), key=lambda alarm: len(alarm.may_follow_from))
 
-    def _illness(self, channel: int, side: int) -> Illness | None:
+    def _fault(self, channel: int, side: int) -> ActuatorFault | None:
         rise, fall = _CHANNELS[channel][3:]
         return rise if side == 0 else fall
 
-    def sight(self) -> dict[str, float]:
+    def smallest_shift(self) -> dict[str, float]:
         """Return the smallest lasting shift of each figure that would raise an alarm now, in the figure's unit.
 
         Infinite before there is a history to compare with.
         """
         history, spread = self._cusum.count, self._cusum.spread()
         return {
-            channel[0]: sight(int(n), self.threshold) * float(s)
+            channel[0]: smallest_shift(int(n), self.threshold) * float(s)
             for channel, n, s in zip(_CHANNELS, history, spread, strict=True)
         }
 
-    def standing(self) -> list[Alarm]:
-        """Return the alarms that are still up, with what is known of them now."""
+    def active(self) -> list[Alarm]:
+        """Return the active alarms, as they are now."""
         return [self._alarm(i, j) for i, j in sorted(self._open)]
 
     def _alarm(self, channel: int, side: int) -> Alarm:
-        illness = self._illness(channel, side)
-        if illness is None:  # pragma: no cover - `watched` keeps such a side from being raised
+        fault = self._fault(channel, side)
+        if fault is None:  # pragma: no cover - `watched` keeps such a side from being raised
             raise RequestError("this side of the figure has no meaning")
         name, _, unit, _, _ = _CHANNELS[channel]
         sums, length, shift = (a[channel, side] for a in (self._cusum.sums, self._cusum.length, self._cusum.shift))
         once = float(cycles_between_alarms(sums)) / int(self.watched.sum())
         likely = (self._cusum.sums > LIKELY * self.threshold) & self.watched
-        causes = {other for i, j in np.argwhere(likely) if (other := self._illness(int(i), int(j)))}
-        causes = {other for other in causes if illness in _BRINGS.get(other, ())}
+        causes = {other for i, j in np.argwhere(likely) if (other := self._fault(int(i), int(j)))}
+        causes = {other for other in causes if fault in _BRINGS.get(other, ())}
         independent = not bool(self._cusum.dependent()[channel, side])
         since = self.cycles - int(length) + 1
-        return Alarm(illness, name, unit, float(shift), since, self.cycles, once, tuple(sorted(causes)), independent)
+        return Alarm(fault, name, unit, float(shift), since, self.cycles, once, tuple(sorted(causes)), independent)

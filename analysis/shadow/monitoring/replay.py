@@ -1,7 +1,7 @@
 """A recording against the shadow, offline: deviation, pressure residual, drift over cycles, alarms.
 
-Strategy: arrays in, arrays out; who has a recording cuts it into cycles and turns mV into mm, this room compares. Each
-cycle goes through the same monitor as live, so a replay raises the very alarms that the session raised.
+Strategy: arrays in, arrays out; the caller cuts a recording into cycles and converts mV to mm. Each cycle passes the
+same monitor as live, so a replay raises the alarms that the session raised.
 """
 
 from __future__ import annotations
@@ -14,28 +14,36 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
+from analysis import figure_style as style
 from analysis.arrays import FloatArray
 from analysis.errors import DataError
 from analysis.shadow.model.reduced import ReducedModel
-from analysis.shadow.monitoring.monitor import Alarm, CycleFigures, Monitor, deviation_mm, pressure_residual_kpa
+from analysis.shadow.monitoring.leak import known_mean
+from analysis.shadow.monitoring.monitor import (
+    Alarm,
+    CycleFigures,
+    Monitor,
+    deviation_mm,
+    mean_over_sensors,
+    pressure_residual_kpa,
+)
 
 FEWEST_FOR_DRIFT = 3
-_LINE, _BAND, _ALARM, _MUTED = "#0072b2", "#cc79a7", "#d55e00", "#555f6b"
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What a recording says against the shadow.
+    """A recording compared with the shadow.
 
     Parameters
     ----------
     time_s, pressure_kpa, elongation_mm : shape (n,), the recording (mean of the sensors).
     deviation_mm, residual_kpa : shape (n,), NaN where unknown.
     band_mm : shape (n,), standard uncertainty of nominal elongation from E.
-    sight : smallest lasting shift of each figure that an alarm would have found at the end, in the figure's unit.
+    smallest_shift : lasting shift of each figure that would have raised an alarm at the end, in the figure's unit.
     cycle_start_s : shape (cycles,); figures : one a cycle; alarms : in the order in which they came.
     drift_mm_per_cycle, drift_interval : Theil-Sen slope of the cycles' mean deviation with its 95 % interval.
-    left_out : cycles that no figure could be made of, each with its cause.
+    left_out : cycles without figures, each with its cause.
     """
 
     time_s: FloatArray
@@ -50,7 +58,7 @@ class Replay:
     drift_mm_per_cycle: float
     drift_interval: tuple[float, float]
     left_out: tuple[str, ...]
-    sight: dict[str, float] = field(default_factory=dict)
+    smallest_shift: dict[str, float] = field(default_factory=dict)
 
     def summary(self) -> dict[str, object]:
         """Return the numbers of a report, JSON-ready apart from NaN."""
@@ -70,7 +78,7 @@ class Replay:
             "drift_interval_mm_per_cycle": self.drift_interval,
             "alarms": [
                 {
-                    "illness": a.illness,
+                    "illness": a.fault,
                     "since_cycle": a.since_cycle,
                     "cycle": a.cycle,
                     "figure": a.figure,
@@ -81,7 +89,7 @@ class Replay:
                 }
                 for a in self.alarms
             ],
-            "smallest_shift_found": self.sight,
+            "smallest_shift_found": self.smallest_shift,
             "left_out": self.left_out,
         }
 
@@ -99,16 +107,16 @@ def replay(
     ----------
     table : the nominal actuator.
     time_s, pressure_kpa : shape (n,).
-    elongations_mm : shape (n,) or (n, sensors), NaN where a sensor knows none.
+    elongations_mm : shape (n,) or (n, sensors), NaN where a sensor has none.
     cycles : rows of each whole cycle, in order.
 
     Raises
     ------
     DataError
-        If the arrays do not belong together or hold nothing to compare.
+        If the arrays differ in length or have nothing to compare.
     """
     t, p, x = _together(time_s, pressure_kpa, elongations_mm)
-    mean = _mean_over_sensors(x)
+    mean = mean_over_sensors(x)
     deviation = deviation_mm(table, p, mean)
     monitor = Monitor(table)
     figures, alarms, used, left_out = [], [], [], []
@@ -121,7 +129,7 @@ def replay(
         figures.append(one)
         used.append(rows)
         alarms += monitor.take(one)
-    slope, low, high = drift(np.array([_mean_known(deviation[rows]) for rows in used]))
+    slope, low, high = drift(np.array([known_mean(deviation[rows]) for rows in used]))
     return Replay(
         time_s=t,
         pressure_kpa=p,
@@ -135,19 +143,19 @@ def replay(
         drift_mm_per_cycle=slope,
         drift_interval=(low, high),
         left_out=tuple(left_out),
-        sight=monitor.sight(),
+        smallest_shift=monitor.smallest_shift(),
     )
 
 
 def _together(
     time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times and pressures of shape (n,) and elongations of shape (n, sensors), or say why they do not fit."""
+    """Return times and pressures of shape (n,) and elongations of shape (n, sensors), or raise why they do not fit."""
     t, p, x = (np.asarray(values, dtype=float) for values in (time_s, pressure_kpa, elongations_mm))
     x = x[:, None] if x.ndim == 1 else x
     if not len(t) == len(p) == len(x):
         raise DataError(
-            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations do not belong together",
+            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations differ in number",
             "give one of each for every sample",
         )
     if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():
@@ -156,18 +164,6 @@ def _together(
             "give a calibration that covers its signals",
         )
     return t, p, x
-
-
-def _mean_over_sensors(elongations_mm: FloatArray) -> FloatArray:
-    """Return the mean of the sensors that know one, sample by sample; NaN where none does."""
-    known = np.isfinite(elongations_mm)
-    total = np.where(known, elongations_mm, 0.0).sum(axis=1)
-    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)
-
-
-def _mean_known(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else float("nan")
 
 
 def drift(levels_mm: FloatArray) -> tuple[float, float, float]:
@@ -185,26 +181,26 @@ def replay_figure(result: Replay) -> Figure:
     above, below = figure.subplots(2, height_ratios=(3, 2))
     step = max(1, len(result.time_s) // 20_000)
     time, band = result.time_s[::step], 2.0 * result.band_mm[::step]
-    above.fill_between(time, -band, band, color=_BAND, alpha=0.25, lw=0, label="band from E, k = 2")
-    above.plot(time, result.deviation_mm[::step], color=_LINE, lw=0.6, label="measured minus nominal")
+    above.fill_between(time, -band, band, color=style.ELONGATION, alpha=0.25, lw=0, label="band from E, k = 2")
+    above.plot(time, result.deviation_mm[::step], color=style.SENSORS[0], lw=0.6, label="measured minus nominal")
     above.set(xlabel="time, s", ylabel="deviation, mm")
     above.legend(frameon=False, fontsize=8.5, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     below.xaxis.set_major_locator(MaxNLocator(integer=True))
     gain = np.array([astuple(f)[2] for f in result.figures])
-    below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=_LINE, ms=3, lw=0.8)
+    below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=style.SENSORS[0], ms=3, lw=0.8)
     for i, alarm in enumerate(result.alarms):
-        below.axvline(alarm.cycle, color=_ALARM, lw=0.8)
+        below.axvline(alarm.cycle, color=style.SENSORS[1], lw=0.8)
         below.annotate(
-            alarm.illness,
+            alarm.fault,
             (alarm.cycle, 1.0 - 0.14 * (i % 6)),
             xycoords=("data", "axes fraction"),
             xytext=(3, -9),
             textcoords="offset points",
             fontsize=8,
-            color=_ALARM,
+            color=style.SENSORS[1],
         )
     below.set(xlabel="cycle", ylabel="elongation against\nnominal, % off")
     for axes in (above, below):
-        axes.grid(True, color="#e4e7eb", lw=0.6)
+        axes.grid(True, color=style.LINE, lw=0.6)
         axes.spines[["top", "right"]].set_visible(False)
     return figure

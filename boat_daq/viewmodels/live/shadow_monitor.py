@@ -139,7 +139,7 @@ class ShadowMonitor:
         known = apart[np.isfinite(apart)]
         deviation = float(known.mean()) if known.size else np.nan
         mark = CycleMark(number, float(cycle["time_s"][0]), deviation, figures)
-        return mark, self._monitor.take(figures), self._monitor.sight()
+        return mark, self._monitor.take(figures), self._monitor.smallest_shift()
 
     def poll(self) -> list[str]:
         """Return the alarms that are new, as sentences.
@@ -202,7 +202,7 @@ class ShadowMonitor:
         size = f"{100 * alarm.shift:+.1f} %" if alarm.unit == "" else f"{alarm.shift:+.3g} {alarm.unit}"
         later = found.cycle - since.cycle
         return AlarmRow(
-            alarm.illness.capitalize(),
+            alarm.fault.capitalize(),
             f"cycle {since.cycle}, {duration(since.begin_s)}",
             f"cycle {found.cycle}, {later} later" if later else f"cycle {found.cycle}, at once",
             f"{number(min(alarm.healthy_cycles, 1e9), 0)} cycles{'' if alarm.independent else ' or fewer'}",

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from analysis.arrays import FloatArray
+from analysis.progress import Progress
 from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid, fold_columns
 
 if TYPE_CHECKING:
     from analysis.tradeoff import Method
     from analysis.tradeoff.decimation import Curve, Paint
-
-Progress = Callable[[float, float], None]
 
 
 def live_plot(paint: Paint | None = None) -> Method:
@@ -42,12 +41,10 @@ def measure_methods(
     paint : paints a curve of the live plot; without it the curve is fetched only.
     progress : is called with what is done and the total.
     """
-    from analysis.tradeoff import METHODS, measure, report_json
+    from analysis.tradeoff import METHODS, measure_all, report_json
 
     known = METHODS | {"decimation": live_plot(paint)}
-    results = [
-        measure(known[name], quick=quick, progress=_part(progress, done, len(names))) for done, name in enumerate(names)
-    ]
+    results = measure_all([known[name] for name in names], quick=quick, progress=progress)
     return report_json(results, quick=quick)
 
 
@@ -60,26 +57,6 @@ def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, An
     """
     from analysis.atlas.methods import chosen_studies
     from analysis.atlas.report import atlas_json
-    from analysis.atlas.sweep import sweep
+    from analysis.atlas.sweep import sweep_all
 
-    studies = chosen_studies([name])
-    places = [study.places for study in studies]
-    maps = []
-    for i, study in enumerate(studies):
-
-        def within(done: float, total: float, before: int = sum(places[:i])) -> None:
-            if progress is not None:
-                progress(before + done, sum(places))
-
-        maps.append(sweep(study, within))
-    return atlas_json(maps)
-
-
-def _part(progress: Progress | None, before: int, total: int) -> Progress:
-    """Return the progress of one part of `total` equal ones, of which `before` are done."""
-
-    def within(done: float, of: float) -> None:
-        if progress is not None:
-            progress(before + done / of, total)
-
-    return within
+    return atlas_json(sweep_all(chosen_studies([name]), progress))

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from analysis.atlas.methods import STUDIES
-from analysis.atlas.sweep import Cell, Outcome
+from analysis.atlas.sweep import Cell, CellOutcome
 
-WORKS, DEGRADED, REFUSED = Outcome.WORKS, Outcome.DEGRADED, Outcome.REFUSED
+WORKS, WARNS, REFUSES = CellOutcome.WORKS, CellOutcome.WARNS, CellOutcome.REFUSES
 
 
-def place(name: str, x: float, y: float, outcome: Outcome, said: str = "") -> Cell:
-    """Ask a study in one place and hold it to an outcome and to what is said there."""
+def check_point(name: str, x: float, y: float, outcome: CellOutcome, message: str = "") -> Cell:
+    """Run a study at one point and check its outcome and its message."""
     cell = STUDIES[name].at(x, y)
     assert cell.outcome is outcome, cell
-    assert said in cell.said, cell
+    assert message in cell.message, cell
     if outcome is WORKS:
         assert cell.error <= STUDIES[name].tolerance
     return cell

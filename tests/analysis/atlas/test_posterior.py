@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.atlas.sweep import Outcome
-from tests.analysis.atlas.borders import DEGRADED, REFUSED, WORKS, place
+from analysis.atlas.sweep import CellOutcome
+from tests.analysis.atlas.borders import REFUSES, WARNS, WORKS, check_point
 
 
 @pytest.mark.parametrize(
-    ("name", "x", "y", "outcome", "said"),
+    ("name", "x", "y", "outcome", "message"),
     [
         ("posterior-start", 10.0, 400.0, WORKS, ""),
-        ("posterior-start", 1e3, 100.0, DEGRADED, "not converged"),
-        ("posterior-start", 1.0, 20.0, DEGRADED, "not converged"),
+        ("posterior-start", 1e3, 100.0, WARNS, "not converged"),
+        ("posterior-start", 1.0, 20.0, WARNS, "not converged"),
         ("posterior-reading", 0.02, 50.0, WORKS, ""),
         ("posterior-reading", 0.7, 1.49, WORKS, ""),
         ("posterior-reading", 0.0, 1e-6, WORKS, ""),
-        ("posterior-reading", 0.0, 0.0, REFUSED, "no noise to sample"),
+        ("posterior-reading", 0.0, 0.0, REFUSES, "no noise to sample"),
     ],
 )
-def test_borders_of_the_posterior(name: str, x: float, y: float, outcome: Outcome, said: str) -> None:
-    """Student's t and the true curve on one side; "not converged" is said on the other."""
-    place(name, x, y, outcome, said)
+def test_borders_of_the_posterior(name: str, x: float, y: float, outcome: CellOutcome, message: str) -> None:
+    """Student's t and the true curve on one side; a warning on the other."""
+    check_point(name, x, y, outcome, message)

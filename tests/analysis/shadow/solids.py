@@ -10,10 +10,8 @@ from analysis.arrays import BoolArray, FloatArray
 from analysis.shadow.fem.band import PAD
 from analysis.shadow.fem.element import EDGES
 from analysis.shadow.fem.material import NeoHookean
-from analysis.shadow.fem.mesh import Mesh
+from analysis.shadow.fem.mesh import Mesh, structured_quads
 from analysis.shadow.fem.problem import Problem, make_problem
-
-STEPS = ((0, 0), (0, 2), (2, 2), (2, 0), (0, 1), (1, 2), (2, 1), (1, 0))
 
 
 def mapped_mesh(
@@ -21,23 +19,11 @@ def mapped_mesh(
 ) -> Mesh:
     """Mesh the image of the unit square; `place(s, t)` gives (r, z); wetted where s = 0, base t = 0, tip t = 1."""
     s, t = np.meshgrid(np.linspace(0, 1, 2 * across + 1), np.linspace(0, 1, 2 * along + 1))
-    used = np.ones(s.shape, dtype=bool)
-    used[1::2, 1::2] = False
-    number = np.full(s.shape, -1)
-    number[used] = np.arange(used.sum())
-    row, column = (
-        a.ravel() for a in np.meshgrid(np.arange(0, 2 * along, 2), np.arange(0, 2 * across, 2), indexing="ij")
-    )
-    quads = np.stack([number[row + a, column + b] for a, b in STEPS], axis=1)
-    r, z = place(s, t)
-    return Mesh(
-        np.stack([r, z], axis=2)[used],
-        quads,
-        np.zeros(len(quads), dtype=np.int64),
-        quads[column == 0][:, EDGES[3]],
-        number[0][number[0] >= 0],
-        number[-1][number[-1] >= 0],
-    )
+    quads, used, column = structured_quads(along, across)
+    nodes = np.stack(place(s, t), axis=2)[used]
+    ends = np.arange(2 * across + 1)
+    material = np.zeros(len(quads), dtype=np.int64)
+    return Mesh(nodes, quads, material, quads[column == 0][:, EDGES[3]], ends, len(nodes) - 1 - ends[::-1])
 
 
 def solid(mesh: Mesh, material: NeoHookean, fixed: BoolArray, points_a_side: int = 2) -> Problem:

@@ -6,13 +6,28 @@ import math
 from functools import partial
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from analysis.tradeoff.measure import MARGIN, TIE, Method, Point, Setting, choose, front_of, measure, measure_setting
+from analysis.fidelity import LEVELS, MARGINS
+from analysis.tradeoff.measure import (
+    MARGIN,
+    TIE,
+    CostPoint,
+    Measured,
+    Method,
+    Setting,
+    choose,
+    choose_levels,
+    front_of,
+    measure,
+    measure_setting,
+)
 
 
-def point(name: str, cost: float, error: float) -> Point:
+def point(name: str, cost: float, error: float) -> CostPoint:
     """A point without spread."""
-    return Point(name, cost, error, 0.0, cost, 0.0, 1)
+    return CostPoint(name, cost, error, 0.0, cost, 0.0, 1)
 
 
 POINTS = (point("coarse", 1.0, 0.6), point("middle", 2.0, 0.4), point("fine", 5.0, 0.01), point("waste", 6.0, 0.3))
@@ -67,3 +82,63 @@ def test_cancel_from_progress() -> None:
     with pytest.raises(KeyboardInterrupt):
         measure(method, quick=True, progress=stop)
     assert set(ran) == {0}
+
+
+def method(in_code: str = "none") -> Method:
+    """A method whose consumer notices 1 mm."""
+    return Method("m", "M", "r", True, "c", 1.0, "mm", "a call", lambda _: in_code, lambda _: [])
+
+
+FRONT = [point(f"{n}", float(n), 4.0 / n) for n in (1, 2, 4, 8, 16, 32, 64)]
+
+
+def test_each_level_is_the_cheapest_below_its_own_margin() -> None:
+    """Error 4 / n against 1 mm: a draft may err by 2 mm (n = 2), normal by 0.5 (8), reference by 0.1 (64)."""
+    assert MARGINS == {"draft": 0.5, "normal": 2.0, "reference": 10.0}
+    assert choose_levels(FRONT, method()) == {"draft": "2", "normal": "8", "reference": "64"}
+
+
+def test_where_nothing_is_good_enough_the_level_takes_the_cheapest_as_exact_as_the_best() -> None:
+    """Errors 1.0 and 1.2 are the same within the tie, 1.4 is not; there is no choice, but there is a level."""
+    points = [point("a", 1.0, 1.4), point("b", 2.0, 1.2), point("c", 9.0, 1.0)]
+    assert choose(points, 1.0) is None
+    assert choose_levels(points, method())["reference"] == "b"
+
+
+def test_failures_only_leave_the_level_as_it_is() -> None:
+    """A method that answers nowhere keeps what is in the code, and has no front."""
+    points = [point("a", 1.0, math.inf), point("b", 2.0, math.inf)]
+    assert set(choose_levels(points, method("mine")).values()) <= {"a", "b", "mine"}
+    assert front_of(points) == ()
+
+
+@given(st.lists(st.tuples(st.floats(1e-6, 1e3), st.floats(0.0, 1e3)), min_size=1, max_size=12), st.floats(1e-3, 1e3))
+def test_the_choice_is_good_enough_and_nothing_good_enough_is_cheaper(
+    rows: list[tuple[float, float]], tolerance: float
+) -> None:
+    """Against the definition, word for word; the front is what no other point beats."""
+    points = [point(str(i), cost, error) for i, (cost, error) in enumerate(rows)]
+    chosen = choose(points, tolerance)
+    good = {p.setting: p for p in points if 2.0 * p.error <= tolerance}
+    if chosen is None:
+        assert not good
+    else:
+        assert good[chosen].cpu_seconds == min(p.cpu_seconds for p in good.values())
+    place = {p.setting: (p.cpu_seconds, p.error) for p in points}
+    unbeaten = {a for a in place.values() if not any(b[0] <= a[0] and b[1] <= a[1] and a != b for b in place.values())}
+    assert {place[name] for name in front_of(points)} == unbeaten
+
+
+def test_a_stricter_margin_never_chooses_a_cheaper_setting() -> None:
+    """The levels climb the front."""
+    cost = {p.setting: p.cpu_seconds for p in FRONT}
+    costs = [cost[choose(FRONT, 1.0, margin=MARGINS[level]) or ""] for level in LEVELS]
+    assert costs == sorted(costs)
+
+
+def test_a_default_just_beyond_the_tie_is_said_not_to_be_the_choice() -> None:
+    """Both sides of the tie, in the verdict that a user reads."""
+    for factor, kept in ((0.999, True), (1.001, False)):
+        found = Measured.of(method("mine"), [point("other", 1.0, 0.1), point("mine", factor * TIE, 0.1)])
+        assert found.default_is_chosen is kept
+        assert ("is the cheapest" in found.verdict) is kept

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from analysis.atlas.methods import METHOD_TITLES
-from analysis.atlas.sweep import Answer, Axis, Study
+from analysis.atlas.sweep import Axis, Study, StudyResult
 from analysis.tradeoff import METHODS as MEASURED
 from analysis.tradeoff import Method, Setting
 from boat_daq.errors import OperatorError
@@ -148,7 +148,7 @@ def test_short_times_have_their_unit():
 
 def study():
     """Right below 1, a reservation at 1, a refusal (no number, a reason) at 2."""
-    answers = {0.0: Answer(0.0), 1.0: Answer(0.5, "a flag"), 2.0: Answer(math.nan, "too far")}
+    answers = {0.0: StudyResult(0.0), 1.0: StudyResult(0.5, "a flag"), 2.0: StudyResult(math.nan, "too far")}
     return Study(
         "map", "fit", "A map", "truth", "mm", 0.1, Axis("x", "mm", (0.0, 1.0, 2.0)), Axis("y", "", (5.0,), ("five",)),
         lambda x, y: answers[x],

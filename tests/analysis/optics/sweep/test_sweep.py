@@ -1,16 +1,13 @@
-"""Sweeps: the same bits from threads, a stopped run and a cluster; and what a stopped sweep leaves."""
+"""Sweeps: the same bits from threads, a stopped run and a cluster."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from analysis.errors import FileError, RequestError
+from analysis.errors import RequestError
 from analysis.optics.scene.curves import frame_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light, Waveguide
-from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, paper_grid, run_sweep
 from analysis.optics.tracer.simulation import trace
 
@@ -56,38 +53,6 @@ def test_threads_and_their_number_change_no_bit(request_: SweepRequest, result: 
     assert same(run_sweep(request_, threads=1), result)
 
 
-def test_a_stopped_sweep_goes_on_where_it_was(request_: SweepRequest, result: SweepResult, tmp_path: Path) -> None:
-    """Stopped by its progress call, the sweep leaves what was finished, simulates only the rest, and ends with the same
-    bits.
-    """
-    file = tmp_path / "sweep.sqlite"
-    big = SweepRequest(request_.designs, light=Light(rays=2000))
-
-    def stop(done: float, total: float) -> None:
-        if done >= 30:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_sweep(big, file=file, threads=1, progress=stop)
-    again = run_sweep(big, file=file)
-    assert 0 < again.simulated < again.ndr.size
-    assert same(again, run_sweep(big))
-    assert run_sweep(big, file=file).simulated == 0
-
-
-def test_a_results_file_keeps_to_its_parameters(request_: SweepRequest, tmp_path: Path) -> None:
-    """A file of another sweep, or of no sweep, is refused; more designs of the same sweep are welcome."""
-    file = tmp_path / "sweep.sqlite"
-    run_sweep(SweepRequest(DESIGNS[:2], light=request_.light), file=file)
-    assert run_sweep(SweepRequest(DESIGNS[:3], light=request_.light), file=file).simulated == 15
-    with pytest.raises(RequestError, match="other parameters"):
-        run_sweep(SweepRequest(DESIGNS[:2], light=Light(rays=99)), file=file)
-    (tmp_path / "text").write_text("not a database, but long enough to be read as one " * 20)
-    with pytest.raises(FileError) as refused:
-        run_sweep(request_, file=tmp_path / "text")
-    assert refused.value.remedy
-
-
 def test_progress_reaches_its_end(request_: SweepRequest) -> None:
     """Progress rises to the number of simulations."""
     seen: list[tuple[float, float]] = []
@@ -102,35 +67,6 @@ def test_a_design_that_fits_no_state_stops_the_sweep_before_it_starts() -> None:
         run_sweep(SweepRequest((Design(5, 1.0, 1.0, 0.9),), guide=Waveguide(thickness_mm=1.0)))
     with pytest.raises(RequestError, match="without designs"):
         run_sweep(SweepRequest(()))
-
-
-def test_results_are_told_in_the_agreed_keys(result: SweepResult, tmp_path: Path) -> None:
-    """JSON, text, table and figures all name the best, the ties and the paper's optimum."""
-    told = sweep_json(result)
-    assert told["simulations"] == 15 * len(DESIGNS)
-    assert {
-        "cavities",
-        "width_mm",
-        "depth_mm",
-        "spacing_mm",
-        "ndr",
-        "andr",
-        "delta",
-        "n_sign",
-        "rmse",
-        "p",
-        "p_ci",
-        "monotone",
-    } <= set(told["designs"][0])
-    assert told["best"]["p"] == max(d["p"] for d in told["designs"])
-    assert told["paper_optimum"]["rank"] == told["designs"][0]["rank"]
-    assert {k: told["best"][k] for k in ("cavities", "width_mm", "depth_mm", "spacing_mm", "face")} in told[
-        "tied_with_best"
-    ]
-    assert "paper's optimum" in sweep_text(result)
-    written = write_sweep(result, tmp_path)
-    assert all(path.stat().st_size > 1000 for path in written)
-    assert (tmp_path / "designs.csv").read_text().count("\n") == 2 + len(DESIGNS)
 
 
 def test_counted_rays_scatter_as_their_standard_deviation_says(curves: np.ndarray) -> None:

@@ -10,12 +10,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from analysis.errors import AnalysisError
-from analysis.optics.scene.curves import frame_of, parametric_curves
+from analysis.optics.scene.curves import (
+    frame_of,
+    parametric_curves,
+)
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.outline import outline
 from analysis.optics.scene.parameters import ORDERS, Design, Light, Waveguide
 from analysis.optics.tracer.simulation import TraceResult, trace
 from tests.analysis.optics import plain_tracer as plain
+from tests.analysis.optics import second_tracer
 
 
 @pytest.mark.parametrize(
@@ -35,6 +39,35 @@ def test_a_second_tracer_counts_the_same(frames: list[SceneFrame], state: int, d
     out = trace(frames[state], design, Waveguide(), Light(rays=120, secondary=0))
     assert {name: out.ledger[name] for name in ends} == ends
     assert out.hits == hits
+
+
+@pytest.mark.parametrize(
+    ("state", "design"),
+    [(0, Design()), (7, Design(7, 0.6, 1.0, 0.5)), (14, Design(3, 0.7, 0.7, 0.7, "inner")), (4, Design(cavities=0))],
+)
+def test_walking_the_cells_counts_as_searching_every_surface(
+    frames: list[SceneFrame], state: int, design: Design
+) -> None:
+    """Cells, free edges and cavities seen from inside: a tracer that tries every segment detects the same rays."""
+    shape = outline(frames[state], design)
+    searched = second_tracer.detected(second_tracer.read(shape), shape, 6000, 500)
+    walked = trace(frames[state], design, Waveguide(), Light(rays=6000, secondary=500))
+    assert abs(walked.ledger["detected"] - searched) <= 1
+
+
+def test_finer_and_finer_chords_converge_to_the_arcs(frames: list[SceneFrame]) -> None:
+    """NDR by chords of 1 mm is several rays off, by 1/16 mm less than half as much, by 1/256 mm less than a ray."""
+    exact = np.array([trace(f, Design(), Waveguide(), Light(secondary=0)).ndr for f in frames[::2]])
+    shapes = [outline(f, Design()) for f in frames[::2]]
+
+    def error(chord_mm: float) -> float:
+        found = [second_tracer.detected(second_tracer.chords(shape, chord_mm), shape, 250, 0) for shape in shapes]
+        return float(np.sqrt(np.mean((np.array(found) - exact) ** 2)))
+
+    coarse, fine, finest = (error(length) for length in (1.0, 1 / 16, 1 / 256))
+    assert coarse > 2 * fine > 4 * finest
+    assert coarse > 5.0
+    assert finest < 1.0
 
 
 def moved(curves: np.ndarray, angle: float, shift: tuple[float, float], scale: float) -> np.ndarray:
@@ -198,3 +231,21 @@ def test_threads_change_no_bit(frames: list[SceneFrame]) -> None:
     """Blocks of rays on one thread or two give the same numbers to the last bit."""
     one, two = (trace(frames[3], Design(), Waveguide(), Light(rays=20_000), threads=n) for n in (1, 2))
     assert one == two
+
+
+def test_zero_receivers_detect_nothing(curves: np.ndarray) -> None:
+    """A receiver of no width is allowed: NDR is 0 and the ledger closes."""
+    guide = Waveguide(receiver_mm=0.0)
+    out = trace(frame_of(curves, 7, guide), Design(), guide, Light())
+    assert (out.ndr, out.power) == (0.0, 0.0)
+    assert sum(out.energy.values()) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_wider_receiver_sees_more(curves: np.ndarray) -> None:
+    """Detected power grows with the receiver's width, also beyond the end face."""
+    found = [
+        trace(frame_of(curves, 7, g), Design(), g, Light(rays=2000)).power
+        for g in (Waveguide(receiver_mm=w) for w in (0.5, 1.0, 2.0, 30.0))
+    ]
+    assert found == sorted(found)
+    assert found[-1] > found[2]

@@ -10,7 +10,7 @@ from analysis.shadow.fem.band import empty_band
 from analysis.shadow.fem.mesh import build_mesh
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.problem import Problem
-from analysis.shadow.fem.scikit_fem import make_oracle
+from analysis.shadow.fem.scikit_fem import make_scikit_fem_problem
 from analysis.shadow.model.full import actuator_problem
 from tests.analysis.shadow.solids import dense
 
@@ -76,8 +76,8 @@ def test_force_is_the_derivative_of_energy(small: Problem) -> None:
 
 def test_force_and_tangent_are_those_of_scikit_fem(small: Problem) -> None:
     """A second assembly, from other code, of the same weak form."""
-    u, oracle = shaken(small), make_oracle(small)
-    other_force, other_tangent = oracle.internal_force(u), oracle.internal_tangent(u).toarray()
+    u, scikit_fem = shaken(small), make_scikit_fem_problem(small)
+    other_force, other_tangent = scikit_fem.internal_force(u), scikit_fem.internal_tangent(u).toarray()
     np.testing.assert_allclose(force_of(small, u), other_force, rtol=0, atol=1e-11 * np.abs(other_force).max())
     ours = full_tangent(small, u)
     np.testing.assert_allclose(ours, other_tangent, rtol=0, atol=1e-12 * np.abs(ours).max())

@@ -71,3 +71,10 @@ def test_what_is_no_material_is_refused(e: float, nu: float) -> None:
     with pytest.raises(RequestError) as refusal:
         NeoHookean(e, nu)
     assert refusal.value.remedy
+
+
+def test_a_solid_stiffer_than_rounding_is_refused() -> None:
+    """At nu = 0.5 - 1e-9 no displacement at all passed for a solution; such a material is not made any more."""
+    assert NeoHookean(1000.0, 0.5 - 1.1e-6).d1_per_kpa > 0
+    with pytest.raises(RequestError, match="Poisson's ratio of 0"):
+        NeoHookean(1000.0, 0.5 - 1e-9)

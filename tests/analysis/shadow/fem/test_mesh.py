@@ -1,19 +1,15 @@
-"""The parametric mesh: its parts, its quality, and what makes none."""
+"""The parametric mesh: its parts, its quality, and what cannot be meshed."""
 
 from __future__ import annotations
-
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.errors import AnalysisError, FileError, RequestError
-from analysis.shadow.fem.mesh import WALL, Mesh, bladder_radius, build_mesh, check_quality, quality
+from analysis.errors import AnalysisError, RequestError
+from analysis.shadow.fem.mesh import WALL, Mesh, bladder_radius, build_mesh, check_quality, scaled_jacobian
 from analysis.shadow.fem.parameters import ActuatorParameters
-from analysis.shadow.model.parameter_files import read_parameters
 
 
 def test_parts_lie_where_they_belong() -> None:
@@ -30,9 +26,11 @@ def test_parts_lie_where_they_belong() -> None:
 
 def test_default_mesh_is_sound() -> None:
     """No element is near folding, none is a needle."""
-    found = quality(build_mesh(ActuatorParameters()))
-    assert found.scaled_jacobian > 0.5
-    assert found.aspect < 6.0
+    mesh = build_mesh(ActuatorParameters())
+    corners = mesh.nodes[mesh.quads[:, :4]]
+    edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    assert scaled_jacobian(mesh) > 0.5
+    assert (edges.max(axis=1) / edges.min(axis=1)).max() < 6.0
 
 
 @settings(max_examples=60, deadline=None)
@@ -60,33 +58,7 @@ def test_any_parameters_give_a_mesh_or_a_reason(values: dict[str, float]) -> Non
         assert refusal.cause
         assert refusal.remedy
     else:
-        assert quality(mesh).scaled_jacobian > 0.0
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("cells", 0),
-        ("cells", 2.5),
-        ("cells", True),
-        ("pitch_mm", float("nan")),
-        ("wall_mm", -1.0),
-        ("wall_mm", 30.0),
-        ("neck_radius_mm", 9.0),
-        ("envelope_radius_mm", 9.0),
-        ("guide_bow_mm", 26.0),
-        ("axial_elements", 100_000),
-        ("wall_poisson", 0.5),
-        ("lattice_modulus_kpa", 0.0),
-        ("pitch_mm", "12.5"),
-    ],
-)
-def test_parameters_that_are_none_are_named(name: str, value: float) -> None:
-    """The refusal names the parameter or what is wrong with it, and says what to do."""
-    with pytest.raises(RequestError) as refusal:
-        replace(ActuatorParameters(), **{name: value})  # type: ignore[arg-type]
-    assert refusal.value.cause
-    assert refusal.value.remedy
+        assert scaled_jacobian(mesh) > 0.0
 
 
 def test_a_folded_mesh_is_refused() -> None:
@@ -97,27 +69,3 @@ def test_a_folded_mesh_is_refused() -> None:
         nodes[good.quads[0, 2]] = place
         with pytest.raises(RequestError):
             check_quality(Mesh(nodes, good.quads, good.material, good.cavity, good.base, good.tip))
-
-
-def test_digest_follows_every_value() -> None:
-    """Equal parameters share a table, any change gets its own."""
-    base = ActuatorParameters()
-    assert base.digest == ActuatorParameters().digest
-    assert base.digest != replace(base, wall_mm=2.2000001).digest
-
-
-@pytest.mark.fault(53, how="an actuator's parameters with a misspelt name, and no TOML", times=2)
-def test_parameter_files(tmp_path: Path) -> None:
-    """A file changes what it names; a misspelt name is refused with the right one; no TOML is refused."""
-    path = tmp_path / "actuator.toml"
-    path.write_text("cells = 4\nwall_mm = 1.9\n")
-    assert read_parameters(path) == replace(ActuatorParameters(), cells=4, wall_mm=1.9)
-    path.write_text("wall = 1.9\n")
-    with pytest.raises(RequestError) as refusal:
-        read_parameters(path)
-    assert "wall" in refusal.value.remedy
-    path.write_text("cells: 4")
-    with pytest.raises(FileError):
-        read_parameters(path)
-    with pytest.raises(FileError):
-        read_parameters(tmp_path / "none.toml")

@@ -1,4 +1,4 @@
-"""Frames for the pane."""
+"""Frames for the window."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from analysis.errors import DataError, RequestError
-from analysis.shadow.model.drawing import headline, shadow_figure
 from analysis.shadow.model.frames import Shadow, triangles
 from analysis.shadow.model.reduced import ReducedModel
 
@@ -91,13 +90,3 @@ def test_lines_follow_their_edges(shadow: Shadow) -> None:
     assert top.rest_mm[top.outline[-1], 1] == 75.0
     for line in (top.cavity, top.interface):
         assert (np.diff(top.rest_mm[line, 1]) > 0).all()
-
-
-@pytest.mark.parametrize("colour", ["displacement", "strain"])
-def test_the_figure_says_the_frame(shadow: Shadow, colour: str) -> None:
-    """Title with pressure, elongation, deviation and model; a labelled colour scale; both guides in the legend."""
-    state = shadow.state(elongation_mm=3.5, pressure_kpa=50.0)
-    figure = shadow_figure(state, shadow.topology, colour)  # type: ignore[arg-type]
-    assert "deviation -0.30 mm" in headline(state)
-    assert colour in figure.axes[1].get_ylabel()
-    assert {"guide 1", "guide 2"} <= {t.get_text() for t in figure.legends[0].get_texts()}

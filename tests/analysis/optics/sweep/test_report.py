@@ -1,0 +1,52 @@
+"""A sweep's results as JSON, text, table and figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light
+from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
+from analysis.optics.sweep.sweep import SweepRequest, SweepResult, paper_grid, run_sweep
+
+DESIGNS = (PAPER_OPTIMUM, *paper_grid((3,))[::60], Design(7, 0.7, 0.6, 0.8, "inner"))
+
+
+@pytest.fixture(scope="module")
+def request_() -> SweepRequest:
+    return SweepRequest(DESIGNS, light=Light(rays=100))
+
+
+@pytest.fixture(scope="module")
+def result(request_: SweepRequest) -> SweepResult:
+    return run_sweep(request_)
+
+
+def test_results_are_told_in_the_agreed_keys(result: SweepResult, tmp_path: Path) -> None:
+    """JSON, text, table and figures all name the best, the ties and the paper's optimum."""
+    told = sweep_json(result)
+    assert told["simulations"] == 15 * len(DESIGNS)
+    assert {
+        "cavities",
+        "width_mm",
+        "depth_mm",
+        "spacing_mm",
+        "ndr",
+        "andr",
+        "delta",
+        "n_sign",
+        "rmse",
+        "p",
+        "p_ci",
+        "monotone",
+    } <= set(told["designs"][0])
+    assert told["best"]["p"] == max(d["p"] for d in told["designs"])
+    assert told["paper_optimum"]["rank"] == told["designs"][0]["rank"]
+    assert {k: told["best"][k] for k in ("cavities", "width_mm", "depth_mm", "spacing_mm", "face")} in told[
+        "tied_with_best"
+    ]
+    assert "paper's optimum" in sweep_text(result)
+    written = write_sweep(result, tmp_path)
+    assert all(path.stat().st_size > 1000 for path in written)
+    assert (tmp_path / "designs.csv").read_text().count("\n") == 2 + len(DESIGNS)

@@ -1,0 +1,58 @@
+"""Building the table of the reduced model, and its cache."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.reduced import TableSettings
+from analysis.shadow.model.table import build_table, load_table, read_table, table_digest, write_table
+
+SMALL = TableSettings(pressures=4, elongations=4, modes=6, held_out=8)
+
+
+def test_cache_is_used_mended_and_done_without(short: ActuatorParameters, tmp_path: Path) -> None:
+    """The second call builds nothing; a torn file is built again; a folder that cannot be made does not matter."""
+    calls: list[float] = []
+
+    def count(done: float, total: float) -> None:
+        calls.append(done / total)
+
+    first = load_table(short, SMALL, progress=count, folder=tmp_path)
+    assert calls[-1] == 1.0
+    built = len(calls)
+    again = load_table(short, SMALL, progress=count, folder=tmp_path)
+    assert len(calls) == built
+    np.testing.assert_array_equal(again.amplitudes, first.amplitudes)
+    kept = tmp_path / f"{table_digest(short, SMALL)}.npz"
+    kept.write_bytes(kept.read_bytes()[:1000])
+    assert read_table(kept) is None
+    np.testing.assert_array_equal(load_table(short, SMALL, folder=tmp_path).errors_mm, first.errors_mm)
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    np.testing.assert_array_equal(load_table(short, SMALL, folder=blocked / "sub").errors_mm, first.errors_mm)
+    write_table(first, tmp_path / "new" / "table.npz")
+    assert read_table(tmp_path / "new" / "table.npz") is not None
+
+
+def test_digest_depends_on_parameters_and_settings(short: ActuatorParameters) -> None:
+    """Another actuator or another grid is another table."""
+    names = {
+        table_digest(short, SMALL),
+        table_digest(ActuatorParameters(), SMALL),
+        table_digest(short, TableSettings()),
+    }
+    assert len(names) == 3
+
+
+def test_building_can_be_cancelled(short: ActuatorParameters) -> None:
+    """What the progress callback raises comes through."""
+
+    def stop(done: float, total: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build_table(short, SMALL, stop)

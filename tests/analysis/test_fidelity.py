@@ -1,0 +1,56 @@
+"""Levels of fidelity: ordered, and what the program does by default."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.errors import RequestError
+from analysis.fidelity import LEVELS, fidelity
+
+
+def test_levels_by_name() -> None:
+    """Three levels, each knows its name; another one is refused with what there is."""
+    assert [fidelity(level).level for level in LEVELS] == list(LEVELS)
+    assert fidelity() == fidelity("normal")
+    with pytest.raises(RequestError, match="no fidelity 'best'"):
+        fidelity("best")
+
+
+def test_finer_levels_are_nowhere_coarser() -> None:
+    """Every number of a level grows, or stays, from draft to reference."""
+    draft, normal, reference = (fidelity(level) for level in LEVELS)
+    for name in ("rays", "ranking_rays", "posterior_steps", "resamples", "points_a_column", "mesh", "table"):
+        values = np.array([np.prod(getattr(level, name)) for level in (draft, normal, reference)])
+        assert (np.diff(values) >= 0).all(), name
+
+
+def test_the_normal_level_is_what_the_program_does_unasked() -> None:
+    """Defaults written elsewhere (sampler, bootstrap, shadow, live plot) are normal's."""
+    from analysis.calibration.posterior import MAX_STEPS
+    from analysis.optics.scene.parameters import Light
+    from analysis.shadow.fem.parameters import ActuatorParameters
+    from analysis.shadow.model.fidelity import actuator, table_settings
+    from analysis.shadow.model.reduced import TableSettings
+    from analysis.statistics import RESAMPLES
+    from boat_daq.viewmodels.live.live_model import LiveModel
+
+    normal = fidelity("normal")
+    assert Light().rays == normal.rays
+    assert normal.posterior_steps == MAX_STEPS
+    assert normal.resamples == RESAMPLES
+    assert LiveModel(lambda: None).points_a_column == normal.points_a_column
+    assert actuator(normal) == ActuatorParameters()
+    assert table_settings(normal) == TableSettings()
+
+
+def test_a_mesh_of_ones_own_keeps_ones_own_material() -> None:
+    """The level's fitted numbers belong to the default actuator only."""
+    from analysis.shadow.fem.parameters import ActuatorParameters
+    from analysis.shadow.model.fidelity import actuator
+
+    mine = replace(ActuatorParameters(), wall_modulus_kpa=900.0)
+    assert actuator(fidelity("reference"), mine).wall_modulus_kpa == 900.0
+    assert actuator(fidelity("reference"), mine).axial_elements == fidelity("reference").mesh[0]

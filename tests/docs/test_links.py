@@ -11,6 +11,7 @@ from boat_daq.cli import app
 from tests.docs.pages import ROOT, markdown
 
 LINK = re.compile(r"\]\((?P<target>[^)\s]+)\)")
+FILE = re.compile(r"`((?:\w+/)+\w+\.(?:py|toml|json|csv|md|c|h))`")
 ANCHOR = re.compile(r"[^\w\- ]")
 
 
@@ -35,6 +36,16 @@ def leads_somewhere(page: Path, target: str) -> bool:
 def test_every_relative_link_leads_to_a_file_and_heading() -> None:
     dead = [(str(page), target) for page in markdown() for target in targets(page) if not leads_somewhere(page, target)]
     assert not dead
+
+
+def test_every_file_of_ours_that_is_named_exists() -> None:
+    gone = []
+    for page in markdown():
+        for name in FILE.findall((ROOT / page).read_text(encoding="utf-8")):
+            beside = (ROOT / page).parent / name
+            if not (name.startswith(("out/", "units/")) or beside.exists() or (ROOT / name).exists()):
+                gone.append((str(page), name))
+    assert not gone
 
 
 def test_every_command_is_in_the_readme() -> None:

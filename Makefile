@@ -18,7 +18,7 @@ SECONDS ?= 600
 # Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check nightly bench docs fuzz faults audit setup setup-test system system-test compiled collected clean help
+.PHONY: demo test check nightly bench docs pictures fuzz faults audit setup setup-test system system-test compiled collected clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -55,6 +55,10 @@ fuzz: setup-test  ## coverage-guided fuzzing of every decoder (Linux); SECONDS=3
 
 docs: setup-test  ## the documentation, into out/docs/index.html; warnings are errors
 	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -c docs -d out/doctrees . out/docs
+
+pictures: setup-test  ## take the pictures of the documentation again, in the window under Xvfb
+	rm -rf out/pictures
+	BOAT_DAQ_HOME=$(CURDIR)/out/pictures/home xvfb-run -a -s "-screen 0 1280x800x24" $(BIN)/python -m tests.docs.pictures out/pictures
 
 faults: setup-test  ## write docs/FAULTS.md from the tests' marks
 	$(BIN)/python -m tests.faults.table

@@ -1,4 +1,4 @@
-"""The optics page: a design and its states under a slider, the sweep over all designs, the search beyond them."""
+"""The optics page: a design in the state of a slider, the sweep over all designs, the search beyond them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -19,13 +19,19 @@ from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STA
 
 FROM_FILE = "file"
 WHAT_COMES = (
-    "A sweep simulates 648 designs in 15 states each and shows how good each one is; Optimise searches between and "
-    "beyond them."
+    "\u201cSweep all designs\u201d simulates 648 designs in 15 states each and maps their merit; "
+    "\u201cOptimise\u201d searches between and beyond them."
 )
 
 
 class OpticsPage(ReflowingPage):
-    """The optics page."""
+    """The optics page.
+
+    Parameters
+    ----------
+    model : the view model.
+    services : of the window.
+    """
 
     def __init__(self, model: OpticsModel, services: Services) -> None:
         super().__init__()
@@ -42,18 +48,10 @@ class OpticsPage(ReflowingPage):
         self.first = self.slider
         layout = widgets.page_layout(self)
         layout.addWidget(self._head())
-        left, right = QVBoxLayout(), QVBoxLayout()
-        for column, upper, lower in ((left, self.scene, self.response), (right, self.maps, self.pareto)):
-            column.setSpacing(style.GAP)
-            column.addWidget(upper, 5)
-            column.addWidget(lower, 4)
-        left.insertLayout(
-            1, widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
-        )
-        across = QHBoxLayout()
-        across.setSpacing(style.GAP)
-        across.addLayout(left, 1)
-        across.addLayout(right, 1)
+        states = widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
+        left = widgets.column((self.scene, 5), states, (self.response, 4), spacing=style.GAP)
+        right = widgets.column((self.maps, 5), (self.pareto, 4), spacing=style.GAP)
+        across = widgets.row((left, 1), (right, 1))
         layout.addLayout(across, 1)
         self.rows = (across, self.choices)
         self.tall = (self.scene, self.response, self.maps, self.pareto)
@@ -69,32 +67,30 @@ class OpticsPage(ReflowingPage):
         self.curves = widgets.choice("Deformation curves", [(words, name) for name, words in CURVES.items()])
         self.curves.addItem("From a file \u2026", FROM_FILE)
         self.rays = widgets.choice("Rays", [(f"{n} rays" if n else "Rays: automatic", n) for n in RAYS])
-        self.face.setToolTip("The wall of the light guide that has the cavities")
-        self.curves.setToolTip("How the actuator's wall bends in each state: computed, by a formula, or measured")
-        self.rays.setToolTip("Automatic: as many as the precision asks for that is chosen under Models")
+        self.face.setToolTip("The wall of the light guide with the cavities")
+        self.curves.setToolTip("Shape of the actuator's wall in each state: computed, by a formula, or measured")
+        self.rays.setToolTip("Automatic: by the precision that is chosen in the Models menu")
         for field in (*self.fields.values(), self.face):
             field.activated.connect(lambda _: self._choose())
         self.curves.activated.connect(lambda _: self._choose_curves())
         self.rays.activated.connect(lambda _: self.model.set_rays(int(self.rays.currentData())))
-        design = (widgets.label(words, "muted") for words in ("Cavities", "Width, depth, spacing, mm"))
+        design = (widgets.label(text, "muted") for text in ("Cavities", "Width, depth, spacing, mm"))
         cavities, *lengths = self.fields.values()
         self.choices = widgets.row()
         self.choices.addLayout(widgets.row(next(design), cavities, next(design), *lengths, self.face, None), 1)
         self.choices.addLayout(widgets.row(self.curves, self.rays, None))
         inside.addLayout(self.choices)
-        inside.addLayout(self._deeds())
+        inside.addLayout(self._actions())
         return frame
 
-    def _deeds(self) -> QHBoxLayout:
+    def _actions(self) -> QHBoxLayout:
         attempt = self.services.notices.attempt
-        self.outcome = widgets.label("", "muted", wrap=True, name="What the sweep and the search found")
-        self.look = widgets.button("Show it", self.model.look_at_optimum, name="Show the optimised design")
+        self.outcome = widgets.label("", "muted", wrap=True, name="Results of the sweep and the search")
+        self.show_button = widgets.button("Show it", self.model.show_optimum, name="Show the optimised design")
         self.search_button = widgets.button("Optimise", partial(attempt, self.model.toggle_search))
         self.search_button.setToolTip("Search width, depth, spacing, count and face beyond the grid, under a minute")
         self.sweep_button = widgets.button("Sweep all designs", partial(attempt, self.model.toggle_sweep), "primary")
-        line = widgets.row(self.outcome, self.look, self.search_button, self.sweep_button)
-        line.setStretch(0, 1)
-        return line
+        return widgets.row((self.outcome, 1), self.show_button, self.search_button, self.sweep_button)
 
     def _choose(self) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())
@@ -104,13 +100,13 @@ class OpticsPage(ReflowingPage):
     def _choose_curves(self) -> None:
         name = str(self.curves.currentData())
         if name == FROM_FILE:
-            self._show_choices()  # until a file is chosen, what was taken before stays
+            self._show_choices()  # the choice before, until a file is chosen
             ask_open(self, self.services, "Open deformation curves", "csv txt", self.take_file)
         else:
             self.model.set_curves(name)
 
     def take_file(self, path: Path) -> None:
-        """Trace on the curves of a file."""
+        """Use the deformation curves of a file."""
         self.model.set_curves(str(path))
 
     def _slide(self, state: int) -> None:
@@ -141,9 +137,9 @@ class OpticsPage(ReflowingPage):
             return
         self._revision = model.revision
         self._show_choices()
-        found = "\n".join(words for words in (model.sweep_text(), model.optimum_text()) if words)
+        found = "\n".join(filter(None, (model.sweep_text(), model.optimum_text())))
         self.outcome.setText(found or WHAT_COMES)
-        self.look.setVisible(model.optimum is not None)
+        self.show_button.setVisible(model.optimum is not None)
         self.scene.show_state(model)
         self.scene.frame()
         self.response.show_result(model)
@@ -151,17 +147,24 @@ class OpticsPage(ReflowingPage):
         self.pareto.show_sweep()
 
 
-def select(field: QComboBox, value: object, words: str) -> None:
-    """Select a value; one that is not on offer stands at the end, as long as it is selected."""
+def select(field: QComboBox, value: object, text: str) -> None:
+    """Select a value.
+
+    Parameters
+    ----------
+    field : of the choices.
+    value : one that is not offered is added at the end while it is selected.
+    text : of an added value.
+    """
     offered = int(field.property("offered") or field.count())
     field.setProperty("offered", offered)
     at = field.findData(value)
-    if at >= offered and field.itemText(at) == words:
+    if at >= offered and field.itemText(at) == text:
         field.setCurrentIndex(at)
         return
     while field.count() > offered:
         field.removeItem(offered)
     if not 0 <= at < offered:
-        field.addItem(words, value)
+        field.addItem(text, value)
         at = offered
     field.setCurrentIndex(at)

@@ -15,7 +15,7 @@ from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.models.optics import CAVITIES, FACES, STEPS_MM, OpticsModel
-from boat_daq.viewmodels.models.optics_results import SweepSummary
+from boat_daq.viewmodels.models.optics_jobs import SweepSummary
 
 COLUMNS = 3  # of maps
 SHADES = 64

@@ -1,19 +1,10 @@
-"""The shadow's page: the actuator large, elongation over pressure on its nominal band, cycle by cycle,
-the alarms."""
+"""The shadow page: the actuator, elongation over pressure on its nominal band, figures of each cycle, alarms."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QHBoxLayout,
-    QHeaderView,
-    QTableWidget,
-    QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -22,21 +13,22 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.reflow import ReflowingPage
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA, ShadowLive
-from boat_daq.viewmodels.live.shadow_monitor import SERIES, AlarmRow, ShadowMonitor
+from boat_daq.viewmodels.live.shadow_monitor import SERIES, ShadowMonitor
 
 FRAME_MS = 16
 ALARM_SIZE, ALARM_LINES = 16, 4
 MARGIN = 0.1  # of the span of a figure, for the marks at its ends
+ALARM_HEADINGS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 
-
-NO_CYCLES = "Each cycle of a run comes here as a point, once the unit has an accepted calibration. Then start a plan."
+NO_CYCLES = "Start a plan: each cycle is shown here as a point. The unit needs an accepted calibration."
 NOMINAL = (
-    "Nominal: what a healthy actuator of this design does, computed by the shadow (a finite-element model); its band "
-    "holds about 95 % of them (k = 2). Measured: this unit in the last minute, by its calibration."
+    "Nominal: a healthy actuator of this design, computed by the shadow (a finite-element model); its band includes "
+    "about 95 % of them (k = 2). Measured: this unit in the last minute, by its calibration."
 )
 
 
@@ -55,7 +47,7 @@ class NominalCard(PlotCard):
         self._framed = False
 
     def show_model(self, model: ShadowLive) -> None:
-        """Draw the nominal curve once it is known, and the last seconds' way."""
+        """Draw the nominal curve once it is known, and the path of the last minute."""
         nominal = model.nominal_curve()
         if nominal is None:
             self.readout.setText("preparing the shadow …" if not model.problem else model.problem)
@@ -71,11 +63,11 @@ class NominalCard(PlotCard):
 
 
 class CyclesCard(PlotCard):
-    """One figure of every cycle, and where the alarms stand in it."""
+    """One figure of every cycle, with the alarms marked."""
 
     def __init__(self, monitor: ShadowMonitor) -> None:
         super().__init__("Cycle by cycle")
-        self.heading.explain("One figure of each cycle of the run: where it drifts, something has changed.")
+        self.heading.explain("One figure of each cycle of the run; a drift shows a change of the actuator.")
         self.monitor = monitor
         self.figure = widgets.choice("Figure of each cycle", [(s.title, name) for name, s in SERIES.items()])
         self.figure.activated.connect(lambda _: self.show_cycles())
@@ -87,7 +79,7 @@ class CyclesCard(PlotCard):
         self.plot.y_range(-1.0, 1.0)
 
     def show_cycles(self) -> None:
-        """Draw the cycles that were watched."""
+        """Draw the figure of each cycle."""
         name = str(self.figure.currentData())
         x, y = self.monitor.series(name)
         known = np.isfinite(y)
@@ -96,8 +88,7 @@ class CyclesCard(PlotCard):
         self.points.set(x, y)
         self.alarms.set(x[alarmed], y[alarmed])
         self.plot.set_title(SERIES[name].axis, SERIES[name].unit)
-        words = "\u25b3 alarm found here" if alarmed.any() else ""
-        self.readout.setText(words)
+        self.readout.setText("\u25b3 alarm" if alarmed.any() else "")
         self.show_empty("" if x.size else NO_CYCLES)
         if x.size:
             self.plot.x_range(0.0, max(10.0, float(x.max()) + 1.0))
@@ -105,39 +96,15 @@ class CyclesCard(PlotCard):
             self.plot.y_range(*axis.framed(low, high, smallest=SERIES[name].smallest))
 
 
-class AlarmTable(QTableWidget):
-    """The alarms of the run: what, since when, found when, how sure, by which figure; the newest on top."""
-
-    COLUMNS = ("What", "Since", "Found", "False alarm once in", "Seen in")
-
-    def __init__(self) -> None:
-        super().__init__(0, len(self.COLUMNS))
-        self.setAccessibleName("Alarms of the monitor: what, since when, how sure")
-        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setShowGrid(False)
-        self.setWordWrap(False)
-        self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
-        self.setHorizontalHeaderLabels(list(self.COLUMNS))
-        header = self.horizontalHeader()
-        header.setHighlightSections(False)
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setSectionResizeMode(len(self.COLUMNS) - 1, QHeaderView.ResizeMode.Stretch)
-
-    def show_rows(self, rows: Sequence[AlarmRow]) -> None:
-        """Show the alarms."""
-        self.setRowCount(len(rows))
-        for i, row in enumerate(rows):
-            for k, text in enumerate((f"\u25b2 {row.what}", row.since, row.found, row.sure, row.why)):
-                cell = QTableWidgetItem(text)
-                cell.setToolTip(text)
-                self.setItem(i, k, cell)
-
-
 class ShadowPage(ReflowingPage):
-    """The shadow's page."""
+    """The shadow page.
+
+    Parameters
+    ----------
+    model : of the shadow.
+    monitor : of the cycles.
+    services : of the window.
+    """
 
     def __init__(self, model: ShadowLive, monitor: ShadowMonitor, services: Services) -> None:
         super().__init__()
@@ -146,15 +113,8 @@ class ShadowPage(ReflowingPage):
         self.pane = ShadowPane(model, services)
         self.pane.setContentsMargins(0, -style.GAP, 0, 0)
         self.nominal, self.cycles = NominalCard(), CyclesCard(monitor)
-        right = QVBoxLayout()
-        right.setSpacing(style.GAP)
-        right.addWidget(self.nominal, 4)
-        right.addWidget(self.cycles, 3)
-        right.addWidget(self._alarms())
-        across = QHBoxLayout()
-        across.setSpacing(style.GAP)
-        across.addWidget(self.pane, 2)
-        across.addLayout(right, 3)
+        right = widgets.column((self.nominal, 4), (self.cycles, 3), self._alarms(), spacing=style.GAP)
+        across = widgets.row((self.pane, 2), (right, 3))
         widgets.page_layout(self).addLayout(across)
         self.rows, self.tall = (across,), (self.pane.view, self.nominal, self.cycles)
         self.timer = QTimer(self)
@@ -163,17 +123,15 @@ class ShadowPage(ReflowingPage):
 
     def _alarms(self) -> QWidget:
         frame, inside = widgets.card()
-        self.verdict = widgets.label("", "muted", name="What the monitor says", wrap=True)
-        self.alarms = AlarmTable()
+        self.verdict = widgets.label("", "muted", name="State of the monitor", wrap=True)
+        self.alarms = DataTable("Alarms of the monitor, the newest on top", ALARM_HEADINGS)
         self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
-        line = widgets.row(widgets.label("Alarms", "subtitle"), self.verdict)
-        line.setStretchFactor(self.verdict, 1)
-        inside.addLayout(line)
+        inside.addLayout(widgets.row(widgets.label("Alarms", "subtitle"), (self.verdict, 1)))
         inside.addWidget(self.alarms)
         return frame
 
     def draw(self) -> None:
-        """Draw one frame, where the page is seen."""
+        """Draw one frame while the page is visible."""
         if self.isVisible():
             self.pane.draw()
 
@@ -186,6 +144,7 @@ class ShadowPage(ReflowingPage):
             self._revision = self.monitor.revision
             self.cycles.show_cycles()
             rows = self.monitor.rows()
-            self.alarms.show_rows(rows)
+            texts = [(f"\u25b2 {row.what}", row.since, row.found, row.sure, row.why) for row in rows]
+            self.alarms.fill([[(text, text) for text in cells] for cells in texts])
             self.alarms.setVisible(bool(rows))
             self.verdict.setText(self.monitor.verdict())

@@ -1,4 +1,4 @@
-"""The trade-off page: which methods to measure, time against error of the one looked at, and what the rule chose."""
+"""The trade-off page: the methods to measure, time against error of the shown one, and the rule's choice."""
 
 from __future__ import annotations
 
@@ -6,14 +6,9 @@ from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QHBoxLayout,
-    QHeaderView,
     QListWidget,
     QListWidgetItem,
     QProgressBar,
-    QTableWidget,
-    QTableWidgetItem,
     QVBoxLayout,
     QWidget,
 )
@@ -25,6 +20,7 @@ from boat_daq.gui.models.atlas_card import NO_LIMIT, AtlasCard
 from boat_daq.gui.models.tradeoff_chart import TradeoffCard
 from boat_daq.gui.models.tradeoff_jobs import measure_methods
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.reflow import ReflowingPage
 from boat_daq.viewmodels.common.formatting import duration_text
@@ -34,21 +30,22 @@ from boat_daq.viewmodels.models.atlas import AtlasModel
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel
 from boat_daq.viewmodels.models.tradeoff_report import MethodChart, error_text
 
-FIDELITY_WORDS = {
+PRECISIONS = {
     "draft": "Draft: fast, rough",
-    "normal": "Normal: as fine as matters",
+    "normal": "Normal (sufficient)",
     "reference": "Reference: slow, exact",
 }
-NOT_MEASURED = "Nothing is measured yet: Measure, or Open."
-MARKS = "\u25cb the default   \u25a1 chosen by the rule   D taken at Draft   R taken at Reference"
+NOT_MEASURED = "Nothing is measured yet. Press Measure, or Open."
+HEADINGS = ("No.", "Setting", "Time", "Error", "Mark")
+MARKS = "\u25cb default   \u25a1 chosen by the rule   D used at Draft   R used at Reference"
 NOTHING_YET = (
-    "What does the next digit cost? Measure, and every setting of this method stands here with its time on this "
-    "machine and its error against an independent reference."
+    "Press Measure to time every setting of this method on this computer and to compare its result with an independent "
+    "reference."
 )
 
 
 class MethodList(QListWidget):
-    """The methods: a tick takes one into the measurement, a selected one is looked at."""
+    """The methods: ticked ones are measured, the selected one is shown."""
 
     def __init__(self, tradeoff: TradeoffModel) -> None:
         super().__init__()
@@ -64,7 +61,7 @@ class MethodList(QListWidget):
         self.currentRowChanged.connect(lambda row: self.tradeoff.show(list(ENTRIES)[row]))
 
     def show_entries(self) -> None:
-        """Show ticks, titles and verdicts as they are now."""
+        """Show the current ticks, titles and verdicts."""
         self.blockSignals(True)
         for row, (name, title) in enumerate(ENTRIES.items()):
             item = self.item(row)
@@ -80,49 +77,37 @@ class MethodList(QListWidget):
         self.tradeoff.choose(name, item.checkState() is Qt.CheckState.Checked)
 
 
-class SettingsTable(QTableWidget):
+class SettingsTable(DataTable):
     """Every setting of a method, cheapest first."""
 
-    COLUMNS = ("No.", "Setting", "Time", "Error", "Mark")
-
     def __init__(self) -> None:
-        super().__init__(0, len(self.COLUMNS))
-        self.setAccessibleName("Settings of the method, cheapest first: time, error, marks")
-        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setShowGrid(False)
-        self.setWordWrap(False)
-        self.verticalHeader().hide()
+        super().__init__("Settings of the method, cheapest first", HEADINGS, stretched=1, right=(0, 2, 3))
+        self.explain({HEADINGS.index("Mark"): MARKS})
         self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - 2 * style.STEP)
-        self.setHorizontalHeaderLabels(list(self.COLUMNS))
-        header = self.horizontalHeader()
-        header.setHighlightSections(False)
-        header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        header.setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
-        mark = self.horizontalHeaderItem(len(self.COLUMNS) - 1)
-        if mark is not None:
-            mark.setToolTip(MARKS)
 
     def show_chart(self, chart: MethodChart | None) -> None:
         """Show another method's settings."""
         points = chart.points if chart is not None else ()
-        self.setRowCount(len(points))
-        for row, p in enumerate(points):
-            hover = (
-                f"{p.setting}: {duration_text(p.seconds)}, {p.repeats} repeats within {duration_text(p.spread_s)}; "
-                f"error {error_text(p.error)} {chart.unit if chart else ''}, within {error_text(p.error_spread)}"
-            )
-            cells = (str(p.number), p.setting, duration_text(p.seconds), error_text(p.error), p.symbols)
-            for column, text in enumerate(cells):
-                cell = QTableWidgetItem(text)
-                cell.setToolTip(hover)
-                side = Qt.AlignmentFlag.AlignRight if column in (0, 2, 3) else Qt.AlignmentFlag.AlignLeft
-                cell.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
-                self.setItem(row, column, cell)
+        unit = chart.unit if chart is not None else ""
+        rows = [(str(p.number), p.setting, duration_text(p.seconds), error_text(p.error), p.symbols) for p in points]
+        tips = [
+            f"{p.setting}: {duration_text(p.seconds)}, {p.repeats} repeats within {duration_text(p.spread_s)}; "
+            f"error {error_text(p.error)} {unit}, within {error_text(p.error_spread)}"
+            for p in points
+        ]
+        self.fill(rows, tips)
 
 
 class TradeoffPage(ReflowingPage):
-    """The trade-off page."""
+    """The trade-off page.
+
+    Parameters
+    ----------
+    model : of the measurements.
+    atlas : of the maps.
+    precision : of the program's computations.
+    services : of the window.
+    """
 
     def __init__(self, model: TradeoffModel, atlas: AtlasModel, precision: Precision, services: Services) -> None:
         super().__init__()
@@ -133,26 +118,20 @@ class TradeoffPage(ReflowingPage):
         self.first = self.methods
         self.chart, self.table = TradeoffCard(), SettingsTable()
         self.atlas = AtlasCard(atlas, services.notices.attempt)
-        self.words = widgets.label(NOTHING_YET, "muted", wrap=True, name="What the rule chose, and why")
+        self.explanation = widgets.label(NOTHING_YET, "muted", wrap=True, name="The rule's choice")
         self.measured = widgets.label("", "small", wrap=True)
-        across = QHBoxLayout()
-        across.setSpacing(style.GAP)
-        across.addWidget(self._side())
-        across.addLayout(self._right(), 1)
-        widgets.page_layout(self).addLayout(across)
+        widgets.page_layout(self).addLayout(widgets.row(self._side(), (self._right(), 1)))
 
     def _side(self) -> QWidget:
         frame, inside = widgets.card()
         frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
         self.kind = widgets.choice(
-            "How thoroughly to measure", [("Quick, about half a minute", True), ("Full, about 3 minutes", False)]
+            "Extent of the measurement", [("Quick, about half a minute", True), ("Full, about 3 minutes", False)]
         )
         self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
         self.kind.activated.connect(lambda _: self.model.set_quick(bool(self.kind.currentData())))
-        self.level = widgets.choice("How fine the program computes", [(FIDELITY_WORDS[n], n) for n in LEVELS])
-        self.level.setToolTip(
-            "Fidelity: optics, shadow, uncertainty and live plots are computed as finely as this (Models menu too)"
-        )
+        self.level = widgets.choice("Precision of the program", [(PRECISIONS[n], n) for n in LEVELS])
+        self.level.setToolTip("Precision of optics, shadow, uncertainty and live plots; also in the Models menu")
         self.level.activated.connect(lambda _: self.precision.choose(self.level.currentData()))
         attempt = self.services.notices.attempt
         self.start = widgets.button("Measure", partial(attempt, self.model.toggle), "primary")
@@ -161,40 +140,24 @@ class TradeoffPage(ReflowingPage):
         self.status = widgets.label("", "small", wrap=True)
         self.open = widgets.button("Open \u2026", self._ask_open, name="Open a measured trade-off")
         self.save = widgets.button("Save \u2026", self._ask_save, name="Save the trade-off as JSON or CSV")
-        inside.addWidget(widgets.label("Methods", "subtitle"))
-        inside.addWidget(self.methods, 1)
-        inside.addWidget(self.kind)
-        inside.addWidget(self.start)
-        inside.addWidget(self.progress)
-        inside.addWidget(self.status)
-        inside.addLayout(widgets.row(self.open, self.save))
-        inside.addSpacing(style.GAP)
-        inside.addWidget(widgets.label("Precision", "subtitle"))
-        inside.addWidget(self.level)
+        files, precision = widgets.row(self.open, self.save), widgets.label("Precision", "subtitle")
+        run = (self.kind, self.start, self.progress, self.status, files)
+        column = (widgets.label("Methods", "subtitle"), (self.methods, 1), *run, style.GAP, precision, self.level)
+        inside.addLayout(widgets.column(*column))
         return frame
 
     def _right(self) -> QVBoxLayout:
-        frame, inside = widgets.card()
-        self.table_card = frame
-        inside.addWidget(self.table, 1)
-        inside.addWidget(self.words)
-        inside.addWidget(self.measured)
-        upper = QHBoxLayout()
-        upper.setSpacing(style.GAP)
-        upper.addWidget(self.chart, 1)
-        upper.addWidget(frame)
+        self.table_card, inside = widgets.card()
+        inside.addLayout(widgets.column((self.table, 1), self.explanation, self.measured))
+        upper = widgets.row((self.chart, 1), self.table_card)
         self.upper = widgets.holder(upper)
-        self.rows, self.tall = (upper,), (self.chart, frame)
+        self.rows, self.tall = (upper,), (self.chart, self.table_card)
         self.reflow()
-        right = QVBoxLayout()
-        right.setSpacing(style.GAP)
-        right.addWidget(self.upper, 3)
-        right.addWidget(self.atlas, 2)
-        right.addStretch()  # takes what is left where only the map's small card is shown
-        return right
+        # the stretch takes the rest where only the small card of the maps is shown
+        return widgets.column((self.upper, 3), (self.atlas, 2), None, spacing=style.GAP)
 
     def reflow(self) -> None:
-        """Give the table its own width only where it stands beside the chart."""
+        """Fix the width of the table where it is beside the chart."""
         super().reflow()
         low, high = (0, NO_LIMIT) if self.narrow else (style.PANE_WIDTH_WIDE, style.PANE_WIDTH_WIDE)
         self.table_card.setMinimumWidth(low)
@@ -208,7 +171,7 @@ class TradeoffPage(ReflowingPage):
         ask_save(self, self.services, "tradeoff", "json csv", self.model.save)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the measurement under way; the rest where it has changed."""
+        """Show the progress of the measurement; the rest where it has changed."""
         self.level.setCurrentIndex(self.level.findData(self.precision.level))
         job = self.model.job
         widgets.set_text(self.start, "Stop" if job is not None else "Measure")
@@ -232,5 +195,5 @@ class TradeoffPage(ReflowingPage):
         self.table.show_chart(chart)
         self.atlas.show_method(self.model.shown)
         self.upper.setVisible(self.model.shown in METHODS)
-        self.words.setText(chart.explanation if chart else NOTHING_YET)
+        self.explanation.setText(chart.explanation if chart else NOTHING_YET)
         self.measured.setText(f"Measured: {chart.measured}" if chart else "")

@@ -1,4 +1,4 @@
-"""The pane beside the plots: the actuator as it is now over its outline at rest, coloured by displacement or strain."""
+"""The shadow's pane: the actuator as it is now over its outline at rest, coloured by displacement or strain."""
 
 from __future__ import annotations
 
@@ -9,31 +9,30 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
+from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QAction, QColor, QGuiApplication, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
-from PySide6.QtSvg import QSvgGenerator
-from PySide6.QtWidgets import QGridLayout, QMenu, QToolButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QToolButton, QVBoxLayout, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
+from boat_daq.gui.plotting.plot_card import export_button, save_export
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
-from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.shadow_live import LEVELS, SCALES, ShadowLive, ShadowPicture
 
-ROOM_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # what the view shows of (x, z)
+VIEW_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # of (x, z)
 LINES = 6
 DOT = 7
-GUIDE, HALO = 1.5, 4.5  # a guide is seen on dark and on bright elements
+GUIDE, HALO = 1.5, 4.5  # pixels: a guide is visible on dark and on bright elements
 REST_LENGTH_MM = 75.0
-RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, then lifts the pen
+RING = np.array([1, 1, 1, 1, 0], dtype=np.int32)  # joins the five points of a closed element, but not to the next one
 
 
 class ShadowView(QWidget):
-    """Draws a `ShadowPicture` to scale; all of its rectangle, or Qt would paint every widget behind it first."""
+    """Draws a `ShadowPicture` to scale; it paints its whole rectangle, so that Qt paints no widget behind it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -41,34 +40,34 @@ class ShadowView(QWidget):
         self.setAccessibleName("The actuator now, over its outline at rest")
         self.setMinimumHeight(5 * style.CONTROL_HEIGHT)
         self.picture: ShadowPicture | None = None
-        self.scale_words = ("0", "")
+        self.scale_texts = ("0", "")
         self.paint_theme(style.LIGHT)
 
     def show_picture(self, picture: ShadowPicture) -> None:
-        """Draw another picture; the same one costs nothing."""
+        """Draw another picture; the same one is not drawn again."""
         if picture is not self.picture:
             self.picture = picture
             self.update()
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
+        """Use the colours of `theme`."""
         self.theme = theme
         self.steps = [QColor(style.sequential(theme, i, LEVELS)) for i in range(LEVELS)]
         self.small = style.small_font()
         self.update()
 
     def _transform(self) -> QTransform:
-        """Return the way from (x, z) mm to pixels."""
-        room = QRectF(self.rect()).adjusted(0, 0, 0, -2 * style.CONTROL_HEIGHT / 2)
-        scale = min(room.width() / ROOM_MM.width(), room.height() / ROOM_MM.height())
-        centre = room.center()
-        way = QTransform()
-        way.translate(centre.x(), centre.y() + (ROOM_MM.top() + ROOM_MM.height() / 2) * scale)
-        way.scale(scale, -scale)
-        return way
+        """Return the transform from (x, z) mm to pixels."""
+        area = QRectF(self.rect()).adjusted(0, 0, 0, -style.CONTROL_HEIGHT)
+        scale = min(area.width() / VIEW_MM.width(), area.height() / VIEW_MM.height())
+        centre = area.center()
+        transform = QTransform()
+        transform.translate(centre.x(), centre.y() + (VIEW_MM.top() + VIEW_MM.height() / 2) * scale)
+        transform.scale(scale, -scale)
+        return transform
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw elements, guides, points, rest, tips and the scale."""
+        """Draw elements, guides, points, outline at rest, tips and the scale."""
         painter = QPainter(self)
         painter.fillRect(self.rect(), QColor(self.theme.surface))
         if self.picture is None:
@@ -97,7 +96,7 @@ class ShadowView(QWidget):
         painter.end()
 
     def _elements(self, painter: QPainter, picture: ShadowPicture) -> None:
-        """Fill the elements, all of one colour step at once."""
+        """Fill the elements, those of one colour step at once."""
         painter.setPen(Qt.PenStyle.NoPen)
         for level in np.unique(picture.levels):
             chosen: NDArray[np.float64] = picture.corners[picture.levels == level]
@@ -120,18 +119,16 @@ class ShadowView(QWidget):
 
     def _scale(self, painter: QPainter) -> None:
         """Draw the colour scale with its ends."""
-        room = QRectF(self.rect())
-        bar = QRectF(
-            room.left() + 2 * style.STEP, room.bottom() - 6 * style.STEP, room.width() - 4 * style.STEP, style.GAP
-        )
+        area = QRectF(self.rect()).adjusted(2 * style.STEP, 0, -2 * style.STEP, 0)
+        bar = QRectF(area.left(), area.bottom() - 6 * style.STEP, area.width(), style.GAP)
         step = bar.width() / LEVELS
         for i, colour in enumerate(self.steps):
             painter.fillRect(QRectF(bar.left() + i * step, bar.top(), step + 1, bar.height()), colour)
         painter.setPen(QColor(self.theme.muted))
         painter.setFont(self.small)
         below = bar.adjusted(0, bar.height(), 0, 4 * style.STEP)
-        painter.drawText(below, Qt.AlignmentFlag.AlignLeft, self.scale_words[0])
-        painter.drawText(below, Qt.AlignmentFlag.AlignRight, self.scale_words[1])
+        painter.drawText(below, Qt.AlignmentFlag.AlignLeft, self.scale_texts[0])
+        painter.drawText(below, Qt.AlignmentFlag.AlignRight, self.scale_texts[1])
 
 
 def _polygon(points: NDArray[np.float64]) -> QPolygonF:
@@ -149,9 +146,9 @@ class ShadowPane(QWidget):
         self.view = ShadowView()
         self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES])
         self.quantity.activated.connect(lambda _: self._choose(str(self.quantity.currentData())))
-        self.cost = QAction("Show what a frame costs", self)
-        self.cost.setCheckable(True)
-        self.cost.toggled.connect(self._show_cost)
+        self.frame_time = QAction("Show frame time", self)
+        self.frame_time.setCheckable(True)
+        self.frame_time.toggled.connect(self._show_frame_time)
         frame, inside = widgets.card()
         inside.addLayout(widgets.row(widgets.label("Colour", "muted"), self.quantity, None, self._menu_button()))
         inside.addWidget(self.view, 1)
@@ -175,35 +172,24 @@ class ShadowPane(QWidget):
         self._follow()
 
     def _follow(self) -> None:
-        """Show what the model is set to, wherever it was set."""
+        """Show the settings of the model, which menus change too."""
         quantity = self.model.quantity
         full, unit, _ = SCALES[quantity]
-        words = ("0", f"{quantity} {full:g} {unit} or more")
-        if self.view.scale_words != words:
-            self.view.scale_words = words
+        texts = ("0", f"{quantity} {full:g} {unit} or more")
+        if self.view.scale_texts != texts:
+            self.view.scale_texts = texts
             self.view.update()
         self.quantity.setCurrentIndex(self.quantity.findData(quantity))
-        self.cost.setChecked(self.model.show_cost)
+        self.frame_time.setChecked(self.model.show_cost)
 
-    def _show_cost(self, on: bool) -> None:
+    def _show_frame_time(self, on: bool) -> None:
         self.model.show_cost = on
 
     def _menu_button(self) -> QToolButton:
-        tool = QToolButton()
-        tool.setText("\u22ef")
-        tool.setToolTip("Copy or save this picture; what a frame costs")
-        tool.setAccessibleName("Copy or save: the shadow")
-        tool.setProperty("role", "quiet")
-        tool.setFixedSize(style.CONTROL_HEIGHT, style.CONTROL_HEIGHT)
-        tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-        menu = QMenu(tool)
-        menu.addAction("Copy picture", lambda: self.services.notices.attempt(self.copy, done=f"Copied: {self.title}"))
-        for kind in ("png", "svg", "csv"):
-            menu.addAction(f"Save {kind.upper()} \u2026", partial(self._ask_save, kind))
-        menu.addSeparator()
-        menu.addAction(self.cost)
-        tool.setMenu(menu)
-        tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        copy = partial(self.services.notices.attempt, self.copy, done=f"Copied: {self.title}")
+        tool = export_button("the shadow", "Copy or save this picture; show its frame time", copy, self._ask_save)
+        tool.menu().addSeparator()
+        tool.menu().addAction(self.frame_time)
         return tool
 
     def _ask_save(self, suffix: str) -> None:
@@ -211,11 +197,11 @@ class ShadowPane(QWidget):
             ask_save(self, self.services, self.title, suffix, self.save)
 
     def require_data(self) -> None:
-        """Let nothing be taken away where nothing is.
+        """Check that there is something to copy or save.
 
         Raises
         ------
-        OperatorError : the shadow is not there yet.
+        OperatorError : the shadow is not drawn yet.
         """
         if self.view.picture is None:
             raise OperatorError("the shadow is not drawn yet", "Wait until it is prepared.")
@@ -225,7 +211,7 @@ class ShadowPane(QWidget):
 
         Raises
         ------
-        OperatorError : the shadow is not there yet.
+        OperatorError : the shadow is not drawn yet.
         """
         self.require_data()
         QGuiApplication.clipboard().setPixmap(self.view.grab())
@@ -237,21 +223,7 @@ class ShadowPane(QWidget):
         ------
         OSError : the path cannot be written.
         """
-        if path.suffix == ".csv":
-            tables.save_csv(path, self.columns())
-        elif path.suffix == ".svg":
-            generator = QSvgGenerator()
-            generator.setFileName(str(path))
-            generator.setSize(self.view.size())
-            generator.setViewBox(self.view.rect())
-            generator.setTitle("Shadow of the actuator")
-            painter = QPainter(generator)
-            if not painter.isActive():
-                raise OSError(f"{path} cannot be written")
-            self.view.render(painter, QPoint(0, 0))
-            painter.end()
-        elif not self.view.grab().save(str(path), "PNG"):
-            raise OSError(f"{path} cannot be written")
+        save_export(path, "Shadow of the actuator", self.view, self.view.grab, self.columns)
 
     def columns(self) -> dict[str, Any]:
         """Return the outline at rest, the guides and the tracked points as they are drawn, mm."""

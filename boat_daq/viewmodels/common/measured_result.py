@@ -94,7 +94,7 @@ class MeasuredResult(ABC):
     def _write_json(self, path: Path) -> None:
         path.write_text(json.dumps(self.content, indent=1, ensure_ascii=False), encoding="utf-8")
 
-    def _going_on(self, what: str = "") -> str:
+    def _progress_text(self, what: str = "") -> str:
         """Return the line of work under way or of what went wrong; empty where there is neither."""
         job = self.job
         if job is not None:

@@ -144,4 +144,4 @@ class AtlasModel(MeasuredResult):
 
     def status(self, method: str) -> str:
         """Return the progress of the sweep, or why there is no map, in a line."""
-        return self._going_on("mapping") or ("" if self.maps.get(method) else "not mapped yet")
+        return self._progress_text("mapping") or ("" if self.maps.get(method) else "not mapped yet")

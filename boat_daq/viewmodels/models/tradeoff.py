@@ -1,7 +1,7 @@
-"""The trade-off page: what each method's next digit costs on this machine, and what the rule makes of it.
+"""The trade-off page: time against error of each method on this computer, and the settings that the rule chooses.
 
-Rules: measuring happens in a helper process. The last result is kept beside the window's preferences and shown at the
-next start; methods that were not measured again keep theirs, with their own date.
+Rules: methods are measured in a helper process. The last result is kept beside the window's preferences and shown at
+the next start; methods that were not measured again keep theirs, with their own date.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ METHODS = {
     "bootstrap": "Intervals (bootstrap)",
     "decimation": "Live plot",
 }
-"""Every method that can be measured, by the name the command takes; a test holds it against the command's list."""
+"""Every method that can be measured, by its name in the command; a test compares it with the command's list."""
 MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
 """Methods that have a map of where they fail, but no chart of time against error."""
 ENTRIES = METHODS | MAPPED
@@ -47,7 +47,7 @@ class TradeoffModel(MeasuredResult):
     ----------
     jobs : where methods are measured.
     folder : where the last result is kept.
-    preferences : remember what was chosen.
+    preferences : keep the choices.
     """
 
     name, noun, again = "tradeoff", "result", "measure again"
@@ -67,7 +67,7 @@ class TradeoffModel(MeasuredResult):
         return tuple(name for name in METHODS if name in kept)
 
     def choose(self, name: str, on: bool) -> None:
-        """Take a method into the next measurement, or leave it out."""
+        """Include a method in the next measurement, or not."""
         self.preferences.set(CHOSEN, [n for n in METHODS if (on if n == name else n in self.chosen)])
 
     @property
@@ -81,18 +81,18 @@ class TradeoffModel(MeasuredResult):
 
     @property
     def shown(self) -> str:
-        """Name of the method that is looked at."""
+        """Name of the method that is shown."""
         name = str(self.preferences.get(SHOWN, ""))
         return name if name in ENTRIES else next(iter(ENTRIES))
 
     def show(self, name: str) -> None:
-        """Look at a method."""
+        """Show a method."""
         self.preferences.set(SHOWN, name)
         self.revision += 1
 
     @property
     def chart(self) -> MethodChart | None:
-        """The method that is looked at, where it was measured."""
+        """The chart of the shown method, where it was measured."""
         return self.charts.get(self.shown)
 
     # ---- measuring -----------------------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ class TradeoffModel(MeasuredResult):
             self.jobs.cancel(self.name)
             return
         if not self.chosen:
-            raise OperatorError("no method is chosen to be measured", "Tick one or more in the list of methods.")
+            raise OperatorError("no method is chosen", "Tick one or more in the list of methods.")
         label = f"Measuring {count(len(self.chosen), 'method')}"
         self._start(Job(label, self.measurer, self.chosen, self.quick))
 
@@ -121,7 +121,7 @@ class TradeoffModel(MeasuredResult):
     # ---- files ---------------------------------------------------------------------------------------------------
 
     def load(self, path: Path) -> None:
-        """Show the result in a file, and remember it.
+        """Show the result in a file, and keep it.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class TradeoffModel(MeasuredResult):
         self._keep()
 
     def save(self, path: Path) -> None:
-        """Write the result as the ending of `path` says: .json as the command has it, .csv with a row a point.
+        """Write the result by the suffix of `path`: .json as the command, .csv with a row for each point.
 
         Raises
         ------
@@ -139,25 +139,24 @@ class TradeoffModel(MeasuredResult):
         OSError : the path cannot be written.
         """
         if self.content is None:
-            raise OperatorError("nothing has been measured yet", "Measure first, or open a result.")
+            raise OperatorError("nothing has been measured yet", "Press Measure, or open a result.")
         if path.suffix == ".csv":
             tables.save_csv(path, report_columns(self.charts))
         else:
             self._write_json(path)
 
-    # ---- words ---------------------------------------------------------------------------------------------------
+    # ---- texts ---------------------------------------------------------------------------------------------------
 
     def entry(self, name: str) -> str:
-        """Return a method's line in the list."""
+        """Return the second line of a method in the list."""
         chart = self.charts.get(name)
         if name in MAPPED:
             return "map only"
         if chart is None:
             return "not measured yet"
-        return (
-            f"{chart.mark} the default is right" if chart.default_is_chosen else f"{chart.mark} the rule chose another"
-        )
+        verdict = "default confirmed" if chart.default_is_chosen else "the rule chose another"
+        return f"{chart.mark} {verdict}"
 
     def status(self) -> str:
-        """Return what is going on, in a line."""
-        return self._going_on()
+        """Return the progress of the measurement, or what went wrong, in a line."""
+        return self._progress_text()

@@ -20,7 +20,7 @@ from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.live.conversion import Preparation, prepare
 from boat_daq.viewmodels.models import optics_jobs
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
-from boat_daq.viewmodels.models.optics_results import SweepSummary
+from boat_daq.viewmodels.models.optics_jobs import SweepSummary
 from boat_daq.viewmodels.results import calibration_jobs, run_jobs
 from boat_daq.viewmodels.results.analysis_view import PosteriorResult, figure_text
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured

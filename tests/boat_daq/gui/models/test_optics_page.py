@@ -14,7 +14,7 @@ from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
-from boat_daq.viewmodels.models.optics_results import DesignResult, OptimumSummary, StateScene, SweepSummary
+from boat_daq.viewmodels.models.optics_jobs import DesignResult, OptimumSummary, StateScene, SweepSummary
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
 NORMAL = fidelity("normal")
@@ -98,7 +98,7 @@ def test_the_search_is_started_stopped_and_says_what_it_gained(page):
     FakeJob.made[-1].bring(found)
     tell(page)
     assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()
-    page.look.click()
+    page.show_button.click()
     assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
     tell(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1.23", 7)

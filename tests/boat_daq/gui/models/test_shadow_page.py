@@ -107,5 +107,5 @@ def test_what_a_command_sets_is_seen_in_the_pane(page, app_model):  # noqa: F811
     page.model.quantity, page.model.show_cost = "strain", True
     page.refresh(app_model.snapshot)
     assert page.pane.quantity.currentData() == "strain"
-    assert page.pane.cost.isChecked()
-    assert page.pane.view.scale_words[1] == "strain 20 % or more"
+    assert page.pane.frame_time.isChecked()
+    assert page.pane.view.scale_texts[1] == "strain 20 % or more"

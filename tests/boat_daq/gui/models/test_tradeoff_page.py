@@ -60,7 +60,7 @@ def test_the_chart_stands_where_the_points_were_measured(page):
     assert card.notices.value() == pytest.approx(math.log10(0.02))
     assert card.sufficient.value() == pytest.approx(-2.0)
     assert card.labels.texts == ["1", "2 default, chosen"]
-    assert "cheapest setting with an error below 0.010 mm" in page.words.text()
+    assert "cheapest setting with an error below 0.010 mm" in page.explanation.text()
     assert page.table.item(1, 1).text() == "fine"
     assert page.table.item(1, 4).text() == "\u25cb \u25a1"
 

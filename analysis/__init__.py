@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from analysis.figures.figure import Figure
     from analysis.figures.pipeline import Analysis, analyse
     from analysis.figures.sensor_analysis import Options
-    from analysis.reports.writing import write_report
+    from analysis.reports.build import write_report
     from analysis.segmentation.cycles import find_cycles
     from analysis.segmentation.plateaus import PlateauSettings, find_plateaus, plateau_table
 
@@ -68,7 +68,7 @@ _HOME = {
     "load_recording": "analysis.data.load",
     "plateau_table": "analysis.segmentation.plateaus",
     "sample_posterior": "analysis.calibration.posterior",
-    "write_report": "analysis.reports.writing",
+    "write_report": "analysis.reports.build",
 }
 
 

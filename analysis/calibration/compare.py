@@ -10,14 +10,15 @@ Rules: nothing is extrapolated; two calibrations that share no range are refused
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.errors import DataError
+from analysis.calibration.fit import Calibration
+from analysis.errors import DataError, RequestError
 
 COVERAGE = 2.0
 POINTS = 161
@@ -100,6 +101,26 @@ def compare_fits(new: Mapping[str, Any], before: Mapping[str, Any]) -> Agreement
         mm = np.where(slope != 0, difference / slope, np.nan)
     e_n = np.where(np.isfinite(e_n), e_n, np.where(difference == 0, 0.0, np.nan))
     return Agreement(grid, y_before, difference, mm, e_n, _coefficients(new, before))
+
+
+def between_calibrations_mm(calibrations: Sequence[Calibration], x_mm: float) -> tuple[float, int]:
+    """Return the sd between calibrations of one sensor, as elongation at `x_mm`, and its degrees of freedom.
+
+    The variance over calibrations of y(x_mm) less what the uncertainty of each fit makes of it (floored at zero),
+    through the mean slope. Spread of the signal at one pressure would hold the actuator's as well; this is the
+    sensor's.
+
+    Raises
+    ------
+    RequestError : fewer than two of them reach `x_mm`.
+    """
+    fits = [c for c in calibrations if c.x_range[0] <= x_mm <= c.x_range[1]]
+    if len(fits) < 2:
+        raise RequestError(f"fewer than two runs are calibrated at {x_mm:+.2f} mm", "Record another calibration.")
+    values = np.asarray([float(c.predict(x_mm)) for c in fits])
+    by_fit = np.mean([float(c.curve_sd(x_mm)) ** 2 for c in fits])
+    slope = float(np.mean([float(c.slope(x_mm)) for c in fits]))
+    return float(np.sqrt(max(values.var(ddof=1) - by_fit, 0.0)) / abs(slope)), len(fits) - 1
 
 
 def _curve(fit: Mapping[str, Any], grid: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -29,7 +29,7 @@ DISAGREEMENT_SIGMA = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Elongation:
+class ElongationEstimate:
     """Elongations and what is known of them.
 
     Attributes
@@ -135,13 +135,13 @@ class Inverse:
         excess = np.einsum("...i,ij,...j->...", rows, calibration.reading.beyond_fit(calibration.fit), rows)
         return np.asarray(np.sqrt(np.clip(excess, 0.0, None)) / np.abs(calibration.slope(at)), dtype=np.float64)
 
-    def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> Elongation:
+    def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return x with its uncertainty and flags."""
         x = self(signal, clamp=True)
         outside = np.isnan(self(signal)) & ~np.isnan(np.asarray(signal, dtype=np.float64))
         kept = x if clamp else np.where(outside, np.nan, x)
         uncertainty = np.where(np.isnan(kept), np.nan, self.standard_uncertainty(x))
-        return Elongation(kept, uncertainty, outside, np.zeros(x.shape, dtype=bool))
+        return ElongationEstimate(kept, uncertainty, outside, np.zeros(x.shape, dtype=bool))
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +174,7 @@ class Fusion:
             correlation = np.eye(len(calibrations))
         return cls(inverses, np.atleast_2d(correlation))
 
-    def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> Elongation:
+    def evaluate(self, signal_mv: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
         """Return the fused elongation of signals [..., sensors].
 
         A sensor outside its range does not take part; where all are outside, x is NaN (or clamped). Two sensors that
@@ -203,7 +203,7 @@ class Fusion:
         if clamp and none.any():
             ends = np.stack([inv(signal[..., i], clamp=True) for i, inv in enumerate(self.inverses)], axis=-1)
             fused = np.where(outside, ends[..., 0], fused)
-        return Elongation(fused, spread, outside, self._disagreement(x, u))
+        return ElongationEstimate(fused, spread, outside, self._disagreement(x, u))
 
     def _disagreement(self, x: FloatArray, u: FloatArray) -> BoolArray:
         found = np.zeros(x.shape[:-1], dtype=bool)

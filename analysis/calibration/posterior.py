@@ -21,7 +21,6 @@ Error in Nonlinear Models (2006), 8; ISO/TS 28038:2018.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,9 +32,8 @@ from scipy import special
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.errors import DataError
+from analysis.progress import Progress
 from analysis.warning import Warning, WarningCode
-
-Progress = Callable[[float, float], None]
 
 WALKERS = 128
 CHUNK = 200

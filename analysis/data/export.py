@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,9 +17,9 @@ import pandas as pd
 
 from analysis.data.recording import Recording
 from analysis.errors import FileError, RequestError
+from analysis.progress import Progress
 
 Format = Literal["csv", "parquet"]
-Progress = Callable[[float, float], None]
 
 ROWS_AT_ONCE = 100_000
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")

@@ -106,6 +106,16 @@ class Recording:
         return bool(self.meta.get("simulated", False))
 
     @property
+    def unit(self) -> str:
+        """Name of the unit, "" where it is not known."""
+        return str(self.meta.get("unit") or "")
+
+    @property
+    def started_utc(self) -> str:
+        """When it was recorded, ISO 8601, "" where it is not known."""
+        return str(self.meta.get("started_utc") or "")
+
+    @property
     def duration_s(self) -> float:
         """From the first sample to the last, board time."""
         return float(self.time_s[-1] - self.time_s[0]) if self.n > 1 else 0.0

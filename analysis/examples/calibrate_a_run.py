@@ -10,12 +10,12 @@ import sys
 import numpy as np
 
 from analysis import AnalysisError, analyse, load_recording
-from analysis.figures.figure import with_interval
+from analysis.figures.figure import SENSOR_FIGURES, with_interval
 from analysis.figures.uncertainty import elongation_reader
 
 
 def main(run: str, readings: str | None = None) -> float:
-    """Print coefficients and key figures; return the largest elongation of the run, mm, NaN where it tells none."""
+    """Print coefficients and key figures; return the largest elongation of the run, mm, NaN where none is known."""
     recording = load_recording(run)
     analysis = analyse(recording, readings, mcmc=False)
     for sensor in analysis.sensors:
@@ -24,7 +24,7 @@ def main(run: str, readings: str | None = None) -> float:
             continue
         print(f"{sensor.name}: b = {sensor.calibration.coefficients}, R2 = {sensor.calibration.r2:.5f}")
         for name in ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db"):
-            print(f"  {name}: {with_interval(sensor.figures[name])}")
+            print(f"  {SENSOR_FIGURES[name].label}: {with_interval(sensor.figures[name])}")
     try:
         elongation = elongation_reader(analysis).evaluate(recording.signal_mv)
     except AnalysisError as error:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from analysis import AnalysisError, analyse, write_report
-from analysis.figures.between_runs import sensor_spread, unit_of
+from analysis.figures.between_runs import sensor_spread
 
 
 def main(report: str, runs: Sequence[str]) -> int:
@@ -17,7 +17,7 @@ def main(report: str, runs: Sequence[str]) -> int:
     analyses = [analyse(run, mcmc=False) for run in runs]
     for run, analysis in zip(runs, analyses, strict=True):
         figures = [sensor.figures["system_hysteresis_percent_fso"].value for sensor in analysis.sensors]
-        print(f"{run} ({unit_of(analysis)}): hysteresis {', '.join(f'{f:.2f}' for f in figures)} % FSO")
+        print(f"{run} ({analysis.recording.unit}): hysteresis {', '.join(f'{f:.2f}' for f in figures)} % FSO")
     try:
         spread = sensor_spread(analyses, 0).pooled
         print(f"s1: within a run {spread.repeatability:.3f} mV, between runs {spread.between:.3f} mV")

@@ -1,17 +1,20 @@
-"""The figures of a calibration that are out of tolerance: beyond a limit together with their 95 % interval.
+"""Figures against limits: those of the published sensors of this design, and those that the user set.
 
-The limits are those of the published sensors of this design. They refuse nothing: a calibration that is out of
-tolerance may be accepted by an operator who knows it.
+A figure is out of tolerance where it lies beyond a published limit together with its 95 % interval. That refuses
+nothing: a calibration that is out of tolerance may be accepted by an operator who knows it. A verdict is given only
+against limits that the user set.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analysis import published
+from analysis.errors import RequestError
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.warning import Warning, WarningCode
 
@@ -77,3 +80,47 @@ def _least_r2(calibration: Calibration, reading_sd_mm: float) -> float:
         return LEAST_R2
     by_reading = (reading_sd_mm * calibration.full_scale / (high - low)) ** 2
     return LEAST_R2 - READING_ALLOWANCE * by_reading / variance
+
+
+LIMITS = {  # name -> the figure that it limits
+    "hysteresis": "system_hysteresis_percent_fso",
+    "sensor_hysteresis": "sensor_hysteresis_percent_fso",
+    "repeatability": "repeatability_worst_percent_fso",
+    "drift": "drift_percent_fso_per_100_cycles",
+    "nonlinearity": "nonlinearity_percent_fso",
+    "snr": "snr_db",
+    "sensitivity": "sensitivity_mv_per_mm",
+}
+LOWER_LIMITS = ("snr", "sensitivity")  # the others are upper limits
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One limit: name, sensor, value, limit, and whether it is kept; None where the figure is void."""
+
+    name: str
+    sensor: str
+    value: float
+    limit: float
+    unit: str
+    kept: bool | None
+
+
+def judge(sensors: Sequence[SensorAnalysis], limits: Mapping[str, float]) -> list[Verdict]:
+    """Compare the figures of every sensor with limits that the user set.
+
+    Raises
+    ------
+    RequestError : a limit for something that has none.
+    """
+    verdicts = []
+    for name, limit in limits.items():
+        if name not in LIMITS:
+            raise RequestError(f"there is no limit called {name!r}", f"Known: {', '.join(LIMITS)}.")
+        key, is_lower = LIMITS[name], name in LOWER_LIMITS
+        for sensor in sensors:
+            value = sensor.figures[key].value if key in sensor.figures else float("nan")
+            value = value if is_lower else abs(value)
+            kept = None if not np.isfinite(value) else bool(value >= limit if is_lower else value <= limit)
+            verdicts.append(Verdict(name, sensor.name, float(value), limit, SENSOR_FIGURES[key].unit, kept))
+    return verdicts

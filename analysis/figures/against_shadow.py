@@ -8,7 +8,6 @@ Rules: a run without a calibration that has an inverse is not compared, and says
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +17,10 @@ from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Inverse
 from analysis.errors import AnalysisError, DataError
 from analysis.figures.pipeline import Analysis
+from analysis.progress import Progress
 
 if TYPE_CHECKING:
     from analysis.shadow.monitoring.replay import Replay
-
-Progress = Callable[[float, float], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,8 @@ import pandas as pd
 from analysis.dask_address import check_scheduler
 from analysis.data.export import neutral
 from analysis.errors import AnalysisError, FileError, RequestError
+from analysis.progress import Progress
 
-Progress = Callable[[float, float], None]
 SUFFIXES = (".boat", ".csv")
 ELONGATION = ".elongation.csv"
 LEADING = ("run", "unit", "started_utc", "simulated", "kind", "cycles", "partial", "lost_samples", "sensor", "error")
@@ -43,8 +43,8 @@ def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict
     cycles = analysis.cycles.as_json()
     head = {
         "run": path.name,
-        "unit": str(analysis.recording.meta.get("unit") or ""),
-        "started_utc": str(analysis.recording.meta.get("started_utc") or ""),
+        "unit": analysis.recording.unit,
+        "started_utc": analysis.recording.started_utc,
         "simulated": analysis.recording.simulated,
         "kind": analysis.kind,
         "cycles": cycles["complete"],

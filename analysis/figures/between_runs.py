@@ -10,13 +10,16 @@ Rules: spread between runs is given for runs of one unit only; different units a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.errors import RequestError
+from analysis.errors import AnalysisError, RequestError
 from analysis.figures.pipeline import Analysis
+from analysis.figures.uncertainty import ElongationBudgets, middle_budgets
+from analysis.figures.unit_history import UnitHistory, unit_history
 
 SAME_LEVEL_KPA = 2.0
 
@@ -41,6 +44,66 @@ class SensorSpread:
     level_kpa: FloatArray
     by_level: tuple[Spread, ...]
     full_scale_mv: float
+
+
+@dataclass(frozen=True, slots=True)
+class UnitComparison:
+    """Several runs of one unit.
+
+    Attributes
+    ----------
+    unit, runs : its name, and how many runs; "" where the runs name none and are taken to be of one.
+    spreads, spread_void : of each sensor's levels, or why there are none.
+    histories : of each sensor that was calibrated twice or more.
+    budgets : of the latest calibration of two or more, the reproducibility included; else None.
+    """
+
+    unit: str
+    runs: int
+    spreads: tuple[SensorSpread, ...]
+    spread_void: str
+    histories: tuple[UnitHistory, ...]
+    budgets: ElongationBudgets | None
+
+
+@dataclass(frozen=True, slots=True)
+class RunComparison:
+    """Several runs, and what is known of each unit that was recorded twice or more."""
+
+    analyses: tuple[Analysis, ...]
+    units: tuple[UnitComparison, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the units, each once."""
+        return tuple(dict.fromkeys(analysis.recording.unit for analysis in self.analyses))
+
+
+def compare_runs(analyses: Sequence[Analysis]) -> RunComparison:
+    """Compare runs: unit by unit, the spread of their levels, the history of their calibrations, their budget."""
+    by_unit: dict[str, list[Analysis]] = {}
+    for analysis in analyses:
+        by_unit.setdefault(analysis.recording.unit, []).append(analysis)
+    units = [_compare_unit(unit, own) for unit, own in by_unit.items() if len(own) > 1]
+    return RunComparison(tuple(analyses), tuple(units))
+
+
+def _compare_unit(unit: str, analyses: Sequence[Analysis]) -> UnitComparison:
+    sensors = range(min(len(analysis.sensors) for analysis in analyses))
+    try:
+        spreads, void = tuple(sensor_spread(analyses, sensor) for sensor in sensors), ""
+    except AnalysisError as error:
+        spreads, void = (), error.cause
+    histories = []
+    for sensor in sensors:
+        with suppress(AnalysisError):
+            histories.append(unit_history(analyses, sensor))
+    calibrated = [analysis for analysis in analyses if analysis.kind == "calibration"]
+    budgets = None
+    if len(calibrated) > 1:
+        budgets = middle_budgets(max(calibrated, key=lambda a: a.recording.started_utc), calibrated)
+    histories = [history for history in histories if len(history.when) > 1]
+    return UnitComparison(unit, len(analyses), spreads, void, tuple(histories), budgets)
 
 
 def one_way(groups: Sequence[FloatArray]) -> Spread:
@@ -93,26 +156,6 @@ def sensor_spread(analyses: Sequence[Analysis], sensor: int) -> SensorSpread:
     return SensorSpread(analyses[0].sensors[sensor].name, pooled, np.asarray(levels), tuple(spreads), fso)
 
 
-def between_runs_mm(analyses: Sequence[Analysis], sensor: int, x_mm: float) -> tuple[float, int]:
-    """Return the sd between the calibrations of one unit, as elongation at `x_mm`, and its degrees of freedom.
-
-    The variance over runs of y(x_mm) less what the uncertainty of each fit makes of it (floored at zero), through the
-    mean slope. Spread of the signal at one pressure would hold the actuator's as well; this is the sensor's.
-
-    Raises
-    ------
-    RequestError : fewer than two of the runs calibrate this sensor at `x_mm`.
-    """
-    found = [a.sensors[sensor].calibration for a in analyses if sensor < len(a.sensors)]
-    fits = [c for c in found if c is not None and c.x_range[0] <= x_mm <= c.x_range[1]]
-    if len(fits) < 2:
-        raise RequestError(f"fewer than two runs are calibrated at {x_mm:+.2f} mm", "Record another calibration.")
-    values = np.asarray([float(c.predict(x_mm)) for c in fits])
-    by_fit = np.mean([float(c.curve_sd(x_mm)) ** 2 for c in fits])
-    slope = float(np.mean([float(c.slope(x_mm)) for c in fits]))
-    return float(np.sqrt(max(values.var(ddof=1) - by_fit, 0.0)) / abs(slope)), len(fits) - 1
-
-
 def _rms(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -126,8 +169,3 @@ def _level(analysis: Analysis, sensor: int, branch: int, pressure_kpa: float) ->
         return np.empty(0)
     values = loops.signal_mv[sensor, branch, loops.own[branch, :, at], at]
     return np.asarray(values[np.isfinite(values)], dtype=np.float64)
-
-
-def unit_of(analysis: Analysis) -> str:
-    """Return the name of the unit of a run, "" where it is not known."""
-    return str(analysis.recording.meta.get("unit") or "")

@@ -63,7 +63,7 @@ SENSOR_FIGURES = _by_key(
 )
 SYSTEM_FIGURES = _by_key(
     FigureDefinition("system_sensitivity_mv_per_mm", "Sensitivity, system", "mV/mm", 1, "mean over the sensors"),
-    FigureDefinition("actuator_hysteresis_percent", "Hysteresis, actuator", "%", 2, _ISA),
+    FigureDefinition("actuator_hysteresis_percent", "Hysteresis, actuator", "% of span", 2, _ISA),
 )
 
 

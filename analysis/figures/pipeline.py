@@ -10,8 +10,7 @@ same numbers, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +21,27 @@ from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures import sensor_figures as metrics
-from analysis.figures.across_breaks import Break, compare_breaks, of_cycles, parts_of
+from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
 from analysis.figures.figure import Figure, Reason
-from analysis.figures.sensor_analysis import Options, Run, SensorAnalysis, analyse_sensor, limited_by_reading
+from analysis.figures.sensor_analysis import (
+    AnalysedRun,
+    Options,
+    SegmentedRun,
+    SensorAnalysis,
+    analyse_sensor,
+    limited_by_reading,
+)
+from analysis.figures.uncertainty import ElongationBudgets, middle_budgets
 from analysis.figures.warnings import run_warnings
-from analysis.segmentation.cycles import Cycles, find_cycles
+from analysis.progress import Progress
+from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.loops import Loops, continuous_loops, loop_width, staircase_loops
 from analysis.segmentation.losses import LossCounter
-from analysis.segmentation.plateau_readings import Elongations, elongations_of
-from analysis.segmentation.plateaus import Plateau, find_plateaus
+from analysis.segmentation.plateau_readings import elongations_of
+from analysis.segmentation.plateaus import find_plateaus
 from analysis.segmentation.signal_faults import mask_faulty_signals
 from analysis.statistics import resampling_weights
 from analysis.warning import Warning
-
-Progress = Callable[[float, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,23 +53,21 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Analysis:
-    """All figures of one run."""
+class Analysis(AnalysedRun):
+    """All figures of one run.
 
-    recording: Recording
-    options: Options
-    cycles: Cycles
-    plateaus: tuple[Plateau, ...]
-    elongations: Elongations | None
-    loops: Loops
-    sensors: tuple[SensorAnalysis, ...]
+    Attributes
+    ----------
+    budgets : of an elongation in the middle of the calibrated range; None without a calibration.
+    parts : of a run whose parts differ over a break; `sensors` are those of the largest.
+    """
+
     system_sensitivity: Figure
     actuator_hysteresis: Figure
     actuator_hysteresis_per_cycle: tuple[float, ...]
     warnings: tuple[Warning, ...]
-    reading_sd_mm: float
-    breaks: tuple[Break, ...] = ()
-    parts: tuple[Part, ...] = ()  # of a run whose parts differ over a break: `sensors` are those of the largest
+    budgets: ElongationBudgets | None
+    parts: tuple[Part, ...]
 
     @property
     def kind(self) -> str:
@@ -166,18 +170,27 @@ def analyse(
     parts = [of_cycles(loops, numbers) for numbers in parts_of(breaks)]
     if len(parts) > 1:  # never pooled: the figures are those of the largest part, the later one of two
         loops = max(reversed(parts), key=lambda part: part.n_cycles)
-    run = Run(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), breaks)
+    run = SegmentedRun(recording, options, cycles, plateaus, elongations, loops, _weights(loops, options), breaks)
     sensors = []
     for number in range(recording.n_sensors):
         sensors.append(analyse_sensor(run, number))
         if progress is not None:
             progress(number + 1, recording.n_sensors)
+    analysed = AnalysedRun(**_values(run), sensors=tuple(sensors))
     actuator, actuator_cycles = _actuator_hysteresis(run)
     return Analysis(
-        recording, options, cycles, plateaus, elongations, loops, tuple(sensors), _system_sensitivity(sensors),
-        actuator, actuator_cycles, run_warnings(run, sensors), run.reading_sd_mm, breaks,
-        tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
-    )  # fmt: skip
+        **_values(analysed),
+        system_sensitivity=_system_sensitivity(sensors),
+        actuator_hysteresis=actuator,
+        actuator_hysteresis_per_cycle=actuator_cycles,
+        warnings=run_warnings(run, sensors),
+        budgets=middle_budgets(analysed),
+        parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
+    )
+
+
+def _values(run: SegmentedRun) -> dict[str, Any]:
+    return {field.name: getattr(run, field.name) for field in fields(run)}
 
 
 def _weights(loops: Loops, options: Options) -> FloatArray:
@@ -185,15 +198,15 @@ def _weights(loops: Loops, options: Options) -> FloatArray:
     return resampling_weights(max(loops.n_cycles, 1), rng, resamples)[:, : loops.n_cycles]
 
 
-def _part(run: Run, loops: Loops) -> Part:
+def _part(run: SegmentedRun, loops: Loops) -> Part:
     """Return every figure of some cycles, without the posterior."""
     options = replace(run.options, mcmc=False)
     part = replace(run, loops=loops, options=options, weights=_weights(loops, options))
     return Part(loops.numbers, tuple(analyse_sensor(part, sensor) for sensor in range(run.recording.n_sensors)))
 
 
-def _actuator_hysteresis(run: Run) -> tuple[Figure, tuple[float, ...]]:
-    """The actuator's own loop: x over p, % of the span of x."""
+def _actuator_hysteresis(run: SegmentedRun) -> tuple[Figure, tuple[float, ...]]:
+    """Return the hysteresis of the actuator, x over p, % of the span of x: of the mean loop, and of each cycle."""
     definition = "max over p of |x loading - x unloading| / span of x, mean loop"
     x = run.loops.elongation_mm
     if x is None or not np.isfinite(x).any():

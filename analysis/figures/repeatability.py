@@ -1,90 +1,85 @@
-"""What a hundred cycles say: each figure per cycle, warm-up cycles, and a verdict against limits.
+"""The figures of one sensor cycle by cycle, and how many of the first cycles are warm-up.
 
-Strategy: everything is read from the loops. A cycle is warm-up while the mean displacement of its levels from the
-second half of the run is beyond three robust standard deviations of that half, from the first cycle on without a break.
-
-Rules: the warm-up is named, not removed; a verdict is given only against limits that the user set.
+A cycle is warm-up while the mean displacement of its levels from the second half of the run is beyond three robust
+standard deviations of that half, from the first cycle on without a break. The warm-up is named, not removed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.errors import RequestError
-from analysis.figures import sensor_figures as metrics
-from analysis.figures.figure import SENSOR_FIGURES
-from analysis.figures.pipeline import Analysis
-from analysis.segmentation.loops import branch_mean, loop_width
+from analysis.segmentation.loops import Loops, LoopWidth, branch_mean
 from analysis.statistics import robust_sd
 
 WARM_UP_SIGMA = 3.0
-LIMITS = {  # name -> the figure that it limits
-    "hysteresis": "system_hysteresis_percent_fso",
-    "sensor_hysteresis": "sensor_hysteresis_percent_fso",
-    "repeatability": "repeatability_worst_percent_fso",
-    "drift": "drift_percent_fso_per_100_cycles",
-    "nonlinearity": "nonlinearity_percent_fso",
-    "snr": "snr_db",
-    "sensitivity": "sensitivity_mv_per_mm",
-}
-LOWER_LIMITS = ("snr", "sensitivity")  # the others are upper limits
 
 
 @dataclass(frozen=True, slots=True)
-class PerCycle:
-    """Figures of one sensor cycle by cycle, [cycles]: hysteresis % FSO, span mV, SNR dB, displacement % FSO."""
+class FiguresByCycle:
+    """Figures of one sensor cycle by cycle.
+
+    Attributes
+    ----------
+    numbers : the cycles' numbers.
+    hysteresis_percent_fso, span_mv, snr_db : [cycles] hysteresis over pressure, output span, signal-to-noise ratio.
+    displacement_percent_fso : [cycles] mean of the levels less their median over the second half of the run.
+    level_displacement_percent_fso : [cycles, levels] each level, mean of both branches, less its mean over the cycles.
+    branch_displacement_percent_fso : [2, cycles, levels] the same of each branch alone.
+    sensitivity, sensitivity_unit : [cycles] end to end, mV/mm, or mV/kPa where x was not read in every cycle.
+    warm_up : number of warm-up cycles.
+    """
 
     numbers: tuple[int, ...]
     hysteresis_percent_fso: FloatArray
     span_mv: FloatArray
     snr_db: FloatArray
     displacement_percent_fso: FloatArray
+    level_displacement_percent_fso: FloatArray
+    branch_displacement_percent_fso: FloatArray
+    sensitivity: FloatArray
+    sensitivity_unit: str
     warm_up: int
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """One limit: name, sensor, value, limit, and whether it is kept; None where the figure is void."""
+def figures_by_cycle(
+    loops: Loops, sensor: int, full_scale_mv: float, width: LoopWidth, noise: tuple[FloatArray, FloatArray, FloatArray]
+) -> FiguresByCycle:
+    """Return the figures of one sensor cycle by cycle.
 
-    name: str
-    sensor: str
-    value: float
-    limit: float
-    unit: str
-    kept: bool | None
-
-
-def per_cycle(analysis: Analysis, sensor: int) -> PerCycle:
-    """Return the figures of one sensor cycle by cycle."""
-    loops, figures = analysis.loops, analysis.sensors[sensor].figures
-    fso = figures["fso_mv"].value
-    cycles = loops.n_cycles
-    width = loop_width(loops.pressure_kpa, loops.signal_mv[sensor], np.ones((1, cycles)))
+    Parameters
+    ----------
+    loops, sensor : the used cycles, and the sensor, counted from 0.
+    full_scale_mv : full-scale output; where it is zero or NaN what is relative to it is NaN.
+    width : of the sensor's loops over pressure.
+    noise : sums of squares, degrees of freedom and cycle, as `sensor_figures.staircase_noise` returns them.
+    """
     levels = branch_mean(loops.signal_mv[sensor])
-    whole = np.isfinite(levels).all(axis=0) if cycles else np.zeros(0, bool)
-    common = levels[:, whole].mean(axis=1) if whole.any() else np.full(cycles, np.nan)
-    span = np.abs(levels[:, whole][:, -1] - levels[:, whole][:, 0]) if whole.sum() > 1 else np.full(cycles, np.nan)
-    later = common[cycles // 2 :]
+    whole = np.isfinite(levels).all(axis=0) if loops.n_cycles else np.zeros(0, bool)
+    unknown = np.full(loops.n_cycles, np.nan)
+    common = levels[:, whole].mean(axis=1) if whole.any() else unknown
+    span = np.abs(levels[:, whole][:, -1] - levels[:, whole][:, 0]) if whole.sum() > 1 else unknown
+    later = common[loops.n_cycles // 2 :]
     centre = float(np.median(later)) if later.size else float("nan")
     away = np.abs(common - centre) > WARM_UP_SIGMA * robust_sd(later)
-    warm = int(np.argmin(away)) if away.size and not away.all() else 0
-    scale = 100.0 / fso if fso > 0 else float("nan")
-    return PerCycle(
-        loops.numbers, scale * width.per_cycle, span, _snr(analysis, sensor, span), scale * (common - centre), warm
-    )
+    warm_up = int(np.argmin(away)) if away.size and not away.all() else 0
+    scale = 100.0 / full_scale_mv if full_scale_mv > 0 else float("nan")
+    own = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+    sensitivity, unit = cycle_sensitivities(loops, sensor)
+    return FiguresByCycle(
+        loops.numbers, scale * width.per_cycle, span, _snr(loops.numbers, span, noise), scale * (common - centre),
+        scale * _centred(branch_mean(own), 0), scale * _centred(own, 1), sensitivity, unit, warm_up,
+    )  # fmt: skip
 
 
-def sensitivity_per_cycle(analysis: Analysis, sensor: int) -> tuple[FloatArray, str]:
+def cycle_sensitivities(loops: Loops, sensor: int) -> tuple[FloatArray, str]:
     """Return the end-to-end sensitivity of each cycle, [cycles], and its unit.
 
     Span of the signal between the outermost levels that every cycle has, over the span of the elongation there (mV/mm)
     where it was read in every cycle; else over that of the pressure (mV/kPa), as in a continuous run.
     """
-    loops = analysis.loops
     x, unit = loops.elongation_mm, "mV/mm"
     if x is None or not (np.isfinite(branch_mean(x)).sum(axis=1) > 1).all():
         x, unit = loops.pressure_kpa, "mV/kPa"
@@ -98,35 +93,19 @@ def sensitivity_per_cycle(analysis: Analysis, sensor: int) -> tuple[FloatArray, 
         return np.where(across > 0, np.abs(signal[:, last] - signal[:, first]) / across, np.nan), unit
 
 
-def judge(analysis: Analysis, limits: Mapping[str, float]) -> list[Verdict]:
-    """Compare the figures of every sensor with limits.
-
-    Raises
-    ------
-    RequestError : a limit for something that has none.
-    """
-    verdicts = []
-    for name, limit in limits.items():
-        if name not in LIMITS:
-            raise RequestError(f"there is no limit called {name!r}", f"Known: {', '.join(LIMITS)}.")
-        key, is_lower = LIMITS[name], name in LOWER_LIMITS
-        for sensor in analysis.sensors:
-            value = sensor.figures[key].value if key in sensor.figures else float("nan")
-            value = value if is_lower else abs(value)
-            kept = None if not np.isfinite(value) else bool(value >= limit if is_lower else value <= limit)
-            verdicts.append(Verdict(name, sensor.name, float(value), limit, SENSOR_FIGURES[key].unit, kept))
-    return verdicts
+def _centred(values: FloatArray, axis: int) -> FloatArray:
+    """Return the values less their mean along an axis, NaN left out."""
+    count = np.isfinite(values).sum(axis=axis, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        mean = np.nansum(values, axis=axis, keepdims=True) / np.where(count, count, np.nan)
+    return np.asarray(values - mean, dtype=np.float64)
 
 
-def _snr(analysis: Analysis, sensor: int, span: FloatArray) -> FloatArray:
-    if analysis.plateaus:
-        squares, dof, of = metrics.staircase_noise(analysis.plateaus, sensor)
-    else:
-        squares, dof, of = metrics.continuous_noise(analysis.recording, analysis.cycles, sensor)
-    found = np.full(len(analysis.loops.numbers), np.nan)
-    for k, number in enumerate(analysis.loops.numbers):
+def _snr(numbers: tuple[int, ...], span: FloatArray, noise: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
+    squares, dof, of = noise
+    found = np.full(len(numbers), np.nan)
+    for k, number in enumerate(numbers):
         inside = of == number
-        if dof[inside].sum() > 0 and squares[inside].sum() > 0:
-            noise = np.sqrt(squares[inside].sum() / dof[inside].sum())
-            found[k] = 20.0 * np.log10(span[k] / noise) if span[k] > 0 else np.nan
+        if dof[inside].sum() > 0 and squares[inside].sum() > 0 and span[k] > 0:
+            found[k] = 20.0 * np.log10(span[k] / np.sqrt(squares[inside].sum() / dof[inside].sum()))
     return found

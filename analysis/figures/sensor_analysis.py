@@ -1,10 +1,11 @@
 """One sensor of a run: its calibration, its posterior, its figures.
 
 Strategy: every figure is a function of its own in `analysis.figures.sensor_figures`; this file hands each what it
-needs, in the order
-in which one rests on another, and collects why one is void.
+needs, in the order in which one rests on another.
 
-Rules: what cannot be computed is void with a reason and the rest goes on.
+Rules: what cannot be computed is void with a reason and the rest is computed. Figures of the calibration rest on the
+plateaus whose elongation was read, the others on all plateaus or cycles that are used; above the limit of lost samples
+a figure is void, whatever could still be computed.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray
+from analysis.calibration.checks import fit_checks
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.posterior import Posterior, sample_posterior
 from analysis.data.recording import Recording
@@ -24,8 +26,9 @@ from analysis.fidelity import Level, fidelity
 from analysis.figures import sensor_figures as metrics
 from analysis.figures.across_breaks import Break
 from analysis.figures.figure import Figure, Reason
+from analysis.figures.repeatability import FiguresByCycle, figures_by_cycle
 from analysis.segmentation.cycles import Cycles
-from analysis.segmentation.loops import MAX_DAMAGED_CYCLE, Loops, cluster_levels, loop_width
+from analysis.segmentation.loops import MAX_DAMAGED_CYCLE, Loops, LoopWidth, cluster_levels, loop_width
 from analysis.segmentation.losses import LossCounter, Losses
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau, PlateauSettings
@@ -62,7 +65,20 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class SensorAnalysis:
-    """What is known of one sensor. `figures` by name; loops are % FSO over `sensor_loop` (x) and `system_loop` (p)."""
+    """What is known of one sensor.
+
+    Attributes
+    ----------
+    calibration, calibration_void : the fit, or None and why there is none.
+    posterior : of the calibration; None where it was not sampled.
+    figures : by key.
+    hysteresis_abscissa, hysteresis_per_cycle : % FSO over elongation where there is a calibration, else over pressure.
+    system_hysteresis_per_cycle : % FSO over pressure.
+    point_plateau, point_cycle : [points] plateau and cycle of each point of the calibration, counted from 0.
+    system_loop : the mean loop over pressure.
+    by_cycle : the figures of each cycle.
+    checks : of the calibration, see `analysis.calibration.checks.fit_checks`.
+    """
 
     name: str
     calibration: Calibration | None
@@ -72,9 +88,11 @@ class SensorAnalysis:
     hysteresis_abscissa: str
     hysteresis_per_cycle: tuple[float, ...]
     system_hysteresis_per_cycle: tuple[float, ...]
-    drift_by_level: FloatArray
     point_plateau: FloatArray
     point_cycle: FloatArray
+    system_loop: LoopWidth
+    by_cycle: FiguresByCycle
+    checks: Mapping[str, Any] | None
 
     def as_json(self) -> dict[str, Any]:
         """Return the sensor's object of `analyze --json`."""
@@ -103,8 +121,14 @@ class SensorAnalysis:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """A run cut into cycles, plateaus and loops: what every figure is computed from."""
+class SegmentedRun:
+    """A run cut into cycles, plateaus and loops: what every figure is computed from.
+
+    Attributes
+    ----------
+    weights : [resamples, cycles] of the bootstrap over the cycles of `loops`.
+    breaks : where the run was interrupted and resumed.
+    """
 
     recording: Recording
     options: Options
@@ -113,7 +137,7 @@ class Run:
     elongations: Elongations | None
     loops: Loops
     weights: FloatArray
-    breaks: tuple[Break, ...] = ()
+    breaks: tuple[Break, ...]
 
     @property
     def reading_sd_mm(self) -> float:
@@ -139,7 +163,14 @@ class Run:
         return position
 
 
-def analyse_sensor(run: Run, sensor: int) -> SensorAnalysis:
+@dataclass(frozen=True, slots=True)
+class AnalysedRun(SegmentedRun):
+    """A segmented run with its sensors analysed."""
+
+    sensors: tuple[SensorAnalysis, ...]
+
+
+def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     """Compute every figure of a sensor, counted from 0."""
     calibration, posterior, reason = None, None, ""
     points = np.flatnonzero(run.calibration_points(sensor))
@@ -164,7 +195,10 @@ def analyse_sensor(run: Run, sensor: int) -> SensorAnalysis:
         figures |= metrics.sensitivities(calibration, resampled)
         figures["nonlinearity_percent_fso"] = metrics.nonlinearity(calibration, resampled)
     fso = figures["fso_mv"].value
-    loops_figures, per_cycle, system_per_cycle, levels = _loop_figures(run, sensor, calibration, fso)
+    noise = _noise(run, sensor)
+    system = loop_width(run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
+    loops_figures, per_cycle = _loop_figures(run, sensor, calibration, fso, system, noise)
+    system_per_cycle = _percent(system.per_cycle, fso)
     if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
         loops_figures = {name: metrics.with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
     figures = loops_figures | figures
@@ -176,12 +210,25 @@ def analyse_sensor(run: Run, sensor: int) -> SensorAnalysis:
     figures = with_losses(run, sensor, figures)
     return SensorAnalysis(
         run.recording.sensor_names[sensor], calibration, reason, posterior, figures, abscissa,
-        per_cycle if calibration is not None else system_per_cycle, system_per_cycle, levels,
-        points.astype(np.float64), cycle_of,
+        per_cycle if calibration is not None else system_per_cycle, system_per_cycle,
+        points.astype(np.float64), cycle_of, system,
+        figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
+        fit_checks(calibration, cycle_of) if calibration is not None else None,
     )  # fmt: skip
 
 
-def _calibrate(run: Run, sensor: int, points: np.ndarray[Any, Any]) -> Calibration:
+def _noise(run: SegmentedRun, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    if run.plateaus:
+        return metrics.staircase_noise(run.plateaus, sensor)
+    return metrics.continuous_noise(run.recording, run.cycles, sensor)
+
+
+def _percent(values: FloatArray, full_scale: float) -> tuple[float, ...]:
+    """Return values in % of a full scale; none where it is zero."""
+    return tuple((100.0 / full_scale * values).tolist()) if full_scale > 0 else ()
+
+
+def _calibrate(run: SegmentedRun, sensor: int, points: np.ndarray[Any, Any]) -> Calibration:
     if run.elongations is None:
         raise DataError("no elongation was read", "Give a file with --elongation, or enter the readings.")
     if not points.size:
@@ -192,11 +239,16 @@ def _calibrate(run: Run, sensor: int, points: np.ndarray[Any, Any]) -> Calibrati
 
 
 def _loop_figures(
-    run: Run, sensor: int, calibration: Calibration | None, fso: float
-) -> tuple[dict[str, Figure], tuple[float, ...], tuple[float, ...], FloatArray]:
+    run: SegmentedRun,
+    sensor: int,
+    calibration: Calibration | None,
+    fso: float,
+    system: LoopWidth,
+    noise: tuple[FloatArray, FloatArray, FloatArray],
+) -> tuple[dict[str, Figure], tuple[float, ...]]:
+    """Return the figures that rest on loops, and the hysteresis over elongation of each cycle, % FSO."""
     loops, n = run.loops, run.loops.n_cycles
     figures: dict[str, Figure] = {}
-    system = loop_width(loops.pressure_kpa, loops.signal_mv[sensor], run.weights)
     figures["system_hysteresis_percent_fso"] = metrics.hysteresis(
         system, fso, n, "max over p of |loading - unloading| / FSO, mean loop"
     )
@@ -206,19 +258,14 @@ def _loop_figures(
         figures["sensor_hysteresis_percent_fso"] = metrics.hysteresis(
             own, fso, n, "max over x of |loading - unloading| / FSO, mean loop"
         )
-        per_cycle = tuple((100.0 / fso * own.per_cycle).tolist()) if fso > 0 else ()
+        per_cycle = _percent(own.per_cycle, fso)
         per_mm = _percent_per_mm(calibration, loops.elongation_mm)
         figures["sensor_hysteresis_percent_fso"] = limited_by_reading(
             figures["sensor_hysteresis_percent_fso"], run.reading_sd_mm, per_mm
         )
-    system_cycles = tuple((100.0 / fso * system.per_cycle).tolist()) if fso > 0 else ()
-    if run.plateaus:
-        parts = metrics.staircase_noise(run.plateaus, sensor)
-    else:
-        parts = metrics.continuous_noise(run.recording, run.cycles, sensor)
     usable = run.recording.signal_mv[run.recording.usable[:, sensor], sensor]
     rounding = 4.0 * float(np.spacing(np.abs(usable).max(initial=0.0)))
-    figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(parts, loops.numbers, fso, run.weights, rounding)
+    figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(noise, loops.numbers, fso, run.weights, rounding)
     by_noise = metrics.loop_made_by_noise(run.plateaus, loops, run.cycles, sensor, figures["noise_mv"].value)
     if 0 < fso < by_noise and not figures["snr_db"].void:
         note = f"the full-scale output of {fso:.2g} mV is no more than noise alone makes ({by_noise:.2g} mV)"
@@ -227,8 +274,8 @@ def _loop_figures(
         figures[name] = metrics.limited(figures[name], 100.0 / fso * by_noise if fso > 0 else 0.0, "noise")
     figures["nonlinearity_percent_fso"] = metrics.pressure_nonlinearity(loops, sensor, fso, run.weights)
     figures |= metrics.repeatability(loops, sensor, fso, run.weights)
-    figures["drift_percent_fso_per_100_cycles"], levels = metrics.drift(loops, sensor, fso)
-    return figures, per_cycle, system_cycles, levels
+    figures["drift_percent_fso_per_100_cycles"] = metrics.drift(loops, sensor, fso)
+    return figures, per_cycle
 
 
 def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: float) -> Figure:
@@ -253,7 +300,7 @@ def _percent_per_mm(calibration: Calibration | None, elongation_mm: FloatArray) 
     return 100.0 / span if span > 0 else 0.0
 
 
-def with_losses(run: Run, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
+def with_losses(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
     """Return the figures with what their windows lost; void above the limit, or where nothing is left."""
     counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
     if run.plateaus:

@@ -264,32 +264,21 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
     }
 
 
-def drift(loops: Loops, sensor: int, full_scale_value: float) -> tuple[Figure, FloatArray]:
-    """Drift over cycles, % FSO per 100 cycles.
-
-    Returns
-    -------
-    The common drift: Theil-Sen slope over cycles of the mean displacement of all levels, with Sen's interval; and the
-    slope of every level alone, [2, levels].
-    """
+def drift(loops: Loops, sensor: int, full_scale_value: float) -> Figure:
+    """Drift over cycles, % FSO per 100 cycles: Theil-Sen slope of the mean displacement of all levels."""
     definition, unit = "Theil-Sen slope over cycles of the mean displacement of all levels", "% FSO/100 cycles"
-    levels = np.full((2, loops.level_kpa.size), np.nan)
     if loops.n_cycles < 3:
-        return Figure.nothing(unit, Reason.FEW_CYCLES, "fewer than three complete cycles", definition), levels
+        return Figure.nothing(unit, Reason.FEW_CYCLES, "fewer than three complete cycles", definition)
     if not full_scale_value > 0:
-        return _no_full_scale(unit, definition), levels
+        return _no_full_scale(unit, definition)
     values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
-    number = np.asarray(loops.numbers, dtype=np.float64)
-    scale = 100.0 * 100.0 / full_scale_value
-    for b, g in zip(*np.nonzero(np.isfinite(values).sum(axis=1) >= 3), strict=True):
-        known = np.isfinite(values[b, :, g])
-        levels[b, g] = scale * theil_sen(number[known], values[b, known, g])[0]
     whole = np.isfinite(values).all(axis=1)
     if not whole.any():
-        return Figure.nothing(unit, Reason.NO_COMMON_LEVEL, "no level is known in every cycle", definition), levels
+        return Figure.nothing(unit, Reason.NO_COMMON_LEVEL, "no level is known in every cycle", definition)
     common = values.transpose(1, 0, 2)[:, whole].mean(axis=1)
+    number, scale = np.asarray(loops.numbers, dtype=np.float64), 100.0 * 100.0 / full_scale_value
     slope, low, high = (scale * v for v in theil_sen(number, common))
-    return Figure(slope, unit, loops.n_cycles, low, high, definition=definition), levels
+    return Figure(slope, unit, loops.n_cycles, low, high, definition=definition)
 
 
 def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:

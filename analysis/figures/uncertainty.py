@@ -19,10 +19,10 @@ import numpy as np
 from scipy import stats
 
 from analysis.arrays import FloatArray
+from analysis.calibration.compare import between_calibrations_mm
 from analysis.calibration.inverse import Fusion, Inverse
-from analysis.errors import DataError
-from analysis.figures.between_runs import between_runs_mm
-from analysis.figures.pipeline import Analysis
+from analysis.errors import AnalysisError, DataError
+from analysis.figures.sensor_analysis import AnalysedRun
 from analysis.figures.sensor_figures import sensor_loop_width
 
 COVERAGE_FACTOR = 2.0
@@ -154,7 +154,7 @@ class SignalParts:
         return float(np.sqrt(self.repeatability**2 + self.drift**2 + self.hysteresis**2))
 
 
-def signal_parts(analysis: Analysis, sensor: int) -> SignalParts:
+def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
     """Assess the components of one sensor's signal from the run itself."""
     figures = analysis.sensors[sensor].figures
     fso = figures["fso_mv"].value
@@ -178,7 +178,7 @@ def signal_parts(analysis: Analysis, sensor: int) -> SignalParts:
     )
 
 
-def elongation_reader(analysis: Analysis) -> Fusion:
+def elongation_reader(analysis: AnalysedRun) -> Fusion:
     """Return the fusion of the run's sensors, with the uncertainties of its budget: what a live display calls.
 
     Raises
@@ -188,7 +188,7 @@ def elongation_reader(analysis: Analysis) -> Fusion:
     return Fusion.of([_inverse(analysis, i) for i in range(len(analysis.sensors))])
 
 
-def elongation_budget(analysis: Analysis, x_mm: float, *, runs: Sequence[Analysis] = ()) -> tuple[Budget, ...]:
+def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[AnalysedRun] = ()) -> tuple[Budget, ...]:
     """Return the budget of one reading of elongation at `x_mm`, for each sensor.
 
     Parameters
@@ -198,19 +198,47 @@ def elongation_budget(analysis: Analysis, x_mm: float, *, runs: Sequence[Analysi
 
     Raises
     ------
-    DataError : as `elongation_reader`. RequestError : as `between_runs_mm`.
+    DataError : as `elongation_reader`. RequestError : as `between_calibrations_mm`.
     """
     return tuple(_budget(analysis, i, x_mm, runs) for i in range(len(analysis.sensors)))
 
 
-def _budget(analysis: Analysis, sensor: int, x_mm: float, runs: Sequence[Analysis]) -> Budget:
+@dataclass(frozen=True, slots=True)
+class ElongationBudgets:
+    """The budgets of an elongation of `x_mm`, one a sensor; none where `void` says why."""
+
+    x_mm: float
+    budgets: tuple[Budget, ...]
+    void: str = ""
+
+
+def middle_budgets(analysis: AnalysedRun, runs: Sequence[AnalysedRun] = ()) -> ElongationBudgets | None:
+    """Return the budgets in the middle of the calibrated range; None without a calibration.
+
+    Parameters
+    ----------
+    analysis : of a calibration run.
+    runs : calibrations of the same unit, as `elongation_budget` takes them.
+    """
+    ranges = [sensor.calibration.x_range for sensor in analysis.sensors if sensor.calibration is not None]
+    if not ranges:
+        return None
+    x_mm = sum(ranges[0]) / 2
+    try:
+        return ElongationBudgets(x_mm, elongation_budget(analysis, x_mm, runs=runs))
+    except AnalysisError as error:
+        return ElongationBudgets(x_mm, (), error.cause)
+
+
+def _budget(analysis: AnalysedRun, sensor: int, x_mm: float, runs: Sequence[AnalysedRun]) -> Budget:
     inverse = _inverse(analysis, sensor)
     parts = signal_parts(analysis, sensor)
     per_mv = 1.0 / abs(float(inverse.calibration.slope(x_mm)))
     cycles = f"{analysis.loops.n_cycles} cycles"
     between = Component("reproducibility", 0.0, source="not assessed: one run")
     if len(runs) > 1:
-        between_mm, dof = between_runs_mm(runs, sensor, x_mm)
+        found = [run.sensors[sensor].calibration for run in runs if sensor < len(run.sensors)]
+        between_mm, dof = between_calibrations_mm([c for c in found if c is not None], x_mm)
         between = Component("reproducibility", between_mm, dof=float(dof), source=f"between {dof + 1} runs, less fit")
     counted = analysis.recording.lit is not None
     return combine(
@@ -229,7 +257,7 @@ def _budget(analysis: Analysis, sensor: int, x_mm: float, runs: Sequence[Analysi
     )  # fmt: skip
 
 
-def _inverse(analysis: Analysis, sensor: int) -> Inverse:
+def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
     calibration = analysis.sensors[sensor].calibration
     if calibration is None:
         reason = analysis.sensors[sensor].calibration_void
@@ -238,7 +266,7 @@ def _inverse(analysis: Analysis, sensor: int) -> Inverse:
     return Inverse.of(calibration, noise_sd=parts.independent, model_sd=parts.shared)
 
 
-def _hysteresis(analysis: Analysis, sensor: int) -> float:
+def _hysteresis(analysis: AnalysedRun, sensor: int) -> float:
     """Rms of half the distance of the branches over x, less what the reading error of x alone makes of it."""
     calibration, x = analysis.sensors[sensor].calibration, analysis.loops.elongation_mm
     if calibration is None or x is None:
@@ -253,7 +281,7 @@ def _hysteresis(analysis: Analysis, sensor: int) -> float:
     return float(np.sqrt(max(float(np.mean(half**2 - by_reading)), 0.0)))
 
 
-def _resolution(analysis: Analysis) -> float:
+def _resolution(analysis: AnalysedRun) -> float:
     meta = analysis.recording.meta
     if analysis.recording.lit is None or not meta.get("vref_mv") or not meta.get("adc_bits"):
         return 0.0
@@ -261,7 +289,7 @@ def _resolution(analysis: Analysis) -> float:
     return float(step * np.sqrt(2.0 / 12.0))  # lit and dark are both rounded
 
 
-def _ambient(analysis: Analysis, sensor: int) -> float:
+def _ambient(analysis: AnalysedRun, sensor: int) -> float:
     """What is left of ambient light in the signal, mV: its slope on the light, times the light's sd.
 
     Dark readings are the light plus noise of their own, and that noise is in the signal too (signal = lit - dark). The

@@ -20,15 +20,15 @@ import numpy as np
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.errors import DataError
-from analysis.figures.batch import Progress, readings_beside, runs_in
-from analysis.figures.between_runs import unit_of
+from analysis.figures.batch import readings_beside, runs_in
 from analysis.figures.pipeline import Analysis, analyse
+from analysis.progress import Progress
 
 MOVING_RANGE_TO_SD = 1.128
 
 
 @dataclass(frozen=True, slots=True)
-class History:
+class UnitHistory:
     """Calibrations of one sensor in order of time.
 
     Attributes
@@ -116,8 +116,8 @@ def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: P
                 raise
             left_out.append({"run": path.name, "reason": cause})
             continue
-        units.add(unit_of(analysis))
-        if unit_of(analysis) == unit:
+        units.add(analysis.recording.unit)
+        if analysis.recording.unit == unit:
             if analysis.kind == "calibration":
                 kept.append(analysis)
             else:
@@ -128,7 +128,7 @@ def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: P
     return Calibrations(tuple(kept), tuple(left_out))
 
 
-def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: float = 0.0) -> History:
+def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: float = 0.0) -> UnitHistory:
     """Arrange the calibrations of one sensor over time.
 
     Raises
@@ -141,7 +141,7 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
         if calibration is not None:
             meta = analysis.recording.meta
             key = str(meta.get("uuid") or analysis.recording.source)
-            found[key] = (str(meta.get("started_utc") or ""), calibration)
+            found[key] = (analysis.recording.started_utc, calibration)
     if not found:
         raise DataError("none of the runs is a calibration", "Give recordings with readings of elongation.")
     ordered = sorted(found.values(), key=lambda item: _instant(item[0]))
@@ -154,7 +154,7 @@ def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: f
     centre, reach = float(values.mean()), float("nan")
     if values.size > 1:
         reach = 3.0 * float(np.abs(np.diff(values)).mean()) / MOVING_RANGE_TO_SD
-    return History(
+    return UnitHistory(
         f"s{sensor + 1}", tuple(when for when, _ in ordered), np.stack([c.coefficients for _, c in ordered]),
         errors, check_point_mm, values, expanded, centre, centre - reach, centre + reach, en_scores(values, expanded),
     )  # fmt: skip

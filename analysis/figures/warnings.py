@@ -15,7 +15,7 @@ from analysis.segmentation.losses import LossCounter
 from analysis.warning import Warning, WarningCode
 
 if TYPE_CHECKING:
-    from analysis.figures.sensor_analysis import Run, SensorAnalysis
+    from analysis.figures.sensor_analysis import SegmentedRun, SensorAnalysis
 
 NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
 MOST_OF_AN_IMPORT = 5  # warnings; the preview lists them all
@@ -26,13 +26,13 @@ BREAK_CODES = {
 }
 
 
-def run_warnings(run: Run, sensors: list[SensorAnalysis]) -> tuple[Warning, ...]:
+def run_warnings(run: SegmentedRun, sensors: list[SensorAnalysis]) -> tuple[Warning, ...]:
     """Return the warnings of a run, those of its sensors last."""
     of_run = tuple(Warning(code, "", text) for code, text in _run_texts(run))
     return of_run + tuple(warning for sensor in sensors for warning in _sensor_warnings(sensor, run))
 
 
-def _run_texts(run: Run) -> Iterator[tuple[WarningCode, str]]:
+def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
     recording, cycles, meta = run.recording, run.cycles, run.recording.meta
     if recording.simulated:
         yield WarningCode.SIMULATED, "recorded from the virtual board: SIMULATED"
@@ -76,7 +76,7 @@ def _run_texts(run: Run) -> Iterator[tuple[WarningCode, str]]:
         yield WarningCode.MARKS_DISAGREE, text
 
 
-def _sensor_warnings(sensor: SensorAnalysis, run: Run) -> list[Warning]:
+def _sensor_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> list[Warning]:
     """Return the warnings of one sensor: its signal, its figures, its calibration."""
     found = [
         *_signal_texts(run, run.recording.sensor_names.index(sensor.name)),
@@ -87,11 +87,11 @@ def _sensor_warnings(sensor: SensorAnalysis, run: Run) -> list[Warning]:
     return [*warnings, *(replace(w, subject=sensor.name) for w in _calibration_warnings(sensor, run))]
 
 
-def _lacks_calibration(sensor: SensorAnalysis, run: Run) -> bool:
+def _lacks_calibration(sensor: SensorAnalysis, run: SegmentedRun) -> bool:
     return sensor.calibration is None and bool(run.plateaus)
 
 
-def _signal_texts(run: Run, sensor: int) -> Iterator[tuple[WarningCode, str]]:
+def _signal_texts(run: SegmentedRun, sensor: int) -> Iterator[tuple[WarningCode, str]]:
     signal = run.recording.signal_mv[:, sensor]
     signal = signal[np.isfinite(signal)]
     if signal.size > 1 and signal.min() == signal.max():
@@ -119,7 +119,7 @@ def _figure_texts(sensor: SensorAnalysis) -> Iterator[tuple[WarningCode, str]]:
             yield WarningCode.HYSTERESIS_IN_PART, f"hysteresis over {abscissa}: {figure.note}"
 
 
-def _calibration_warnings(sensor: SensorAnalysis, run: Run) -> Iterator[Warning]:
+def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator[Warning]:
     calibration, posterior = sensor.calibration, sensor.posterior
     if calibration is None:
         return

@@ -10,14 +10,14 @@ from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.reports.cells import cell, p_value
-from analysis.reports.document import Drawing, Section, Table
+from analysis.reports.document import ReportTable, Section, SectionPart
 
 _OF_A_PART = ("sensitivity_mv_per_mm", "fso_mv", "system_hysteresis_percent_fso", "repeatability_percent_fso")
 
 
 def breaks(analysis: Analysis) -> Section:
     """One table a break, and one of the parts' figures where they differ."""
-    parts: list[str | Table | Drawing] = []
+    parts: list[SectionPart] = []
     for found in analysis.breaks:
         parts += [found.sentence.capitalize() + ".", _comparisons(found)]
     if analysis.parts:
@@ -25,7 +25,7 @@ def breaks(analysis: Analysis) -> Section:
     return Section("Before and after the break", tuple(parts))
 
 
-def _comparisons(found: Break) -> Table:
+def _comparisons(found: Break) -> ReportTable:
     rows = tuple(
         (
             f"{c.sensor} {c.quantity}, {c.unit}",
@@ -41,14 +41,16 @@ def _comparisons(found: Break) -> Table:
     header = ("Quantity", "Before", "After", "Step", "t (df), p", "F (df), p", "Significant")
     n = found.comparisons[0] if found.comparisons else None
     counts = f"{n.n_before} and {n.n_after} cycles. " if n else ""
-    return Table(header, rows, f"{counts}Mean ± sd of one cycle; family-wise level {ALPHA:g} (Holm).", numeric=False)
+    return ReportTable(
+        header, rows, f"{counts}Mean ± sd of one cycle; family-wise level {ALPHA:g} (Holm).", numeric=False
+    )
 
 
 def _test(value: float, df: str, p: float) -> str:
     return NOTHING if p != p else f"{value:.2f} {df}, p {p_value(p)}"
 
 
-def _parts(analysis: Analysis) -> Table:
+def _parts(analysis: Analysis) -> ReportTable:
     header = ("Figure", *(f"cycles {part.cycles[0]} to {part.cycles[-1]}" for part in analysis.parts))
     rows = tuple(
         (
@@ -59,4 +61,4 @@ def _parts(analysis: Analysis) -> Table:
         for key in _OF_A_PART
         if key in sensor.figures
     )
-    return Table(header, rows, "Each part's own figures, with 95 % intervals.", numeric=False)
+    return ReportTable(header, rows, "Each part's own figures, with 95 % intervals.", numeric=False)

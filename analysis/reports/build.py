@@ -1,41 +1,83 @@
-"""A report's content: what stands in it and in which order, for HTML and PDF alike.
+"""A report: its content and order, for HTML and PDF alike, and the writing of it.
 
 Strategy: a report is a list of sections, a section holds paragraphs, tables and drawings. This file fills them from
-analyses and computes nothing; `html` and `pdf` only set them. What a reader looks at first stands first:
-verdict and key figures, then curves, loops, drift, uncertainty, tables, settings, provenance.
+analyses; `html` and `pdf` only set them. What a reader looks at first comes first: verdict and key figures, then
+curves, loops, drift, uncertainty, tables, settings, provenance.
 
-Rules: every figure of a table is one of `Analysis`, rounded as its uncertainty warrants; a void figure prints a dash
-and its reason; SIMULATED stands across the head of every page of a simulated run.
+Rules: nothing is computed: every figure is a field of `Analysis` or of a comparison of runs, rounded as its uncertainty
+warrants; a void figure prints a dash and its reason; SIMULATED is printed across the head of every page of a simulated
+run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.data.boat_file import program_version
-from analysis.errors import RequestError
-from analysis.figures import between_runs as comparison
+from analysis.errors import FileError, RequestError
+from analysis.figures.acceptance import judge
+from analysis.figures.between_runs import RunComparison, compare_runs
 from analysis.figures.pipeline import Analysis
-from analysis.figures.repeatability import judge
 from analysis.reports import run_section as sections
 from analysis.reports.breaks import breaks
 from analysis.reports.cells import date_of
 from analysis.reports.document import Report, Section
+from analysis.reports.html import write_html
+from analysis.reports.pdf import write_pdf
 from analysis.reports.runs import history_of_unit, runs_table, spread_of_runs
 from analysis.reports.shadow import shadow_section
 
 if TYPE_CHECKING:
     from analysis.figures.against_shadow import AgainstShadow
 
+WRITERS = {".html": write_html, ".pdf": write_pdf}
+
+
+def write_report(
+    analyses: Sequence[Analysis],
+    path: str | Path,
+    limits: Mapping[str, float] | None = None,
+    shadow: AgainstShadow | None = None,
+) -> Report:
+    """Write a report of one run, or a comparison of several.
+
+    Parameters
+    ----------
+    analyses : one run, or those to compare.
+    path : ends in .html or .pdf.
+    limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
+    shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
+
+    Returns
+    -------
+    The report that was written.
+
+    Raises
+    ------
+    RequestError : another ending, no run, an unknown limit. FileError : the file cannot be written.
+    """
+    path = Path(path)
+    writer = WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise RequestError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")
+    report = build_report(analyses, limits, shadow)
+    try:
+        writer(report, path)
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror or error}", "Choose another folder.") from error
+    return report
+
 
 def build_report(
     analyses: Sequence[Analysis], limits: Mapping[str, float] | None = None, shadow: AgainstShadow | None = None
 ) -> Report:
-    """Fill a report: calibration or repeatability, as the run is; several runs are compared.
+    """Return a report: calibration or repeatability, as the run is; several runs are compared.
 
     Parameters
     ----------
+    analyses, limits : as `write_report` takes them.
     shadow : of a single run, `analysis.figures.against_shadow`; None leaves the section out.
 
     Raises
@@ -46,7 +88,7 @@ def build_report(
         raise RequestError("there is no run to report on", "Give one recording or more.")
     limits = dict(limits or {})
     if len(analyses) > 1:
-        return _several(analyses, limits)
+        return _several(compare_runs(analyses), limits)
     analysis = analyses[0]
     filled = [sections.key_figures(analysis, limits)]
     filled += [breaks(analysis)] if analysis.breaks else []
@@ -54,7 +96,7 @@ def build_report(
         filled += [sections.curves(analysis), sections.coefficients(analysis)]
     filled += [sections.loops(analysis)] if analysis.loops.n_cycles else []
     filled += [sections.over_cycles(analysis)] if analysis.loops.n_cycles > 1 else []
-    filled += sections.budget(analysis)
+    filled += sections.budget(analysis.budgets)
     filled += [shadow_section(shadow)] if shadow is not None else []
     filled.append(sections.run(analysis))
     if analysis.plateaus:
@@ -63,7 +105,7 @@ def build_report(
     title = names.get(analysis.kind, "Repeatability report")
     return Report(
         title,
-        comparison.unit_of(analysis) or "unit not named",
+        analysis.recording.unit or "unit not named",
         analysis.recording.simulated,
         _verdict(analysis, limits),
         _facts(analysis),
@@ -72,37 +114,32 @@ def build_report(
     )
 
 
-def _several(analyses: Sequence[Analysis], limits: Mapping[str, float]) -> Report:
-    units = [comparison.unit_of(a) for a in analyses]
+def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
+    analyses, names = compared.analyses, [name or "not named" for name in compared.names]
     filled = [runs_table(analyses)]
-    for unit in dict.fromkeys(units):
-        own = [a for a, u in zip(analyses, units, strict=True) if u == unit]
-        if len(own) > 1:
-            filled += spread_of_runs(own, unit) + history_of_unit(own, unit)
-            calibrated = [a for a in own if a.kind == "calibration"]
-            if len(calibrated) > 1:
-                latest = max(calibrated, key=lambda a: str(a.recording.meta.get("started_utc") or ""))
-                filled += sections.budget(latest, calibrated, unit or "the unit")
+    for unit in compared.units:
+        filled += spread_of_runs(unit) + history_of_unit(unit)
+        filled += sections.budget(unit.budgets, unit.unit or "the unit")
     for number, analysis in enumerate(analyses, 1):
         parts = sections.key_figures(analysis, limits).parts
         if analysis.kind != "calibration" and analysis.loops.n_cycles:
             parts = (*parts, *sections.loop_drawings(analysis))
-        where = (sections.where_the_loop_is(analysis),) if analysis.loops.n_cycles else ()
+        where = (sections.branch_differences(analysis),) if analysis.loops.n_cycles else ()
         filled.append(Section(f"Run {number}: {_name(analysis)}", (*parts, *where)))
-    known = [u or "not named" for u in dict.fromkeys(units)]
-    verdict = (
-        "; ".join(f"run {i}: {_verdict(a, limits)}" for i, a in enumerate(analyses, 1))
-        if limits
-        else (f"{len(analyses)} runs of {len(known)} unit{'s' if len(known) > 1 else ''} compared; no limits were set.")
-    )
-    if units.count("") > 1:
-        verdict = f"{verdict.rstrip('.')}. {units.count('')} runs name no unit and are taken to be of one."
+    if limits:
+        verdict = "; ".join(f"run {i}: {_verdict(a, limits)}" for i, a in enumerate(analyses, 1))
+    else:
+        units = f"{len(names)} unit{'s' if len(names) > 1 else ''}"
+        verdict = f"{len(analyses)} runs of {units} compared; no limits were set."
+    unnamed = sum(not analysis.recording.unit for analysis in analyses)
+    if unnamed > 1:
+        verdict = f"{verdict.rstrip('.')}. {unnamed} runs name no unit and are taken to be of one."
     return Report(
         "Comparison of runs",
-        ", ".join(known),
+        ", ".join(names),
         any(a.recording.simulated for a in analyses),
         verdict,
-        (("Runs", str(len(analyses))), ("Units", ", ".join(known)), ("Program", f"boat-daq {program_version()}")),
+        (("Runs", str(len(analyses))), ("Units", ", ".join(names)), ("Program", f"boat-daq {program_version()}")),
         tuple(filled),
         f"boat-daq {program_version()}",
     )
@@ -126,12 +163,12 @@ def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
         if refused:
             return f"{counted}. Not usable: {', '.join(refused)}."
         return f"{counted}. Calibrated from {low:+.2f} to {high:+.2f} mm. No limits were set."
-    verdicts = judge(analysis, limits)
+    verdicts = judge(analysis.sensors, limits)
     broken = [v for v in verdicts if v.kept is False]
     unknown = [v for v in verdicts if v.kept is None]
     if broken:
-        said = ", ".join(f"{v.name} of {v.sensor} {v.value:.3g} against {v.limit:g} {v.unit}" for v in broken)
-        return f"{counted}. FAILS: {said}."
+        missed = ", ".join(f"{v.name} of {v.sensor} {v.value:.3g} {v.unit}, limit {v.limit:g}" for v in broken)
+        return f"{counted}. FAILS: {missed}."
     if unknown:
         return (
             f"{counted}. No verdict: {', '.join(f'{v.name} of {v.sensor}' for v in unknown)} could not be determined."
@@ -146,7 +183,7 @@ def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:
     rows = [
         ("Unit", meta.get("unit")),
         ("Operator", meta.get("operator")),
-        ("Recorded", date_of(meta.get("started_utc"))),
+        ("Recorded", date_of(recording.started_utc)),
         ("Board", meta.get("board_id")),
         ("Plan", name),
         ("Note", meta.get("note")),
@@ -158,7 +195,7 @@ def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:
 
 
 def _name(analysis: Analysis) -> str:
-    return f"{comparison.unit_of(analysis) or 'unit not named'}, {date_of(analysis.recording.meta.get('started_utc'))}"
+    return f"{analysis.recording.unit or 'unit not named'}, {date_of(analysis.recording.started_utc)}"
 
 
 def _footer(analysis: Analysis) -> str:

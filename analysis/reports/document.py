@@ -1,16 +1,16 @@
-"""What a report consists of: sections of paragraphs, tables and drawings; values that the writers set.
-
-Rules: no analysis and no layout here, only the shape of a report.
-"""
+"""The document model of a report: sections of paragraphs, tables and drawings, which the writers set."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from analysis.numbers import NOTHING
-from analysis.reports.drawings import Draw
+from matplotlib.axes import Axes
 
+from analysis.numbers import NOTHING
+
+Draw = Callable[[Axes], None]
 _NUMBER = r"[+-]?[0-9]+(?:\.[0-9]+)?"
 PAIR = re.compile(rf"^({_NUMBER})(?:( ± )({_NUMBER}))?$")
 NUMBERS = re.compile(rf"^[<>±] ?{_NUMBER}|^{_NUMBER}|^[+-]?∞")
@@ -20,8 +20,8 @@ DIGIT_SPACE, POINT_SPACE = "\u2007", "\u2008"  # as wide as a digit, as a point
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
-    """A table; columns of numbers after the first stand at the right where `numeric`."""
+class ReportTable:
+    """A table; columns of numbers after the first are right-aligned where `numeric`."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -30,14 +30,17 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
+class ReportDrawing:
     """Drawings side by side, or stacked on one abscissa with `ratios`; size and left margin in inches."""
 
     draw: tuple[Draw, ...]
     caption: str
     height: float = 2.9
     ratios: tuple[float, ...] = ()
-    left: float = 0.72  # room for ticks like −0.015
+    left: float = 0.72  # wide enough for ticks like −0.015
+
+
+SectionPart = str | ReportTable | ReportDrawing
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +48,12 @@ class Section:
     """A heading and what follows it."""
 
     title: str
-    parts: tuple[str | Table | Drawing, ...]
+    parts: tuple[SectionPart, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All that is set. `facts` are the lines of the head: who, what, when."""
+    """A whole report. `facts` are the lines of its head: who, what, when."""
 
     title: str
     subject: str
@@ -61,19 +64,19 @@ class Report:
     footer: str
 
 
-def right_aligned(table: Table) -> tuple[bool, ...]:
-    """Which columns stand at the right: those of numbers, in a table of numbers; the first is its row's name."""
+def right_aligned(table: ReportTable) -> tuple[bool, ...]:
+    """Return which columns are right-aligned: those of numbers, in a table of numbers; the first names the row."""
     columns = list(zip(*table.rows, strict=True)) if table.rows else [()] * len(table.header)
     numbers = [[bool(NUMBERS.match(cell)) for cell in column if cell not in ("", NOTHING)] for column in columns]
     return tuple(table.numeric and at > 0 and 2 * sum(one) >= len(one) for at, one in enumerate(numbers))
 
 
-def aligned(table: Table) -> Table:
+def aligned(table: ReportTable) -> ReportTable:
     """Return the table with numbers padded so that right-aligned columns meet at the decimal point and at the ±."""
     columns = [list(column) for column in zip(*table.rows, strict=True)] if table.rows else []
     for column, right in zip(columns, right_aligned(table), strict=bool(columns)):
         column[:] = _aligned_column(column) if right else map(typeset, column)
-    return Table(table.header, tuple(zip(*columns, strict=True)), table.caption, table.numeric)
+    return ReportTable(table.header, tuple(zip(*columns, strict=True)), table.caption, table.numeric)
 
 
 def _aligned_column(column: list[str]) -> list[str]:

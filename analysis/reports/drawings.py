@@ -1,12 +1,12 @@
-"""The figures of a report, each drawn onto axes that are handed in; HTML and PDF use the same ones.
+"""The figures of a report, each drawn onto axes that are passed in; HTML and PDF use the same ones.
 
-Rules: nothing is computed here but what a drawing needs (a grid, a thinning); colours and sizes come from
-`analysis.figure_style`; every axis has a title with its unit; filled points are loading, open ones unloading.
+Rules: a drawing evaluates curves on its own grid and thins a trace, and computes nothing else; colours and sizes come
+from `analysis.figure_style`; every axis has a title with its unit; filled points are loading, open ones unloading.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -16,21 +16,18 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from analysis import figure_style as style
 from analysis.arrays import FloatArray
-from analysis.figures.between_runs import unit_of
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
-from analysis.figures.repeatability import per_cycle
 from analysis.figures.uncertainty import Budget
-from analysis.reports.glyphs import families, printable
-from analysis.segmentation.loops import loop_width
+from analysis.reports.document import Draw
+from analysis.reports.text_metrics import families, printable
 
-Draw = Callable[[Axes], None]
 CURVE_POINTS = 201
 TRACE_POINTS = 3000
 
 
 def finished(ax: Axes) -> None:
-    """Give drawn axes what all have in common: ticks at 1, 2 and 5, and a word where there was nothing to draw."""
+    """Give drawn axes what all have in common: ticks at 1, 2 and 5, and a text where there is nothing to draw."""
     for axis in (ax.xaxis, ax.yaxis):
         if isinstance(axis.get_major_locator(), AutoLocator):
             axis.set_major_locator(MaxNLocator(nbins="auto", steps=[1, 2, 5, 10]))
@@ -39,7 +36,7 @@ def finished(ax: Axes) -> None:
         legend = ax.get_legend()
         if legend is not None:
             legend.remove()
-        ax.text(0.5, 0.5, "undefined, see the notes", transform=ax.transAxes, ha="center", color=style.SOFT)
+        ax.text(0.5, 0.5, "undefined, see the text", transform=ax.transAxes, ha="center", color=style.SOFT)
 
 
 def signed(value: float) -> str:
@@ -103,13 +100,11 @@ def system_loop(analysis: Analysis, sensor: int) -> Draw:
 
 
 def loop_difference(analysis: Analysis) -> Draw:
-    """Loading minus unloading of the mean loops over pressure, % FSO, all sensors: where the hysteresis sits."""
+    """Loading minus unloading of the mean loops over pressure, % FSO, all sensors."""
 
     def draw(ax: Axes) -> None:
-        loops = analysis.loops
         for i, sensor in enumerate(analysis.sensors):
-            width = loop_width(loops.pressure_kpa, loops.signal_mv[i], np.ones((1, loops.n_cycles)))
-            fso = sensor.figures["fso_mv"].value
+            width, fso = sensor.system_loop, sensor.figures["fso_mv"].value
             if not width.void and fso > 0:
                 apart = 100.0 / fso * (width.loading - width.unloading)
                 ax.plot(width.grid, apart, color=style.sensor_colour(i), label=f"sensor {i + 1}")
@@ -142,18 +137,12 @@ def drift_of_levels(analysis: Analysis, sensor: int) -> Draw:
     """Displacement of each pressure level from its mean, over cycles, % FSO."""
 
     def draw(ax: Axes) -> None:
-        loops = analysis.loops
-        fso = analysis.sensors[sensor].figures["fso_mv"].value
-        values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+        loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.level_displacement_percent_fso
         chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 5).round().astype(int))
         colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.95, chosen.size))
         for g, colour in zip(chosen, colours, strict=True):
-            both = values[:, :, g]
-            count = np.isfinite(both).sum(axis=0)
-            level = np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), np.nan)
-            if np.isfinite(level).any() and fso > 0:
-                moved = 100.0 / fso * (level - np.nanmean(level))
-                ax.plot(loops.numbers, moved, color=colour, lw=0.9, label=f"{signed(loops.level_kpa[g])} kPa")
+            if np.isfinite(moved[:, g]).any():
+                ax.plot(loops.numbers, moved[:, g], color=colour, lw=0.9, label=f"{signed(loops.level_kpa[g])} kPa")
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set(xlabel="cycle", ylabel="from its mean, % FSO", title=f"Sensor {sensor + 1}: drift of the levels")
         _legend(ax, ncols=2, loc="best")
@@ -167,7 +156,7 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str) -> D
     def draw(ax: Axes) -> None:
         warm = 0
         for i in range(len(analysis.sensors)):
-            values = per_cycle(analysis, i)
+            values = analysis.sensors[i].by_cycle
             warm = max(warm, values.warm_up)
             ax.plot(
                 values.numbers, getattr(values, name), color=style.sensor_colour(i), marker="o", markersize=2, lw=0.7,
@@ -193,15 +182,14 @@ def distribution(analysis: Analysis, sensor: int) -> Draw:
     """Spread over cycles at each pressure: box of quartiles and whiskers to the extremes, % FSO from the mean."""
 
     def draw(ax: Axes) -> None:
-        loops, fso = analysis.loops, analysis.sensors[sensor].figures["fso_mv"].value
-        values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+        loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.branch_displacement_percent_fso
         step = max(1, -(-loops.level_kpa.size // 10))
         for b, shift, fill in ((0, -0.18, style.PAPER), (1, 0.18, style.sensor_colour(sensor))):
             boxes, places = [], []
             for k, g in enumerate(range(0, loops.level_kpa.size, step)):
-                level = values[b, :, g][np.isfinite(values[b, :, g])]
-                if level.size > 1 and fso > 0:
-                    boxes.append(100.0 / fso * (level - level.mean()))
+                level = moved[b, :, g][np.isfinite(moved[b, :, g])]
+                if level.size > 1:
+                    boxes.append(level)
                     places.append(k + shift)
             if boxes:
                 ax.boxplot(
@@ -225,7 +213,7 @@ def side_by_side(analyses: Sequence[Analysis], name: str) -> Draw:
     """One figure of every run with its interval, runs of one unit next to one another, a colour a sensor."""
 
     def draw(ax: Axes) -> None:
-        order = sorted(range(len(analyses)), key=lambda i: (unit_of(analyses[i]), i))
+        order = sorted(range(len(analyses)), key=lambda i: (analyses[i].recording.unit, i))
         for i in range(max(len(a.sensors) for a in analyses)):
             for place, run in enumerate(order):
                 figure = analyses[run].sensors[i].figures.get(name) if i < len(analyses[run].sensors) else None
@@ -236,12 +224,12 @@ def side_by_side(analyses: Sequence[Analysis], name: str) -> Draw:
                     place + 0.12 * (2 * i - 1), figure.value, yerr=reach if np.isfinite(reach).all() else None, fmt="o",
                     color=style.sensor_colour(i), capsize=2, label=f"sensor {i + 1}" if place == 0 else None,
                 )  # fmt: skip
-        names = [_label(unit_of(analyses[run]), run + 1, len(order)) for run in order]
+        names = [_label(analyses[run].recording.unit, run + 1, len(order)) for run in order]
         ax.set_xticks(range(len(order)), names, fontfamily=list(families("".join(names))), parse_math=False)
         ax.set_xlim(-0.6, len(order) - 0.4)
         ax.set(xlabel="unit and number of the run", ylabel=SENSOR_FIGURES[name].phrase_with_unit)
         low, high = ax.get_ylim()
-        ax.set_ylim(low, high + 0.15 * (high - low))  # the legend's own strip
+        ax.set_ylim(low, high + 0.15 * (high - low))  # space for the legend
         _legend(ax, loc="upper left", ncols=4)
 
     return draw

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
 from analysis import figure_style as style
-from analysis.reports.document import Drawing, Report, Table, aligned, right_aligned, typeset
+from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
 from analysis.reports.panels import as_svg
 
 WIDTH_INCH = 7.4
@@ -38,12 +38,12 @@ def render_html(report: Report) -> str:
     return template.render(report=report, verdict=typeset(report.verdict), sections=sections, style=style)
 
 
-def _part(part: str | Table | Drawing) -> dict[str, Any]:
-    if isinstance(part, Table):
+def _part(part: SectionPart) -> dict[str, Any]:
+    if isinstance(part, ReportTable):
         shown = aligned(part)
         sides = ["right" if right else "left" for right in right_aligned(part)]
         return {"kind": "table", "table": shown, "sides": sides, "caption": typeset(shown.caption)}
-    if isinstance(part, Drawing):
+    if isinstance(part, ReportDrawing):
         panels = [part] if part.ratios else [replace(part, draw=(one,)) for one in part.draw]
         svgs = [as_svg(panel, WIDTH_INCH / len(panels)) for panel in panels]
         drawn = [Markup(svg) for svg in svgs]  # noqa: S704 - matplotlib's own SVG

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from analysis import figure_style as style
-from analysis.reports.document import Drawing
+from analysis.reports.document import ReportDrawing
 
 STRETCH, SHRINK = 0.35, 0.25  # of a drawing's height
 ROW_SHRINK = 0.07  # of a row's height
@@ -52,14 +52,14 @@ class Placed:
     """A drawing whose top is at y."""
 
     y: float
-    drawing: Drawing
+    drawing: ReportDrawing
 
 
 Item = Text | Rule | Placed
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class PageBlock:
     """What no break divides.
 
     Attributes
@@ -74,11 +74,11 @@ class Block:
     height: float
     texts: tuple[Text, ...] = ()
     rule: Rule | None = None
-    drawing: Drawing | None = None
+    drawing: ReportDrawing | None = None
     space: float = 0.0
     kept: bool = False
     starts: bool = False
-    head: Block | None = None
+    head: PageBlock | None = None
 
     @property
     def stretch(self) -> float:
@@ -93,7 +93,7 @@ class Block:
         return ROW_SHRINK * self.height if self.head else 0.0
 
 
-def broken(blocks: Sequence[Block], room: float) -> list[list[Block]]:
+def broken(blocks: Sequence[PageBlock], room: float) -> list[list[PageBlock]]:
     """Return the blocks page by page, each page holding `room` inches."""
     best = [0.0] + [float("inf")] * len(blocks)  # cost of the first n blocks on whole pages
     start = [0] * (len(blocks) + 1)
@@ -111,7 +111,7 @@ def broken(blocks: Sequence[Block], room: float) -> list[list[Block]]:
             total = best[first] + (PARTED if cost is None else cost) + PAGE + _parting(blocks, end)
             if total < best[end]:
                 best[end], start[end] = total, first
-    pages: list[list[Block]] = []
+    pages: list[list[PageBlock]] = []
     end = len(blocks)
     while end:
         pages.insert(0, _page(blocks, start[end], end))
@@ -119,19 +119,19 @@ def broken(blocks: Sequence[Block], room: float) -> list[list[Block]]:
     return pages
 
 
-def _page(blocks: Sequence[Block], first: int, end: int) -> list[Block]:
+def _page(blocks: Sequence[PageBlock], first: int, end: int) -> list[PageBlock]:
     """The blocks of a page, the head of a table that goes on included; with `end` = `first`, that head alone."""
     top = blocks[first]
     head = [top.head] if top.head else []
     return head if end == first else [*head, replace(top, space=0.0), *blocks[first + 1 : end]]
 
 
-def _sums(page: Sequence[Block]) -> tuple[float, float, float]:
+def _sums(page: Sequence[PageBlock]) -> tuple[float, float, float]:
     """Height of a page's blocks, and by how much they may grow and become shorter."""
     return sum(b.space + b.height for b in page), sum(b.stretch for b in page), sum(b.shrink for b in page)
 
 
-def _parting(blocks: Sequence[Block], end: int) -> float:
+def _parting(blocks: Sequence[PageBlock], end: int) -> float:
     if end == len(blocks):
         return 0.0
     after = blocks[end]
@@ -151,7 +151,7 @@ def _cost(sums: tuple[float, float, float], room: float, *, last: bool) -> float
     return ((white - grown) / room) ** 2 + 0.05 * (grown / room) ** 2
 
 
-def placed(page: Sequence[Block], room: float, top: float, *, last: bool) -> list[Item]:
+def placed(page: Sequence[PageBlock], room: float, top: float, *, last: bool) -> list[Item]:
     """Return the items of a page where they stand, its drawings and rows fitted to the page."""
     total, stretch, shrink = _sums(page)
     white = room - total

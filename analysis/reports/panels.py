@@ -11,14 +11,14 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Canvas
 
 from analysis import figure_style as style
-from analysis.reports.document import Drawing
+from analysis.reports.document import ReportDrawing
 from analysis.reports.drawings import finished
 
 AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12
 BETWEEN = 0.1  # stacked axes
 
 
-def set_drawing(canvas: Canvas, drawing: Drawing, x: float, y: float, width: float) -> None:
+def set_drawing(canvas: Canvas, drawing: ReportDrawing, x: float, y: float, width: float) -> None:
     """Draw with the upper left corner at x, y from the canvas's: side by side, or stacked on one abscissa."""
     page_width, page_height = canvas.get_size_inches()
     first: Axes | None = None
@@ -34,7 +34,7 @@ def set_drawing(canvas: Canvas, drawing: Drawing, x: float, y: float, width: flo
         first = first or ax
 
 
-def _boxes(drawing: Drawing, x: float, y: float, width: float) -> list[tuple[float, float, float, float]]:
+def _boxes(drawing: ReportDrawing, x: float, y: float, width: float) -> list[tuple[float, float, float, float]]:
     """Left, top, width, height of each drawing's axes."""
     count, top = len(drawing.draw), y + AXES_TOP
     if not drawing.ratios:
@@ -49,7 +49,7 @@ def _boxes(drawing: Drawing, x: float, y: float, width: float) -> list[tuple[flo
     ]
 
 
-def as_svg(drawing: Drawing, width: float) -> str:
+def as_svg(drawing: ReportDrawing, width: float) -> str:
     """Return the SVG element alone."""
     with mpl.rc_context(style.RC):
         canvas = Canvas(figsize=(width, drawing.height))

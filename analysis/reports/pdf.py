@@ -21,11 +21,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from analysis import figure_style as style
-from analysis.reports.document import Drawing, Report, Table, aligned, right_aligned, typeset
-from analysis.reports.glyphs import families, printable
-from analysis.reports.lines import shortened, width_of, wrapped
-from analysis.reports.pages import Block, Item, Rule, Text, broken, placed
+from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
+from analysis.reports.pages import Item, PageBlock, Rule, Text, broken, placed
 from analysis.reports.panels import set_drawing
+from analysis.reports.text_metrics import families, printable, shortened, width_of, wrapped
 
 WIDTH, HEIGHT = style.A4_INCH
 LEFT = style.MARGIN_INCH
@@ -57,11 +56,11 @@ def write_pdf(report: Report, path: Path) -> None:
             pdf.savefig(_page(report, items, number, len(pages)))
 
 
-def _part(part: str | Table | Drawing) -> list[Block]:
-    if isinstance(part, Table):
+def _part(part: SectionPart) -> list[PageBlock]:
+    if isinstance(part, ReportTable):
         return _table(part)
-    if isinstance(part, Drawing):
-        return [Block(part.height, drawing=part, kept=True, space=0.04), *_caption(part.caption)]
+    if isinstance(part, ReportDrawing):
+        return [PageBlock(part.height, drawing=part, kept=True, space=0.04), *_caption(part.caption)]
     return _paragraph(part)
 
 
@@ -114,20 +113,20 @@ def _frame(report: Report, number: int, count: int) -> list[Item]:
     return items
 
 
-def _head(report: Report) -> list[Block]:
-    blocks = [Block(0.3, (Text(LEFT, 0.1, report.title, 20, weight="bold"),), kept=True)]
+def _head(report: Report) -> list[PageBlock]:
+    blocks = [PageBlock(0.3, (Text(LEFT, 0.1, report.title, 20, weight="bold"),), kept=True)]
     subject = wrapped(report.subject, INNER, 12)
     subject[1:] = [shortened(" ".join(subject[1:]), INNER - 0.2, 12)] if len(subject) > 2 else subject[1:]
-    blocks += [Block(0.22, (Text(LEFT, 0.1, line, 12, style.SOFT),), kept=True) for line in subject]
-    blocks.append(Block(0.03, rule=Rule(LEFT, 0.0, INNER, style.SENSORS[0], 1.6), kept=True))
+    blocks += [PageBlock(0.22, (Text(LEFT, 0.1, line, 12, style.SOFT),), kept=True) for line in subject]
+    blocks.append(PageBlock(0.03, rule=Rule(LEFT, 0.0, INNER, style.SENSORS[0], 1.6), kept=True))
     blocks += [
-        Block(0.2, (Text(LEFT, 0.2, line, 9.5, weight="bold"),), kept=True)
+        PageBlock(0.2, (Text(LEFT, 0.2, line, 9.5, weight="bold"),), kept=True)
         for line in wrapped(typeset(report.verdict), INNER, 9.5, "bold")
     ]
     return [*blocks, *_facts(report.facts)]
 
 
-def _facts(facts: Sequence[tuple[str, str]]) -> list[Block]:
+def _facts(facts: Sequence[tuple[str, str]]) -> list[PageBlock]:
     """Who, what, when: short ones in two columns, long ones below over the whole width."""
     half = INNER / 2
     short = [(k, v) for k, v in facts if width_of(v, TEXT_PT) <= half - LABEL_INCH - PAD_INCH]
@@ -138,33 +137,35 @@ def _facts(facts: Sequence[tuple[str, str]]) -> list[Block]:
         for column, (label, value) in enumerate(short[row::rows]):
             x = LEFT + column * half
             texts += [Text(x, 0.12, label, TEXT_PT, style.SOFT), Text(x + LABEL_INCH, 0.12, value)]
-        blocks.append(Block(0.175, tuple(texts), space=0.0 if row else 0.2, kept=True))
+        blocks.append(PageBlock(0.175, tuple(texts), space=0.0 if row else 0.2, kept=True))
     for label, value in facts:
         if (label, value) in short:
             continue
         for k, line in enumerate(wrapped(value, INNER - LABEL_INCH, TEXT_PT)[:4]):
             name = [] if k else [Text(LEFT, 0.12, label, TEXT_PT, style.SOFT)]
-            blocks.append(Block(0.175, (*name, Text(LEFT + LABEL_INCH, 0.12, line)), kept=True))
+            blocks.append(PageBlock(0.175, (*name, Text(LEFT + LABEL_INCH, 0.12, line)), kept=True))
     return blocks
 
 
-def _heading(title: str) -> list[Block]:
+def _heading(title: str) -> list[PageBlock]:
     lines = wrapped(title, INNER, 12, "bold")
     return [
-        Block(0.22, (Text(LEFT, 0.14, line, 12, weight="bold"),), space=0.0 if k else 0.24, kept=True, starts=k == 0)
+        PageBlock(
+            0.22, (Text(LEFT, 0.14, line, 12, weight="bold"),), space=0.0 if k else 0.24, kept=True, starts=k == 0
+        )
         for k, line in enumerate(lines)
     ]
 
 
-def _paragraph(text: str, size: float = TEXT_PT, colour: str = style.INK) -> list[Block]:
+def _paragraph(text: str, size: float = TEXT_PT, colour: str = style.INK) -> list[PageBlock]:
     lines = wrapped(typeset(text), INNER, size)
     return [
-        Block(LINE_INCH, (Text(LEFT, 0.8 * LINE_INCH, line, size, colour),), space=0.0 if k else 0.05)
+        PageBlock(LINE_INCH, (Text(LEFT, 0.8 * LINE_INCH, line, size, colour),), space=0.0 if k else 0.05)
         for k, line in enumerate(lines)
     ]
 
 
-def _caption(text: str) -> list[Block]:
+def _caption(text: str) -> list[PageBlock]:
     """A caption in small type: its lines stay together, and white below parts it from what follows."""
     lines = _paragraph(text, SMALL_PT, style.SOFT)
     return [replace(line, space=0.0, kept=True) for line in lines[:-1]] + [
@@ -172,7 +173,7 @@ def _caption(text: str) -> list[Block]:
     ]
 
 
-def _table(table: Table) -> list[Block]:
+def _table(table: ReportTable) -> list[PageBlock]:
     table, right = aligned(table), right_aligned(table)
     size, widths = _columns(table)
     head = replace(_row(table.header, right, widths, size, head=True), kept=True)
@@ -187,7 +188,7 @@ def _table(table: Table) -> list[Block]:
     return [replace(head, space=0.08), *rows, *caption]
 
 
-def _row(cells: tuple[str, ...], right: Sequence[bool], widths: list[float], size: float, *, head: bool) -> Block:
+def _row(cells: tuple[str, ...], right: Sequence[bool], widths: list[float], size: float, *, head: bool) -> PageBlock:
     x, texts, most = LEFT, [], 1
     colour, weight = (style.SOFT, "bold") if head else (style.INK, "normal")
     for cell, width, at_right in zip(cells, widths, right, strict=True):
@@ -200,10 +201,10 @@ def _row(cells: tuple[str, ...], right: Sequence[bool], widths: list[float], siz
         ]
         x += width
     rule = Rule(LEFT, 0.0, INNER, style.SOFT if head else style.LINE, 0.8 if head else 0.4)
-    return Block(most * ROW_INCH, tuple(texts), rule)
+    return PageBlock(most * ROW_INCH, tuple(texts), rule)
 
 
-def _columns(table: Table) -> tuple[float, list[float]]:
+def _columns(table: ReportTable) -> tuple[float, list[float]]:
     """Font size and column widths: as wide as the text, spread over the page; wrapped in the last resort."""
     size, room = TEXT_PT, INNER + PAD_INCH  # the last column needs no white at its right
     while True:

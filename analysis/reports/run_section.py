@@ -1,6 +1,6 @@
 """The sections of a report on one run, each filled from an `Analysis`.
 
-Rules: nothing is computed here but a rounding; a section that has nothing to say is not made by its caller.
+Rules: nothing is computed here but a rounding; the caller leaves out a section without content.
 """
 
 from __future__ import annotations
@@ -10,19 +10,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from analysis import published
-from analysis.calibration.checks import fit_checks
 from analysis.data.boat_file import program_version
-from analysis.errors import AnalysisError
-from analysis.figures import between_runs as comparison
+from analysis.figures.acceptance import LIMITS
 from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES
 from analysis.figures.pipeline import Analysis
-from analysis.figures.repeatability import LIMITS, per_cycle
 from analysis.figures.sensor_analysis import SensorAnalysis
-from analysis.figures.uncertainty import Budget, elongation_budget
+from analysis.figures.uncertainty import Budget, ElongationBudgets
 from analysis.numbers import NOTHING, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.cells import cells, p_value, power
-from analysis.reports.document import Drawing, Section, Table
+from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart
 
 
 def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
@@ -31,7 +28,7 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
     tables = [_key_table(analysis, limits, range(at, min(at + 2, count))) for at in range(0, count, 2)]
     calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
     draws = tuple(drawings.calibration_curve(analysis, i) for i in calibrated[:2])
-    first = [Drawing(draws, "Plateau means, fitted curve and its 95 % bands.", 2.45)] if draws else []
+    first = [ReportDrawing(draws, "Plateau means, fitted curve and its 95 % bands.", 2.45)] if draws else []
     return Section("Key figures", (*tables, *first, *_undefined(analysis)))
 
 
@@ -52,9 +49,9 @@ def _undefined(analysis: Analysis) -> list[str]:
     ]
 
 
-def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> Table:
+def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> ReportTable:
     sensors = [analysis.sensors[i] for i in chosen]
-    paper = comparison.unit_of(analysis) in ("", published.UNIT) and len(analysis.sensors) == len(published.SENSORS)
+    paper = analysis.recording.unit in ("", published.UNIT) and len(analysis.sensors) == len(published.SENSORS)
     rows = []
     for key, definition in SENSOR_FIGURES.items():
         parts = [s.figures.get(key) for s in sensors]
@@ -78,7 +75,7 @@ def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -
     heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
     header = ("Figure", *heads, "Published", "Limit")
     keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
-    return Table(
+    return ReportTable(
         tuple(header[i] for i in keep),
         tuple(tuple(row[i] for i in keep) for row in rows),
         "Intervals by bootstrap over cycles (drift: Sen). FSO: full-scale output. Hysteresis: system, signal over "
@@ -92,21 +89,21 @@ def _lost(sensor: SensorAnalysis) -> tuple[str, str]:
     if window is None or not window.samples:
         return "", ""
     share = f"{window.share:.2%}" if window.damaged else "none"
-    return share, window.said() if window.damaged else f"of {window.samples}"
+    return share, window.reasons() if window.damaged else f"of {window.samples}"
 
 
 def curves(analysis: Analysis) -> Section:
-    parts: list[str | Table | Drawing] = []
+    parts: list[SectionPart] = []
     for i, sensor in enumerate(analysis.sensors):
         if sensor.calibration is not None:
             drawing = (drawings.calibration_curve(analysis, i), drawings.residuals(analysis, i))
             caption = f"Sensor {i + 1}: plateau means, fit and bands; below, residuals."
-            parts.append(Drawing(drawing, caption, 3.9, (2.6, 1.0)))
+            parts.append(ReportDrawing(drawing, caption, 3.9, (2.6, 1.0)))
     return Section("Calibration curve", tuple(parts))
 
 
 def coefficients(analysis: Analysis) -> Section:
-    parts: list[str | Table | Drawing] = []
+    parts: list[SectionPart] = []
     for i, sensor in enumerate(analysis.sensors):
         c, p = sensor.calibration, sensor.posterior
         if c is None:
@@ -120,7 +117,7 @@ def coefficients(analysis: Analysis) -> Section:
             )
         header = ("", "least squares ± u", "posterior ± sd", "unit")
         parts.append(
-            Table(header, tuple(rows), f"Sensor {i + 1}: y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}")
+            ReportTable(header, tuple(rows), f"Sensor {i + 1}: y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}")
         )
     return Section("Coefficients", tuple(parts))
 
@@ -134,7 +131,7 @@ def _quality(analysis: Analysis, sensor: int) -> str:
         f"{r2}, residual sd {c.residual_sd:.2f} mV, n = {c.n}, range {c.x_range[0]:+.2f} to "
         f"{c.x_range[1]:+.2f} mm, {'monotone' if c.monotone else 'NOT monotone'}, turning points {turning} mm."
     )
-    checks = fit_checks(c, analysis.sensors[sensor].point_cycle)
+    checks = analysis.sensors[sensor].checks or {}
     if checks["lack_of_fit"] is not None:
         text += f" Lack of fit: F = {checks['lack_of_fit']['f']:.2f}, p {p_value(checks['lack_of_fit']['p'])}."
     text += f" Degree by AICc: {checks['preferred_degree'] or 'too few points'}."
@@ -145,30 +142,30 @@ def _quality(analysis: Analysis, sensor: int) -> str:
 
 
 def loops(analysis: Analysis) -> Section:
-    return Section("Hysteresis loops", (*loop_drawings(analysis), where_the_loop_is(analysis)))
+    return Section("Hysteresis loops", (*loop_drawings(analysis), branch_differences(analysis)))
 
 
-def loop_drawings(analysis: Analysis) -> list[Drawing]:
+def loop_drawings(analysis: Analysis) -> list[ReportDrawing]:
     draws = [drawings.system_loop(analysis, i) for i in range(len(analysis.sensors))]
     return [
-        Drawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
+        ReportDrawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
         for at in range(0, len(draws), 2)
     ]
 
 
-def where_the_loop_is(analysis: Analysis) -> Drawing:
-    """The branches' distance over pressure, and the actuator's own loop where elongation was read."""
+def branch_differences(analysis: Analysis) -> ReportDrawing:
+    """Return the difference of the branches over pressure, and the actuator hysteresis loop where x was read."""
     x = analysis.loops.elongation_mm
     if x is None or not np.isfinite(x).any():
-        return Drawing((drawings.loop_difference(analysis),), "Where the hysteresis sits.", 2.7)
+        return ReportDrawing((drawings.loop_difference(analysis),), "Difference of the branches over pressure.", 2.7)
     both = (drawings.loop_difference(analysis), drawings.actuator_loop(analysis))
-    return Drawing(both, "Where the hysteresis sits, and the actuator's own loop.", 2.7)
+    return ReportDrawing(both, "Difference of the branches over pressure, and the actuator hysteresis loop.", 2.7)
 
 
 def over_cycles(analysis: Analysis) -> Section:
     sensors = range(len(analysis.sensors))
-    parts: list[str | Table | Drawing] = [
-        Drawing(
+    parts: list[SectionPart] = [
+        ReportDrawing(
             (
                 drawings.per_cycle_figure(
                     analysis, "hysteresis_percent_fso", "hysteresis, % FSO", "Hysteresis per cycle"
@@ -178,7 +175,7 @@ def over_cycles(analysis: Analysis) -> Section:
             "Each cycle; displacement is the mean of all levels from the second half of the run.",
             2.5,
         ),
-        Drawing(
+        ReportDrawing(
             (
                 drawings.per_cycle_figure(analysis, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle"),
                 drawings.per_cycle_figure(analysis, "span_mv", "span, mV", "Output span per cycle"),
@@ -188,46 +185,43 @@ def over_cycles(analysis: Analysis) -> Section:
         ),
     ]
     parts += [
-        Drawing((drawings.drift_of_levels(analysis, i), drawings.distribution(analysis, i)), f"Sensor {i + 1}.", 2.8)
+        ReportDrawing(
+            (drawings.drift_of_levels(analysis, i), drawings.distribution(analysis, i)), f"Sensor {i + 1}.", 2.8
+        )
         for i in sensors
         if analysis.sensors[i].figures["fso_mv"].value > 0
     ]
     for i in sensors:
-        warm = per_cycle(analysis, i).warm_up
+        warm = analysis.sensors[i].by_cycle.warm_up
         if warm:
             numbers = analysis.loops.numbers[:warm]
             listed = ", ".join(map(str, numbers)) if warm <= 3 else f"{numbers[0]} to {numbers[-1]}"
-            said = f"cycles {listed}" if warm > 1 else f"cycle {listed}"
-            parts.append(f"Sensor {i + 1}: warm-up {said}, beyond three robust sds of the second half.")
-    return Section("Over the cycles", tuple(parts))
+            which = f"cycles {listed}" if warm > 1 else f"cycle {listed}"
+            parts.append(
+                f"Sensor {i + 1}: warm-up in {which}, beyond three robust standard deviations of the second half."
+            )
+    return Section("Cycle by cycle", tuple(parts))
 
 
-def budget(analysis: Analysis, runs: Sequence[Analysis] = (), of: str = "") -> list[Section]:
-    """The budget in the middle of the range; of the latest of several runs where `runs` are given."""
+def budget(found: ElongationBudgets | None, of: str = "") -> list[Section]:
+    """Return the section on the budget of an elongation; none without a calibration, `of` names a unit."""
+    if found is None:
+        return []
     title = f"Uncertainty of an elongation{f' with {of}' if of else ''}"
-    try:
-        calibrations = [s.calibration for s in analysis.sensors if s.calibration is not None]
-        if not calibrations:
-            return []
-        middle = sum(calibrations[0].x_range) / 2
-        budgets = elongation_budget(analysis, middle, runs=runs)
-    except AnalysisError as error:
-        return [Section(title, (f"Not given: {error.cause}.",))]
-    drawing = Drawing(
-        tuple(drawings.budget_pareto(b, f"Sensor {i + 1} at {middle:+.2f} mm") for i, b in enumerate(budgets[:2])),
-        "Components, largest first, with their share of the variance.",
-        2.6,
-        left=1.15,
-    )
-    return [Section(title, (drawing, _budget_table(budgets)))]
+    if found.void:
+        return [Section(title, (f"Not given: {found.void}.",))]
+    names = [f"Sensor {i} at {found.x_mm:+.2f} mm" for i in (1, 2)]
+    bars = tuple(drawings.budget_pareto(b, name) for b, name in zip(found.budgets, names, strict=False))
+    caption = "Components, largest first, with their share of the variance."
+    return [Section(title, (ReportDrawing(bars, caption, 2.6, left=1.15), _budget_table(found.budgets)))]
 
 
 def _dof(dof: float) -> str:
     return f"{dof:.0f}" if dof < 10_000 else "above 10,000"
 
 
-def _budget_table(budgets: Sequence[Budget]) -> Table:
-    """The sensors' budgets side by side; a component's source is said once where it is the same."""
+def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
+    """The sensors' budgets side by side; a component's source once where it is the same."""
     shares = [b.shares() for b in budgets]
     rows = []
     for parts in zip(*(b.components for b in budgets), strict=True):
@@ -240,8 +234,8 @@ def _budget_table(budgets: Sequence[Budget]) -> Table:
     rows.append(("combined", *combined, f"effective degrees of freedom {dof}"))
     rows.append(("expanded, k = 2", *expanded, f"covers about {covers}"))
     heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
-    said = " ".join(f"Sensor {i}: {b.what_halves_it()}." for i, b in enumerate(budgets, 1))
-    return Table(("Component", *heads, "source"), tuple(rows), said)
+    caption = " ".join(f"Sensor {i}: {b.what_halves_it()}." for i, b in enumerate(budgets, 1))
+    return ReportTable(("Component", *heads, "source"), tuple(rows), caption)
 
 
 def _percent(share: float) -> str:
@@ -285,7 +279,7 @@ def readings(analysis: Analysis) -> Section:
     void = any(p.void for p in analysis.plateaus)
     keep = slice(None) if void else slice(-1)
     caption = f"Means ± standard error.{' The warnings name why a plateau is void.' if void else ''}"
-    table = Table(header[keep], tuple(row[keep] for row in rows), caption)
+    table = ReportTable(header[keep], tuple(row[keep] for row in rows), caption)
     return Section("Plateaus and readings", (table,))
 
 
@@ -306,7 +300,7 @@ def run(analysis: Analysis) -> Section:
         ("Recording", str(analysis.recording.meta.get("uuid") or analysis.recording.source)),
     )
     warnings = tuple((w.code.replace("_", " "), w.sentence) for w in analysis.warnings)
-    parts: list[str | Table | Drawing] = [Drawing((drawings.trace(analysis),), "Measured pressure.", 1.9)]
-    parts.append(Table(("Warning", "Text"), warnings, numeric=False) if warnings else "No warnings.")
-    parts.append(Table(("Setting", "Value"), settings, numeric=False))
+    parts: list[SectionPart] = [ReportDrawing((drawings.trace(analysis),), "Measured pressure.", 1.9)]
+    parts.append(ReportTable(("Warning", "Text"), warnings, numeric=False) if warnings else "No warnings.")
+    parts.append(ReportTable(("Setting", "Value"), settings, numeric=False))
     return Section("The run, warnings and settings", tuple(parts))

@@ -1,4 +1,4 @@
-"""The report's section on the digital shadow: what was measured against what the ideal actuator would do.
+"""The report's section on the digital shadow: the measured elongation beside that of the ideal actuator.
 
 Rules: nothing is computed here but a thinning; the band is that of the modulus, two standard uncertainties.
 """
@@ -14,13 +14,13 @@ from matplotlib.ticker import MaxNLocator
 from analysis import figure_style as style
 from analysis.figures.against_shadow import AgainstShadow
 from analysis.numbers import rounded
-from analysis.reports.document import Drawing, Section, Table
-from analysis.reports.drawings import TRACE_POINTS, Draw, envelope
+from analysis.reports.document import Draw, ReportDrawing, ReportTable, Section, SectionPart
+from analysis.reports.drawings import TRACE_POINTS, envelope
 
 if TYPE_CHECKING:
     from analysis.shadow.monitoring.replay import Replay
 
-TITLE = "Against the digital shadow"
+TITLE = "Comparison with the digital shadow"
 MOST_ROWS = 12  # cycles in the table; more are read from the drawing
 
 
@@ -29,15 +29,15 @@ def shadow_section(compared: AgainstShadow) -> Section:
     result = compared.result
     if result is None:
         return Section(TITLE, (f"Not compared: {compared.void}.",))
-    parts: list[str | Table | Drawing] = [
-        _said(result),
-        Drawing(
+    parts: list[SectionPart] = [
+        _summary(result),
+        ReportDrawing(
             (_deviation(result),), "Measured less nominal elongation; the band is that of the modulus, k = 2.", 2.3
         ),
-        Drawing(
+        ReportDrawing(
             (_levels(compared), _residuals(compared)),
             "Each cycle: mean deviation, and the rms of measured pressure less the pressure that the measured "
-            "elongation stands for.",
+            "elongation corresponds to.",
             2.4,
         ),
     ]
@@ -45,7 +45,7 @@ def shadow_section(compared: AgainstShadow) -> Section:
         parts.append(_table(compared))
     alarms = tuple((str(alarm.cycle), alarm.sentence) for alarm in result.alarms)
     parts.append(
-        Table(("Alarm in cycle", "What"), alarms, numeric=False)
+        ReportTable(("Alarm in cycle", "Text"), alarms, numeric=False)
         if alarms
         else "No alarm: neither leak, softening, stiffening, drift nor disagreement of the sensors was found."
     )
@@ -53,16 +53,13 @@ def shadow_section(compared: AgainstShadow) -> Section:
     return Section(TITLE, tuple(parts))
 
 
-def _said(result: Replay) -> str:
-    known = result.deviation_mm[np.isfinite(result.deviation_mm)]
-    band = float(np.nanmean(result.band_mm))
-    inside = np.abs(result.deviation_mm) <= 2.0 * result.band_mm
+def _summary(result: Replay) -> str:
+    found = result.summary()
+    mean, rms, worst = (rounded(float(found[f"deviation_{name}_mm"]), 0.05) for name in ("mean", "rms", "worst"))
     return (
-        f"The actuator stood {rounded(float(known.mean()), 0.05)} mm from the nominal elongation on average "
-        f"({rounded(float(np.sqrt((known**2).mean())), 0.05)} mm rms, at most "
-        f"{rounded(float(known[np.argmax(np.abs(known))]), 0.05)} mm), the band from the modulus being "
-        f"± {rounded(2.0 * band, 0.05)} mm on average; {100.0 * inside.sum() / known.size:.0f} % of "
-        f"{known.size} samples lie inside it."
+        f"The measured elongation deviates from the nominal one by {mean} mm on average ({rms} mm rms, at most {worst} "
+        f"mm); the band from the modulus is ± {rounded(2.0 * float(np.nanmean(result.band_mm)), 0.05)} mm on average, "
+        f"and {found['inside_band_percent']:.0f} % of {found['compared']} samples lie inside it."
     )
 
 
@@ -106,7 +103,7 @@ def _residuals(compared: AgainstShadow) -> Draw:
     return draw
 
 
-def _table(compared: AgainstShadow) -> Table:
+def _table(compared: AgainstShadow) -> ReportTable:
     result = compared.result
     assert result is not None
     alarms = {number: [a.fault for a in result.alarms if a.cycle == number] for number in compared.numbers}
@@ -115,7 +112,7 @@ def _table(compared: AgainstShadow) -> Table:
         (str(k), f"{d:+.3f}", f"± {2.0 * b:.3f}", f"{r:.2f}", ", ".join(alarms[k]) or "none") for k, d, b, r in rows
     )
     header = ("cycle", "mean deviation, mm", "band (k = 2), mm", "residual rms, kPa", "alarms")
-    return Table(header, cells, f"Drift of the deviation: {_drift(result)}.")
+    return ReportTable(header, cells, f"Drift of the deviation: {_drift(result)}.")
 
 
 def _drift(result: Replay) -> str:

@@ -52,10 +52,10 @@ class Losses:
         """Return why a figure over this window is void, or ""."""
         if self.share <= limit:
             return ""
-        return f"{self.share:.0%} of its samples lost or left out ({self.said()}), above the limit of {limit:.0%}"
+        return f"{self.share:.0%} of its samples lost or left out ({self.reasons()}), above the limit of {limit:.0%}"
 
-    def said(self) -> str:
-        """Return the counts that are not zero, in words."""
+    def reasons(self) -> str:
+        """Return the counts that are not zero as text."""
         counts = {name.replace("_", " "): count for name, count in asdict(self).items() if name != "samples" and count}
         return ", ".join(f"{count} {name}" for name, count in counts.items()) or "none"
 

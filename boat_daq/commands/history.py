@@ -10,7 +10,7 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, say
 
 if TYPE_CHECKING:
-    from analysis.figures.unit_history import History
+    from analysis.figures.unit_history import UnitHistory
 
 
 def history(
@@ -48,7 +48,7 @@ def history(
         _print(one)
 
 
-def _print(one: History) -> None:
+def _print(one: UnitHistory) -> None:
     from rich.table import Table
 
     from analysis.numbers import with_uncertainty

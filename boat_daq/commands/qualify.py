@@ -151,9 +151,9 @@ def write_reports(content: dict[str, Any], outcomes: Sequence[DrillResult], fold
 
 def build(content: dict[str, Any], outcomes: Sequence[DrillResult]) -> Report:
     """Return the report: verdict, where to sign, what was tried on what, and each drill's criteria."""
-    from analysis.reports.document import Report, Section, Table
+    from analysis.reports.document import Report, ReportTable, Section
 
-    short = Table(
+    short = ReportTable(
         ("Drill", "Result", "Lost", "Injected"),
         tuple((o.name, "passed" if o.passed else "FAILED", o.lost, o.injected) for o in outcomes),
         "What was injected into the virtual board, what the recording lacks, and whether every criterion was kept.",
@@ -163,11 +163,11 @@ def build(content: dict[str, Any], outcomes: Sequence[DrillResult]) -> Report:
     sign = (
         "I have read this report. It tries program, computer, disk and port on a virtual board; it says nothing of the "
         "lab's board, its sensors or its plumbing.",
-        Table(
+        ReportTable(
             ("", "Name", "Date", "Signature"), (_signature("Operator"), blank, _signature("Checked by")), numeric=False
         ),
     )
-    versions = Table(("Program or library", "Version"), tuple(content["versions"].items()), numeric=False)
+    versions = ReportTable(("Program or library", "Version"), tuple(content["versions"].items()), numeric=False)
     known = content["program"]
     return Report(
         "Qualification of the installation",
@@ -220,13 +220,13 @@ def board_line(drill: dict[str, Any]) -> str:
 
 def drill_section(outcome: DrillResult, drill: dict[str, Any]) -> Section:
     """Return one drill's criteria with what was seen, its board and its counts."""
-    from analysis.reports.document import Section, Table
+    from analysis.reports.document import ReportTable, Section
 
     counts = "; ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in outcome.counts.items())
     faults = "; ".join(f"{', '.join(board['faults']) or 'no fault of the board'}" for board in drill["boards"])
     told = ". ".join(filter(None, (board_line(drill), f"Faults: {faults}" if faults else "", counts)))
     rows = tuple((c.text, c.seen, "yes" if c.kept else "NO") for c in outcome.criteria)
-    table = Table(("Criterion", "Seen", "Kept"), rows, told, numeric=False)
+    table = ReportTable(("Criterion", "Seen", "Kept"), rows, told, numeric=False)
     return Section(f"{outcome.name}: {'passed' if outcome.passed else 'FAILED'}", (table,))
 
 

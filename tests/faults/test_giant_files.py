@@ -27,7 +27,7 @@ from analysis.data.csv_import import import_csv
 from analysis.segmentation.plateau_readings import read_elongation_file
 from analysis.optics.scene.curve_file import read_curves
 from analysis.data.load import load_recording
-from analysis.reports.writing import write_report
+from analysis.reports.build import write_report
 from analysis.shadow.fem.mesh_files import read_mesh
 from analysis.shadow.model.parameter_files import read_parameters
 from boat_daq.engine.plan import load_plan

@@ -14,7 +14,7 @@ from analysis import Options, analyse
 from analysis.data.export import neutral
 from analysis.data.load import load_recording
 from analysis.figures.batch import write_table
-from analysis.reports.writing import write_report
+from analysis.reports.build import write_report
 from analysis.shadow.model.table import read_table
 
 

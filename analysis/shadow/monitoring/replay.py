@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -60,7 +61,7 @@ class Replay:
     left_out: tuple[str, ...]
     smallest_shift: dict[str, float] = field(default_factory=dict)
 
-    def summary(self) -> dict[str, object]:
+    def summary(self) -> dict[str, Any]:
         """Return the numbers of a report, JSON-ready apart from NaN."""
         known = self.deviation_mm[np.isfinite(self.deviation_mm)]
         inside = np.abs(self.deviation_mm) <= 2.0 * self.band_mm

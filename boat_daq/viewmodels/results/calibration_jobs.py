@@ -112,11 +112,8 @@ def _sensor(found: Analysis, index: int) -> SensorResult:
 
 
 def _cycles(found: Analysis, index: int) -> CycleSeries:
-    from analysis.figures.repeatability import per_cycle, sensitivity_per_cycle
-
-    each = per_cycle(found, index)
-    sensitivity, unit = sensitivity_per_cycle(found, index)
-    return CycleSeries(each.hysteresis_percent_fso, each.snr_db, sensitivity, unit, each.warm_up)
+    each = found.sensors[index].by_cycle
+    return CycleSeries(each.hysteresis_percent_fso, each.snr_db, each.sensitivity, each.sensitivity_unit, each.warm_up)
 
 
 def _break(found: Break) -> BreakResult:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis import Options, analyse
-from analysis.figures.repeatability import sensitivity_per_cycle
+from analysis.figures.repeatability import cycle_sensitivities
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 QUICK = Options(mcmc=False, x_resolution_mm=0.0)
@@ -21,7 +21,7 @@ def test_sensitivity_of_a_cycle_is_over_elongation_where_it_was_read(tmp_path: P
     stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
     analysis = analyse(stairs.recording(), tmp_path / "e.csv", options=QUICK)
     for sensor, span in enumerate(SPANS):
-        values, unit = sensitivity_per_cycle(analysis, sensor)
+        values, unit = cycle_sensitivities(analysis.loops, sensor)
         assert unit == "mV/mm"
         assert values == pytest.approx(np.full(3, span / 6.5), rel=2e-3)
 
@@ -38,7 +38,7 @@ def test_sensitivity_of_a_cycle_is_over_pressure_where_one_cycle_was_not_read(tm
     rows.to_csv(tmp_path / "e.csv", index=False)
     analysis = analyse(stairs.recording(), tmp_path / "e.csv", options=QUICK)
     for sensor, span in enumerate(SPANS):
-        values, unit = sensitivity_per_cycle(analysis, sensor)
+        values, unit = cycle_sensitivities(analysis.loops, sensor)
         assert unit == "mV/kPa"
         assert values == pytest.approx(np.full(3, span / 90.0), rel=2e-3)
 
@@ -48,7 +48,7 @@ def test_sensitivity_of_a_cycle_of_a_continuous_run() -> None:
     analysis = analyse(Plant().run(*triangle(4, 20)), options=QUICK)
     curves = map(np.polynomial.Polynomial, PAPER)
     for sensor, curve in enumerate(curves):
-        values, unit = sensitivity_per_cycle(analysis, sensor)
+        values, unit = cycle_sensitivities(analysis.loops, sensor)
         inner = 6.5 / 90.0  # one kPa in mm; half a bin is 1 kPa
         assert unit == "mV/kPa"
         assert values == pytest.approx(np.full(4, (curve(3.8 - inner) - curve(-2.7 + inner)) / 88.0), rel=5e-3)
@@ -57,5 +57,5 @@ def test_sensitivity_of_a_cycle_of_a_continuous_run() -> None:
 def test_no_cycle_has_no_sensitivity() -> None:
     """A pressure that never turns: nothing to give, and no exception."""
     rest = np.zeros(1000)
-    values, unit = sensitivity_per_cycle(analyse(Plant().run(rest, rest > 0, rest), options=QUICK), 0)
+    values, unit = cycle_sensitivities(analyse(Plant().run(rest, rest > 0, rest), options=QUICK).loops, 0)
     assert (values.size, unit) == (0, "mV/kPa")

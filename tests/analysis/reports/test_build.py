@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from analysis import Analysis, AnalysisError, Options, analyse
-from analysis.figures.repeatability import judge, per_cycle
+from analysis.figures.acceptance import judge
 from analysis.reports import drawings
-from analysis.reports.build import build_report
-from analysis.reports.document import Drawing, Table, aligned
+from analysis.reports.build import WRITERS, build_report, write_report
+from analysis.reports.document import ReportDrawing, ReportTable, aligned
 from analysis.reports.panels import as_svg
 from analysis.reports.pdf import INNER, LEFT
-from analysis.reports.writing import WRITERS, write_report
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 MARKUP = "<script>alert(1)</script>"
@@ -118,17 +117,17 @@ def test_same_report_same_bytes(calibration: Analysis, tmp_path: Path, sections:
 def test_figures_of_the_report_are_those_of_the_analysis(calibration: Analysis) -> None:
     """The key table prints the sensitivity that the analysis holds, rounded."""
     report = build_report([calibration])
-    table = next(part for part in report.sections[0].parts if isinstance(part, Table))
+    table = next(part for part in report.sections[0].parts if isinstance(part, ReportTable))
     row = next(row for row in table.rows if row[0].startswith("Sensitivity, end points"))
     assert float(row[1]) == pytest.approx(calibration.sensors[0].figures["sensitivity_mv_per_mm"].value, abs=0.05)
 
 
 def test_warm_up_cycles_are_found_and_named(repeatability: Analysis) -> None:
     """Two cycles off by 5 mV are warm-up, no more."""
-    assert per_cycle(repeatability, 0).warm_up == 2
+    assert repeatability.sensors[0].by_cycle.warm_up == 2
     report = build_report([repeatability])
     said = [p for s in report.sections for p in s.parts if isinstance(p, str)]
-    assert any("warm-up cycles 1, 2" in text for text in said)
+    assert any("warm-up in cycles 1, 2" in text for text in said)
 
 
 def test_the_verdict_is_against_the_users_limits(repeatability: Analysis) -> None:
@@ -138,7 +137,7 @@ def test_the_verdict_is_against_the_users_limits(repeatability: Analysis) -> Non
     assert "FAILS" in broken
     assert "hysteresis of s1" in broken
     with pytest.raises(AnalysisError, match="no limit called"):
-        judge(repeatability, {"beauty": 1.0})
+        judge(repeatability.sensors, {"beauty": 1.0})
 
 
 def test_runs_of_one_unit_are_compared(calibration: Analysis) -> None:
@@ -182,14 +181,14 @@ def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_
     signal = np.full_like(recording.signal_mv, 1650.0)
     analysis = analyse(Recording.from_arrays(recording.time_s, recording.pressure_kpa, signal), mcmc=False)
     for draw in (drawings.loop_difference(analysis), drawings.drift_of_levels(analysis, 0)):
-        assert as_svg(Drawing((draw,), ""), 7.0).startswith("<svg")
+        assert as_svg(ReportDrawing((draw,), ""), 7.0).startswith("<svg")
     write_report([analysis], tmp_path / "r.html")
     assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")
 
 
 def test_columns_meet_at_the_decimal_point() -> None:
     """1.5 above 12.25 is padded by one digit, a whole number by point and digits."""
-    table = aligned(Table(("a", "b"), (("x", "1.5"), ("y", "12.25"), ("z", "3"), ("w", "–"))))
+    table = aligned(ReportTable(("a", "b"), (("x", "1.5"), ("y", "12.25"), ("z", "3"), ("w", "–"))))
     assert [row[1] for row in table.rows] == ["1.5\u2007", "12.25", "3\u2008\u2007\u2007", "–"]
     assert len({len(row[1].partition(".")[2]) for row in table.rows[:2]}) == 1
 

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from analysis.reports import pages, pdf
-from analysis.reports.document import Drawing, Table, aligned, right_aligned, typeset
-from analysis.reports.glyphs import families, printable
-from analysis.reports.pages import Block, broken, placed
+from analysis.reports.document import ReportDrawing, ReportTable, aligned, right_aligned, typeset
+from analysis.reports.pages import PageBlock, broken, placed
+from analysis.reports.text_metrics import families, printable
 
 
-def row(height: float, head: Block | None = None, **how: bool) -> Block:
-    return Block(height, head=head, **how)
+def row(height: float, head: PageBlock | None = None, **how: bool) -> PageBlock:
+    return PageBlock(height, head=head, **how)
 
 
-def drawn(height: float) -> Block:
-    return Block(height, drawing=Drawing((), "", height), kept=True)
+def drawn(height: float) -> PageBlock:
+    return PageBlock(height, drawing=ReportDrawing((), "", height), kept=True)
 
 
-def cost(blocks: list[Block], counts: list[int], room: float) -> float:
+def cost(blocks: list[PageBlock], counts: list[int], room: float) -> float:
     """Cost of pages of so many blocks each; a page that does not hold its blocks is one only if it is a single one."""
     total, first = 0.0, 0
     for n in counts:
@@ -47,7 +47,7 @@ def test_no_other_breaks_are_cheaper() -> None:
 @pytest.mark.parametrize("rows", range(48, 58))
 def test_no_page_holds_a_single_row(rows: int) -> None:
     """However long a table is, its head stands on every page, with four rows or more of it, and none is lost."""
-    blocks = pdf._table(Table(("no.", "mV"), tuple((str(k), "1.0") for k in range(rows)), "Means."))
+    blocks = pdf._table(ReportTable(("no.", "mV"), tuple((str(k), "1.0") for k in range(rows)), "Means."))
     found = broken(blocks, pdf.ROOM)
     heads = [sum(b is blocks[0] or b.texts == blocks[0].texts for b in page) for page in found]
     held = [sum(b.head is not None for b in page) for page in found]
@@ -59,7 +59,7 @@ def test_no_page_holds_a_single_row(rows: int) -> None:
 @pytest.mark.parametrize(("drawing", "last", "foot"), [(5.8, False, 7.0), (4.0, False, 6.6), (4.0, True, 5.2)])
 def test_what_is_placed_stays_on_its_page(drawing: float, last: bool, foot: float) -> None:
     """Pressed, a page ends at its foot; stretched, no further than drawings may grow; the last one is not stretched."""
-    page = [drawn(drawing), Block(0.2, rule=pages.Rule(0.0, 0.0, 1.0), head=row(0.2))]
+    page = [drawn(drawing), PageBlock(0.2, rule=pages.Rule(0.0, 0.0, 1.0), head=row(0.2))]
     assert placed(page, 6.0 if foot == 7.0 else 5.6, 1.0, last=last)[-1].y == pytest.approx(foot)
 
 
@@ -71,7 +71,7 @@ def test_a_heading_is_never_the_last_line_of_a_page() -> None:
 
 def test_numbers_meet_at_the_point_and_at_the_plus_minus() -> None:
     """Digits of one place stand under one another; words stand at the left; the minus is a minus."""
-    table = aligned(Table(("", "b", "unit"), (("b0", "1651.98 ± 0.12", "mV"), ("b1", "-2.7 ± 12.1", "mV/mm"))))
+    table = aligned(ReportTable(("", "b", "unit"), (("b0", "1651.98 ± 0.12", "mV"), ("b1", "-2.7 ± 12.1", "mV/mm"))))
     first, second = (line[1].replace("\u2007", "_").replace("\u2008", ".") for line in table.rows)
     assert first == "1651.98 ± _0.12"
     assert second == "\u22122.7_ ± 12.1_"

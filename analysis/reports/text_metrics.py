@@ -1,15 +1,49 @@
-"""How wide a text is, and where its lines end, measured with the font itself; inches and points."""
+"""Fonts that hold a text's characters, how wide it is, and where its lines end; in inches and points.
+
+Names of people and units are written in any script: the report's own font is used where it has all characters, with
+the fonts of other scripts on this computer behind it; a character that no font has is set as the replacement character.
+Widths are measured with the font itself.
+"""
 
 from __future__ import annotations
 
 import textwrap
-from functools import lru_cache
+from functools import cache, lru_cache
 
+from matplotlib import font_manager
 from matplotlib.font_manager import FontProperties
+from matplotlib.ft2font import FT2Font
 from matplotlib.textpath import TextToPath
 
+from analysis import figure_style as style
 from analysis.reports.document import DIGIT_SPACE, PAIR, POINT_SPACE
-from analysis.reports.glyphs import families, printable
+
+REPLACEMENT = "\ufffd"
+
+
+@cache
+def _fonts() -> tuple[tuple[str, FT2Font], ...]:
+    installed = set(font_manager.get_font_names())
+    names = (style.FONT, *(name for name in style.OTHER_SCRIPTS if name in installed))
+    return tuple((name, font_manager.get_font(font_manager.findfont(name))) for name in names)
+
+
+@cache
+def _font_of(character: str) -> str | None:
+    return next((name for name, font in _fonts() if font.get_char_index(ord(character))), None)
+
+
+@cache
+def families(text: str) -> tuple[str, ...]:
+    """Return the fonts that `printable(text)` needs, the report's own first."""
+    needed = {_font_of(character) for character in text} - {None, style.FONT}
+    return (style.FONT, *(name for name, _ in _fonts() if name in needed))
+
+
+@cache
+def printable(text: str) -> str:
+    """Return the text with what no font here has as the replacement character."""
+    return "".join(c if c.isspace() or _font_of(c) else REPLACEMENT for c in text)
 
 
 @lru_cache(maxsize=20_000)

@@ -14,7 +14,7 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
-from boat_daq.viewmodels.live.unit_in_use import UnitInUse
+from boat_daq.viewmodels.live.conversion import UnitInUse
 
 FIGURES = 4
 SEPARATOR = "  \u00b7  "

@@ -21,18 +21,17 @@ from boat_daq.viewmodels.common.precision import Precision
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.common.undo import UndoHistory
-from boat_daq.viewmodels.live.calibration_offer import CalibrationOffer
 from boat_daq.viewmodels.live.connection import ConnectionModel
+from boat_daq.viewmodels.live.conversion import UnitInUse
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.overlay import OverlayModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.live.resume_run import ResumeRun
 from boat_daq.viewmodels.live.run_model import RunModel
+from boat_daq.viewmodels.live.run_offers import CalibrationOffer, ResumeRun
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.session_messages import SessionMessages
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 from boat_daq.viewmodels.live.shadow_monitor import ShadowMonitor
-from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.viewmodels.models.atlas import AtlasModel
 from boat_daq.viewmodels.models.optics import OpticsModel
 from boat_daq.viewmodels.models.tradeoff import TradeoffModel

@@ -11,11 +11,10 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Services
-from boat_daq.viewmodels.live.calibration_offer import CalibrationOffer
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveModel, Marker
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.live.resume_run import ResumeRun
+from boat_daq.viewmodels.live.run_offers import CalibrationOffer, ResumeRun
 from boat_daq.viewmodels.live.sequence import SequenceModel
 
 UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)

@@ -18,7 +18,7 @@ from boat_daq.viewmodels.common.jobs import JobState
 from boat_daq.viewmodels.models import tradeoff
 from boat_daq.viewmodels.models.tradeoff_report import read_report
 from tests.boat_daq.gui.recorded_session import RecordedSession, idle
-from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import point, report
+from tests.boat_daq.viewmodels.models.reports import point, report
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ from tests.boat_daq.gui.models.test_shadow_page import mark
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.test_manners import run_shortcut
-from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import report
-from tests.boat_daq.viewmodels.test_viewmodels_tradeoff import swept as mapped
+from tests.boat_daq.viewmodels.models.reports import report
+from tests.boat_daq.viewmodels.models.reports import swept as mapped
 
 KEYS = {"png": "Ctrl+S", "svg": "Ctrl+Shift+S", "csv": "Ctrl+E"}
 UNIT = re.compile(r"\([^()]+\)$|_(s|kpa|mv|mm)$|, best = 1$")

@@ -1,47 +1,24 @@
-"""The shadow's pane and its monitor: what is drawn, what is said, which cycles are watched."""
+"""The shadow of the moment: state, stability, nominal curve."""
 
 from __future__ import annotations
-
-import dataclasses
-import time
 
 import numpy as np
 import pytest
 
-from boat_daq.engine.plan import StepMark
-from boat_daq.engine.snapshot import Phase, Progress
 from boat_daq.viewmodels.common.formatting import number
 from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live_model import LiveElongation
-from boat_daq.viewmodels.live.overlay import OverlayModel
 from boat_daq.viewmodels.live.shadow_jobs import judge_held, unstable_places
-from boat_daq.viewmodels.live.shadow_live import LEVELS, Moment, ShadowLive, load_model
-from boat_daq.viewmodels.live.shadow_monitor import ShadowMonitor
-from tests.boat_daq.gui.recorded_session import connected, filled_ring
-
-MV_PER_MM = 40.0
-
-
-class Straight:
-    """A conversion with one slope: what it gives is known beforehand."""
-
-    def __call__(self, signal_mv):
-        mm = (signal_mv[:, 0] - 1652.0) / MV_PER_MM
-        return LiveElongation(mm, np.full(mm.shape, 0.3), np.zeros(mm.shape, bool))
-
-    def each(self, signal_mv):
-        return np.column_stack([self(signal_mv).mm, self(signal_mv).mm])
+from boat_daq.viewmodels.live.shadow_live import LEVELS, Moment, ShadowLive
+from tests.boat_daq.gui.recorded_session import filled_ring
+from tests.boat_daq.viewmodels.helpers import MV_PER_MM, Straight
 
 
 @pytest.fixture(scope="module")
 def ring():
+    """Two hundred seconds of signals."""
     return filled_ring(200.0)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return load_model()
 
 
 def pane_on(ring, model, inverse):
@@ -50,7 +27,7 @@ def pane_on(ring, model, inverse):
     return pane
 
 
-def test_the_picture_stands_at_the_measured_elongation(ring, model):
+def test_state_is_at_the_measured_elongation(ring, model):
     """The drawn tip is at the rest length plus the measured elongation; both halves are there; colours are in range."""
     pane = pane_on(ring, model, Straight())
     now = pane.now()
@@ -68,7 +45,7 @@ def test_the_picture_stands_at_the_measured_elongation(ring, model):
     assert said["Measured"] == f"{number(measured, 2, sign=True)} \u00b10.30 mm"
 
 
-def test_without_a_calibration_the_nominal_actuator_is_drawn(ring, model):
+def test_nominal_actuator_is_drawn_without_a_calibration(ring, model):
     """Nothing is claimed to be measured."""
     picture = pane_on(ring, model, None).picture()
     assert np.isnan(picture.measured_mm)
@@ -76,7 +53,7 @@ def test_without_a_calibration_the_nominal_actuator_is_drawn(ring, model):
     assert picture.corners[..., 1].max() == pytest.approx(75.0 + picture.nominal_mm, abs=0.02)
 
 
-def test_a_state_outside_the_table_is_said(ring, model):
+def test_state_outside_the_table_is_reported(ring, model):
     """No full solution is made in a frame; the pane says that it cannot show this."""
 
     def absurd(signal_mv):
@@ -88,7 +65,7 @@ def test_a_state_outside_the_table_is_said(ring, model):
     assert picture.lines[-1] == ("Shadow", "\u25b2 this state is outside the model's table", "warning")
 
 
-def test_nan_from_the_calibration_is_said(ring, model):
+def test_nan_from_the_calibration_is_reported(ring, model):
     """Outside the calibration the nominal actuator is drawn, and the pane says why; sensors that part are said too."""
 
     def nowhere(signal_mv):
@@ -135,7 +112,7 @@ def said(pane):
 
 
 @pytest.mark.parametrize(("elongation", "warned"), [(2.5, True), (-1.7, False)])
-def test_a_state_that_is_held_but_not_stable_is_said(ring, model, unstable, monkeypatch, elongation, warned):
+def test_unstable_held_state_is_reported(ring, model, unstable, monkeypatch, elongation, warned):
     """At -42 kPa an elongated tip would buckle if it could, a shortened one would not (the full model's tangents)."""
     pane, started = held(ring, model, monkeypatch, elongation)
     assert "Stability" not in said(pane)  # nothing is said before it is known
@@ -148,7 +125,7 @@ def test_a_state_that_is_held_but_not_stable_is_said(ring, model, unstable, monk
 
 
 @pytest.mark.parametrize(("pressure", "elongation"), [(-19.9, 3.0), (-42.0, -2.8)])
-def test_a_state_that_cannot_be_unstable_is_not_judged(ring, model, monkeypatch, pressure, elongation):
+def test_state_that_cannot_be_unstable_is_not_judged(ring, model, monkeypatch, pressure, elongation):
     """Little vacuum, or a tip where the pressure alone would bring it: nobody is asked."""
     pane, started = held(ring, model, monkeypatch, elongation, pressure)
     assert pane.picture().corners.size
@@ -162,7 +139,7 @@ def test_a_state_that_cannot_be_unstable_is_not_judged(ring, model, monkeypatch,
         (JobState.CANCELLED, None, "\u25b2 not judged: cancelled"),
     ],
 )
-def test_a_judgement_that_fails_is_said(ring, model, monkeypatch, state, failure, words):
+def test_failed_stability_job_is_reported(ring, model, monkeypatch, state, failure, words):
     """Unknown is not stable; it is not asked for again in every frame."""
     pane, started = held(ring, model, monkeypatch, 2.5)
     pane.picture()
@@ -173,51 +150,23 @@ def test_a_judgement_that_fails_is_said(ring, model, monkeypatch, state, failure
     assert len(started) == 1
 
 
-def test_the_loop_is_drawn_through_pairs(ring, model):
+def test_trace_pairs_pressure_and_elongation(ring, model):
     """Pressure and elongation of the last minute are means of the same samples, so that they lie on the curve."""
     pressure, mm = pane_on(ring, model, Straight()).trace()
     assert 600 < pressure.size <= 1300
     assert np.abs(mm - (46.4 * pressure * 0.072 - 2.7 * (pressure * 0.072) ** 2) / MV_PER_MM).max() < 0.15
 
 
-def test_before_the_model_has_come_the_outline_is_drawn(ring):
+def test_outline_is_drawn_before_the_model_is_ready(ring):
     """The pane never waits."""
     picture = pane_on(ring, None, Straight()).picture()
     assert picture.corners.size == 0
     assert picture.rest.shape == (4, 2)
 
 
-def test_the_nominal_curve_rises_inside_its_band(model, ring):
+def test_nominal_curve_rises_inside_its_band(model, ring):
     """Elongation grows with pressure, and the curve lies in its band."""
     pressure, mm, low, high = pane_on(ring, model, None).nominal_curve()
     assert pressure.size > 50
     assert np.all(np.diff(mm) > 0)
     assert np.all((low <= mm) & (mm <= high))
-
-
-def test_each_whole_cycle_is_watched_once(ring, model):
-    """Ended cycles are handed over once; the cycle under way is not; a new recording begins anew."""
-    marks = tuple(
-        StepMark(i, i, "unloading", 0.0, 10.0, int(36e6 * i), ended_us=int(36e6 * (i + 1)) if i < 4 else None)
-        for i in range(1, 5)
-    )
-    overlay = OverlayModel(lambda: ring, lambda: marks, lambda time_us: time_us / 1e6)
-    monitor = ShadowMonitor(lambda: model, overlay, lambda: ring)
-    progress = Progress("repeatability", 9, 200, 4, 100, 3, (), "loading", Phase.RAMPING, 50.0, 1.0, 90.0, 900.0)
-    snapshot = dataclasses.replace(connected(), progress=progress, recording="a.boat")
-    for _ in range(3):
-        monitor.follow(snapshot, Straight())
-    end = time.monotonic() + 30
-    while len(monitor.marks) < 3 and time.monotonic() < end:
-        assert monitor.poll() == []
-        time.sleep(0.02)
-    cycles, deviation = monitor.series("deviation")
-    assert cycles.tolist() == [1.0, 2.0, 3.0]
-    assert np.ptp(deviation) < 0.05
-    assert monitor.sight() == "too few cycles yet to promise a leak or softening"
-    monitor._sight = {"loss": 1.31, "gain": np.inf}
-    assert monitor.sight() == "would find a leak from 1.3 %/min, too few cycles yet to promise softening"
-    assert monitor.sight() in monitor.verdict()
-    monitor.follow(dataclasses.replace(snapshot, recording="b.boat", progress=None), Straight())
-    assert monitor.series("deviation")[0].size == 0
-    monitor.close()

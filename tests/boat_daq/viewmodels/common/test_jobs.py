@@ -1,0 +1,59 @@
+"""Jobs in helper processes: progress, result, refusal, crash, cancel."""
+
+from __future__ import annotations
+
+import time
+
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
+from tests.boat_daq.viewmodels.helpers import until
+
+
+def slow_square(n, *, progress):
+    """Square in ten steps."""
+    for i in range(10):
+        progress(i + 1, 10)
+    return n * n
+
+
+def refuse():
+    """Refuse in the house's way."""
+    raise OperatorError("the run has no sensor", "Record one.")
+
+
+def leave():
+    """End without a word."""
+    import os
+
+    os._exit(3)
+
+
+def pause(seconds):
+    """Wait."""
+    time.sleep(seconds)
+
+
+def test_job_returns_progress_and_result():
+    """A function named by its place runs in another process; progress and result arrive by polling alone."""
+    job = Job("Squaring", slow_square, 12)
+    until(lambda: job.poll() is not JobState.RUNNING)
+    assert (job.state, job.result, job.permille) == (JobState.DONE, 144, 1000)
+
+
+def test_refusal_keeps_its_remedy_and_crash_is_reported():
+    """An error of ours keeps cause and remedy; a process that just ends is said to have ended."""
+    refused, crashed = Job("Refusing", refuse), Job("Crashing", leave)
+    until(lambda: refused.poll() is not JobState.RUNNING and crashed.poll() is not JobState.RUNNING)
+    assert (refused.failure.cause, refused.failure.remedy) == ("the run has no sensor", "Record one.")
+    assert "ended before its result" in crashed.failure.cause
+
+
+def test_cancelled_job_ends_and_frees_its_slot():
+    """A cancelled work is over at once, and its place on the bench is free."""
+    bench, ended = JobRunner(), []
+    job = bench.start("long", Job("Sleeping", pause, 60), ended.append)
+    bench.cancel("long")
+    bench.poll()
+    assert job.state is JobState.CANCELLED
+    assert ended == [job]
+    assert bench.get("long") is None

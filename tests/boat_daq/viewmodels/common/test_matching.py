@@ -1,0 +1,14 @@
+"""Commands found by a few letters."""
+
+from __future__ import annotations
+
+from boat_daq.viewmodels.common.matching import ranked
+
+
+def test_beginnings_of_words_rank_first():
+    """Words' beginnings come before letters inside, these before letters in order; no match is left out."""
+    names = ["Save the plot as PNG", "Show the last 10 s", "Paste readings"]
+    assert ranked("sa pl", names, str) == ["Save the plot as PNG"]
+    assert ranked("wlt", names, str) == ["Show the last 10 s"]
+    assert ranked("", names, str) == names
+    assert ranked("xyz", names, str) == []

@@ -1,0 +1,42 @@
+"""Notices by weight and time, and attempts."""
+
+from __future__ import annotations
+
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.notices import Notices, Severity
+
+
+def test_current_notice_is_the_most_severe():
+    """A fault stays over later warnings, an information leaves by itself, a dismissed one gives way."""
+    now = [0.0]
+    notices = Notices(lambda: now[0])
+    notices.say(Severity.FAULT, "the port is gone")
+    now[0] = 1.0
+    notices.say(Severity.WARNING, "2 samples lost")
+    notices.inform("Saved")
+    assert notices.current().cause == "the port is gone"
+    assert notices.waiting() == 2
+    notices.dismiss(notices.current())
+    assert notices.current().cause == "2 samples lost"
+    notices.dismiss(notices.current())
+    assert notices.current().cause == "Saved"
+    now[0] = 60.0
+    assert notices.current() is None
+
+
+def test_attempt_never_raises():
+    """An error of ours says cause and remedy; a stranger is shown with its details."""
+
+    def refuse():
+        raise OperatorError("no port was chosen", "Choose one.")
+
+    notices = Notices()
+    assert not notices.attempt(refuse)
+    assert (notices.current().cause, notices.current().remedy, notices.current().details) == (
+        "no port was chosen",
+        "Choose one.",
+        "",
+    )
+    assert not notices.attempt(lambda: 1 / 0)
+    assert "ZeroDivisionError" in notices.current().details
+    assert notices.attempt(lambda: None, done="Saved")

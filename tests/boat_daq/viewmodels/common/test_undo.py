@@ -1,0 +1,21 @@
+"""The undo history."""
+
+from __future__ import annotations
+
+from boat_daq.viewmodels.common.undo import Change, UndoHistory
+
+
+def test_changes_are_undone_in_order():
+    """Undo takes the last change back first; redo does it again; a new change forgets what was undone."""
+    values = [0]
+    history = UndoHistory()
+    for n in (1, 2):
+        history.push(Change(f"{n}", lambda n=n: values.append(n), values.pop))
+    history.undo()
+    assert values == [0, 1]
+    history.redo()
+    assert values == [0, 1, 2]
+    history.undo()
+    history.push(Change("3", lambda: values.append(3), values.pop))
+    assert values == [0, 1, 3]
+    assert history.undone == []

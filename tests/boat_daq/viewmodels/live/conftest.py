@@ -1,0 +1,20 @@
+"""A ring of signals, and the shadow."""
+
+from __future__ import annotations
+
+import pytest
+
+from boat_daq.viewmodels.live.shadow_live import load_model
+from tests.boat_daq.gui.recorded_session import filled_ring
+
+
+@pytest.fixture(scope="module")
+def ring():
+    """Ten minutes of signals."""
+    return filled_ring(600.0)
+
+
+@pytest.fixture(scope="session")
+def model():
+    """The shadow at normal fidelity."""
+    return load_model()

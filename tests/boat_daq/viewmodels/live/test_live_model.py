@@ -1,0 +1,154 @@
+"""The live plots: what is drawn, cursors, statistics, frame interval."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, LiveElongation, LiveModel, with_holes
+from protocol.recording import sample_dtype
+from tests.boat_daq.gui.recorded_session import connected, filled_ring, idle
+
+
+def test_frame_never_has_more_points_than_the_screen(ring):
+    """Whatever the span, a frame holds a few points a pixel, and the extremes of all samples are in it."""
+    model = LiveModel(lambda: ring, window_s=math.inf)
+    frame = model.frame(800)
+    assert frame.columns["time_s"].size <= 2400
+    everything = ring.view()
+    for name in ("s1_mv", "s2_mv", "pressure_kpa"):
+        assert frame.columns[name].min() == everything[name].min()
+        assert frame.columns[name].max() == everything[name].max()
+
+
+@pytest.mark.parametrize("column_s", [0.01, 2.0])
+def test_holes_of_time_have_no_line_and_no_band(column_s):
+    """An unplugged board: the line breaks and the band closes over its hole; a lost sample breaks nothing."""
+    time_s = np.repeat(np.arange(0.0, 400 * column_s, column_s), 2)
+    time_s[200:] += 30 * max(column_s, 1.0)
+    time_s[500:] += column_s
+    columns = with_holes({"time_s": time_s, "s1_mv": np.ones(800)})
+    assert np.flatnonzero(np.isnan(columns["s1_mv"])).tolist() == [200]
+    assert time_s[199] < columns["time_s"][200] < time_s[200]
+    mm = columns["s1_mv"]
+    at, low, high = LiveElongation(mm, np.full(801, 0.5), np.zeros(801, bool)).band(columns["time_s"])
+    inside = (at >= time_s[199]) & (at <= time_s[200])
+    assert (high - low)[inside].tolist() == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    assert np.isfinite(low).all()
+
+
+def test_following_and_looking_back(ring):
+    """Following ends at the newest sample; a look at the past stays where it is; zoom keeps its anchor."""
+    model = LiveModel(lambda: ring, window_s=30.0)
+    assert model.span_s() == pytest.approx((569.99, 599.99))
+    model.look_at(100.0, 120.0)
+    model.zoom(0.5)
+    assert model.span_s() == (105.0, 115.0)
+    model.follow()
+    model.zoom(2.0)
+    assert model.span_s() == pytest.approx((539.99, 599.99))
+
+
+def append(ring, time_s, *, s1_mv):
+    """Add one sample to a filled ring."""
+    sample = np.zeros(1, sample_dtype(2, "signal"))
+    sample["time_us"], sample["host_ns"] = round(time_s * 1e6), round(time_s * 1e9)
+    sample["signal_mv"] = s1_mv, 1624.0
+    ring.append(sample)
+
+
+def test_plot_moves_by_whole_columns_and_appends_between():
+    """In between, what is drawn on begins where the picture ended and holds every newer sample, inside its ranges."""
+    ring = filled_ring(60.0)
+    model, now_s = LiveModel(lambda: ring, window_s=60.0), ring.view(last=1)["time_s"][0]
+    drawn, moved, added = model.frame(800), 0, 0
+    model.ranges(drawn, 0.0)
+    column_s = 60.0 / 800
+    for _ in range(100):
+        now_s += 0.01
+        append(ring, now_s, s1_mv=1640.0)
+        more = model.newest(drawn, 800)
+        if more is None:
+            before, drawn = drawn, model.frame(800)
+            model.ranges(drawn, 0.0)
+            moved += 1
+            assert (drawn.high_s - before.high_s) / column_s == pytest.approx(1.0)
+        else:
+            added += 1
+            assert (more.low_s, more.high_s) == (drawn.low_s, drawn.high_s)
+            assert more.columns["time_s"][0] == drawn.columns["time_s"][-1]
+            assert more.columns["time_s"][-1] == pytest.approx(now_s)
+            assert np.diff(more.columns["time_s"]) == pytest.approx(0.01)
+        assert now_s <= drawn.high_s + 1e-9 <= now_s + column_s + 1e-6
+    assert moved == pytest.approx(1.0 / column_s, abs=1.0)
+    assert moved + added == 100
+
+
+@pytest.mark.parametrize("what", ["leaves its range", "a hole", "another width", "held", "a calibration"])
+def test_plot_that_must_change_is_drawn_whole(what):
+    """A value outside the vertical range, a hole, another width, a look at the past, a calibration just loaded."""
+    ring = filled_ring(60.0)
+    model, now_s = LiveModel(lambda: ring, window_s=3600.0), ring.view(last=1)["time_s"][0]
+    drawn = model.frame(800)
+    model.ranges(drawn, 0.0)
+    append(ring, now_s + 0.01, s1_mv=1640.0)
+    assert model.newest(drawn, 800) is not None
+    if what == "leaves its range":
+        append(ring, now_s + 0.02, s1_mv=9000.0)
+    elif what == "a hole":
+        append(ring, now_s + 1.2, s1_mv=1640.0)
+    elif what == "held":
+        model.look_at(0.0, 30.0)
+    elif what == "a calibration":
+        model.inverse = lambda mv: LiveElongation(mv[:, 0], mv[:, 1], np.zeros(len(mv), bool))
+    assert model.newest(drawn, 640 if what == "another width" else 800) is None
+
+
+def test_nothing_to_draw_before_the_first_sample():
+    """Without a ring there is no frame, no headline and no statistics, and no error either."""
+    model = LiveModel(lambda: None)
+    assert model.frame(800) is None
+    assert not model.has_data()
+    assert model.headline(idle()).pressure == "\u2013"
+    assert model.statistics() == []
+
+
+def test_statistics_between_the_cursors_agree_with_numpy(ring):
+    """Mean, sd, extremes and slope are those of the samples between A and B, in whichever order they stand."""
+    model = LiveModel(lambda: ring)
+    model.put_cursor("a", 50.0)
+    model.put_cursor("b", 40.0)
+    first = model.statistics()[0]
+    columns = ring.view()
+    inside = (columns["time_s"] >= 40.0) & (columns["time_s"] <= 50.0)
+    y, t = columns["s1_mv"][inside], columns["time_s"][inside]
+    assert (first.mean, first.sd) == pytest.approx((y.mean(), y.std(ddof=1)))
+    assert (first.low, first.high) == (y.min(), y.max())
+    assert first.slope_per_s == pytest.approx(np.polyfit(t, y, 1)[0], rel=1e-6)
+    at_a, at_b = y[t >= t[-1] - 0.2].mean(), y[t <= t[0] + 0.2].mean()
+    assert first.difference == pytest.approx(at_b - at_a, rel=0.02)
+    model.put_cursor("a", 30.0)
+    model.put_cursor("b", 40.0)
+    t, y = columns["time_s"], columns["s1_mv"]
+    from_a, to_b = y[(t >= 30.0) & (t <= 30.2)].mean(), y[(t >= 39.8) & (t <= 40.0)].mean()
+    assert model.statistics()[0].difference == pytest.approx(to_b - from_a, rel=0.02)
+    assert all(len(span.cells) == len(HEADINGS) == len(HEADINGS_SHORT) + 1 for span in model.statistics())
+
+
+def test_elongation_outside_the_range_is_not_shown(ring):
+    """A signal outside the calibrated range gives a dash and the reason."""
+    outside = LiveElongation(np.array([np.nan]), np.array([np.nan]), np.array([False]))
+    model = LiveModel(lambda: ring, inverse=lambda signal: outside)
+    head = model.headline(connected())
+    assert (head.elongation, head.band) == ("\u2013", "outside the calibrated range")
+
+
+@given(st.floats(1.0, 3600.0), st.integers(200, 3000))
+def test_frame_interval_follows_the_visible_motion(window_s, width):
+    """The frame interval is at least 60 a second and never slower than a byte may take to its pixel."""
+    interval = LiveModel(lambda: None, window_s=window_s).frame_interval_ms(width, connected=True)
+    assert 16 <= interval <= 45

@@ -1,0 +1,135 @@
+"""The table of readings: entries, pastes, remarks, the question."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import ReadingRequest
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.live.readings import ReadingsModel, column_of_lengths, parse_mm
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected
+from tests.boat_daq.viewmodels.helpers import PLAN
+
+
+def plateaus(cycles=2):
+    """Marks of a whole staircase."""
+    return tuple(
+        StepMark(i, step.cycle, step.branch, step.target_kpa, 10.0, 1000 * i, status="reached")
+        for i, step in enumerate(dataclasses.replace(PLAN, cycles=cycles).steps, 1)
+    )
+
+
+def elongation(mark):
+    """A smooth elongation with a loop between the branches."""
+    u = mark.target_kpa / 50
+    return round(2 * (0.14 + 3.6 * u + 0.1 * u**2 - (0.2 * (1 - u**2) if mark.branch == "loading" else 0.0))) / 2
+
+
+def read_session(*more):
+    """A session whose plateaus were all read; `more` marks follow them."""
+    session = RecordedSession(connected())
+    session.marks = (*plateaus(), *more)
+    for mark in plateaus():
+        session.add_reading(mark.number, elongation(mark), "typed")
+    return session
+
+
+def test_remark_names_plateau_and_distance():
+    """An outlier's remark has its millimetres; its hover plateau, cycle, value, and what the fit says there."""
+    session = read_session()
+    mark = session.marks[13]
+    session.add_reading(14, elongation(mark) + 2.0, "typed")
+    row = ReadingsModel(session, UndoHistory()).rows(session.snapshot())[13]
+    assert row.cells[-1].startswith("+") and row.cells[-1].endswith(" mm?")
+    assert (mark.target_kpa, mark.branch, mark.cycle) == (0.0, "loading", 1)
+    assert " mm at 0 kPa, loading, cycle 1, where the running fit says " in row.hover
+
+
+@pytest.mark.parametrize(
+    ("status", "detail", "word"),
+    [("reached", {}, ""), ("reached", {"steady": False}, "not steady"), ("timeout", {}, "not reached"),
+     ("aborted", {}, "cut short")],
+)  # fmt: skip
+def test_row_shows_how_its_plateau_ended(status, detail, word):
+    """Only a plateau that still drifted is called not steady; one that was never reached is called that."""
+    session = RecordedSession(connected())
+    session.marks = (dataclasses.replace(plateaus(1)[2], status=status, detail=detail),)
+    (row,) = ReadingsModel(session, UndoHistory()).rows(session.snapshot())
+    assert row.cells[-1] == word
+    assert ("+30 kPa, unloading, cycle 1" in row.hover) is bool(word)
+
+
+def test_interrupted_plateau_is_not_missing():
+    """All but the plateau at which the run was paused were read: none is missing; one of them left out is."""
+    session = RecordedSession(connected())
+    cut = plateaus(1)[5]
+    session.marks = (*plateaus(1)[:5], dataclasses.replace(cut, status="aborted"))
+    model = ReadingsModel(session, UndoHistory())
+    for mark in session.marks[:5]:
+        session.add_reading(mark.number, 1.0, "typed")
+    assert model.summary(model.rows(session.snapshot())) == "all 5 plateaus read"
+    session.add_reading(1, None, "typed")
+    assert model.summary(model.rows(session.snapshot())) == "4 of 5 plateaus read"
+
+
+def test_last_step_needs_no_reading():
+    """The vent at the end is a step, but no plateau: it has no line, is not counted, and takes no value of a paste."""
+    session = read_session(StepMark(99, 0, "end", 0.0, 0.0, 10**6, status="reached"))
+    model, n = ReadingsModel(session, UndoHistory()), len(plateaus())
+    rows = model.rows(session.snapshot())
+    assert len(rows) == n
+    assert model.summary(rows) == f"all {n} plateaus read"
+    assert model.paste("\n".join(["1.5"] * n)) == n
+    assert [r.step_id for r in session.kept[n:]] == [mark.number for mark in plateaus()]
+    with pytest.raises(OperatorError, match=f"only {n} plateaus"):
+        model.paste("\n".join(["1"] * (n + 1)), 1)
+
+
+def test_paste_enters_all_or_nothing():
+    """A bad line is named and nothing is kept; a good column goes line by line from the chosen plateau on."""
+    session = RecordedSession(connected())
+    session.marks = plateaus(1)
+    history = UndoHistory()
+    model = ReadingsModel(session, history)
+    with pytest.raises(OperatorError, match="line 3"):
+        model.paste("mm\n1.0\nx\n2.0", 1)
+    assert session.kept == []
+    assert model.paste("kPa\tmm\n50\t3,5\n40\t3,0\n", 2) == 2
+    assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(2, 3.5), (3, 3.0)]
+    history.undo()
+    assert [r.elongation_mm for r in session.kept[2:]] == [None, None]
+    with pytest.raises(OperatorError, match="plateaus follow"):
+        model.paste("\n".join(["1"] * 40), 1)
+
+
+def test_question_names_the_plateau():
+    """The window asks with pressure, branch and cycle, and the row of the table is marked."""
+    session = RecordedSession(dataclasses.replace(
+        connected(), waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.1, 99.0)))  # fmt: skip
+    session.marks = plateaus(1)
+    model = ReadingsModel(session, UndoHistory())
+    assert model.question(session.snapshot()) == "Elongation at +30 kPa, unloading, cycle 1"
+    assert [row.step_id for row in model.rows(session.snapshot()) if row.current] == [3]
+
+
+@pytest.mark.parametrize(("text", "value"), [("2.31", 2.31), (" 2,31 mm", 2.31), ("\u22120.5", -0.5), ("+3", 3.0)])
+def test_lengths_are_parsed_as_typed(text, value):
+    """Comma or point, a typographic minus, a unit: all mean the same length."""
+    assert parse_mm(text) == value
+
+
+def test_length_beyond_the_actuator_is_refused():
+    """90 mm cannot be an elongation of a 75 mm actuator: the unit was forgotten."""
+    with pytest.raises(OperatorError, match="longer than the actuator"):
+        parse_mm("90")
+
+
+def test_columns_of_a_spreadsheet():
+    """Tabs, semicolons and commas part columns; the last one is taken; a heading and comments are left out."""
+    assert column_of_lengths("# note\nkPa,mm\n50,3.5\n40,3.0\n") == [3.5, 3.0]
+    assert column_of_lengths("50;3,5\r\n40;3,0\r\n") == [3.5, 3.0]
+    assert column_of_lengths("3,5\n3,0\n") == [3.5, 3.0]

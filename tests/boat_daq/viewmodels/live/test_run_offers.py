@@ -1,0 +1,95 @@
+"""The offer to resume an interrupted run."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from boat_daq.engine.plan import StepMark, built_in_plans
+from boat_daq.engine.recording.resumption import BrokenRun
+from boat_daq.engine.snapshot import LinkState, RunEnding, SessionState
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.live.run_offers import ResumeRun
+from boat_daq.viewmodels.live.sequence import SequenceModel
+from protocol.recording import RunEnd
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle, services_in
+
+
+def resumption(tmp_path, session, read=lambda path, then: None):
+    """A `ResumeRun` on a session that only shows, and its notices."""
+    services = services_in(tmp_path)
+    return ResumeRun(session, SequenceModel(session, UndoHistory()), read, services), services.notices
+
+
+def marks(plan, cycles):
+    """Marks of whole cycles, and one step of the next."""
+    per_cycle = len(plan.targets_kpa)
+    whole = [(c, "reached") for c in range(1, cycles + 1) for _ in range(per_cycle)] + [(cycles + 1, "aborted")]
+    return tuple(StepMark(i, c, "unloading", 0.0, 10.0, i, status=s) for i, (c, s) in enumerate(whole, 1))
+
+
+def test_run_interrupted_by_an_unplugged_board_is_offered(tmp_path):
+    """Once the fault is cleared and the board is there, the strip offers it; nothing moves before it is taken."""
+    plan = built_in_plans()["calibration"]
+    session = RecordedSession(connected())
+    session.marks = marks(plan, 2)
+    session.change(
+        plan=plan,
+        recording=tmp_path / "x.boat",
+        run_ended=RunEnding(RunEnd.FAULT, "unplugged"),
+        state=SessionState.FAULT,
+    )
+    model, notices = resumption(tmp_path, session)
+    model.follow(dataclasses.replace(session.shown, link=LinkState.LOST))
+    model.follow(session.shown)
+    assert notices.current() is None
+    session.change(state=SessionState.IDLE)
+    model.follow(session.shown)
+    offer = notices.current()
+    assert offer is not None
+    assert "after 2 whole cycles" in offer.cause
+    assert "cycle 4" in offer.remedy
+    assert session.asked == []
+    offer.action()
+    assert session.asked == ["arm"]
+    session.change(state=SessionState.ARMED)
+    model.follow(session.shown)
+    assert notices.current() is None
+
+
+@pytest.mark.parametrize("cycles", [0, 5])
+def test_nothing_is_offered_where_nothing_is_left(tmp_path, cycles):
+    """Without a whole cycle the run begins anew, with all of them it is done."""
+    plan = built_in_plans()["calibration"]
+    session = RecordedSession(connected())
+    session.marks = marks(plan, cycles)
+    session.change(
+        plan=plan,
+        recording=tmp_path / "x.boat",
+        run_ended=RunEnding(RunEnd.FAULT, "unplugged"),
+        state=SessionState.FAULT,
+    )
+    model, notices = resumption(tmp_path, session)
+    model.follow(session.shown)
+    session.change(state=SessionState.IDLE)
+    model.follow(session.shown)
+    assert notices.current() is None
+
+
+def test_closed_run_resumes_only_on_a_free_board(tmp_path, closed):
+    """Without a board, or while something is recorded, it is refused; else armed, and Start is left to the operator."""
+    plan = built_in_plans()["calibration"]
+    broken = BrokenRun(closed, {}, plan, (), (), 3, 2, "stopped")
+    session = RecordedSession(idle())
+    model, notices = resumption(tmp_path, session, lambda path, then: then(broken))
+    with pytest.raises(OperatorError, match="no board"):
+        model.resume(closed)
+    session.shown = dataclasses.replace(connected(), recording=tmp_path / "other.boat")
+    with pytest.raises(OperatorError, match="being recorded"):
+        model.resume(closed)
+    session.shown = connected()
+    model.resume(closed)
+    assert session.asked == ["resume_recording", "arm"]
+    assert "resumes at cycle 3: press Start" in notices.current().cause

@@ -1,0 +1,118 @@
+"""The plan in its form, its staircase, its buttons, its progress."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from boat_daq.engine.snapshot import Phase, Progress, SessionState
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.undo import UndoHistory
+from boat_daq.viewmodels.live.sequence import BUTTONS, SequenceModel, drawing, staircase
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
+from tests.boat_daq.viewmodels.helpers import PLAN
+
+
+def sequence(folder: Path) -> SequenceModel:
+    model = SequenceModel(Mock(), UndoHistory())
+    model.remember_in(Preferences(folder))
+    return model
+
+
+def test_plan_is_restored_at_the_next_start(tmp_path: Path) -> None:
+    """Two cycles, and no waiting for readings, as they were set; the built-in plan is untouched."""
+    first = sequence(tmp_path)
+    assert (first.plan.cycles, first.wait_for_reading) == (5, True)
+    assert first.edit("cycles", "2") == ""
+    first.ask_readings(False)
+    again = sequence(tmp_path)
+    assert (again.plan, again.wait_for_reading) == (first.plan, False)
+    assert again.plan.cycles == 2
+    again.choose("calibration")
+    assert sequence(tmp_path).plan.cycles == 5
+
+
+@pytest.mark.parametrize("kept", ["", "cycles = 0", "no TOML at all ["])
+def test_stored_plan_that_is_invalid_is_ignored(tmp_path: Path, kept: str) -> None:
+    """A plan from another time that today's rules refuse does not keep the window from its start."""
+    Preferences(tmp_path).set("plan", kept)
+    assert sequence(tmp_path).plan == sequence(tmp_path / "none").plan
+
+
+def test_staircase_has_the_duration_of_the_plan():
+    """The picture ends when the plan's estimate ends, and each step begins where the one before ended."""
+    picture = staircase(PLAN)
+    assert picture.time_s[-1] == pytest.approx(PLAN.duration_s)
+    assert picture.step_starts_s.size == len(PLAN.steps)
+    assert np.all(np.diff(picture.time_s) >= 0)
+    assert set(picture.pressure_kpa[1::2]) == {step.target_kpa for step in PLAN.steps}
+
+
+def test_done_part_ends_at_the_current_time():
+    """The filled part is closed on the zero line, at the share of the time that has passed."""
+    picture = staircase(PLAN)
+    half = picture.time_s[-1] / 2
+    shown = drawing(picture, half, (-40.0, 50.0))
+    assert shown.done[0] == (0.0, shown.zero)
+    assert shown.done[-1] == (pytest.approx(0.5), shown.zero)
+    assert drawing(picture, 0.0, None).done == ()
+
+
+def test_every_state_has_its_buttons():
+    """No state of a session is without a line in the table, and every button does something."""
+    assert set(BUTTONS) == set(SessionState)
+    session = RecordedSession(connected())
+    model = SequenceModel(session, UndoHistory())
+    for button in {b for row in BUTTONS.values() for b in row}:
+        model.press(button)
+    assert sorted(session.asked) == sorted(["arm", "start", "disarm", "pause", "resume", "stop", "clear_fault"])
+
+
+def test_board_that_cannot_be_commanded_has_no_buttons():
+    """A replay or a text profile shows data; no button of the run is offered."""
+    session = RecordedSession(dataclasses.replace(connected(), can_command=False))
+    assert SequenceModel(session, UndoHistory()).allowed(session.snapshot()) == ()
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "part"),
+    [
+        ("cycles", "2.5", "whole number"),
+        ("cycles", "zero", "not a number"),
+        ("step_kpa", "7", "divide"),
+        ("high_kpa", "80", "limit"),
+    ],
+)
+def test_invalid_entry_is_refused_and_changes_nothing(key, text, part):
+    """The refusal names the reason; the plan stays as it was."""
+    model = SequenceModel(RecordedSession(idle()), UndoHistory())
+    assert part in model.edit(key, text)
+    assert model.plan == PLAN
+
+
+def test_entry_is_kept_and_undone():
+    """A good entry changes the plan through the history."""
+    history = UndoHistory()
+    model = SequenceModel(RecordedSession(idle()), history)
+    assert model.edit("low_kpa", "\u221230") == ""
+    assert model.plan.low_kpa == -30.0
+    history.undo()
+    assert model.plan == PLAN
+
+
+def test_progress_in_a_line():
+    """Cycle, step, phase and time left are said in the lab's words."""
+    from boat_daq.viewmodels.live.sequence import progress_text
+
+    progress = Progress(
+        "calibration", 9, 37, 1, 2, 0, (), "unloading", Phase.WAITING_FOR_READING, -30.0, 3.0, 60.0, 227.0
+    )
+    text = progress_text(dataclasses.replace(connected(), progress=progress))
+    assert text == "cycle 1 of 2   step 9 of 37   3:47 left   waiting for the reading at \u221230 kPa"
+    paused = dataclasses.replace(progress, phase=Phase.VENTING)
+    text = progress_text(dataclasses.replace(connected(), progress=paused, state=SessionState.PAUSED))
+    assert text == "cycle 1 of 2   step 9 of 37   3:47 left   goes on with a whole cycle"

@@ -1,0 +1,39 @@
+"""Results of a trade-off and of an atlas, as their commands write them."""
+
+from __future__ import annotations
+
+
+def point(setting, seconds, error, **more):
+    return {"setting": setting, "seconds": seconds, "error": error, "spread": 0.0, "cpu_seconds": seconds} | more
+
+
+def report(name="inverse", processor="this one", date="2026-01-02T00:00:00", points=None):
+    """A result as the command prints it."""
+    method = {
+        "name": name, "title": "Inverse", "reference": "closed form", "consumer": "the reader", "tolerance": 0.02,
+        "unit": "mm", "per": "a value", "points": points or [point("fine", 2.0, 0.001), point("rough", 1.0, 0.1)],
+        "front": ["rough", "fine"], "default": "fine", "chosen": "fine", "verdict": "the default is the choice",
+    }  # fmt: skip
+    return {
+        "machine": {"processor": processor, "date_utc": date}, "quick": True, "margin": 2.0, "methods": [method]
+    }  # fmt: skip
+
+
+def swept(method, name="map", outcome="works"):
+    """A result of the atlas with one map of one place."""
+    axis = {"name": "x", "unit": "", "values": [1.0]}
+    return {
+        "maps": [
+            {
+                "name": name,
+                "method": method,
+                "title": "A map",
+                "truth": "truth",
+                "unit": "mm",
+                "tolerance": 0.1,
+                "x": axis,
+                "y": axis,
+                "cells": [[{"outcome": outcome, "error": None, "said": ""}]],
+            }
+        ]
+    }

@@ -1,0 +1,31 @@
+"""The optics page: designs chosen on a map."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.models.optics import OpticsModel
+from boat_daq.viewmodels.models.optics_jobs import SweepSummary
+
+
+def test_cell_of_a_map_selects_its_design():
+    """A click takes spacing across and depth up; beside the map it takes nothing."""
+    chosen = []
+    model = OpticsModel(JobRunner())
+    model.choose = lambda values, face: chosen.append((values, face))
+    model.pick(5, 1.0, 4.3, 0.2)
+    model.pick(5, 1.0, 6.5, 0.2)
+    assert chosen == [((5, 1.0, 0.5, 0.9), "outer")]
+
+
+def test_map_holds_each_design_in_its_cell():
+    """P stands at [spacing, depth]; what was not simulated is NaN."""
+    values = np.array([[5, 1.0, 0.5, 0.9], [5, 1.0, 1.0, 0.5], [3, 1.0, 0.5, 0.9]])
+    flags = np.zeros(3, bool)
+    p = np.array([0.3, 0.7, 0.9])
+    sweep = SweepSummary(values, p, p, p, p, flags, flags, 2, 0, np.array([3, 2, 1]), 1.0, 45, 9, 250)
+    grid = sweep.grid(5, 1.0, (0.5, 0.6, 0.7, 0.8, 0.9, 1.0))
+    assert grid[4, 0] == 0.3
+    assert grid[0, 5] == 0.7
+    assert np.isnan(grid).sum() == 34

@@ -1,0 +1,37 @@
+"""Designs traced and swept in a helper process."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.errors import AnalysisError
+from analysis.optics.scene.curves import parametric_elongations
+from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.models import optics_jobs
+from boat_daq.viewmodels.models.optics import PAPER, OpticsModel
+
+
+def test_design_is_traced_in_all_states():
+    """Fifteen scenes, one NDR each; the rays of a scene lie between emitter and receiver."""
+    found = optics_jobs.trace_design(PAPER, 60)
+    assert len(found.scenes) == found.ndr.size == 15
+    assert np.all((found.ndr >= 0) & (found.ndr <= 350))
+    rays = found.scenes[7].released
+    assert np.nanmin(rays[:, 0]) >= -1.0
+    model = OpticsModel(JobRunner())
+    model.result = found
+    model.state = 0
+    assert "state 0 of 14" in model.state_text()
+    assert model.scene() is found.scenes[0]
+
+
+def test_curves_are_named_or_read_from_a_file(tmp_path):
+    """The parametric states' own elongation is found from the guides; a file of one state is refused by its name."""
+    curves = optics_jobs.curves_of("parametric")
+    assert np.allclose(optics_jobs.elongations_of("parametric", curves), parametric_elongations())
+    path = tmp_path / "one.csv"
+    rows = [f"{x},{z}" for x, z in curves[7, 0]]
+    path.write_text("x,z\n" + "\n".join(rows), encoding="utf-8")
+    with pytest.raises(AnalysisError, match="one state only"):
+        optics_jobs.curves_of(str(path))

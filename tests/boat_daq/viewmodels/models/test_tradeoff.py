@@ -1,0 +1,48 @@
+"""The trade-off page: choice of methods, result kept between starts."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from analysis.atlas.methods import METHOD_TITLES
+from analysis.tradeoff import METHODS as MEASURED
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel
+from tests.boat_daq.viewmodels.models.reports import report
+
+
+def test_page_lists_the_methods_of_the_commands():
+    """No method of the commands is missing in the window, none is invented."""
+    assert set(METHODS) == {*MEASURED, "decimation"}
+    assert set(METHOD_TITLES) <= set(ENTRIES)
+
+
+def test_result_is_restored_at_the_next_start(tmp_path):
+    """A loaded result is kept; a broken file is said, not fatal; the CSV has a row for each point."""
+    source = tmp_path / "given.json"
+    source.write_text(json.dumps(report()), encoding="utf-8")
+    model = TradeoffModel(JobRunner(), tmp_path / "config", Preferences(tmp_path / "config"))
+    model.load(source)
+    model.save(tmp_path / "out.csv")
+    assert len((tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()) == 3
+    again = TradeoffModel(JobRunner(), tmp_path / "config", Preferences(tmp_path / "config"))
+    assert list(again.charts) == ["inverse"]
+    again.path.write_text("{", encoding="utf-8")
+    broken = TradeoffModel(JobRunner(), tmp_path / "config", Preferences(tmp_path / "config"))
+    assert broken.charts == {}
+    assert "measure again" in broken.status()
+
+
+def test_measuring_without_a_method_is_refused(tmp_path):
+    """A measurement of no method says what to tick; a tick is remembered."""
+    model = TradeoffModel(JobRunner(), tmp_path, Preferences(tmp_path))
+    for name in METHODS:
+        model.choose(name, on=False)
+    with pytest.raises(OperatorError, match="no method is chosen"):
+        model.toggle()
+    model.choose("tracer", on=True)
+    assert TradeoffModel(JobRunner(), tmp_path, Preferences(tmp_path)).chosen == ("tracer",)

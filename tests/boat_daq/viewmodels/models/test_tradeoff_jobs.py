@@ -1,0 +1,26 @@
+"""Methods measured in a helper process."""
+
+from __future__ import annotations
+
+import json
+
+from analysis.tradeoff import Method, Setting
+from boat_daq.viewmodels.models import tradeoff_jobs
+from boat_daq.viewmodels.models.tradeoff_report import read_report
+
+
+def test_measured_methods_are_read_by_the_page(monkeypatch):
+    """Two methods measured in the helper come back in one result, progress rising to all of them."""
+    settings = [Setting("good", lambda _: 0.0, float), Setting("bad", lambda _: 1.0, float)]
+    fake = Method(
+        "fake", "Fake", "truth", True, "reader", 0.1, "mm", "a call",
+        lambda level: "bad" if level.level == "draft" else "good", lambda quick: settings,
+    )  # fmt: skip
+    monkeypatch.setattr("analysis.tradeoff.METHODS", {"fake": fake})
+    seen = []
+    content = tradeoff_jobs.measure_methods(["fake", "fake"], True, progress=lambda done, total: seen.append(done))
+    assert seen == sorted(seen)
+    assert seen[-1] == 2
+    chart = read_report(json.loads(json.dumps(content)))["fake"]
+    assert {p.setting: p.error for p in chart.points} == {"good": 0.0, "bad": 1.0}
+    assert {p.setting: p.uses for p in chart.points} == {"good": ("default", "chosen", "reference"), "bad": ("draft",)}

@@ -1,0 +1,44 @@
+"""A measured trade-off as the page shows it."""
+
+from __future__ import annotations
+
+import pytest
+
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.models.tradeoff_report import error_text, merged, read_report
+from tests.boat_daq.viewmodels.models.reports import point, report
+
+
+def test_points_are_numbered_from_the_cheapest_and_keep_their_marks():
+    """Order by processor time; default, choice and front stand where the result says; half the tolerance is enough."""
+    chart = read_report(report())["inverse"]
+    assert [(p.number, p.setting) for p in chart.points] == [(1, "rough"), (2, "fine")]
+    assert [p.marks for p in chart.points] == [("front",), ("default", "chosen", "front")]
+    assert chart.sufficient == 0.01
+    assert chart.default_is_chosen
+    assert "quick, 2026-01-02" in chart.measured
+
+
+def test_failed_setting_is_listed_but_not_drawn():
+    """An error of null is no number: it has no place in the chart, and the table says so; zero has one."""
+    chart = read_report(report(points=[point("broken", 1.0, None), point("exact", 2.0, 0.0)]))["inverse"]
+    assert [p.drawn for p in chart.points] == [False, True]
+    assert error_text(chart.points[0].error) == "failed"
+    assert 0 < chart.floor < chart.sufficient
+
+
+@pytest.mark.parametrize("content", [[], {}, {"machine": {}}, report() | {"methods": [{"name": "x"}]}, "text", None])
+def test_file_without_a_result_is_refused(content):
+    """Another file's content is refused with what to choose instead."""
+    with pytest.raises(OperatorError, match="not a measured trade-off"):
+        read_report(content)
+
+
+def test_merged_result_keeps_methods_measured_before():
+    """A new result keeps the other methods of the same machine; those of another machine go."""
+    old, new = merged(None, report("tracer", date="2026-01-01T00:00:00")), report("inverse")
+    both = read_report(merged(old, new))
+    assert {name: chart.measured[:17] for name, chart in both.items()} == {
+        "inverse": "quick, 2026-01-02", "tracer": "quick, 2026-01-01",
+    }  # fmt: skip
+    assert list(read_report(merged(old, report("inverse", processor="another")))) == ["inverse"]

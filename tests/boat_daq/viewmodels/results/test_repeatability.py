@@ -1,0 +1,93 @@
+"""The repeatability page: groups of cycles, drift, a run that is followed."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from unittest.mock import Mock
+
+import pytest
+
+from analysis.fidelity import fidelity
+from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.snapshot import Progress, SessionState
+from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
+from tests.boat_daq.gui.recorded_session import connected
+
+
+def test_groups_cover_every_cycle_once(result):
+    """However many cycles, at most a dozen groups, each cycle in exactly one."""
+    model = RepeatabilityModel(JobRunner())
+    for n in (1, 2, 12, 13, 100):
+        model.show(dataclasses.replace(result, cycles=n))
+        groups = model.groups()
+        assert len(groups) <= GROUPS
+        assert [cycle for group in groups for cycle in group] == list(range(n))
+
+
+def test_drift_begins_at_the_first_cycle(result):
+    """The change of both ends is counted from the first cycle."""
+    model = RepeatabilityModel(JobRunner())
+    model.show(result)
+    numbers, top, bottom = model.extremes(0)
+    assert numbers.tolist() == [1.0, 2.0]
+    assert (top[0], bottom[0]) == (0.0, 0.0)
+
+
+def test_every_cycle_has_its_figures(result):
+    """Sensitivity by the readings of each cycle near the run's own; SNR and hysteresis near the run's."""
+    model = RepeatabilityModel(JobRunner())
+    assert model.warm_up() == ""
+    model.show(result)
+    each = model.cycles(0)
+    assert each.sensitivity_unit == "mV/mm"
+    assert each.sensitivity == pytest.approx([39.3, 39.3], rel=0.02)
+    assert each.snr_db == pytest.approx([result.sensors[0].content["figures"]["snr_db"]] * 2, abs=1.0)
+    assert each.hysteresis_percent_fso == pytest.approx(
+        [result.sensors[0].content["figures"]["system_hysteresis_percent_fso"]] * 2, abs=0.5
+    )
+    long = dataclasses.replace(each, warm_up=3)
+    sensors = tuple(dataclasses.replace(s, cycles=long) for s in result.sensors)
+    model.show(dataclasses.replace(result, sensors=sensors, cycles=100))
+    assert model.warm_up() == "warm-up: cycles 1 to 3"
+
+
+def test_running_recording_is_analysed_again(recording):
+    """Only a continuous run, only after new cycles, and never more often than the share of the machine allows."""
+    now, asked = [100.0], []
+    model = RepeatabilityModel(JobRunner(), lambda: now[0])
+    model.analyse = lambda path, label="": asked.append(path)
+    progress = Progress("repeatability", 9, 200, 5, 100, 4, (), "loading", "ramping", 50.0, 1.0, 90.0, 900.0)
+    plan = built_in_plans()["repeatability"]
+    running = dataclasses.replace(
+        connected(), state=SessionState.RUNNING, recording=recording, progress=progress, plan=plan
+    )
+    model.follow(running)
+    model.follow(running)
+    assert len(asked) == 1
+    now[0] += 60.0
+    model.follow(running)
+    assert len(asked) == 1
+    model.follow(dataclasses.replace(running, progress=dataclasses.replace(progress, complete_cycles=5)))
+    assert len(asked) == 2
+    model.follow(dataclasses.replace(running, plan=built_in_plans()["calibration"]))
+    assert len(asked) == 2
+    over = dataclasses.replace(running, state=SessionState.IDLE, progress=None)
+    model.follow(over)
+    assert len(asked) == 2
+    now[0] += 1.0
+    for _ in range(3):
+        model.follow(over)
+    assert len(asked) == 3
+
+
+def test_analysis_uses_the_chosen_fidelity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The level goes with the work, as on the calibration page."""
+    begun = Mock()
+    monkeypatch.setattr("boat_daq.viewmodels.results.repeatability.Job", begun)
+    model = RepeatabilityModel(Mock())
+    for level in ("draft", "reference"):
+        model.set_fidelity(fidelity(level))
+        model.analyse(tmp_path / "run.boat")
+        assert begun.call_args.kwargs["level"] == level

@@ -1,0 +1,105 @@
+"""The list of recordings: entries, exports, comparison, what can be done with them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from analysis import load_recording
+from boat_daq.engine.settings import UnitLibrary
+from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common.jobs import JobRunner
+from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.results import run_jobs
+from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
+from protocol.recording import RunEnd
+from tests.boat_daq.viewmodels.helpers import until
+
+
+def test_entries_show_what_each_recording_is(recording, tmp_path):
+    """Unit, length, cycles and readings stand in the list; a broken file stands there with its reason."""
+    run = read_run(recording)
+    assert run.cells[1].startswith("SA1")
+    assert "SIMULATED" in run.cells[1]
+    assert run.cells[4].startswith("2")
+    assert run.cells[5] == "37"
+    assert len(run.outline) >= 2
+    broken = tmp_path / "x.boat"
+    broken.write_bytes(b"")
+    assert read_run(broken).cells[6].startswith("\u25a0")
+
+
+def test_list_arrives_by_polling(recording, tmp_path):
+    """The folder is read beside the window; a second look without change is no change."""
+    model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
+    model.scan()
+    until(lambda: (model.poll(), model.runs)[1])
+    revision = model.revision
+    model.scan()
+    until(lambda: (model.poll(), model._future is None)[1])
+    assert model.revision == revision
+    assert model.interrupted() == []
+    with pytest.raises(OperatorError, match="one recording"):
+        model.export([], tmp_path / "x.csv")
+    with pytest.raises(OperatorError, match="no recording"):
+        model.report([], tmp_path / "x.pdf")
+    with pytest.raises(OperatorError, match="chosen to compare"):
+        model.compare([recording])
+    model.close()
+
+
+def test_exports_read_back(recording, tmp_path):
+    """The exported CSV has every sample."""
+
+    files = run_jobs.export_run(recording, tmp_path / "run.csv", "csv")
+    assert load_recording(files[0]).n == load_recording(recording).n
+
+
+def test_run_compared_with_itself_has_no_difference(recording, tmp_path):
+    """The difference of two equal runs is zero over the range."""
+    model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
+    model.comparison = run_jobs.compare_runs([recording, recording])
+    lines, words = model.comparison_lines()
+    assert len(lines) == 2
+    assert np.abs(lines[0][1][1]).max() < 1e-6
+    assert words == "1: SA1   2: SA1"
+    model.close()
+
+
+def test_runs_that_did_not_finish_are_resumable(closed):
+    """A finished run cannot; one that was stopped, or killed, can; one that is recorded now cannot."""
+    run = read_run(closed)
+    assert (run.closed, run.resumable) == (True, False)
+
+    def as_if(**changed: object) -> RunEntry:
+        return dataclasses.replace(run, summary=dataclasses.replace(run.summary, **changed))
+
+    assert as_if(run_end=RunEnd.FAULT).resumable
+    assert as_if(status="interrupted", run_end=None).resumable
+    assert not as_if(status="recording", run_end=None).resumable
+    assert not as_if(run_end=RunEnd.STOPPED, steps=0).resumable
+    assert not dataclasses.replace(run, summary=None).resumable
+
+
+def test_obstacle_names_why_an_action_is_refused(closed):
+    """Grey buttons stood there without a word; both sides of each border."""
+    good = read_run(closed)
+    damaged = dataclasses.replace(good, summary=None, problem="it is no recording")
+    written = dataclasses.replace(good, summary=dataclasses.replace(good.summary, status="recording"))
+    deeds = ("open", "repeat", "replay", "export", "readings", "report", "compare")
+
+    def refused(*chosen: RunEntry) -> set[str]:
+        return {deed for deed in deeds if obstacle(deed, chosen)}
+
+    assert refused() == set(deeds)
+    assert refused(good) == {"compare"}
+    assert refused(written) == {"compare", "readings"}
+    assert refused(good, good) == refused(*[good] * 4) == set(deeds) - {"report", "compare"}
+    assert refused(*[good] * 5) == set(deeds) - {"report"}
+    assert refused(damaged) == refused(good, damaged) == set(deeds)
+    assert obstacle("report", [good, damaged]) == "older.boat: it is no recording."
+    assert "2 recordings are chosen" in obstacle("open", [good, good])
+    assert (selection_text([]), selection_text([damaged])) == (NONE_CHOSEN, damaged.problem)
+    assert "37 readings" in selection_text([good])

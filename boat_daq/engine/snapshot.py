@@ -182,7 +182,6 @@ class ReadingRequest:
     branch: str
     target_kpa: float
     pressure_kpa: float
-    waits_until_s: float  # board time at which the run continues without it
 
 
 class LinkWarningCode(enum.StrEnum):
@@ -221,7 +220,6 @@ class HealthSnapshot:
 class Progress:
     """How far a run is."""
 
-    plan_name: str
     step: int  # steps begun, from 1
     steps: int  # steps expected in all
     cycle: int
@@ -250,7 +248,6 @@ class SessionSnapshot:
     why_read_only: str = ""
     health: HealthSnapshot | None = None
     speed: float = 1.0  # board time per host time; 1 for a real board
-    heartbeat_ms: int = 0  # 0: not armed
     limits: Limits | None = None
     last: LastSample | None = None
     plan: Plan | None = None

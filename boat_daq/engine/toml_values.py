@@ -44,16 +44,16 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
         raise OperatorError(f"{where} is not a readable TOML file: {error}", "correct that line") from error
 
 
-def read_text(path: Path) -> str:
-    """Return a small text file's content.
+def read_text(path: Path, most_bytes: int = MAX_BYTES) -> str:
+    """Return a small text file's content, in bounded memory.
 
     Raises
     ------
     OperatorError : missing, unreadable, too large, or not UTF-8.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise OperatorError(f"{path} is larger than {MAX_BYTES // 1000} kB", "name the right file")
+        if path.stat().st_size > most_bytes:
+            raise OperatorError(f"{path} is larger than {most_bytes // 1000} kB", "choose the right file")
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise OperatorError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
@@ -62,20 +62,16 @@ def read_text(path: Path) -> str:
 
 
 def read_json(path: Path, most_bytes: int = MAX_BYTES) -> Any:
-    """Return what a JSON file holds, in bounded memory.
+    """Return the content of a JSON file, in bounded memory.
 
     Raises
     ------
-    OperatorError : unreadable, too large, or no JSON.
+    OperatorError : as `read_text`, or not JSON.
     """
     try:
-        if path.stat().st_size > most_bytes:
-            raise OperatorError(f"{path.name} is larger than {most_bytes // 1000} kB", "name the right file")
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise OperatorError(f"{path} cannot be read: {error.strerror}", "check the path and its permissions") from error
+        return json.loads(read_text(path, most_bytes))
     except (ValueError, RecursionError) as error:
-        raise OperatorError(f"{path.name} is not a JSON file", "name the right file") from error
+        raise OperatorError(f"{path.name} is not a JSON file", "choose the right file") from error
 
 
 def _plain(value: Any, kind: type, where: str, key: str) -> Any:

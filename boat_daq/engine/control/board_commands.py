@@ -48,17 +48,30 @@ _GUARD = {
     SetLimits: "no pressure without limits: check those of unit and plan, and the board's firmware",
     Heartbeat: "no pressure without a watchdog: check the board's firmware",
 }
-_TRIPPING = {
-    EventCode.OVER_PRESSURE: ("the board vented: over-pressure, {} Pa", "check supply and valve"),
-    EventCode.UNDER_PRESSURE: ("the board vented: under-pressure, {} Pa", "check vacuum line and valve"),
-    EventCode.HEARTBEAT_LOST: (
-        "the board vented: it received nothing for {} ms",
-        "close other programs on this computer, or lower the speed of a virtual board",
+_LOWER_SPEED = "close other programs on this computer, or lower the speed of a virtual board"
+_CLEAR_ESTOP = "release it when it is safe, then clear the fault"
+_FIND_LEAK = "check for a leak, and that the pump runs"
+_TRIPS = {  # kind, cause, remedy
+    EventCode.OVER_PRESSURE: (
+        MessageKind.BOARD_OVER_PRESSURE,
+        "the board vented: over-pressure, {} Pa",
+        "check supply and valve",
     ),
-    EventCode.ESTOP_PRESSED: ("the e-stop was pressed", "release it when it is safe, then clear the fault"),
+    EventCode.UNDER_PRESSURE: (
+        MessageKind.BOARD_UNDER_PRESSURE,
+        "the board vented: under-pressure, {} Pa",
+        "check vacuum and valve",
+    ),
+    EventCode.HEARTBEAT_LOST: (
+        MessageKind.BOARD_HEARTBEAT_LOST,
+        "the board vented: nothing received for {} ms",
+        _LOWER_SPEED,
+    ),
+    EventCode.ESTOP_PRESSED: (MessageKind.BOARD_ESTOP_PRESSED, "the e-stop was pressed", _CLEAR_ESTOP),
     EventCode.TARGET_NOT_REACHED: (
+        MessageKind.BOARD_TARGET_NOT_REACHED,
         "the board vented: target not reached, {} Pa",
-        "check for a leak, and that the pump runs",
+        _FIND_LEAK,
     ),
 }
 
@@ -268,9 +281,9 @@ class BoardCommands:
 
     def board_event(self, code: EventCode | int, value: int) -> Trip | None:
         """Return the trip that an event of the board means, or report it."""
-        if code in _TRIPPING:
-            cause, remedy = _TRIPPING[EventCode(code)]
-            return Trip(MessageKind(f"board_{EventCode(code).name.lower()}"), cause.format(value), remedy, float(value))
+        if code in _TRIPS:
+            kind, cause, remedy = _TRIPS[EventCode(code)]
+            return Trip(kind, cause.format(value), remedy, float(value))
         if code == EventCode.SENSOR_SATURATED:
             text = f"sensor {value + 1} is saturated"
             self.note(MessageKind.SATURATED, text, "warning", "reduce the light or its gain", value=value + 1)

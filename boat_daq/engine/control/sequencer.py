@@ -325,9 +325,8 @@ class Sequencer:
         """Return the plateau that waits for its reading."""
         if self._watch is None or self._watch.phase is not Phase.WAITING_FOR_READING:
             return None
-        mark, until_us = self.marks[-1], self._watch.waits_until_us
-        assert until_us is not None
-        return ReadingRequest(mark.number, mark.cycle, mark.branch, mark.target_kpa, self._pressure_kpa, until_us / 1e6)
+        mark = self.marks[-1]
+        return ReadingRequest(mark.number, mark.cycle, mark.branch, mark.target_kpa, self._pressure_kpa)
 
     def progress(self) -> Progress | None:
         """Return how far the run is; None outside a run."""
@@ -336,7 +335,6 @@ class Sequencer:
         mark = self.marks[-1]
         left_s, steps_left = self._left()
         return Progress(
-            plan_name=self.plan.name,
             step=mark.number,
             steps=mark.number + steps_left,
             cycle=self.cycle,

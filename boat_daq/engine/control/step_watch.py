@@ -68,13 +68,6 @@ class StepWatch:
             return Phase.WAITING_FOR_READING
         return Phase.SETTLING if self.settled_us is None else Phase.DWELLING
 
-    @property
-    def waits_until_us(self) -> int | None:
-        """Board time at which the plateau ends without its reading; None while it does not wait."""
-        if self._steady_since_us is None:
-            return None
-        return self._steady_since_us + _us(self._plan.reading_timeout_s)
-
     def waited_s(self, now_us: int) -> float:
         """Return how long the plateau has waited for its reading by `now_us`, seconds; 0 where it did not."""
         if self._steady_since_us is None:

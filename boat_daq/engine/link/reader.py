@@ -75,11 +75,6 @@ class PortReader:
         with self._lock:
             return self._link.statistics
 
-    @property
-    def alive(self) -> bool:
-        """Whether the thread reads."""
-        return self._thread.is_alive()
-
     def add_sink(self, sink: Sink) -> None:
         """Pass every later block to `sink` too, after the present sinks."""
         with self._lock:

@@ -46,13 +46,11 @@ class PortInfo:
 
     port: str
     description: str
-    hardware_id: str
-    serial_number: str | None
 
 
 def list_ports() -> list[PortInfo]:
     """Return the serial ports of this machine; pseudo-terminals and TCP are not among them."""
-    found = [PortInfo(p.device, p.description, p.hwid, p.serial_number) for p in system_ports.comports()]
+    found = [PortInfo(p.device, p.description) for p in system_ports.comports()]
     return sorted(found, key=lambda port: port.port)
 
 

@@ -124,11 +124,6 @@ class Recorder:
         return self._acknowledged
 
     @property
-    def error(self) -> StorageError | None:
-        """What the disk refuses at the moment; None when all is well."""
-        return self._error
-
-    @property
     def queued(self) -> int:
         """Items and statements that wait for a commit."""
         return len(self._queue) + len(self._waiting)

@@ -394,7 +394,6 @@ class Session:
                 why_read_only=port.why_read_only if port and up else "",
                 health=health,
                 speed=control.board.meter.speed,
-                heartbeat_ms=control.board.feeder.armed_ms,
                 limits=control.interlock.limits,
                 last=control.last,
                 plan=control.sequencer.plan,

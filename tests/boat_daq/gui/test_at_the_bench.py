@@ -27,8 +27,8 @@ from tests.boat_daq.gui.recorded_session import RecordedSession, connected, fill
 from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.results.test_runs_page import PATIENCE_MS, SAMPLE
 
-RAMPING = Progress("calibration", 4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20.0, 130.0)
-ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0, 600.0)
+RAMPING = Progress(4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20.0, 130.0)
+ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0)
 
 
 @pytest.fixture

@@ -106,7 +106,7 @@ def test_typed_readings_can_be_undone_and_redone(make):
     """Enter keeps a reading and undo brings back what was there, as a newer entry."""
     session = RecordedSession(connected(), filled_ring(10.0))
     session.marks = (StepMark(3, 1, "unloading", 30.0, 10.0, 0),)
-    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0), state=SessionState.RUNNING)
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0), state=SessionState.RUNNING)
     window = make(session)
     window.refresh()
     bar = window.live.reading
@@ -123,7 +123,7 @@ def test_typed_readings_can_be_undone_and_redone(make):
 def test_what_is_no_length_is_refused_where_it_was_typed(make):
     """A wrong reading is not kept, its field is marked, and the strip says what to type."""
     session = RecordedSession(connected(), filled_ring(10.0))
-    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0))
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
     window = make(session)
     window.refresh()
     QTest.keyClicks(window.live.reading.field, "2..3")
@@ -263,7 +263,7 @@ def test_buttons_follow_the_state(make):
 def test_a_photograph_gives_a_reading(make, tmp_path):
     """Load a picture, four clicks, and the tip's way is kept as a reading from a photograph."""
     session = RecordedSession(connected(), filled_ring(10.0))
-    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0))
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
     window = make(session)
     panel = window.live.photograph
     panel.show()

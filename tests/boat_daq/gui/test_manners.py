@@ -127,7 +127,7 @@ def test_a_session_by_keys_alone(make):
     window.refresh()
     press("F6")
     assert session.asked[-2:] == ["start_recording", "start"]
-    session.change(state=SessionState.RUNNING, waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0))
+    session.change(state=SessionState.RUNNING, waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
     window.refresh()
     QTest.keyClicks(window.live.reading.field, "2.31")
     QTest.keyClick(window.live.reading.field, Qt.Key.Key_Return)
@@ -136,7 +136,7 @@ def test_a_session_by_keys_alone(make):
     assert session.kept[-1].elongation_mm is None
     press("Ctrl+Shift+Z")
     assert session.kept[-1].elongation_mm == 2.31
-    session.change(waiting_for_reading=ReadingRequest(4, 1, "unloading", 20.0, 20.0, 99.0))
+    session.change(waiting_for_reading=ReadingRequest(4, 1, "unloading", 20.0, 20.0))
     window.refresh()
     press("Ctrl+Shift+N")
     assert session.asked[-1] == "skip_reading"
@@ -291,7 +291,7 @@ def test_a_cursor_is_dragged_with_the_mouse(live):
 def test_a_photograph_is_read_with_clicks(make, tmp_path):
     """A pasted picture, two clicks 10 mm apart, one at rest and one now, on the picture itself."""
     session = RecordedSession(connected(), filled_ring(10.0))
-    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0))
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
     window = make(session)
     window.refresh()
     run_shortcut(window, "Ctrl+P")
@@ -400,7 +400,7 @@ def test_a_bug_report_is_packed_without_names(live, tmp_path, qtbot):
 def test_a_much_enlarged_screen_keeps_what_matters_in_sight(make, size, theme):
     """At 200 % on 1920 x 1080, or 150 % on 1280 x 800: VENT, the question, its field and the pressure's target."""
     session = RecordedSession(connected(), filled_ring(60.0))
-    session.change(state=SessionState.RUNNING, waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0, 99.0))
+    session.change(state=SessionState.RUNNING, waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
     window = make(session)
     window.set_theme(theme)
     window.resize(*size)

@@ -33,7 +33,7 @@ def test_undo_takes_back_the_reading_while_its_field_has_the_focus(make, qtbot):
     """Ctrl+Z brought the last plateau's number into the next one's field, where Enter would have kept it."""
     session = RecordedSession(connected(), filled_ring(10.0))
     session.marks = tuple(StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6) for n in (3, 4))
-    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0, 99.0), state=SessionState.RUNNING)
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0), state=SessionState.RUNNING)
     window = make(session)
     window.refresh()
     field = window.live.reading.field
@@ -42,7 +42,7 @@ def test_undo_takes_back_the_reading_while_its_field_has_the_focus(make, qtbot):
     window.window_keys.watch(handle)
     QTest.keyClicks(field, "9.9")
     QTest.keyClick(field, Qt.Key.Key_Return)
-    session.change(waiting_for_reading=ReadingRequest(4, 1, "unloading", 10.0, 10.0, 99.0))
+    session.change(waiting_for_reading=ReadingRequest(4, 1, "unloading", 10.0, 10.0))
     window.refresh()
     QTest.keyClick(handle, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert field.text() == ""
@@ -102,7 +102,7 @@ def test_a_photograph_read_before_its_plateau_waits_can_be_taken_then(make):
     for x in (20.0, 120.0, 150.0, 173.0):
         panel.view.clicked.emit(x, 50.0)
     assert "No plateau waits" in panel.instruction.text()
-    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0, 99.0), state=SessionState.RUNNING)
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0), state=SessionState.RUNNING)
     window.refresh()
     assert panel.instruction.text().startswith("Enter takes it")
     assert panel.take.isEnabled()

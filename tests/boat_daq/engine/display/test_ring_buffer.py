@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from boat_daq.engine.blocks import Block
-from boat_daq.engine.display.column_ring import ColumnRing
-from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid, fold_columns
+from boat_daq.engine.display.min_max_pyramid import ColumnRing, MinMaxPyramid, fold_columns
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from protocol import Samples
 from protocol.recording import SampleFlag, sample_dtype

@@ -118,7 +118,7 @@ def test_a_port_that_cannot_be_opened_says_why():
 def test_a_board_is_found_again_under_another_name(monkeypatch):
     """After a replug the port has another name; the identity finds it, and finds no other board."""
     with served(lambda _came: b"") as other, served(Board()) as port:
-        found = [PortInfo(name, "", "", None) for name in (other, port)]
+        found = [PortInfo(name, "") for name in (other, port)]
         monkeypatch.setattr(discovery, "list_ports", lambda: found)
         board_id = identify_port(port).hello.board_id
         assert find_board(board_id) == port

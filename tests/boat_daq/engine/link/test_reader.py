@@ -83,7 +83,7 @@ def test_an_unplugged_port_ends_the_reading_with_one_event():
     assert isinstance(seen.blocks[-1].events[0].error, DeviceError)
     assert len(seen.events(PortLost)) == 1
     assert transport.closed
-    assert not acquisition.alive
+    assert not acquisition._thread.is_alive()
 
 
 @pytest.mark.fault(12, how="a port that stays open and sends nothing", times=1)

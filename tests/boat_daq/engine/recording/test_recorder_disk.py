@@ -42,7 +42,7 @@ def test_a_full_disk_is_told_once_and_loses_nothing_when_room_is_made(path, sour
     assert rows(path, "PRAGMA quick_check") == [("ok",)]
     limit_pages(recorder, 1_000_000)
     assert recorder.flush(5.0)
-    assert recorder.error is None
+    assert recorder._error is None
     recorder.close(RunEnd.FINISHED)
     assert len(errors) == 1
     assert stored_samples(path) == np.concatenate(source.samples).tobytes()

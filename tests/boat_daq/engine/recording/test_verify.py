@@ -88,11 +88,11 @@ def test_a_board_that_restarts_makes_a_segment_that_verifies(tmp_path):
     acquisition.add_recorder(recorder)
     acquisition.send(Start(100))
     while board.now_us < 6_000_000:
-        assert acquisition.alive
+        assert acquisition._thread.is_alive()
     acquisition.send(Start(100))
     transport.end_us = board.now_us + 2_000_000
     while board.now_us < transport.end_us:
-        assert acquisition.alive
+        assert acquisition._thread.is_alive()
     acquisition.stop()
     recorder.close(RunEnd.FINISHED)
     assert [reason for (reason,) in rows(path, "SELECT reason FROM segment")] == [
@@ -120,7 +120,7 @@ def test_a_reconnection_verifies(tmp_path):
         acquisition.send(Start(100))
         transport.end_us = transport.board.now_us + 2_000_000
         while transport.board.now_us < transport.end_us:
-            assert acquisition.alive
+            assert acquisition._thread.is_alive()
         acquisition.stop()
     recorder.close(RunEnd.FINISHED)
     assert [row[0] for row in rows(path, "SELECT reason FROM segment")] == [

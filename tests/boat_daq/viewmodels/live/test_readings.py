@@ -109,7 +109,7 @@ def test_paste_enters_all_or_nothing():
 def test_question_names_the_plateau():
     """The window asks with pressure, branch and cycle, and the row of the table is marked."""
     session = RecordedSession(dataclasses.replace(
-        connected(), waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.1, 99.0)))  # fmt: skip
+        connected(), waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.1)))  # fmt: skip
     session.marks = plateaus(1)
     model = ReadingsModel(session, UndoHistory())
     assert model.question(session.snapshot()) == "Elongation at +30 kPa, unloading, cycle 1"

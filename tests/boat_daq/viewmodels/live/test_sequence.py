@@ -108,9 +108,7 @@ def test_progress_in_a_line():
     """Cycle, step, phase and time left are said in the lab's words."""
     from boat_daq.viewmodels.live.sequence import progress_text
 
-    progress = Progress(
-        "calibration", 9, 37, 1, 2, 0, (), "unloading", Phase.WAITING_FOR_READING, -30.0, 3.0, 60.0, 227.0
-    )
+    progress = Progress(9, 37, 1, 2, 0, (), "unloading", Phase.WAITING_FOR_READING, -30.0, 3.0, 60.0, 227.0)
     text = progress_text(dataclasses.replace(connected(), progress=progress))
     assert text == "cycle 1 of 2   step 9 of 37   3:47 left   waiting for the reading at \u221230 kPa"
     paused = dataclasses.replace(progress, phase=Phase.VENTING)

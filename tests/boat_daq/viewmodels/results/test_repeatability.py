@@ -58,7 +58,7 @@ def test_running_recording_is_analysed_again(recording):
     now, asked = [100.0], []
     model = RepeatabilityModel(JobRunner(), lambda: now[0])
     model.analyse = lambda path, label="": asked.append(path)
-    progress = Progress("repeatability", 9, 200, 5, 100, 4, (), "loading", "ramping", 50.0, 1.0, 90.0, 900.0)
+    progress = Progress(9, 200, 5, 100, 4, (), "loading", "ramping", 50.0, 1.0, 90.0, 900.0)
     plan = built_in_plans()["repeatability"]
     running = dataclasses.replace(
         connected(), state=SessionState.RUNNING, recording=recording, progress=progress, plan=plan

@@ -48,6 +48,12 @@ def test_every_file_of_ours_that_is_named_exists() -> None:
     assert not gone
 
 
+def test_no_line_is_hidden_as_a_comment() -> None:
+    """MyST takes a line that begins with a percent sign for a comment and leaves it out of the site."""
+    hidden = [str(page) for page in markdown() if re.search(r"^%", (ROOT / page).read_text("utf-8"), re.MULTILINE)]
+    assert not hidden
+
+
 def test_every_command_is_in_the_readme() -> None:
     commands = getattr(typer.main.get_command(app), "commands").values()  # noqa: B009 - typer's own kind of group
     table = re.findall(

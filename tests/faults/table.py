@@ -16,7 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "FAULTS.md"
-HEAD = """# Faults: what is injected, how often, and what must come of it
+HEAD = """# Table of faults
 
 Made from the marks of the tests by `make faults`; do not edit. Each row of a fault is a test: how it injects the fault,
 how many times, where it is, and when it runs (CI: with every change, `make test`; nightly: `make nightly`). The outcome

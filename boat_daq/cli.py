@@ -1,6 +1,6 @@
-"""The one console script. Every group of commands has its own file in `boat_daq/commands/`.
+"""The console script. Every group of commands has its own module in `boat_daq/commands/`.
 
-A command's own imports (numpy, Qt, numba) happen when it runs, so that `--help` and `board` answer at once.
+A command imports its libraries (numba, Qt, scipy) when it runs, so that `--help` and `board` start at once.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from boat_daq.commands import (
     upgrade,
     verify,
 )
-from boat_daq.commands.console import emit_error
+from boat_daq.commands.console import emit_error, show
 
 app = typer.Typer(
     name="boat-daq",
@@ -49,7 +49,7 @@ app = typer.Typer(
 
 def show_version(value: bool) -> None:
     if value:
-        typer.echo(f"boat-daq {boat_daq.__version__}")
+        show(f"boat-daq {boat_daq.__version__}")
         raise typer.Exit
 
 
@@ -62,7 +62,9 @@ def start(
 ) -> None:
     """Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.
 
-    Without a command it opens the window. Example: boat-daq demo --headless
+    Without a command it opens the window.
+
+    Example: boat-daq demo --headless
     """
     if context.invoked_subcommand is None:
         gui.gui()
@@ -97,7 +99,7 @@ for name, group in (("optics", optics.app), ("shadow", shadow.app)):
 
 
 class Interruption:
-    """Turns Ctrl-C and a polite `kill` into the same KeyboardInterrupt, and remembers that it came."""
+    """Turns SIGINT (Ctrl-C) and SIGTERM into a KeyboardInterrupt, and records it in `came`."""
 
     def __init__(self) -> None:
         self.came = False
@@ -110,21 +112,21 @@ class Interruption:
 
 
 def explain_file(error: OSError) -> tuple[str, str]:
-    """Return what to say of a file that the system refused: its name and its reason."""
+    """Return cause and remedy of a file that the system refused."""
     if not (error.filename and error.strerror):
         return explain_fault(error)
-    return f"{error.filename}: {error.strerror}", "check the path, its permissions and the room on the disk"
+    return f"{error.filename}: {error.strerror}", "check the path, its permissions and the free space of the disk"
 
 
 def explain_fault(error: Exception) -> tuple[str, str]:
-    """Return what to say of an error that nobody foresaw; its traceback goes into the log."""
+    """Return cause and remedy of an unexpected error; its traceback is written to the log."""
     from boat_daq.engine.log import note_failure, start_log, stop_log
 
     path = start_log()
-    note_failure("a fault of the program", error)
+    note_failure("an error of the program", error)
     stop_log()
     where = f"; the details are in {path}" if path else ""
-    return f"a fault of the program: {type(error).__name__}: {error}{where}", "boat-daq bugreport --out FILE.zip"
+    return f"an error of the program: {type(error).__name__}: {error}{where}", "boat-daq bugreport --out FILE.zip"
 
 
 def main() -> None:

@@ -1,9 +1,9 @@
 """Errors of the program: each names its cause and, where there is one, the remedy.
 
 BoatDaqError
-+-- OperatorError      what was asked for cannot be done as asked (a path, a plan, a limit)
-+-- DeviceError        the port or the board does not do its part
-+-- StorageError       the disk or the file does not do its part
++-- OperatorError      a request cannot be met as given (a path, a plan, a limit)
++-- DeviceError        the port or the board failed
++-- StorageError       the disk or the file failed
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ class BoatDaqError(Exception):
 
     Parameters
     ----------
-    cause : what happened, in the words of the lab.
-    remedy : what the reader can do about it; may be empty.
+    cause : what happened, in the terms of the lab.
+    remedy : what the user can do about it; may be empty.
     """
 
     def __init__(self, cause: str, remedy: str = "") -> None:
@@ -25,12 +25,12 @@ class BoatDaqError(Exception):
 
 
 class OperatorError(BoatDaqError):
-    """What was asked for cannot be done as asked."""
+    """A request cannot be met as given."""
 
 
 class DeviceError(BoatDaqError):
-    """The port or the board does not do its part."""
+    """The port or the board failed."""
 
 
 class StorageError(BoatDaqError):
-    """The disk or the file does not do its part."""
+    """The disk or the file failed."""

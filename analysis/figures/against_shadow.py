@@ -8,6 +8,7 @@ Rules: a run without a calibration that has an inverse is not compared, and says
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +16,11 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.calibration.inverse import Inverse
+from analysis.data.recording import Recording
 from analysis.errors import AnalysisError, DataError
+from analysis.fidelity import Level, fidelity
 from analysis.figures.pipeline import Analysis
+from analysis.figures.sensor_analysis import SensorAnalysis
 from analysis.progress import Progress
 
 if TYPE_CHECKING:
@@ -65,7 +69,7 @@ def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> A
 
     recording, cycles = analysis.recording, analysis.cycles.used
     try:
-        elongations = np.stack([_elongation(analysis, i) for i in range(len(analysis.sensors))], axis=1)
+        elongations = measured_elongation(recording, analysis.sensors)
         if not cycles:
             raise DataError("the run has no complete cycle")
         table = load_table(progress=progress)
@@ -85,15 +89,67 @@ def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> A
     )
 
 
-def _elongation(analysis: Analysis, sensor: int) -> FloatArray:
-    calibration = analysis.sensors[sensor].calibration
-    if calibration is None:
+def readings_against_shadow(
+    analysis: Analysis, level: Level = "normal", *, progress: Progress | None = None
+) -> dict[str, float]:
+    """Compare the readings of a run with the nominal elongation at the same pressures.
+
+    Parameters
+    ----------
+    analysis : of a run with readings.
+    level : of the shadow's mesh and table.
+    progress : of building the table.
+
+    Returns
+    -------
+    Number of plateaus, mean deviation and largest absolute deviation in mm.
+
+    Raises
+    ------
+    DataError : the run has no readings.
+    """
+    from analysis.shadow.model.fidelity import shadow_at
+
+    if analysis.elongations is None:
+        raise DataError("the run has no readings of elongation to compare with the shadow")
+    shadow = shadow_at(fidelity(level), progress=progress)
+    known = analysis.elongations.known
+    pressure_kpa = np.array([plateau.pressure_kpa for plateau in analysis.plateaus])[known]
+    nominal_mm, _ = shadow.table.nominal_elongation(pressure_kpa)
+    deviation_mm = analysis.elongations.elongation_mm[known] - nominal_mm
+    return {
+        "plateaus": int(known.sum()),
+        "mean_deviation_mm": float(deviation_mm.mean()),
+        "largest_deviation_mm": float(np.abs(deviation_mm).max()),
+    }
+
+
+def measured_elongation(recording: Recording, sensors: Sequence[SensorAnalysis]) -> FloatArray:
+    """Return the elongation by each sensor's calibration, shape (n, sensors); NaN outside its range.
+
+    Parameters
+    ----------
+    recording : of the same unit.
+    sensors : with the calibrations, of this or another run.
+
+    Raises
+    ------
+    DataError : a sensor is not calibrated, or their number differs.
+    """
+    if len(sensors) != recording.n_sensors:
         raise DataError(
-            f"{analysis.sensors[sensor].name} is not calibrated: {analysis.sensors[sensor].calibration_void}"
+            f"the calibration has {len(sensors)} sensors, the run {recording.n_sensors}",
+            "give a calibration of the same unit",
         )
-    recording = analysis.recording
-    signal = np.where(recording.usable[:, sensor], recording.signal_mv[:, sensor], np.nan)
-    return np.asarray(Inverse.of(calibration)(signal), dtype=np.float64)
+    columns = []
+    for number, sensor in enumerate(sensors):
+        if sensor.calibration is None:
+            raise DataError(
+                f"{sensor.name} is not calibrated: {sensor.calibration_void}", "give a run with readings of elongation"
+            )
+        signal = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
+        columns.append(np.asarray(Inverse.of(sensor.calibration)(signal), dtype=np.float64))
+    return np.stack(columns, axis=1)
 
 
 def _mean(values: FloatArray) -> float:

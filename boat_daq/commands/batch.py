@@ -1,4 +1,4 @@
-"""`boat-daq batch`: a folder of runs into one table."""
+"""`boat-daq batch`: a folder of runs in one table."""
 
 from __future__ import annotations
 
@@ -7,26 +7,25 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, say
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
+from boat_daq.commands.options import AllowRemoteOption, FolderArgument, SeedOption
+
+COLUMNS = ("run", "unit", "sensor", "cycles", "sensitivity_mv_per_mm", "snr_db", "error")
 
 
 def batch(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Holds .boat or .csv runs; NAME.elongation.csv beside.")
-    ],
-    to: Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="The table.")] = None,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
+    folder: FolderArgument,
+    to: Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Also write the table.")] = None,
+    seed: SeedOption = 0,
     mcmc: Annotated[bool, typer.Option("--mcmc", help="Sample the posteriors as well.")] = False,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one for each core by default.")] = None,
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster.")] = None,
-    allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let --scheduler leave this machine.")] = False,
-    json: JsonOption = False,
+    workers: Annotated[int | None, typer.Option(min=1, help="Number of processes; default one a core.")] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster.")] = None,
+    allow_remote: AllowRemoteOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """A folder of runs into one table, one row a sensor, over all cores or on a Dask cluster.
+    """Analyse a folder of runs into one table, one row a sensor, on all cores or on a Dask cluster.
 
-    Example:
-
-        boat-daq batch recordings --out table.csv
+    Example: boat-daq batch recordings --out table.csv
     """
     from analysis.figures.batch import batch as run_batch
     from analysis.figures.batch import write_table
@@ -43,14 +42,11 @@ def batch(
         )
     if to is not None:
         write_table(table, to)
-        say(f"wrote {to}")
+        notify(f"wrote {to}")
     failed = int((table["error"] != "").sum()) if "error" in table else 0
-    if json:
+    if as_json:
         emit_json({"runs": table["run"].nunique(), "failed": failed, "rows": table.to_dict(orient="records")})
     else:
-        shown = [
-            c for c in ("run", "unit", "sensor", "cycles", "sensitivity_mv_per_mm", "snr_db", "error") if c in table
-        ]
-        out.print(table[shown].to_string(index=False), markup=False, highlight=False)
+        show(table[[name for name in COLUMNS if name in table]].to_string(index=False))
     if failed:
-        say(f"{failed} runs could not be analysed; their reasons stand in the column error")
+        notify(f"{failed} runs could not be analysed; see the column error")

@@ -7,30 +7,36 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, say
+from boat_daq.commands.console import JsonOption, emit_json, notify, show
+from boat_daq.commands.options import AllowRemoteOption
 
 
 def board(
-    pty: Annotated[bool, typer.Option("--pty", help="On a pseudo-terminal.")] = False,
-    tcp: Annotated[str | None, typer.Option("--tcp", metavar="HOST:PORT", help="On TCP; port 0 = any.")] = None,
-    speed: Annotated[float, typer.Option(min=1, max=1000, help="Board time over wall time.")] = 1.0,
-    unit: Annotated[str, typer.Option(help="SA1, SA2, SA3; with -falling behind it, the signal falls.")] = "SA1",
-    seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
-    fault: Annotated[
-        list[str] | None, typer.Option("--fault", metavar="NAME@SECONDS[:VALUE]", help="See --list-faults.")
+    pty: Annotated[bool, typer.Option("--pty", help="Serve on a pseudo-terminal.")] = False,
+    tcp: Annotated[
+        str | None, typer.Option("--tcp", metavar="HOST:PORT", help="Serve on TCP; port 0 = any free one.")
     ] = None,
-    truth: Annotated[Path | None, typer.Option(help="CSV of the noise-free values beside each sample.")] = None,
-    link: Annotated[Path | None, typer.Option(help="Symbolic link to the pseudo-terminal.")] = None,
-    allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let --tcp leave this machine.")] = False,
-    list_faults: Annotated[bool, typer.Option("--list-faults", help="Name the faults and leave.")] = False,
+    speed: Annotated[float, typer.Option(min=1, max=1000, help="Board time over real time.")] = 1.0,
+    unit: Annotated[
+        str, typer.Option(help="SA1, SA2 or SA3; with the ending -falling, the signal falls with elongation.")
+    ] = "SA1",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option("--fault", metavar="NAME@SECONDS[:VALUE]", help="See --list-faults; may be repeated."),
+    ] = None,
+    truth: Annotated[Path | None, typer.Option(help="CSV to write with the noise-free values of each sample.")] = None,
+    link: Annotated[Path | None, typer.Option(help="Symbolic link to make to the pseudo-terminal.")] = None,
+    allow_remote: AllowRemoteOption = False,
+    list_faults: Annotated[bool, typer.Option("--list-faults", help="List the faults and exit.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """A virtual board; its port's name is the first line of standard output. Ctrl-C ends it.
+    """Run a virtual board; the first line of standard output is its port. Ctrl-C ends it.
 
-    With --json that line is an object: port, unit, seed, speed, and the unit's true figures. Everything the board sends
-    says SIMULATED. Example:
+    With --json that line is an object: port, unit, seed, speed, and the unit's true figures. All its data are marked
+    SIMULATED.
 
-        boat-daq board --pty --speed 100 --fault estop@30:5 --truth truth.csv
+    Example: boat-daq board --pty --speed 100 --fault estop@30:5 --truth truth.csv
     """
     if list_faults:
         from protocol.simulator.faults import FAULTS, fault_list
@@ -38,7 +44,7 @@ def board(
         if as_json:
             emit_json(FAULTS)
         else:
-            typer.echo(fault_list())
+            show(fault_list())
         return
     if pty == (tcp is not None):
         raise typer.BadParameter("use either --pty or --tcp HOST:PORT")
@@ -59,13 +65,13 @@ def board(
         )
     )
     try:
-        say(f"SIMULATED board {unit} at {speed:g}x on {server.url}; Ctrl-C ends it")
+        notify(f"SIMULATED board {unit} at {speed:g}x on {server.url}; Ctrl-C ends it")
         if as_json:
             from protocol.simulator.truth import truth_figures
 
             emit_json({"port": server.url, "unit": unit, "seed": seed, "speed": speed, "truth": truth_figures(unit)})
         else:
-            typer.echo(server.url)
-        server.run(lambda: False, typer.echo)
+            show(server.url)
+        server.run(lambda: False, show)
     finally:
         server.close()

@@ -1,4 +1,4 @@
-"""`boat-daq bugreport`: what whoever looks for a fault needs, in one file."""
+"""`boat-daq bugreport`: log, settings and versions in one file."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, say
+from boat_daq.commands.console import JsonOption, emit_json, notify
 
 
 def bugreport(
-    out: Annotated[Path | None, typer.Option(metavar="FILE.zip", help="A dated name when left out.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.zip", help="File to write; default a dated name.")] = None,
     recording: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Whose summary goes in; the last one when left out.")
+        Path | None, typer.Option(metavar="RUN", help="Recording to summarise; default the last one.")
     ] = None,
-    personal: Annotated[bool, typer.Option("--personal", help="Leave names, notes and paths as they are.")] = False,
+    personal: Annotated[bool, typer.Option("--personal", help="Keep names, notes and paths.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Pack log, settings, versions and the last recording in short (no data) into one ZIP file.
+    """Pack log, settings, versions and a summary of the last recording (no data) into one ZIP file.
 
-    Names of operators, notes, paths and the names of this computer and its user are taken out, unless --personal.
+    Names of operators, notes, paths and the names of this computer and its user are removed, unless --personal.
 
     Example: boat-daq bugreport --out bug.zip
     """
@@ -33,5 +33,5 @@ def bugreport(
     if as_json:
         emit_json({"file": path, "contents": names, "personal": personal})
         return
-    told = "names, notes and paths are IN it" if personal else "names, notes and paths are taken out"
-    say(f"wrote {path}: {', '.join(names)}; {told}. Look into it before you send it.")
+    privacy = "it CONTAINS names, notes and paths" if personal else "names, notes and paths are removed"
+    notify(f"wrote {path}: {', '.join(names)}; {privacy}. Check its contents before you send it.")

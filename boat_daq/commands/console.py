@@ -1,6 +1,6 @@
-"""How every command speaks: one JSON object on standard output, all else on standard error.
+"""The output of every command: results and the JSON object on standard output, messages on standard error.
 
-Rules: results go to standard output; messages, tables' captions and progress go to standard error, so that
+Rules: `show` and `emit_json` print results; `notify` and `progress_bar` print messages and progress, so that
 `boat-daq ... --json | jq` works. A failure is one or two lines, the cause and the remedy, and exit code 1.
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
@@ -18,42 +18,45 @@ import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 from rich.text import Text
+
+from boat_daq.errors import StorageError
 
 
 class PlainConsole(Console):
-    """A console to which words from files are words: no markup, no emoji, no control characters of a terminal."""
+    """A console that prints text from files literally: no markup, no emoji, no terminal control characters."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(markup=False, emoji=False, **options)
+        super().__init__(markup=False, emoji=False, highlight=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Make a text of `text`, what would steer the terminal shown as a box."""
+        """Return `text` with the characters that control a terminal replaced by a box."""
         return super().render_str(text.translate(_CONTROLS), **options)
 
 
-_STEERS = (*range(32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xD800, 0xE000))
-_CONTROLS = {code: "\ufffd" for code in _STEERS if chr(code) not in "\n\t"}  # C0, C1, right to left, no characters
+_CONTROL_CODES = (*range(32), *range(127, 160), *range(0x202A, 0x202F), *range(0x2066, 0x206A), *range(0xD800, 0xE000))
+_CONTROLS = {code: "\ufffd" for code in _CONTROL_CODES if chr(code) not in "\n\t"}  # C0, C1, bidirectional, surrogates
 out = PlainConsole()
 err = PlainConsole(stderr=True)
 
 
-class _JsonOwed:
-    """Whether the call asked for a JSON object that it has not had yet."""
+class _Json:
+    """Whether the JSON object that the call requested is still to be printed."""
 
-    owed = False
+    pending = False
 
 
-def _asked(value: bool) -> bool:
-    _JsonOwed.owed = value
+def _request(value: bool) -> bool:
+    _Json.pending = value
     return value
 
 
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.", callback=_asked)]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.", callback=_request)]
 
 
 class Advance(Protocol):
-    """Moves a bar: ``advance(done, total)`` in any one unit; may raise KeyboardInterrupt on Ctrl-C."""
+    """Moves a progress bar: ``advance(done, total)`` in any unit; may raise KeyboardInterrupt on Ctrl-C."""
 
     def __call__(self, done: float, total: float, /) -> None: ...
 
@@ -79,28 +82,74 @@ def plain(value: Any) -> Any:
 
 def emit_json(value: Any) -> None:
     """Print one JSON object on standard output."""
-    _JsonOwed.owed = False
+    _Json.pending = False
     text = json.dumps(plain(value), ensure_ascii=False, allow_nan=False)
-    typer.echo(text.encode("utf-8", "backslashreplace").decode())  # a name that is no UTF-8 becomes JSON's escape
+    typer.echo(text.encode("utf-8", "backslashreplace").decode())  # a name that is not UTF-8 becomes JSON's escape
 
 
 def emit_error(kind: str, cause: str, remedy: str) -> None:
-    """Say why a call failed: to its reader on standard error, and as the one JSON object where that is still owed."""
-    if _JsonOwed.owed:
+    """Print why a call failed: on standard error, and as the JSON object where that is still pending.
+
+    Parameters
+    ----------
+    kind : class of the error.
+    cause, remedy : of the error; the remedy may be empty.
+    """
+    if _Json.pending:
         emit_json({"error": kind, "cause": cause, "remedy": remedy})
-    say(f"error: {cause}")
+    notify(f"error: {cause}")
     if remedy:
-        say(f"  try: {remedy}")
+        notify(f"  try: {remedy}")
 
 
-def say(text: str) -> None:
-    """Print a message for the reader on standard error."""
-    err.print(text, highlight=False, markup=False, soft_wrap=True)
+def show(text: str) -> None:
+    """Print a line of the result on standard output."""
+    out.print(text, soft_wrap=True)
+
+
+def show_table(
+    columns: Iterable[str], rows: Iterable[Iterable[str]], *, left: int = 1, title: str | None = None
+) -> None:
+    """Print a table on standard output.
+
+    Parameters
+    ----------
+    columns : headings.
+    rows : cells.
+    left : number of leading columns that are aligned to the left; the others are numbers.
+    title : above the table.
+    """
+    table = Table(title=title, box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for number, name in enumerate(columns):
+        table.add_column(name, justify="left" if number < left else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    out.print(table)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Report a failure to make or write `path` with cause and remedy.
+
+    Raises
+    ------
+    StorageError : in place of an OSError, or of a file format that is not known.
+    """
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise StorageError(f"{path} cannot be written: {reason}", "choose another --out") from error
+
+
+def notify(text: str) -> None:
+    """Print a message on standard error."""
+    err.print(text, soft_wrap=True)
 
 
 @contextmanager
 def progress_bar(label: str) -> Iterator[Advance]:
-    """A bar on standard error for work of more than a second; yields ``advance(done, total)``."""
+    """Show a bar on standard error for work of more than a second; yields ``advance(done, total)``."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),

@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
+import click
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
+from boat_daq.commands.options import RunArgument
 
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A .boat file, or a CSV that `import` understands.")],
-    format: Annotated[str, typer.Option(help="csv or parquet.")],
-    to: Annotated[Path, typer.Option("--out", metavar="PATH", help="The file to write.")],
-    json: JsonOption = False,
+    run: RunArgument,
+    format: Annotated[
+        Literal["csv", "parquet"],
+        typer.Option(metavar="FORMAT", click_type=click.Choice(["csv", "parquet"]), help="csv or parquet."),
+    ],
+    to: Annotated[Path, typer.Option("--out", metavar="PATH", help="File to write.")],
+    as_json: JsonOption = False,
 ) -> None:
-    """The samples of a run as CSV, with a JSON sidecar, or as Parquet.
+    """Write the samples of a run as CSV, with a JSON file of metadata, or as Parquet.
 
-    Example:
-
-        boat-daq export run.boat --format csv --out run.csv
+    Example: boat-daq export run.boat --format csv --out run.csv
     """
     from analysis import load_recording
     from analysis.data.export import export as write
 
-    if format not in ("csv", "parquet"):
-        raise typer.BadParameter("give csv or parquet", param_hint="--format")
     recording = load_recording(run)
     with progress_bar("Exporting") as advance:
-        files = write(recording, to, "csv" if format == "csv" else "parquet", progress=advance)
-    if json:
+        files = write(recording, to, format, progress=advance)
+    if as_json:
         emit_json({"files": files, "samples": recording.n, "simulated": recording.simulated})
     else:
         for file in files:
-            say(f"wrote {file}")
+            notify(f"wrote {file}")

@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, out, say
-from boat_daq.commands.fidelity import FidelityOption
+from boat_daq.commands.console import JsonOption, emit_json, notify, show
+from boat_daq.commands.options import FidelityOption
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
+    from analysis.arrays import FloatArray
     from analysis.calibration.fit import Calibration
     from analysis.calibration.posterior import Posterior
-
-    Array = NDArray[np.float64]
 
 BAND_POINTS = 101
 
@@ -26,29 +24,31 @@ def fit(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="A table of numbers.")],
     x: Annotated[str, typer.Option(metavar="COL", help="Column of x: its name, or its number from 1.")],
     y: Annotated[str, typer.Option(metavar="COL", help="Column of y.")],
-    degree: Annotated[int, typer.Option(min=0, max=10)] = 3,
-    u: Annotated[str | None, typer.Option("--u", metavar="COL", help="Column of y's standard uncertainty.")] = None,
+    degree: Annotated[int, typer.Option(min=0, max=10, help="Degree of the polynomial.")] = 3,
+    u: Annotated[
+        str | None, typer.Option("--u", metavar="COL", help="Column of the standard uncertainty of y.")
+    ] = None,
     bands: Annotated[
-        bool, typer.Option("--bands", help="68 and 95 % bands of the curve and of a new reading.")
+        bool, typer.Option("--bands", help="Add 68 and 95 % bands of the curve and of a new reading.")
     ] = False,
     x_resolution: Annotated[
-        float, typer.Option(min=0.0, metavar="MM", help="Grid that x was read on: samples the posterior.")
+        float, typer.Option(min=0.0, metavar="MM", help="Resolution of x; above 0 the posterior is sampled.")
     ] = 0.0,
     position: Annotated[
         str | None,
         typer.Option(
-            metavar="COL", help="Column naming the position read: its readings share what the grid rounds alike."
+            metavar="COL", help="Column that names the position of x: equal positions share one rounding error."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the posterior.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the posterior.")] = 0,
     level: FidelityOption = "normal",
-    json: JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """A polynomial calibration of any two columns of a CSV.
+    """Fit a polynomial calibration to any two columns of a CSV.
 
-    Rows with a missing number are left out and counted. Example:
+    Rows with a missing number are omitted and counted.
 
-        boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
+    Example: boat-daq fit pontius.csv --x load --y deflection --degree 2 --json
     """
     from analysis.calibration.checks import calibration_warnings, fit_checks
     from analysis.calibration.fit import fit_calibration
@@ -61,8 +61,6 @@ def fit(
     warnings = calibration_warnings(calibration)
     content["notes"] = [warning.text for warning in warnings]
     content["warnings"] = [warning.as_json() for warning in warnings]
-    for warning in warnings:
-        say(warning.text)
     posterior = None
     if x_resolution > 0:
         from analysis.calibration.posterior import sample_posterior
@@ -75,19 +73,23 @@ def fit(
         )  # fmt: skip
         content["posterior"] = posterior.as_json()
         if labels is None and share_their_error(calibration.fit, calibration.x, calibration.y, reading_sd):
-            say("signals at equal x scatter less than independent reading errors would: their error is taken for one")
-        for warning in posterior.warnings:
-            say(warning.text)
+            notify("signals at equal x scatter less than independent reading errors: one common error is assumed")
+        warnings = (*warnings, *posterior.warnings)
+    for warning in warnings:
+        notify(warning.text)
     if bands:
         content["bands"] = _bands(calibration, posterior)
-    if json:
+    if as_json:
         emit_json(content)
-    else:
-        _print(content)
+        return
+    for i, (b, error) in enumerate(zip(calibration.coefficients, content["std_errors_with_reading"], strict=True)):
+        show(f"b{i} = {b:.12g}   u = {error:.3g}")
+    show(f"R2 = {calibration.r2:.8f}   RMSE = {content['rmse']:.6g}   n = {content['n']}")
+    show(f"range {content['range']}   monotone: {content['monotone']}")
 
 
-def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[Array], NDArray[Any] | None, int]:
-    """Return the rows of these columns in which no number is missing, the positions they name, and how many are not."""
+def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[FloatArray], NDArray[Any] | None, int]:
+    """Return the complete rows of these columns, the positions they name, and the number of incomplete rows."""
     import numpy as np
 
     from analysis.data.csv_table import read_table
@@ -97,9 +99,9 @@ def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[
     known = np.isfinite(columns).all(axis=0)
     masked = int((~known).sum()) + table.broken
     if masked:
-        say(f"{masked} rows left out: not every number is there")
+        notify(f"{masked} rows omitted: a number is missing")
     for warning in table.warnings:
-        say(warning.text)
+        notify(warning.text)
     labels = np.asarray(table.labels(position))[known] if position is not None else None
     return [column[known] for column in columns], labels, masked
 
@@ -121,10 +123,3 @@ def _bands(calibration: Calibration, posterior: Posterior | None) -> dict[str, A
         content[f"curve_{100 * level:.0f}"] = list(curve)
         content[f"new_reading_{100 * level:.0f}"] = list(reading)
     return content
-
-
-def _print(content: dict[str, Any]) -> None:
-    for i, (b, u) in enumerate(zip(content["coefficients"], content["std_errors_with_reading"], strict=True)):
-        out.print(f"b{i} = {b:.12g}   u = {u:.3g}", highlight=False)
-    out.print(f"R2 = {content['r2']:.8f}   RMSE = {content['rmse']:.6g}   n = {content['n']}", highlight=False)
-    out.print(f"range {content['range']}   monotone: {content['monotone']}", highlight=False)

@@ -1,4 +1,4 @@
-"""`boat-daq gui`: the lab window."""
+"""`boat-daq gui`: the window."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import typer
 
 
 def gui(
-    port: Annotated[str | None, typer.Option(help="Connect to this port at once.")] = None,
-    board: Annotated[bool, typer.Option("--board", help="Open it on a virtual board.")] = False,
-    speed: Annotated[float, typer.Option(min=1, max=1000, help="Of the virtual board.")] = 1.0,
-    rate: Annotated[int | None, typer.Option(help="Samples per second; the setting's when left out.", min=1)] = None,
+    port: Annotated[str | None, typer.Option(help="Port to connect to at once.")] = None,
+    board: Annotated[bool, typer.Option("--board", help="Connect to a virtual board.")] = False,
+    speed: Annotated[float, typer.Option(min=1, max=1000, help="Virtual board's time over real time.")] = 1.0,
+    rate: Annotated[int | None, typer.Option(help="Samples per second; default as in the settings.", min=1)] = None,
 ) -> None:
-    """The lab window. Esc vents, in any state. Example:
+    """Open the window. Esc vents, in every state.
 
-    boat-daq gui --board
+    Example: boat-daq gui --board
     """
     if port is not None and board:
         raise typer.BadParameter("use either --port or --board")

@@ -1,4 +1,4 @@
-"""`boat-daq import`: a CSV as it is found into a recording."""
+"""`boat-daq import`: a CSV file as a recording."""
 
 from __future__ import annotations
 
@@ -7,30 +7,36 @@ from typing import Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, out, say
+from boat_daq.commands.console import JsonOption, emit_json, notify, show, show_table
 
 
 def import_csv(
-    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="The file to import.")],
-    to: Annotated[Path | None, typer.Option("--out", metavar="FILE.boat", help="The recording to write.")] = None,
+    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="File to import.")],
+    to: Annotated[Path | None, typer.Option("--out", metavar="FILE.boat", help="Recording to write.")] = None,
     mapping: Annotated[
         list[str] | None,
         typer.Option(
-            "--map", metavar="NAME=COLUMN[:UNIT]", help="time_s, pressure_kpa, target_kpa, s1_mv, s1_lit, ..."
+            "--map",
+            metavar="NAME=COLUMN[:UNIT]",
+            help="Column of time_s, pressure_kpa, target_kpa, s1_mv, s1_lit, ...; may be repeated.",
         ),
     ] = None,
-    profile: Annotated[Path | None, typer.Option(help="A map saved before.")] = None,
-    save_profile: Annotated[Path | None, typer.Option(help="Keep the map in this file.")] = None,
-    rate: Annotated[float | None, typer.Option(min=0.001, metavar="HZ", help="Where the file has no time.")] = None,
-    preview: Annotated[bool, typer.Option("--preview", help="Show what would be imported; write nothing.")] = False,
-    json: JsonOption = False,
+    profile: Annotated[Path | None, typer.Option(help="Map that was saved before.")] = None,
+    save_profile: Annotated[Path | None, typer.Option(help="File to save the map in.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=0.001, metavar="HZ", help="Sampling rate of a file without time.")
+    ] = None,
+    preview: Annotated[
+        bool, typer.Option("--preview", help="Show the columns that were found; write nothing.")
+    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """A CSV as it is found into a recording.
+    """Import a CSV file into a recording.
 
-    Separator, decimal sign, encoding, header and units are told from the file. Columns that are not recognised are
-    mapped by hand, by name or by number from 1. Example:
+    Separator, decimal sign, encoding, header and units are detected. Columns that are not recognised are mapped by name
+    or by number from 1.
 
-        boat-daq import lab.csv --out lab.boat --map pressure_kpa=3:bar --map s1_mv="Sensor A:V"
+    Example: boat-daq import lab.csv --out lab.boat --map pressure_kpa=3:bar --map s1_mv="Sensor A:V"
     """
     from analysis.data import csv_columns
     from analysis.data import csv_import as importer
@@ -42,9 +48,13 @@ def import_csv(
 
         table = read_table(file)
         csv_columns.save_profile(save_profile, csv_columns.map_columns(table, columns), table)
-        say(f"kept the map in {save_profile}")
+        notify(f"saved the map in {save_profile}")
     if preview:
-        _show(importer.preview(file, columns), json)
+        content = importer.preview(file, columns)
+        if as_json:
+            emit_json(content)
+        else:
+            _show(content)
         return
     if to is None:
         raise typer.BadParameter("give --out FILE.boat, or --preview")
@@ -54,44 +64,42 @@ def import_csv(
     write_boat_file(to, recording, original=file)
     notes = [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
     for note in notes:
-        say(note)
-    if json:
+        notify(note)
+    if as_json:
         emit_json({"file": to, "samples": recording.n, "map": recording.meta["import_map"], "notes": notes,
                    "masked": dict(recording.masked), "gaps": len(recording.gaps)})  # fmt: skip
     else:
-        say(f"wrote {to}: {recording.n} samples, {recording.n_sensors} sensors, {recording.duration_s:.1f} s")
+        notify(f"wrote {to}: {recording.n} samples, {recording.n_sensors} sensors, {recording.duration_s:.1f} s")
 
 
 def column_map(mapping: list[str] | None) -> dict[str, str]:
-    """Return what `--map NAME=COLUMN[:UNIT]` says, NAME -> COLUMN[:UNIT]."""
-    return dict(_pair(text) for text in mapping or ())
+    """Return the options `--map NAME=COLUMN[:UNIT]` as NAME -> COLUMN[:UNIT]."""
+    columns = {}
+    for text in mapping or ():
+        name, _, column = text.partition("=")
+        if not name or not column:
+            raise typer.BadParameter(f"{text!r} is not NAME=COLUMN[:UNIT]", param_hint="--map")
+        columns[name] = column
+    return columns
 
 
-def _pair(text: str) -> tuple[str, str]:
-    name, equals, column = text.partition("=")
-    if not equals or not name or not column:
-        raise typer.BadParameter(f"{text!r} is not NAME=COLUMN[:UNIT]", param_hint="--map")
-    return name, column
-
-
-def _show(content: dict[str, Any], json: bool) -> None:
-    if json:
-        emit_json(content)
-        return
-    from rich.table import Table
-
-    out.print(
+def _show(content: dict[str, Any]) -> None:
+    show(
         f"{content['rows']} rows from line {content['first_data_line']}, {content['encoding']}, separated by "
-        f"{content['separator']!r}, decimal {content['decimal']!r}",
-        highlight=False, markup=False,
-    )  # fmt: skip
-    table = Table("no.", "column", "unit", "taken as", "first values", box=None, pad_edge=False)
-    for column in content["columns"]:
-        taken = f"{column['taken_as']} {column['taken_unit']}".strip()
-        first = "  ".join(str(value) for value in column["first"])
-        table.add_row(str(column["number"]), column["name"], column["unit"], taken, first)
-    out.print(table)
-    for said in [*content["notes"], *content["issues"]]:
-        say(said)
+        f"{content['separator']!r}, decimal {content['decimal']!r}"
+    )
+    rows = (
+        (
+            str(column["number"]),
+            column["name"],
+            column["unit"],
+            f"{column['taken_as']} {column['taken_unit']}".strip(),
+            "  ".join(str(value) for value in column["first"]),
+        )
+        for column in content["columns"]
+    )
+    show_table(("no.", "column", "unit", "imported as", "first values"), rows, left=5)
+    for note in [*content["notes"], *content["issues"]]:
+        notify(note)
     if content["missing"]:
-        say(f"not recognised: {', '.join(content['missing'])}; map it with --map NAME=COLUMN[:UNIT]")
+        notify(f"not recognised: {', '.join(content['missing'])}; map it with --map NAME=COLUMN[:UNIT]")

@@ -1,23 +1,20 @@
-"""The optical model: one design traced or written for another simulator, the sweep of all designs, the search beyond
-them.
-"""
+"""`boat-daq optics`: trace one design, write it for another simulator, sweep all designs, search beyond them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
-from boat_daq.commands.fidelity import OptionalFidelity
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, writing
+from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
 
 if TYPE_CHECKING:
     from analysis.arrays import FloatArray
-    from analysis.fidelity import Fidelity
+    from analysis.fidelity import Fidelity, Level
     from analysis.optics.scene.frame import SceneFrame
     from analysis.optics.scene.parameters import Design, Light, Waveguide
 
@@ -29,62 +26,52 @@ Depth = Annotated[float, typer.Option(help="Depth of a cavity, mm.")]
 Spacing = Annotated[float, typer.Option(help="Spacing between cavities, mm.")]
 State = Annotated[
     int | None,
-    typer.Option(
-        help="Deformation state, 0 = most compressed .. 14 = most elongated; "
-        "default 7 (rest), or the only one of a file."
-    ),
+    typer.Option(help="Deformation state, 0 = most compressed .. 14 = most elongated; default 7 (rest)."),
 ]
 Rays = Annotated[int, typer.Option(help="Rays released.")]
 Secondary = Annotated[int, typer.Option(help="Budget of secondary (reflected) rays.")]
 PAPER_RAYS, PAPER_SECONDARY = 250, 100
-OptionalRays = Annotated[
-    int | None, typer.Option(help="Rays released; default the fidelity's, or the paper's 250.", show_default=False)
-]
+OptionalRays = Annotated[int | None, typer.Option(help="Rays released; default 250, or the fidelity's.")]
 OptionalSecondary = Annotated[
-    int | None,
-    typer.Option(
-        help="Budget of secondary (reflected) rays; default in proportion to a fidelity's rays, or the paper's 100.",
-        show_default=False,
-    ),
+    int | None, typer.Option(help="Budget of secondary (reflected) rays; default 100, or in proportion to the rays.")
 ]
-Order = Annotated[str, typer.Option(help="How the budget is spent: time, bounce or index.")]
+Order = Annotated[str, typer.Option(help="Order in which the budget is spent: time, bounce or index.")]
 Index = Annotated[float, typer.Option(help="Refractive index of the resin.")]
 Curves = Annotated[
     Path | None,
     typer.Option(
-        help="CSV of the deformed guides, x and z in mm; or a word: parametric (sines), shadow (solved now). "
-        "Default: the shadow's fifteen states as they were shipped."
+        metavar="FILE.csv|parametric|shadow",
+        help="Deformed guides: x and z in mm, sines, or solved now; default the shadow's 15 stored states.",
     ),
 ]
 Thickness = Annotated[float, typer.Option(help="Thickness of the guides, mm.")]
 Attenuation = Annotated[float, typer.Option(help="Attenuation of the resin, dB/cm.")]
-Face = Annotated[str, typer.Option(help="Which face carries the cavities: outer or inner.")]
-Emission = Annotated[str, typer.Option(help="The emitter: uniform in angle, or lambertian.")]
+Face = Annotated[str, typer.Option(help="Face with the cavities: outer or inner.")]
+Emission = Annotated[str, typer.Option(help="Emission: uniform (in angle) or lambertian.")]
 Receiver = Annotated[float | None, typer.Option(help="Width of the receiver, mm; default the whole end face.")]
 Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]
 
 
-@dataclass(frozen=True, slots=True)
-class Released:
-    """Rays and budget of secondaries: what was typed goes before the fidelity, and without either it is the paper's."""
+def released_rays(
+    rays: int | None, secondary: int | None, level: Level | None, of_level: Callable[[Fidelity], int]
+) -> tuple[int, int]:
+    """Return the number of rays and the budget of secondary rays.
 
-    rays: int
-    secondary: int
+    Parameters
+    ----------
+    rays, secondary : as given; else of the fidelity, and without one the paper's.
+    level : the fidelity, if given.
+    of_level : a fidelity's number of rays.
+    """
+    from analysis.fidelity import fidelity
 
-    @classmethod
-    def chosen(
-        cls, rays: int | None, secondary: int | None, level: str | None, at: Callable[[Fidelity], int]
-    ) -> Released:
-        """Return what is released; `at` tells a fidelity's number of rays."""
-        from analysis.fidelity import fidelity
-
-        found = rays or (PAPER_RAYS if level is None else at(fidelity(level)))
-        in_proportion = PAPER_SECONDARY if level is None else round(PAPER_SECONDARY * found / PAPER_RAYS)
-        return cls(found if rays is None else rays, in_proportion if secondary is None else secondary)
+    number = rays or (PAPER_RAYS if level is None else of_level(fidelity(level)))
+    in_proportion = PAPER_SECONDARY if level is None else round(PAPER_SECONDARY * number / PAPER_RAYS)
+    return number if rays is None else rays, in_proportion if secondary is None else secondary
 
 
 def _curves(path: Path | None) -> FloatArray:
-    """The curves of a file or of a word in its place."""
+    """Return the curves of a file, or of one of the names in its place."""
     from analysis.optics.scene.curve_file import read_curves
     from analysis.optics.scene.curves import default_curves, parametric_curves
 
@@ -100,13 +87,13 @@ def _curves(path: Path | None) -> FloatArray:
 
 
 def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[SceneFrame, int]:
-    """The frame of a state, and its number; a file of one state has only that one."""
+    """Return the frame of a state and its number; a file of one state has only that one."""
     from analysis.errors import RequestError
     from analysis.optics.scene.curves import REST, frame_of
 
     if len(curves) == 1:
         if state:
-            say(f"the file holds one state only; it is used for state {state}")
+            notify(f"the file holds only one state; it is used for state {state}")
         return frame_of(curves, 0, guide), state or 0
     number = REST if state is None else state
     if not 0 <= number < len(curves):
@@ -119,13 +106,13 @@ def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[Sce
 def _design(cavities: int, width: float, depth: float, spacing: float, face: str) -> Design:
     from analysis.optics.scene.parameters import Design
 
-    return Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # the value checks itself
+    return Design(cavities, width, depth, spacing, face)  # type: ignore[arg-type]  # checked there
 
 
 def _light(rays: int, secondary: int, order: str, emission: str) -> Light:
     from analysis.optics.scene.parameters import Light
 
-    return Light(rays=rays, secondary=secondary, order=order, emission=emission)  # type: ignore[arg-type]  # as above
+    return Light(rays=rays, secondary=secondary, order=order, emission=emission)  # type: ignore[arg-type]  # checked there
 
 
 def _guide(index: float, thickness: float, attenuation: float, receiver: float | None) -> Waveguide:
@@ -135,14 +122,9 @@ def _guide(index: float, thickness: float, attenuation: float, receiver: float |
 
 
 def _described(design: Design, state: int) -> dict[str, Any]:
-    return {
-        "cavities": design.cavities,
-        "width_mm": design.width_mm,
-        "depth_mm": design.depth_mm,
-        "spacing_mm": design.spacing_mm,
-        "face": design.face,
-        "state": state,
-    }
+    from analysis.optics.sweep.report import design_json
+
+    return {**design_json(design), "state": state}
 
 
 @app.command()
@@ -162,29 +144,29 @@ def trace(
     face: Face = "outer",
     emission: Emission = "uniform",
     receiver: Receiver = None,
-    out: Annotated[Path | None, typer.Option(help="Write a picture of the rays: PNG or SVG.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write an image of the rays: PNG or SVG.")] = None,
     fidelity: OptionalFidelity = None,
-    json: JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Trace one design in one state: detected rays, power, ledger.
+    """Trace one design in one state: detected rays, power, and what became of every ray.
 
     Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
     """
     from analysis.optics.tracer.simulation import trace as trace_scene
 
     design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, attenuation, receiver)
-    released = Released.chosen(rays, secondary, fidelity, lambda level: level.rays)
-    light = _light(released.rays, released.secondary, order, emission)
+    released, budget = released_rays(rays, secondary, fidelity, lambda level: level.rays)
+    light = _light(released, budget, order, emission)
     frame, number = _frame(_curves(curves), state, guide)
     outcome = trace_scene(frame, design, guide, light)
     if out is not None:
         from analysis.optics.sweep.drawings import draw_scene, save
 
         save(draw_scene(frame, design, guide, light), out)
-        say(f"wrote {out}")
+        notify(f"wrote {out}")
     result = {
         **_described(design, number),
-        "rays": released.rays,
+        "rays": released,
         "ndr": outcome.ndr,
         "power": outcome.power,
         "ledger": outcome.ledger,
@@ -195,13 +177,13 @@ def trace(
         "order": order,
         "index": index,
     }
-    if json:
+    if as_json:
         emit_json(result)
         return
-    spread = f" +- {outcome.ndr_sd:.1f}" if math.isfinite(outcome.ndr_sd) else ""  # one ray has no neighbour
-    typer.echo(f"state {number}: NDR {outcome.ndr:.1f}{spread} of 250, power {outcome.power:.4f}, {outcome.hits} hits")
-    typer.echo("rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()))
-    typer.echo("power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()))
+    spread = f" +- {outcome.ndr_sd:.1f}" if math.isfinite(outcome.ndr_sd) else ""  # a single ray has no spread
+    show(f"state {number}: NDR {outcome.ndr:.1f}{spread} of 250, power {outcome.power:.4f}, {outcome.hits} hits")
+    show("rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()))
+    show("power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()))
 
 
 @app.command()
@@ -221,11 +203,11 @@ def scene(
     emission: Emission = "uniform",
     receiver: Receiver = None,
     out: Annotated[Path | None, typer.Option(help="File to write; default scene.json.")] = None,
-    json: JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Write one design in one state as a scene of the 2D simulator 'ray-optics' (JSON, version 5).
 
-    With --json the scene itself goes to standard output. With --secondary 0 its glass does not reflect at a
+    With --json and without --out the scene itself is printed. With --secondary 0 its glass does not reflect at a
     refraction, so that its detector counts the same rays as `trace --secondary 0`.
 
     Example: boat-daq optics scene --state 14 --out elongated.json
@@ -238,15 +220,15 @@ def scene(
     frame, number = _frame(_curves(curves), state, guide)
     name = f"BOAT n={cavities} w={width:g} d={depth:g} s={spacing:g} mm, state {number}"
     built = ray_optics_scene(frame, design, guide, _light(rays, secondary, order, emission), name)
-    if json and out is None:
+    if as_json and out is None:
         emit_json(built)
         return
     path = out or Path("scene.json")
     _write(path, codec.dumps(built, indent=1))
-    if json:
+    if as_json:
         emit_json({**_described(design, number), "file": str(path), "objects": len(built["objs"])})
     else:
-        typer.echo(f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)")
+        show(f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)")
 
 
 @app.command()
@@ -263,12 +245,12 @@ def sweep(
     emission: Emission = "uniform",
     receiver: Receiver = None,
     scheduler: Scheduler = None,
-    allow_remote: Annotated[bool, typer.Option("--allow-remote", help="Let --scheduler leave this machine.")] = False,
+    allow_remote: AllowRemoteOption = False,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for results, tables and figures; a stopped sweep goes on from there.")
+        Path | None, typer.Option(help="Folder for results, tables and figures; a stopped sweep is resumed from it.")
     ] = None,
     fidelity: OptionalFidelity = None,
-    json: JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Simulate the paper's designs (216 for each number of cavities) in all 15 states, and rank them.
 
@@ -277,32 +259,28 @@ def sweep(
     from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
     from analysis.optics.sweep.sweep import FILE_NAME, SweepRequest, paper_grid, run_sweep
 
-    designs = tuple(paper_grid(_numbers(cavities), face))  # type: ignore[arg-type]  # the design checks its face
-    released = Released.chosen(rays, secondary, fidelity, lambda level: level.ranking_rays)
-    guide, light = (
-        _guide(index, thickness, attenuation, receiver),
-        _light(released.rays, released.secondary, order, emission),
-    )
+    designs = tuple(paper_grid(cavity_counts(cavities), face))  # type: ignore[arg-type]  # the design checks its face
+    released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
+    guide, light = _guide(index, thickness, attenuation, receiver), _light(released, budget, order, emission)
     request = SweepRequest(designs, guide, light, _curves(curves))
-    file = None
     if out is not None:
         _make(out)
-        file = out / FILE_NAME
+    file = None if out is None else out / FILE_NAME
     with progress_bar("sweep") as advance:
         result = run_sweep(request, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance)
     if out is not None:
         for path in write_sweep(result, out):
-            say(f"wrote {path}")
-    if json:
+            notify(f"wrote {path}")
+    if as_json:
         emit_json(sweep_json(result))
     else:
-        typer.echo(sweep_text(result))
+        show(sweep_text(result))
 
 
 @app.command()
 def optimise(
     rays: Annotated[int, typer.Option(help="Rays of each evaluation.")] = 2_000,
-    seconds: Annotated[float, typer.Option(help="Time allowed, s.")] = 50.0,
+    seconds: Annotated[float, typer.Option(help="Time limit, s.")] = 50.0,
     index: Index = 1.50,
     curves: Curves = None,
     thickness: Thickness = 2.0,
@@ -310,9 +288,9 @@ def optimise(
     attenuation: Attenuation = 0.0,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
-    json: JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Search width, depth, spacing, count and face continuously, from the grid's best, on converged power.
+    """Search width, depth, spacing, count and face continuously, from the grid's best, by converged power.
 
     Example: boat-daq optics optimise --seconds 50
     """
@@ -337,14 +315,15 @@ def optimise(
     result = optimum_json(found)
     if out is not None:
         _write(out / "optimum.json", codec.dumps(result, indent=1))
-        say(f"wrote {out / 'optimum.json'}")
-    if json:
+        notify(f"wrote {out / 'optimum.json'}")
+    if as_json:
         emit_json(result)
     else:
-        typer.echo(optimum_text(found))
+        show(optimum_text(found))
 
 
-def _numbers(text: str) -> list[int]:
+def cavity_counts(text: str) -> list[int]:
+    """Return the numbers of cavities in an option such as 3,5,7."""
     from analysis.errors import RequestError
 
     try:
@@ -357,18 +336,10 @@ def _numbers(text: str) -> list[int]:
 
 
 def _write(path: Path, text: str) -> None:
-    from analysis.errors import FileError
-
-    try:
+    with writing(path):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror}", "choose another --out") from error
 
 
 def _make(folder: Path) -> None:
-    from analysis.errors import FileError
-
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"the folder {folder} cannot be made: {error.strerror}", "choose another --out") from error

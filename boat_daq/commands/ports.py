@@ -1,4 +1,4 @@
-"""`boat-daq ports`: what is plugged in, and which of it is a BOAT board."""
+"""`boat-daq ports`: the serial ports, and which of them are BOAT boards."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, say
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
 
 
 def ports(
     port: Annotated[
         list[str] | None,
-        typer.Option("--port", help="Ask this port alone (may be repeated): a device, or socket://..."),
+        typer.Option("--port", help="Only this port, a device or socket://HOST:PORT; may be repeated."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List serial ports, with a mark at each BOAT board.
+    """List the serial ports, each BOAT board marked with *.
 
-    Every port is opened, asked who is there, and closed: nothing moves. A pseudo-terminal is not on the system's
-    list; ask it by its name.
+    Each port is opened, identified and closed; no pressure is commanded. Pseudo-terminals are not in the system's list:
+    name them with --port.
 
     Example: boat-daq ports --port /dev/pts/3
     """
@@ -28,25 +28,15 @@ def ports(
     if port:
         answers = [identify_port(name) for name in port]
     else:
-        with progress_bar("asking") as progress:
+        with progress_bar("identifying") as progress:
             answers = identify_all_ports(progress=progress)
     if as_json:
-        rows = [
-            {
-                "port": a.port,
-                "description": a.description,
-                "boat": a.hello is not None,
-                "hello": a.hello,
-                "remark": a.problem,
-            }
-            for a in answers
-        ]
-        emit_json({"ports": rows})
+        fields = {"port": "port", "description": "description", "hello": "hello", "remark": "problem"}
+        rows = [{key: getattr(a, name) for key, name in fields.items()} for a in answers]
+        emit_json({"ports": [{**row, "boat": row["hello"] is not None} for row in rows]})
         return
     if not answers:
-        say("no serial ports; a virtual board: boat-daq board --pty")
+        notify("no serial ports; for a virtual board: boat-daq board --pty")
     for a in answers:
         board = f"BOAT {a.hello.board_id}, {a.hello.n_sensors} sensors" if a.hello else a.problem
-        out.print(
-            f"{'*' if a.hello else ' '} {a.port}  {a.description}  {board}".rstrip(), highlight=False, markup=False
-        )
+        show(f"{'*' if a.hello else ' '} {a.port}  {a.description}  {board}".rstrip())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,7 +48,7 @@ def qualify(
             for number, drill in enumerate(drills):
                 outcomes.append(run_drill(drill, work / drill.__name__))
                 advance(number + 1, len(drills))
-                say(_line(outcomes[-1]))
+                notify(_line(outcomes[-1]))
                 if outcomes[-1].passed:
                     shutil.rmtree(work / drill.__name__, ignore_errors=True)
     except KeyboardInterrupt:
@@ -58,7 +58,7 @@ def qualify(
     content["files"] = write_reports(content, outcomes, work)
     if as_json:
         emit_json(content)
-    say(f"{content['verdict']} Report: {', '.join(str(path) for path in content['files'])}")
+    notify(f"{content['verdict']} Report: {', '.join(str(path) for path in content['files'])}")
     if not content["passed"]:
         raise typer.Exit(1)
 

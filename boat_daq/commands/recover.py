@@ -1,4 +1,4 @@
-"""`boat-daq recover`: close what a killed session left."""
+"""`boat-daq recover`: close the recording of a killed session."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar
+from boat_daq.commands.console import JsonOption, emit_json, progress_bar, show
 
 
 def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE.boat", help="A recording that was not closed, or is damaged.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Close what a killed session left, or save what is readable of a damaged file into a new one.
+    """Close the recording of a killed session, or copy what is readable of a damaged file into a new one.
 
     A damaged file itself is never changed.
 
@@ -27,12 +27,12 @@ def recover(
     if as_json:
         emit_json(recovery)
         return
-    words = {
-        "recovered": "recovered: it was interrupted and is now closed",
-        "salvaged": f"damaged: what can be read is in {recovery.path}",
-        "closed": "was closed properly; nothing to do",
+    results = {
+        "recovered": "recovered: the recording was interrupted and is now closed",
+        "salvaged": f"damaged: the readable part is in {recovery.path}",
+        "closed": "the recording was closed properly; nothing to do",
     }
-    told = words.get(recovery.status, f"is {recovery.status}; nothing to do")
-    out.print(f"{told} ({recovery.samples} samples, {recovery.chunks} chunks)", highlight=False, markup=False)
+    result = results.get(recovery.status, f"the recording is {recovery.status}; nothing to do")
+    show(f"{result} ({recovery.samples} samples, {recovery.chunks} chunks)")
     for line in recovery.damaged:
-        out.print(f"  {line}", highlight=False, markup=False)
+        show(f"  {line}")

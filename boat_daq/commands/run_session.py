@@ -1,6 +1,6 @@
-"""One session without a window: connect, record, run a plan or listen, and leave with the pressure vented.
+"""One session without a window: connect, record, run a plan or only record, and end with the pressure vented.
 
-Used by `record` and `demo`. The session decides and acts; this file waits, shows progress and says what happened.
+Used by `record` and `demo`. The session decides and acts; this module waits, shows progress and prints messages.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from boat_daq.commands.console import progress_bar, say
+from boat_daq.commands.console import notify, progress_bar
 from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.recording.resumption import BrokenRun
@@ -23,7 +23,7 @@ from boat_daq.engine.snapshot import LinkState, LinkWarningCode, SessionSnapshot
 from boat_daq.errors import BoatDaqError
 from protocol.recording import BoardState
 
-LOOK_S = 0.1
+POLL_S = 0.1
 LASTING_S = 6.0  # a rate is that of the last 5 s; a start or a single loss within them is no lasting warning
 CLEARING_S = 3.0
 VENTING_S = 20.0
@@ -32,17 +32,17 @@ ENDED = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 
 @dataclass(frozen=True, slots=True)
 class SessionRequest:
-    """What to record, from where, into what.
+    """Source, destination and plan of a recording.
 
     Attributes
     ----------
     port, profile, rate_hz, unit : as `Session.connect`.
     path : the recording to write.
-    plan : the pressure sequence; None only listens.
-    duration_s : without a plan, seconds of board time to listen; None until Ctrl-C.
+    plan : the pressure sequence; None only records.
+    duration_s : without a plan, seconds of board time to record; None until Ctrl-C.
     metadata : operator, unit, note.
-    broken : the run that goes on, in its own recording `path`; None begins one.
-    allow_remote : whether a TCP port may be on another computer, whatever the settings say.
+    broken : the run to resume, in its own recording `path`; None begins one.
+    allow_remote : whether a TCP port may be on another computer, even against the settings.
     """
 
     port: str
@@ -58,16 +58,17 @@ class SessionRequest:
 
 
 def run_session(request: SessionRequest, after_run: Callable[[Session], object] | None = None) -> tuple[Summary, str]:
-    """Run one session to its end; return the recording in short, and why the run failed (empty when it did not).
+    """Run one session to its end; return a summary of the recording, and why the run failed (empty if it did not).
 
     Parameters
     ----------
-    after_run : called when the plan has ended and the recording is still open: the place for readings.
+    request : what to record.
+    after_run : called when the plan has ended and the recording is still open, to enter readings.
 
     Raises
     ------
-    DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails on the way is no error
-        here: the recording holds what came.
+    DeviceError, OperatorError, StorageError : nothing could be recorded. A run that fails midway is not an error
+        here: the recording holds the samples until then.
     """
     start_log("record")
     settings = load_settings()
@@ -85,11 +86,11 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
         )
         seen = session.wait_connected()
         if seen.simulated:
-            say("SIMULATED: this is the virtual board")
+            notify("SIMULATED: this is the virtual board")
         if request.plan is not None:
-            told = clear_what_an_earlier_host_left(session, seen)
-            vent_what_an_earlier_host_left(session)
-            run_plan(session, request.plan, told=told, resume=request.broken is not None)
+            shown = clear_latched_fault(session, seen)
+            vent_residual_pressure(session)
+            run_plan(session, request.plan, shown=shown, resume=request.broken is not None)
         else:
             listen(session, request.duration_s)
         if after_run is not None:
@@ -97,73 +98,75 @@ def run_session(request: SessionRequest, after_run: Callable[[Session], object] 
         failure = why_failed(session.snapshot(), request.plan)
     except BoatDaqError:
         if session.snapshot().recording is not None:
-            say(f"{request.path} keeps what came until then")
+            notify(f"{request.path} holds the samples until then")
         raise
     finally:
         session.close()
     return summarise(request.path), failure
 
 
-def clear_what_an_earlier_host_left(session: Session, seen: SessionSnapshot) -> int:
-    """A board may have latched a fault before this session came: say so, and go on where its cause is gone.
+def clear_latched_fault(session: Session, seen: SessionSnapshot) -> int:
+    """Clear a fault that the board latched before this session, where its cause is gone.
 
     Returns
     -------
-    Number of the newest message that needs no more telling.
+    Number of the newest message that this covers.
 
     Raises
     ------
-    OperatorError : the cause stands.
+    OperatorError : the cause persists.
     """
     if not seen.latched:
         return 0
     session.clear_fault("this program before its run: its cause was gone")
-    say(f"warning: {seen.latched}; the fault is cleared")
-    # the board's own word comes with its next sample, and a plan is armed by that
+    notify(f"warning: {seen.latched}; the fault is cleared")
+    # the next sample confirms it, and only then can a plan be armed
     session.wait(lambda s: not s.latched and (s.last is None or s.last.state is not BoardState.FAULT), CLEARING_S)
     return seen.messages[-1].number if seen.messages else 0
 
 
-def vent_what_an_earlier_host_left(session: Session) -> None:
-    """A host that died a moment ago may have left the unit under pressure: vent it, and say so."""
+def vent_residual_pressure(session: Session) -> None:
+    """Vent a unit that a previous session left under pressure."""
     last = session.snapshot().last
     if last is None or last.state not in (BoardState.RAMPING, BoardState.HOLDING):
         return
-    say(f"warning: the unit was under pressure ({last.pressure_kpa:.1f} kPa); it is vented before the run")
+    notify(f"warning: the unit was under pressure ({last.pressure_kpa:.1f} kPa); it is vented before the run")
     session.vent()
     session.wait(lambda _: all(check.ok for check in session.preflight() if check.name == "zero"), VENTING_S)
 
 
-def run_plan(session: Session, plan: Plan, *, told: int = 0, resume: bool = False) -> None:
-    """Arm and start `plan`, and wait until it has ended one way or another.
+def run_plan(session: Session, plan: Plan, *, shown: int = 0, resume: bool = False) -> None:
+    """Arm and start a plan, and wait until it has ended.
 
     Parameters
     ----------
-    told : messages up to that number are known.
-    resume : at the next whole cycle of the broken run in this recording.
+    session : connected and recording.
+    plan : to run.
+    shown : messages up to that number need not be printed.
+    resume : at the next whole cycle of the interrupted run in this recording.
     """
     session.arm(plan, resume=resume)
     session.start()
-    tell = Teller(told)
+    print_new = MessagePrinter(shown)
     with progress_bar(plan.name) as advance:
         while True:
             seen = session.snapshot()
-            tell(seen)
+            print_new(seen)
             if seen.progress is not None:
                 advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
             if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
                 return
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
 
 def listen(session: Session, duration_s: float | None) -> None:
     """Record until `duration_s` of board time, or until the port is gone."""
     begun = session.snapshot().recorded_s
-    tell = Teller()
+    print_new = MessagePrinter()
     with progress_bar("recording") as advance:
         while True:
             seen = session.snapshot()
-            tell(seen)
+            print_new(seen)
             elapsed = seen.recorded_s - begun
             if duration_s is not None:
                 advance(min(elapsed, duration_s), duration_s)
@@ -171,34 +174,34 @@ def listen(session: Session, duration_s: float | None) -> None:
                     return
             if seen.link in (LinkState.FAILED, LinkState.CLOSED):
                 return
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
 
-class Teller:
-    """Prints a session's warnings and errors newer than number `told`, and each lasting warning of the link once."""
+class MessagePrinter:
+    """Prints a session's warnings and errors after number `shown`, and each lasting warning of the link once."""
 
-    def __init__(self, told: int = 0) -> None:
-        self._shown = told
+    def __init__(self, shown: int = 0) -> None:
+        self._shown = shown
         self._since: dict[LinkWarningCode, float] = {}  # since when, s of board time
-        self._told: set[LinkWarningCode] = set()
+        self._printed: set[LinkWarningCode] = set()
 
     def __call__(self, seen: SessionSnapshot) -> None:
         """Print what is new."""
         for message in seen.messages:
             if message.number > self._shown and message.level != "info":
-                say(f"{message.level}: {message.cause}" + (f"\n  try: {message.remedy}" if message.remedy else ""))
+                notify(f"{message.level}: {message.cause}" + (f"\n  try: {message.remedy}" if message.remedy else ""))
         self._shown = max([self._shown, *(message.number for message in seen.messages)])
         warnings = {w.code: w.text for w in (seen.health.warnings if seen.health is not None else ())}
         warnings.pop(LinkWarningCode.SILENT, None)  # has a message of its own
         self._since = {code: self._since.get(code, seen.recorded_s) for code in warnings}
         for code, since in self._since.items():
-            if seen.recorded_s - since >= LASTING_S and code not in self._told:
-                say(f"warning: {warnings[code]}")
-                self._told.add(code)
+            if seen.recorded_s - since >= LASTING_S and code not in self._printed:
+                notify(f"warning: {warnings[code]}")
+                self._printed.add(code)
 
 
 def why_failed(seen: SessionSnapshot, plan: Plan | None) -> str:
-    """Return why the run did not do what was asked; empty when it did."""
+    """Return why the run did not end as planned; empty if it did."""
     if seen.link in (LinkState.LOST, LinkState.FAILED):
         return seen.link_error[0] if seen.link_error else seen.latched or "the link was lost"
     if plan is not None and seen.state in (SessionState.ABORTED, SessionState.FAULT):

@@ -1,14 +1,15 @@
-"""`boat-daq shadow`: the mechanical model of the actuator, asked from the command line."""
+"""`boat-daq shadow`: the mechanical model of the actuator."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import click
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, progress_bar, say
-from boat_daq.commands.fidelity import FidelityOption, level_of
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
+from boat_daq.commands.options import FidelityOption, PlotOption
 from boat_daq.commands.shadow_chain import chain
 from boat_daq.commands.shadow_measured import modulus, replay
 from boat_daq.commands.shadow_options import (
@@ -36,29 +37,28 @@ app = typer.Typer(
 def solve(
     pressure: Annotated[float | None, typer.Option(help="Pressure in the bladders, kPa.")] = None,
     elongation: Annotated[float | None, typer.Option(help="Elongation of the tip, mm.")] = None,
-    model: Annotated[str, typer.Option(help="full or reduced.")] = "full",
+    model: Annotated[
+        Literal["full", "reduced"], typer.Option(click_type=click.Choice(["full", "reduced"]), help="Model to solve.")
+    ] = "full",
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the state into this PNG, SVG or PDF.")] = None,
+    plot: PlotOption = None,
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
-    """Solve the state at a pressure, at an elongation, or with both imposed (then the tip needs a force).
+    """Solve the state at a pressure, at an elongation, or with both imposed (by a force at the tip).
 
-    Beyond the critical pressure the actuator is not stable; such a state is refused with that pressure.
+    Beyond the critical pressure the actuator is unstable; such a state is refused with that pressure.
 
     Example: boat-daq shadow solve --pressure -30 --json
     """
-    if model not in ("full", "reduced"):
-        raise typer.BadParameter(f"'{model}' is neither full nor reduced", param_hint="--model")
     if pressure is None and elongation is None:
         raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
     from analysis.shadow.model.guides import both_guides
 
-    level = level_of(fidelity)
-    full, solution, answered, seconds = answer(pressure, elongation, model, parameters, mesh, level)
+    full, solution, used, seconds = _solved(pressure, elongation, model, parameters, mesh, fidelity)
     limit = full.vacuum_limit
     result: dict[str, Any] = {
         "pressure_kpa": solution.pressure_kpa,
@@ -67,36 +67,36 @@ def solve(
         "iterations": solution.iterations,
         "seconds": seconds,
         "tracked_points_mm": both_guides(full.tracked(solution)),
-        "model": answered,
+        "model": used,
         "tip_force_mn": solution.tip_force_mn,
         "critical_pressure_kpa": limit.pressure_kpa,
     }
-    result["notes"] = notes = [*full.reservations, *unstable(result["lowest_eigenvalue"])]
+    result["notes"] = notes = [*full.reservations, *_instability(result["lowest_eigenvalue"])]
     for note in notes:
-        say(note)
+        notify(note)
     if plot is not None:
-        draw(solution, parameters, plot, level)
+        _plot_state(solution, parameters, plot, fidelity)
     if as_json:
         emit_json(result)
     else:
-        say(
-            f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {answered} model, "
+        show(
+            f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {used} model, "
             f"{1e3 * seconds:.1f} ms, {solution.iterations} iterations"
         )
-        say(
+        show(
             f"lowest eigenvalue {result['lowest_eigenvalue']:.3f} (1 at rest, 0 at the critical pressure of "
             f"{limit.pressure_kpa:.1f} kPa)"
         )
 
 
-def unstable(lowest_eigenvalue: float) -> tuple[str, ...]:
-    """What to say of a state with both pressure and elongation imposed, which no critical pressure judges."""
+def _instability(lowest_eigenvalue: float) -> tuple[str, ...]:
+    """Return a warning of an unstable state, which has no critical pressure where both values are imposed."""
     if lowest_eigenvalue > 0.0:
         return ()
-    return ("this state is in balance but not stable: an actuator brought there would buckle",)
+    return ("this state is an unstable equilibrium: a real actuator would buckle",)
 
 
-def answer(
+def _solved(
     pressure: float | None,
     elongation: float | None,
     model: str,
@@ -104,22 +104,22 @@ def answer(
     mesh: Path | None,
     level: Level = "normal",
 ) -> tuple[FullModel, Solution, str, float]:
-    """Return the model, its state, which model answered, and the seconds that it took."""
+    """Return the full model, the state, the name of the model that solved it, and the seconds it took."""
     import time
 
     if model == "full":
         full = chosen_model(parameters, mesh, level)
-        full.refuse_beyond_limits(pressure, elongation)  # finds the limits, once for all states: not one state's cost
+        full.refuse_beyond_limits(pressure, elongation)  # finds the limits, once for all states: not timed
         begun = time.perf_counter()
         return full, full.solve(pressure_kpa=pressure, elongation_mm=elongation), "full", time.perf_counter() - begun
     shadow = chosen_shadow(parameters, level)
     begun = time.perf_counter()
-    solution, answered = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
-    return shadow.model, solution, answered, time.perf_counter() - begun
+    solution, used = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
+    return shadow.model, solution, used, time.perf_counter() - begun
 
 
-def draw(solution: Solution, parameters: Path | None, path: Path, level: Level = "normal") -> None:
-    """Draw a state into a file."""
+def _plot_state(solution: Solution, parameters: Path | None, path: Path, level: Level = "normal") -> None:
+    """Plot a state into a file."""
     from analysis.shadow.model.drawing import shadow_figure
 
     shadow = chosen_shadow(parameters, level)
@@ -130,12 +130,12 @@ def draw(solution: Solution, parameters: Path | None, path: Path, level: Level =
 @app.command()
 def table(
     parameters: ParametersOption = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw error against the number of shapes into this file.")] = None,
-    rebuild: Annotated[bool, typer.Option("--rebuild", help="Build it again even if it is in the cache.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Plot error against the number of shapes into this file.")] = None,
+    rebuild: Annotated[bool, typer.Option("--rebuild", help="Build it even if it is in the cache.")] = False,
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
-    """Build the reduced model (or take it from the cache) and say its range, its error and its speed.
+    """Build the reduced model, or load it from the cache; show its range, error and speed.
 
     Example: boat-daq shadow table --plot errors.png
     """
@@ -146,7 +146,7 @@ def table(
     from analysis.shadow.model.fidelity import table_settings
     from analysis.shadow.model.table import build_table, load_table
 
-    chosen, settings = chosen_parameters(parameters, level_of(fidelity)), table_settings(at(fidelity))
+    chosen, settings = chosen_parameters(parameters, fidelity), table_settings(at(fidelity))
     begun = time.perf_counter()
     with progress_bar("building the table") as progress:
         made = build_table(chosen, settings, progress) if rebuild else load_table(chosen, settings, progress=progress)
@@ -169,15 +169,15 @@ def table(
         emit_json(result)
         return
     (p0, p1), (q0, q1) = made.pressure_range_kpa, made.elongation_range_mm
-    say(f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm; {result['modes']} shapes, ready in {seconds:.1f} s")
-    say(f"no tracked point off by more than {made.error_bound_mm:.2g} mm; {result['states_per_s']:,.0f} states/s")
+    show(f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm; {result['modes']} shapes, ready in {seconds:.1f} s")
+    show(f"error of every tracked point below {made.error_bound_mm:.2g} mm; {result['states_per_s']:,.0f} states/s")
 
 
 @app.command()
 def export(
     out: Annotated[Path, typer.Option(help="File to write.")],
     file_format: Annotated[str, typer.Option("--format", help="vtu, msh or inp.")],
-    pressure: Annotated[float, typer.Option(help="Pressure of the state, kPa (msh holds the rest alone).")] = 0.0,
+    pressure: Annotated[float, typer.Option(help="Pressure of the state, kPa (msh: the state at rest).")] = 0.0,
     parameters: ParametersOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -200,7 +200,7 @@ def export(
             }
         )
     else:
-        say(f"wrote {out}: {len(model.mesh.nodes)} nodes, {len(model.mesh.quads)} elements, {pressure:+g} kPa")
+        notify(f"wrote {out}: {len(model.mesh.nodes)} nodes, {len(model.mesh.quads)} elements, {pressure:+g} kPa")
 
 
 @app.command()
@@ -208,12 +208,12 @@ def states(
     out: Annotated[Path, typer.Option(help="CSV (or .npz) to write.")],
     lowest: Annotated[float, typer.Option(help="Pressure of the most compressed state, kPa.")] = -40.0,
     highest: Annotated[float, typer.Option(help="Pressure of the most elongated state, kPa.")] = 50.0,
-    dense: Annotated[bool, typer.Option("--dense", help="Every 0.5 mm in place of 7 points a guide.")] = False,
+    dense: Annotated[bool, typer.Option("--dense", help="Points every 0.5 mm in place of 7 a guide.")] = False,
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the guides in 15 states (7 compressed, rest, 7 elongated), the optical model's curves.
+    """Write the guides in 15 states (7 compressed, rest, 7 elongated), as curves for the optical model.
 
     Example: boat-daq shadow states --out curves.csv
     """
@@ -234,7 +234,7 @@ def states(
             }
         )
     else:
-        say(
+        notify(
             f"wrote {out}: 15 states, {found.curves_mm.shape[2]} points a guide, elongation "
             f"{found.elongation_mm[0]:+.2f} .. {found.elongation_mm[-1]:+.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm"
         )

@@ -1,13 +1,12 @@
-"""`boat-daq tradeoff`: time against error of every method, measured on this machine."""
+"""`boat-daq tradeoff`: time against error of every method, measured on this computer."""
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar, say
 
 if TYPE_CHECKING:
     from analysis.tradeoff import Method
@@ -22,24 +21,26 @@ def tradeoff(
             "default all.",
         ),
     ] = None,
-    folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where JSON, CSV and charts go.")] = Path(
+    folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for JSON, CSV and charts.")] = Path(
         "tradeoff"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer settings and repeats: about half a minute.")] = False,
-    json: JsonOption = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer settings and repeats, about half a minute.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Time against error of every method, measured on this machine, and the defaults that follow.
+    """Measure time against error of every method on this computer, and the defaults that follow.
 
-    Writes tradeoff.json, tradeoff.csv and a chart of each method as PNG and SVG. Example:
+    Writes tradeoff.json, tradeoff.csv and a chart of each method as PNG and SVG.
 
-        boat-daq tradeoff inverse posterior --quick --out charts
+    Example: boat-daq tradeoff inverse posterior --quick --out charts
     """
     from analysis.errors import RequestError
     from analysis.tradeoff import METHODS, measure_all, report_json, write_report
 
     live = _live_plot()
     known = METHODS | {live.name: live}
-    _writable(folder)
+    with writing(folder):  # before minutes are spent
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
     unknown = [name for name in methods or () if name not in known]
     if unknown:
         raise RequestError(f"there is no method '{unknown[0]}'", f"Choose among {', '.join(known)}.")
@@ -47,40 +48,22 @@ def tradeoff(
     with progress_bar("measuring") as advance:
         results = measure_all(chosen, quick=quick, progress=advance)
     files = write_report(results, folder, quick=quick)
-    if json:
+    if as_json:
         emit_json(report_json(results, quick=quick))
     else:
         for measured in results:
-            out.print(f"{measured.method.title}: {measured.verdict}", highlight=False, markup=False, soft_wrap=True)
-    say(f"{len(files)} files in {folder}")
+            show(f"{measured.method.title}: {measured.verdict}")
+    notify(f"{len(files)} files in {folder}")
 
 
 def _live_plot() -> Method:
-    """The live plot's method with what painting costs, where Qt is there to paint."""
+    """Return the live plot's method, with the time of painting where Qt is available."""
     from analysis.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
     from boat_daq.viewmodels.models.tradeoff_jobs import live_plot
 
     try:
         from boat_daq.gui.models.tradeoff_jobs import painter
-    except ImportError:  # a computer without a screen may lack what Qt needs
-        say("without Qt the live plot's points are fetched, not painted")
+    except ImportError:  # a computer without a screen may lack libraries of Qt
+        notify("Qt is not available: painting of the live plot is not measured")
         return live_plot()
     return live_plot(painter(WIDTH_PX, HEIGHT_PX))
-
-
-def _writable(folder: Path) -> None:
-    """Make the folder before minutes are spent.
-
-    Raises
-    ------
-    FileError : it cannot be made or written.
-    """
-    import tempfile
-
-    from analysis.errors import FileError
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        raise FileError(f"{folder} cannot be written: {error.strerror}", "Choose another --out.") from error

@@ -1,4 +1,4 @@
-"""`boat-daq upgrade`: an older recording in today's layout, the file as it was kept beside it."""
+"""`boat-daq upgrade`: bring an older recording to the present layout."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, out
+from boat_daq.commands.console import JsonOption, emit_json, show
 
 
 def upgrade(
     file: Annotated[Path, typer.Argument(metavar="FILE.boat", help="A recording of an older program.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Bring an older recording to today's layout; the file as it was stays beside it as a backup.
+    """Bring an older recording to the present layout; the original file is kept as a backup beside it.
 
-    Older recordings can be read as they are; only what adds to one of them needs this.
+    Older recordings can be read without it; it is needed only before adding to one.
 
     Example: boat-daq upgrade recordings/run.boat
     """
@@ -26,9 +26,6 @@ def upgrade(
     if as_json:
         emit_json(done)
     elif done.backup is None:
-        out.print(
-            f"{file} has layout {done.version} already; nothing to do", highlight=False, markup=False, soft_wrap=True
-        )
+        show(f"{file} has layout {done.version} already; nothing to do")
     else:
-        told = f"layout {done.version_before} became {done.version}; the file as it was is {done.backup}"
-        out.print(told, highlight=False, markup=False, soft_wrap=True)
+        show(f"upgraded from layout {done.version_before} to {done.version}; the original is {done.backup}")

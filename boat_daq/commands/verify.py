@@ -1,25 +1,23 @@
-"""`boat-daq verify`: everything derived again from the raw bytes."""
+"""`boat-daq verify`: derive everything again from the raw bytes."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, out, progress_bar
+from boat_daq.commands.console import JsonOption, emit_json, progress_bar, show
+from boat_daq.commands.options import RecordingArgument
 
 if TYPE_CHECKING:
     from boat_daq.engine.recording.verify import StoredResult, Verification
 
-IMPORTED = "import:"  # the port of a recording that came from a CSV
+IMPORTED = "import:"  # scheme of the port of a recording imported from a CSV
 
 
-def verify(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A recording (.boat).")],
-    as_json: JsonOption = False,
-) -> None:
-    """Derive a run again, from its raw bytes to its figures, and say `identical`, or name the first difference.
+def verify(run: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Derive a run again, from its raw bytes to its figures, and print `identical` or the first difference.
 
     Example: boat-daq verify recordings/run.boat
     """
@@ -36,22 +34,20 @@ def verify(
     if as_json:
         emit_json(verdict)
     else:
-        out.print(
-            "identical" if verdict.identical else f"different: {verdict.difference}", highlight=False, markup=False
-        )
+        show("identical" if verdict.identical else f"different: {verdict.difference}")
     if not verdict.identical:
         raise typer.Exit(1)
 
 
 def reanalyse(run: Path, stored: StoredResult) -> dict[str, Any] | None:
-    """Compute a stored analysis anew; other kinds, and those that rest on files of their own, pass."""
+    """Return a stored analysis computed anew; None for other kinds, and for those that used other files."""
     from analysis.figures.stored_results import reproduce
 
     return reproduce(run, stored.id, stored.parameters) if stored.kind == "analysis" else None
 
 
 def verify_import(run: Path) -> Verification:
-    """Import the kept bytes of a CSV again."""
+    """Return the comparison of an imported recording with a new import of its stored CSV."""
     import time
 
     from analysis.data.import_check import first_difference
@@ -60,5 +56,4 @@ def verify_import(run: Path) -> Verification:
 
     begun = time.perf_counter()
     difference = first_difference(run)
-    samples = summarise(run).samples
-    return Verification(not difference, difference, samples, 0, 0, time.perf_counter() - begun)
+    return Verification(not difference, difference, summarise(run).samples, 0, 0, time.perf_counter() - begun)

@@ -164,6 +164,11 @@ class Plan:
             window_s=min(self.window_s, dwell_s / 2) or self.window_s,
         )
 
+    def changed(self, *, dwell_s: float | None = None, **values: Any) -> Plan:
+        """Return the plan with other values of its fields; `dwell_s` as in `with_dwell`."""
+        plan = dataclasses.replace(self, **values)
+        return plan if dwell_s is None else plan.with_dwell(dwell_s)
+
     def to_toml(self) -> str:
         """Return the plan as TOML, every key written out."""
         return tomli_w.dumps(dataclasses.asdict(self))

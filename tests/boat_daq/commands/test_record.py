@@ -60,7 +60,7 @@ def test_a_refusal_once_recording_says_what_is_kept(tmp_path: Path, capsys: pyte
     with serve(pressed, in_thread=True) as board, pytest.raises(OperatorError, match="e-stop"):
         run_session(SessionRequest(board.url, run, built_in_plans()["calibration"]))
     assert run.exists()
-    assert f"{run} keeps what came until then" in capsys.readouterr().err
+    assert f"{run} holds the samples until then" in capsys.readouterr().err
 
 
 def test_a_link_that_only_listens_says_why(tmp_path: Path) -> None:

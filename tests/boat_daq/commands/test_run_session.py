@@ -13,8 +13,8 @@ import serial
 
 from boat_daq.commands.run_session import (
     SessionRequest,
-    Teller,
-    clear_what_an_earlier_host_left,
+    MessagePrinter,
+    clear_latched_fault,
     run_session,
     why_failed,
 )
@@ -62,7 +62,7 @@ def test_a_doubt_about_the_link_is_said_once(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.fault(8, how="a link in doubt of the board's clock, told in a terminal", times=1)
 def test_a_doubt_is_told_again_only_if_another(capsys: pytest.CaptureFixture[str]) -> None:
     """New numbers are the same doubt, a drift is another; silence is the session's to tell; what passes is none."""
-    tell = Teller()
+    print_new = MessagePrinter()
     looks = (
         (0.0, ("no data for 2 s", "3 samples lost", "102.7 samples/s come, 100 were asked for")),
         (5.0, ("no data for 7 s", "3 samples lost")),
@@ -73,7 +73,7 @@ def test_a_doubt_is_told_again_only_if_another(capsys: pytest.CaptureFixture[str
     )
     for recorded_s, warnings in looks:
         health = SimpleNamespace(warnings=warnings)
-        tell(SessionSnapshot(SessionState.IDLE, LinkState.UP, recorded_s=recorded_s, health=health))
+        print_new(SessionSnapshot(SessionState.IDLE, LinkState.UP, recorded_s=recorded_s, health=health))
     told = capsys.readouterr().err.splitlines()
     assert told == ["warning: 17 samples lost", "warning: the board's clock is 0.8 % fast"]
 
@@ -85,7 +85,7 @@ def test_a_cleared_fault_is_waited_for_in_the_samples(tmp_path: Path) -> None:
         session = Session()
         try:
             session.connect(board.url, rate_hz=2, record_to=tmp_path / "run.boat")
-            clear_what_an_earlier_host_left(session, session.wait_connected())
+            clear_latched_fault(session, session.wait_connected())
             last = session.snapshot().last
             assert last is not None
             assert last.state is BoardState.VENTED

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
+from analysis.data.recording import Recording
 from analysis.errors import DataError
 
 LOW, HIGH = 0.25, 0.75
@@ -74,6 +76,47 @@ def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, m
     widths = [_half_width(time, x, y, (a, b), (low, high), min_speed) for a, b in pairs]
     figures = [s for values in (peaks, troughs, np.diff(time[up]), areas, widths) for s in _mean_sd(values)]
     return Strokes(up, down, high - low, *figures)
+
+
+def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) -> dict[str, Any]:
+    """Return the strokes and loops of a run whose drive is the pressure, ready for JSON.
+
+    The friction is half the width of a sensor's loop along the pressure, over 30 to 70 % of the signal's span; the half
+    width is the same along the signal, over 30 to 70 % of the pressure's.
+
+    Parameters
+    ----------
+    recording : of a continuous run.
+    min_speed_kpa_per_s : slower samples do not enter the half width.
+
+    Raises
+    ------
+    DataError : fewer than ten usable samples, or the pressure or a signal does not move.
+    """
+    time_s, pressure_kpa = recording.time_s, recording.pressure_kpa
+    drive = find_strokes(time_s, pressure_kpa, pressure_kpa)
+    sensors = []
+    for number in range(recording.n_sensors):
+        signal_mv = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
+        loop = find_strokes(time_s, pressure_kpa, signal_mv, min_speed=min_speed_kpa_per_s)
+        across = find_strokes(time_s, signal_mv, pressure_kpa)
+        sensors.append({
+            "name": f"s{number + 1}",
+            "span_mv": across.span,
+            "half_width_mv": {"mean": loop.half_width_mean, "sd": loop.half_width_sd},
+            "friction_kpa": {"mean": across.half_width_mean, "sd": across.half_width_sd},
+            "loop_area_kpa_mv": {"mean": loop.loop_area_mean, "sd": loop.loop_area_sd},
+        })  # fmt: skip
+    return {
+        "cycles": drive.cycles,
+        "strokes_up": drive.up_rows.size,
+        "strokes_down": drive.down_rows.size,
+        "span_kpa": drive.span,
+        "peak_kpa": {"mean": drive.peak_mean, "sd": drive.peak_sd},
+        "trough_kpa": {"mean": drive.trough_mean, "sd": drive.trough_sd},
+        "period_s": {"mean": drive.period_mean_s, "sd": drive.period_sd_s},
+        "sensors": sensors,
+    }
 
 
 def _crossings(x: FloatArray, low: float, high: float) -> tuple[IntArray, IntArray]:

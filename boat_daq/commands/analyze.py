@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
-from boat_daq.commands.options import FidelityOption, NoMcmcOption, NoShadowOption, RunArgument, SeedOption
+from boat_daq.commands.options import (
+    FidelityOption,
+    MapOption,
+    NoMcmcOption,
+    NoShadowOption,
+    RateOption,
+    RunArgument,
+    SeedOption,
+)
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis
@@ -18,13 +26,8 @@ if TYPE_CHECKING:
 def analyze(
     run: RunArgument,
     elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
-    mapping: Annotated[
-        list[str] | None,
-        typer.Option("--map", metavar="NAME=COLUMN[:UNIT]", help="Column of a CSV, as in `import`; may be repeated."),
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option(min=0.001, metavar="HZ", help="Sampling rate of a CSV without time.")
-    ] = None,
+    mapping: MapOption = None,
+    rate: RateOption = None,
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     x_resolution: Annotated[

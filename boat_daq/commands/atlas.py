@@ -9,9 +9,6 @@ import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
 
-if TYPE_CHECKING:
-    pass
-
 
 def atlas(
     methods: Annotated[

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-import click
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
-from boat_daq.commands.options import RunArgument
+from boat_daq.commands.options import RunArgument, one_of
 
 
 def export(
     run: RunArgument,
-    format: Annotated[
-        Literal["csv", "parquet"],
-        typer.Option(metavar="FORMAT", click_type=click.Choice(["csv", "parquet"]), help="csv or parquet."),
-    ],
+    format: Annotated[str, typer.Option(callback=one_of("csv", "parquet"), help="csv or parquet.")],
     to: Annotated[Path, typer.Option("--out", metavar="PATH", help="File to write.")],
     as_json: JsonOption = False,
 ) -> None:
@@ -30,7 +26,7 @@ def export(
 
     recording = load_recording(run)
     with progress_bar("Exporting") as advance:
-        files = write(recording, to, format, progress=advance)
+        files = write(recording, to, "csv" if format == "csv" else "parquet", progress=advance)
     if as_json:
         emit_json({"files": files, "samples": recording.n, "simulated": recording.simulated})
     else:

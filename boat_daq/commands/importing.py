@@ -8,24 +8,16 @@ from typing import Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, show, show_table
+from boat_daq.commands.options import MapOption, RateOption
 
 
 def import_csv(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="File to import.")],
     to: Annotated[Path | None, typer.Option("--out", metavar="FILE.boat", help="Recording to write.")] = None,
-    mapping: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="NAME=COLUMN[:UNIT]",
-            help="Column of time_s, pressure_kpa, target_kpa, s1_mv, s1_lit, ...; may be repeated.",
-        ),
-    ] = None,
+    mapping: MapOption = None,
     profile: Annotated[Path | None, typer.Option(help="Map that was saved before.")] = None,
     save_profile: Annotated[Path | None, typer.Option(help="File to save the map in.")] = None,
-    rate: Annotated[
-        float | None, typer.Option(min=0.001, metavar="HZ", help="Sampling rate of a file without time.")
-    ] = None,
+    rate: RateOption = None,
     preview: Annotated[
         bool, typer.Option("--preview", help="Show the columns that were found; write nothing.")
     ] = False,

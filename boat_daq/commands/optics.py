@@ -324,14 +324,12 @@ def optimise(
 
 def cavity_counts(text: str) -> list[int]:
     """Return the numbers of cavities in an option such as 3,5,7."""
-    from analysis.errors import RequestError
-
     try:
         found = [int(part) for part in text.split(",")]
-    except ValueError as error:
-        raise RequestError(f"'{text}' is not a list of numbers of cavities", "write it as 3,5,7") from error
-    if min(found) < 1:
-        raise RequestError(f"a sweep over {min(found)} cavities", "name numbers of 1 or more, as 3,5,7")
+    except ValueError:
+        found = []
+    if min(found, default=0) < 1:
+        raise typer.BadParameter(f"{text!r} is not a list of numbers of 1 or more, as 3,5,7", param_hint="--cavities")
     return list(dict.fromkeys(found))
 
 

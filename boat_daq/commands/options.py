@@ -2,16 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import click
 import typer
 
 from analysis.fidelity import LEVELS, Level
 
+
+def one_of(*choices: str) -> Callable[[str | None], str | None]:
+    """Return the callback of an option that refuses every value but these."""
+
+    def check(value: str | None) -> str | None:
+        if value is not None and value not in choices:
+            raise typer.BadParameter(f"{value!r} is none of {', '.join(choices)}")
+        return value
+
+    return check
+
+
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A .boat file, or a CSV that `import` accepts.")]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A recording (.boat).")]
+MapOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="NAME=COLUMN[:UNIT]",
+        help="Column of a CSV for time_s, pressure_kpa, target_kpa, s1_mv, s1_lit, ...; may be repeated.",
+    ),
+]
+RateOption = Annotated[
+    float | None, typer.Option("--rate", min=0.001, metavar="HZ", help="Sampling rate of a CSV without time.")
+]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the intervals and the posterior.")]
 NoMcmcOption = Annotated[bool, typer.Option("--no-mcmc", help="Omit the posterior.")]
 NoShadowOption = Annotated[bool, typer.Option("--no-shadow", help="Omit the digital shadow.")]
@@ -21,13 +44,13 @@ FolderArgument = Annotated[
 ]
 PlotOption = Annotated[Path | None, typer.Option(help="Also write a plot: PNG, SVG or PDF.")]
 
-FidelityOption = Annotated[
-    Level,
-    typer.Option("--fidelity", click_type=click.Choice(LEVELS), help="Precision of the computation."),
-]
-OptionalFidelity = Annotated[
-    Level | None,
-    typer.Option(
-        "--fidelity", click_type=click.Choice(LEVELS), help="Precision of the computation; default the paper's."
-    ),
-]
+if TYPE_CHECKING:
+    LevelName = Level
+else:
+    LevelName = str  # older releases of typer have no Literal
+
+_LEVEL = typer.Option(
+    "--fidelity", metavar="LEVEL", callback=one_of(*LEVELS), help="Precision: draft, normal or reference."
+)
+FidelityOption = Annotated[LevelName, _LEVEL]
+OptionalFidelity = Annotated[LevelName | None, _LEVEL]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-import click
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
-from boat_daq.commands.options import FidelityOption, PlotOption
+from boat_daq.commands.options import FidelityOption, PlotOption, one_of
 from boat_daq.commands.shadow_chain import chain
 from boat_daq.commands.shadow_measured import modulus, replay
 from boat_daq.commands.shadow_options import (
@@ -37,9 +36,7 @@ app = typer.Typer(
 def solve(
     pressure: Annotated[float | None, typer.Option(help="Pressure in the bladders, kPa.")] = None,
     elongation: Annotated[float | None, typer.Option(help="Elongation of the tip, mm.")] = None,
-    model: Annotated[
-        Literal["full", "reduced"], typer.Option(click_type=click.Choice(["full", "reduced"]), help="Model to solve.")
-    ] = "full",
+    model: Annotated[str, typer.Option(callback=one_of("full", "reduced"), help="full or reduced.")] = "full",
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
     plot: PlotOption = None,

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, writing
+
 if TYPE_CHECKING:
     from analysis.tradeoff import Method
 

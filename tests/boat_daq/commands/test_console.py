@@ -1,4 +1,4 @@
-"""How the commands speak: messages keep their lines."""
+"""Output of the commands: messages keep their lines, and leaving while loading."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import pytest
 from boat_daq.commands import console
 
 
-def test_a_long_message_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    """A cause of 200 characters is one line for whoever reads standard error by lines; no word or path is broken."""
+def test_long_message_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """A cause of 200 characters is one line on standard error; no word or path is broken."""
     text = "error: " + "/a-folder/of-a-long-name" * 8 + " cannot be written"
-    console.say(text)
+    console.notify(text)
     assert capsys.readouterr().err == text + "\n"
 
 
-def test_no_bar_where_there_is_no_screen(capsys: pytest.CaptureFixture[str]) -> None:
-    """Standard error that is no terminal gets messages alone, not an empty line for each bar."""
+def test_progress_bar_needs_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    """Standard error that is not a terminal gets messages only, not an empty line for each bar."""
     with console.progress_bar("working") as advance:
         advance(1, 2)
     assert capsys.readouterr() == ("", "")
 
 
-def test_ctrl_c_while_the_program_loads_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is open yet: the commands' modules are half imported, and it leaves with 130 as later."""
+def test_ctrl_c_while_loading_exits_130(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the modules half imported it exits with 130 and without a traceback, as later."""
 
     class PressedWhileLoading:
         @staticmethod

@@ -1,4 +1,4 @@
-"""The optics commands: their keys, their files, and what they say when they cannot."""
+"""`boat-daq optics`: JSON keys, files and refusals."""
 
 from __future__ import annotations
 
@@ -7,30 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from analysis.errors import AnalysisError
-from boat_daq.commands.optics import app
+from analysis.fidelity import Level
+from boat_daq.commands.optics import released_rays
+from tests.boat_daq.commands.calls import call, exit_code, refusal
 
 LEDGER = {"released", "detected", "escaped", "trapped", "cut", "corner", "dropped"}
 
 
-def told(*words: str) -> dict[str, object]:
-    result = CliRunner().invoke(app, [*words, "--json"], catch_exceptions=False)
-    assert result.exit_code == 0
-    return json.loads(result.stdout)
-
-
-def refused(*words: str) -> AnalysisError:
-    result = CliRunner().invoke(app, list(words))
-    assert isinstance(result.exception, AnalysisError)
-    assert result.exception.remedy
-    return result.exception
-
-
-def test_trace_tells_the_agreed_keys() -> None:
+def test_trace_prints_the_documented_keys() -> None:
     """Design, state, rays, NDR, power, ledger and hits; the ledger closes."""
-    out = told("trace", "--state", "0", "--secondary", "0")
+    out = call("optics", "trace", "--state", "0", "--secondary", "0")
     assert {
         "cavities",
         "width_mm",
@@ -53,34 +40,34 @@ def test_trace_reads_a_curve_file(tmp_path: Path, curves: np.ndarray) -> None:
     """The parametric curves, written to a file and read again, give the same NDR; the default ones give another."""
     path = tmp_path / "curves.csv"
     path.write_text("x,z\n" + "\n".join(f"{x!r},{z!r}" for s in curves.tolist() for g in s for x, z in g))
-    written = told("trace", "--state", "14", "--curves", str(path))["power"]
-    assert written == told("trace", "--state", "14", "--curves", "parametric")["power"]
-    assert written != told("trace", "--state", "14")["power"]
+    written = call("optics", "trace", "--state", "14", "--curves", str(path))["power"]
+    assert written == call("optics", "trace", "--state", "14", "--curves", "parametric")["power"]
+    assert written != call("optics", "trace", "--state", "14")["power"]
 
 
-def test_trace_draws(tmp_path: Path) -> None:
-    """A picture of the rays is written as PNG and as SVG."""
+def test_trace_writes_an_image(tmp_path: Path) -> None:
+    """An image of the rays is written as PNG and as SVG."""
     for name in ("rays.png", "rays.svg"):
-        told("trace", "--out", str(tmp_path / name), "--rays", "40")
+        call("optics", "trace", "--out", str(tmp_path / name), "--rays", "40")
         assert (tmp_path / name).stat().st_size > 5000
 
 
 def test_scene_writes_version_5(tmp_path: Path) -> None:
     """The scene goes to a file, or to standard output with --json."""
-    told("scene", "--out", str(tmp_path / "scene.json"))
+    call("optics", "scene", "--out", str(tmp_path / "scene.json"))
     assert json.loads((tmp_path / "scene.json").read_text())["version"] == 5
-    assert told("scene")["version"] == 5
+    assert call("optics", "scene")["version"] == 5
 
 
 @pytest.mark.nightly
-def test_sweep_tells_all_designs(tmp_path: Path) -> None:
+def test_sweep_prints_all_designs(tmp_path: Path) -> None:
     """216 designs in 15 states, with the best, the ties and the paper's optimum."""
-    out = told("sweep", "--cavities", "5", "--rays", "50", "--out", str(tmp_path))
+    out = call("optics", "sweep", "--cavities", "5", "--rays", "50", "--out", str(tmp_path))
     assert out["simulations"] == 3240
     assert isinstance(out["designs"], list)
     assert len(out["designs"]) == 216
     assert {"best", "tied_with_best", "paper_optimum", "seconds", "hits"} <= set(out)
-    assert told("sweep", "--cavities", "5", "--rays", "50", "--out", str(tmp_path))["simulated_now"] == 0
+    assert call("optics", "sweep", "--cavities", "5", "--rays", "50", "--out", str(tmp_path))["simulated_now"] == 0
 
 
 @pytest.mark.parametrize(
@@ -94,18 +81,39 @@ def test_sweep_tells_all_designs(tmp_path: Path) -> None:
         (("trace", "--order", "colour"), "order"),
         (("trace", "--curves", "absent.csv"), "no curve file"),
         (("trace", "--thickness", "40"), "touch"),
-        (("sweep", "--cavities", "many"), "list of numbers"),
-        (("sweep", "--cavities", "3,0"), "0 cavities"),
         (("trace", "--rays", "10000001"), "rays"),
         (("trace", "--rays", "2", "--out", "absent/rays.png"), "cannot be written"),
         (("trace", "--rays", "2", "--out", "rays.xyz"), "names no picture"),
         (("scene", "--out", "absent/scene.json"), "cannot be written"),
         (("scene", "--rays", "20001", "--emission", "lambertian"), "one by one"),
         (("optimise", "--seconds", "nan"), "nan s"),
-        (("optimise", "--out", "/dev/null"), "cannot be made"),
+        (("optimise", "--out", "/dev/null"), "cannot be written"),
         (("optimise", "--rays", "0"), "rays"),
     ],
 )
 def test_failures_name_cause_and_remedy(words: tuple[str, ...], cause: str) -> None:
-    """Each bad request is refused with words that name it."""
-    assert cause in refused(*words).cause
+    """Each bad request is refused with a cause that names it."""
+    assert cause in refusal("optics", *words).cause
+
+
+@pytest.mark.parametrize("cavities", ["many", "3,0", ""])
+def test_malformed_list_of_cavities_is_a_usage_error(cavities: str) -> None:
+    """Exit code 2 for text, a number below 1 and nothing."""
+    assert exit_code("optics", "sweep", "--cavities", cavities) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "level", "released"),
+    [
+        ((None, None), None, (250, 100)),
+        ((None, None), "reference", (1_000, 400)),
+        ((600, None), "reference", (600, 240)),
+        ((600, None), None, (600, 100)),
+        ((600, 7), "draft", (600, 7)),
+    ],
+)
+def test_options_precede_the_fidelity_and_the_fidelity_the_paper(
+    given: tuple[int | None, int | None], level: Level | None, released: tuple[int, int]
+) -> None:
+    """Rays and secondary rays, with and without --fidelity; the documented defaults are 250 and 100."""
+    assert released_rays(*given, level, lambda chosen: chosen.rays) == released

@@ -12,8 +12,8 @@ import pytest
 import serial
 
 from boat_daq.commands.run_session import (
-    SessionRequest,
     MessagePrinter,
+    SessionRequest,
     clear_latched_fault,
     run_session,
     why_failed,

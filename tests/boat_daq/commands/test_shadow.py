@@ -1,10 +1,8 @@
-"""`boat-daq shadow` as a user types it."""
+"""`boat-daq shadow`: JSON keys, files and refusals."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,9 @@ from analysis.errors import AnalysisError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
 from analysis.shadow.model.table import table_digest, write_table
-from boat_daq.commands.shadow import app
+from boat_daq.cli import app
+from boat_daq.errors import StorageError
+from tests.boat_daq.commands.calls import call, exit_code, refusal
 
 
 @pytest.fixture
@@ -33,18 +33,11 @@ def coarse(tmp_path: Path) -> list[str]:
     return ["--parameters", str(path)]
 
 
-def answer(*words: str) -> Any:
-    """The JSON object that a command prints, alone on standard output."""
-    result = CliRunner().invoke(app, [*words, "--json"])
-    assert result.exit_code == 0, result.exception
-    return json.loads(result.stdout)
-
-
 @pytest.mark.usefixtures("cache")
 @pytest.mark.parametrize("model", ["full", "reduced"])
 def test_solve_keeps_its_contract(model: str) -> None:
     """The keys of the surface, by either model, and the state of the paper's range."""
-    found = answer("solve", "--pressure", "-40", "--model", model)
+    found = call("shadow", "solve", "--pressure", "-40", "--model", model)
     keys = {"pressure_kpa", "elongation_mm", "lowest_eigenvalue", "iterations", "seconds", "tracked_points_mm", "model"}
     assert keys <= set(found)
     assert found["model"] == model
@@ -55,7 +48,7 @@ def test_solve_keeps_its_contract(model: str) -> None:
 
 def test_solve_at_an_elongation() -> None:
     """The pressure follows from the elongation."""
-    assert answer("solve", "--elongation", "3.8")["pressure_kpa"] == pytest.approx(50.0, abs=0.05)
+    assert call("shadow", "solve", "--elongation", "3.8")["pressure_kpa"] == pytest.approx(50.0, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -76,19 +69,16 @@ def test_solve_at_an_elongation() -> None:
 )
 def test_bad_requests(words: list[str], code: int) -> None:
     """A usage error is 2; a failure carries cause and remedy for the command line to print."""
-    result = CliRunner().invoke(app, words)
     if code == 2:
-        assert result.exit_code == 2
+        assert exit_code("shadow", *words) == 2
     else:
-        assert isinstance(result.exception, AnalysisError)
-        assert result.exception.cause
-        assert result.exception.remedy
+        assert isinstance(refusal("shadow", *words), AnalysisError)
 
 
 @pytest.mark.usefixtures("cache")
-def test_table_says_its_error_and_speed() -> None:
+def test_table_has_its_error_and_speed() -> None:
     """Bound below 0.1 % of the range, more than 20,000 states a second."""
-    found = answer("table")
+    found = call("shadow", "table")
     assert found["error_bound_percent"] < 0.1
     assert found["states_per_s"] > 20_000
     assert len(found["errors_mm"]) == found["modes"]
@@ -98,20 +88,20 @@ def test_export_writes_all_formats(tmp_path: Path, coarse: list[str]) -> None:
     """Each format's file, and its size in nodes and elements."""
     for kind in ("vtu", "msh", "inp"):
         out = tmp_path / f"actuator.{kind}"
-        found = answer("export", "--format", kind, "--pressure", "20", "--out", str(out), *coarse)
+        found = call("shadow", "export", "--format", kind, "--pressure", "20", "--out", str(out), *coarse)
         assert out.stat().st_size > 1000
         assert found["elements"] == 6 * 4 * 3
-    assert answer("solve", "--pressure", "20", "--mesh", str(tmp_path / "actuator.msh"))["model"] == "full"
+    assert call("shadow", "solve", "--pressure", "20", "--mesh", str(tmp_path / "actuator.msh"))["model"] == "full"
 
 
 def test_states_writes_curves(tmp_path: Path, coarse: list[str]) -> None:
     """Fifteen states, seven points a guide, or one every half millimetre."""
-    found = answer("states", "--out", str(tmp_path / "curves.csv"), *coarse)
+    found = call("shadow", "states", "--out", str(tmp_path / "curves.csv"), *coarse)
     assert found["points"] == 7
     assert len(found["elongation_mm"]) == 15
     lines = (tmp_path / "curves.csv").read_text().splitlines()
     assert len([line for line in lines if not line.startswith("#")]) == 1 + 15 * 2 * 7
-    assert answer("states", "--dense", "--out", str(tmp_path / "curves.npz"), *coarse)["points"] == 217
+    assert call("shadow", "states", "--dense", "--out", str(tmp_path / "curves.npz"), *coarse)["points"] == 217
 
 
 @pytest.mark.usefixtures("cache")
@@ -127,36 +117,31 @@ def test_modulus_gives_the_band(tmp_path: Path) -> None:
     small = tmp_path / "small.toml"
     small.write_text("cells = 2\naxial_elements = 4\nwall_elements = 1\nlattice_elements = 2\n")
     size = ["--height-mm", "50", "--area-mm2", "2500", "--parameters", str(small)]
-    found = answer("modulus", *names, *size)
+    found = call("shadow", "modulus", *names, *size)
     assert found["mean_kpa"] == pytest.approx(np.mean([16.5, 18.3, 20.2]), rel=1e-6)
     assert found["sd_kpa"] == pytest.approx(np.std([16.5, 18.3, 20.2], ddof=1), rel=1e-6)
     assert all(0 < point["standard_uncertainty_mm"] < 0.2 for point in found["band"])
 
 
-def test_pictures(tmp_path: Path, coarse: list[str]) -> None:
-    """A state drawn into a file; an unknown kind of picture is refused."""
-    result = CliRunner().invoke(
-        app, ["solve", "--pressure", "30", "--model", "full", "--plot", str(tmp_path / "state.svg"), *coarse]
-    )
-    assert result.exit_code == 0, result.exception
+def test_state_is_plotted_into_a_file(tmp_path: Path, coarse: list[str]) -> None:
+    """SVG is written; an unknown format is refused."""
+    words = ("shadow", "solve", "--pressure", "30", "--model", "full", *coarse, "--plot")
+    assert exit_code(*words, tmp_path / "state.svg") == 0
     assert (tmp_path / "state.svg").stat().st_size > 10_000
-    refused = CliRunner().invoke(
-        app, ["solve", "--pressure", "30", "--model", "full", "--plot", str(tmp_path / "state.xyz"), *coarse]
-    )
-    assert isinstance(refused.exception, AnalysisError)
+    assert isinstance(refusal(*words, tmp_path / "state.xyz"), StorageError)
 
 
-def test_every_command_shows_an_example() -> None:
+def test_every_help_has_an_example() -> None:
     """Each command's help ends with one."""
     for command in ("solve", "table", "modulus", "replay", "states", "export", "chain"):
         assert f"Example: boat-daq shadow {command}" in " ".join(
-            CliRunner().invoke(app, [command, "--help"]).output.split()
+            CliRunner().invoke(app, ["shadow", command, "--help"]).output.split()
         )
 
 
-def test_a_state_held_beyond_its_stability_is_told() -> None:
-    """-44 kPa is short of the critical pressure, but not with the tip pulled to +7 mm; at -3 mm nothing is said."""
-    for elongation, notes in (("7", ["this state is in balance but not stable"]), ("-3", [])):
-        result = answer("solve", "--pressure", "-44", "--elongation", elongation)
+def test_unstable_equilibrium_has_a_warning() -> None:
+    """At -44 kPa the actuator is stable, but not with the tip pulled to +7 mm; at -3 mm there is no warning."""
+    for elongation, notes in (("7", ["this state is an unstable equilibrium"]), ("-3", [])):
+        result = call("shadow", "solve", "--pressure", "-44", "--elongation", elongation)
         assert (result["lowest_eigenvalue"] < 0) == bool(notes)
         assert [n.split(":")[0] for n in result["notes"]] == notes

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from analysis.errors import FileError, RequestError
+from analysis.errors import RequestError
 from analysis.fidelity import LEVELS, fidelity
 from analysis.tradeoff import METHODS, Measured, measure, measured_from
 from boat_daq.cli import app
+from boat_daq.errors import StorageError
 from boat_daq.viewmodels.models.tradeoff import METHODS as ON_THE_PAGE
 from boat_daq.viewmodels.models.tradeoff_jobs import live_plot
 
@@ -52,7 +53,7 @@ def test_what_cannot_be_measured_is_refused(tmp_path: Path) -> None:
     assert "tracer" in refused.exception.remedy
     (tmp_path / "file").write_text("")
     unwritable = CliRunner().invoke(app, ["tradeoff", "inverse", "--out", str(tmp_path / "file")])
-    assert isinstance(unwritable.exception, FileError)
+    assert isinstance(unwritable.exception, StorageError)
     assert not list(tmp_path.glob("*.json"))
 
 

@@ -1,0 +1,35 @@
+"""`boat-daq history`: the control chart of a unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.errors import AnalysisError
+from tests.analysis.boat_builder import PAPER, Plant, Staircase, write_boat
+from tests.boat_daq.commands.calls import call
+
+
+def test_calibrations_are_charted_in_order_of_time(tmp_path: Path) -> None:
+    """En is the difference of two calibrations over its U, drift is their step, and an unreadable file is named."""
+    for day, offset in ((2, 1.0), (1, 0.0)):
+        cubics = tuple((c[0] + offset, *c[1:]) for c in PAPER)
+        plan = Staircase(Plant(cubics=cubics, loop_mm=0.25, seed=day), cycles=2)
+        plan.elongations().to_csv(tmp_path / f"run{day}.elongation.csv", index=False)
+        meta = {"uuid": str(day), "started_utc": f"2026-01-0{day}T00:00:00+00:00"}
+        write_boat(tmp_path / f"run{day}.boat", plan.recording(), meta=meta)
+    (tmp_path / "bad.csv").write_text("no numbers\n")
+    found = call("history", tmp_path, "--unit", "SA1")
+    first, second = found["sensors"][0]["calibrations"]
+    assert (first["started_utc"][:10], second["started_utc"][:10]) == ("2026-01-01", "2026-01-02")
+    step = second["value_mv"] - first["value_mv"]
+    assert step == pytest.approx(1.0, abs=0.6)
+    assert second["en"] == pytest.approx(step / np.hypot(first["expanded_mv"], second["expanded_mv"]))
+    drift = second["coefficients"][0] - first["coefficients"][0]
+    assert found["sensors"][0]["drift_per_calibration"][0] == pytest.approx(drift)
+    assert first["en"] is None
+    assert found["left_out"][0]["run"] == "bad.csv"
+    with pytest.raises(AnalysisError, match="no calibration of unit 'SB9'"):
+        call("history", tmp_path, "--unit", "SB9")

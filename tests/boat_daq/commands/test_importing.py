@@ -1,0 +1,23 @@
+"""`boat-daq import`: a CSV file as a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.boat_daq.commands.calls import call, exit_code
+
+
+def test_exported_samples_are_imported_without_a_map(stairs: tuple[Path, Path], tmp_path: Path) -> None:
+    """The preview recognises every column, and every sample is imported."""
+    exported = call("export", stairs[0], "--format", "csv", "--out", tmp_path / "r.csv")
+    assert call("import", tmp_path / "r.csv", "--preview")["missing"] == []
+    assert call("import", tmp_path / "r.csv", "--out", tmp_path / "r.boat")["samples"] == exported["samples"]
+
+
+@pytest.mark.parametrize("options", [(), ("--map", "pressure_kpa", "--preview"), ("--map", "=3", "--preview")])
+def test_missing_destination_and_malformed_map_are_usage_errors(options: tuple[str, ...], tmp_path: Path) -> None:
+    """Exit code 2."""
+    (tmp_path / "a.csv").write_text("time_s,pressure_kpa,s1_mv\n0,1,2\n")
+    assert exit_code("import", tmp_path / "a.csv", *options) == 2

@@ -1,0 +1,49 @@
+"""`boat-daq strokes`: strokes and loops of a continuous run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.errors import DataError
+from tests.boat_daq.commands.calls import call
+
+
+def test_triangular_drive_gives_its_loop(tmp_path: Path) -> None:
+    """A signal of 5 mV/kPa with branches 8 mV apart: half width 4 mV, friction 0.8 kPa, area from the rectangle."""
+    time_s = np.arange(0.0, 100.0, 0.005)
+    phase = (time_s / 10.0) % 1.0
+    pressure = 45.0 * (1.0 - 4.0 * np.abs(phase - 0.5)) + 5.0
+    signal = 5.0 * pressure + np.where(phase < 0.5, -4.0, 4.0)
+    rows = np.column_stack([time_s, pressure, signal])
+    np.savetxt(tmp_path / "loop.csv", rows, delimiter=",", header="time_s,pressure_kpa,s1_mv", comments="")
+    found = call("strokes", tmp_path / "loop.csv")
+    assert (found["strokes_up"], found["strokes_down"], found["cycles"]) == (10, 10, 9)
+    assert found["period_s"]["mean"] == pytest.approx(10.0, abs=0.01)
+    (sensor,) = found["sensors"]
+    assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, rel=0.02)
+    assert sensor["friction_kpa"]["mean"] == pytest.approx(0.8, rel=0.05)
+    assert sensor["loop_area_kpa_mv"]["mean"] == pytest.approx(8.0 * 90.0, rel=0.02)
+
+
+def test_published_strokes_are_reproduced(shared_data: Path) -> None:
+    """An actuator driven by displacement, imported by its columns: the independent reference within 2 %."""
+    folder = shared_data / "zillen_pneumatic"
+    truth = json.loads((folder / "expected.json").read_text())["files"]["Circle_3bar.csv"]
+    columns = ("--map", "time_s=1:ms", "--map", "pressure_kpa=5", "--map", "s1_mv=7")
+    found = call("strokes", folder / "Circle_3bar.csv", *columns, "--min-speed", 2)
+    assert (found["strokes_up"], found["strokes_down"]) == (truth["upstrokes"], truth["downstrokes"])
+    assert found["span_kpa"] == pytest.approx(truth["stroke_p1_p99"], rel=0.02)
+    assert found["sensors"][0]["half_width_mv"]["mean"] == pytest.approx(truth["half_width_mid_N"], rel=0.02)
+    assert found["sensors"][0]["loop_area_kpa_mv"]["mean"] == pytest.approx(truth["loop_area_mean_Nmm"], rel=0.02)
+
+
+def test_constant_pressure_is_refused(tmp_path: Path) -> None:
+    """A run without strokes has no loop."""
+    rows = [f"{n},10,{1600 + n % 3}" for n in range(50)]
+    (tmp_path / "still.csv").write_text("\n".join(["time_s,pressure_kpa,s1_mv", *rows]))
+    with pytest.raises(DataError, match="does not move"):
+        call("strokes", tmp_path / "still.csv")

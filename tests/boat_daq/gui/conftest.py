@@ -9,7 +9,9 @@ import pytest
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 
+from boat_daq.engine.snapshot import SessionState
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, idle, window_on
+from tests.boat_daq.gui.windows import RAMPING
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -59,3 +61,13 @@ def whole(live):
 def empty(make):
     """A window with nothing connected."""
     return make(RecordedSession(idle()))
+
+
+@pytest.fixture
+def running(live):
+    """A window in a run that stops at its plateaus for readings, between two of them."""
+    live.resize(1280, 800)
+    live.model.sequence.arm()
+    live.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.refresh()
+    return live

@@ -190,3 +190,17 @@ def test_rays_set_by_hand_go_before_the_fidelity(page):
     assert (model.traced_rays, model.swept_rays) == (NORMAL.rays, NORMAL.ranking_rays)
     model.set_rays(1000)
     assert (model.traced_rays, model.swept_rays) == (1000, 1000)
+
+
+def test_empty_plots_show_what_will_be_there(live, monkeypatch):
+    """Empty axes from 0 to 1 stood there, like data that are missing."""
+    monkeypatch.setattr(live.model.optics, "choose", lambda *_: None)
+    live.go("Optics")
+    page = live.pages["Optics"]
+    page.response.show_result(live.model.optics)
+    for card in (page.scene, page.response, page.pareto):
+        assert not card.view.isVisible()
+        assert "here" in card.empty_text.text()
+    page.response.show_empty("")
+    assert page.response.view.isVisible()
+    assert not page.response.empty_text.isVisible()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QApplication
 
 from analysis.fidelity import fidelity
 from boat_daq.gui import style
@@ -202,3 +203,12 @@ def test_on_a_narrow_page_the_table_stands_under_the_chart(page, qtbot):
     assert page.table_card.y() >= page.chart.y() + page.chart.height()
     qtbot.waitUntil(lambda: page.height() >= page.minimumSizeHint().height() > 420)
     room.takeWidget()
+
+
+def test_method_that_is_not_measured_shows_what_will_be_there(whole):
+    """Its title used to float in the middle of an empty card."""
+    chart = whole.pages["Trade-off"].chart
+    whole.go("Trade-off")
+    QApplication.processEvents()
+    assert chart.empty_text.isVisible()
+    assert chart.heading.geometry().bottom() < chart.height() / 4

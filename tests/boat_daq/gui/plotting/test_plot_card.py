@@ -19,7 +19,7 @@ from tests.boat_daq.gui.models.test_optics_page import swept, traced
 from tests.boat_daq.gui.models.test_shadow_page import mark
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.results.run_results import run_result
-from tests.boat_daq.gui.test_manners import run_shortcut
+from tests.boat_daq.gui.windows import run_shortcut
 from tests.boat_daq.viewmodels.models.reports import report
 from tests.boat_daq.viewmodels.models.reports import swept as mapped
 

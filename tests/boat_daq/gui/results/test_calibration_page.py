@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import shutil
 from pathlib import Path
 
@@ -12,13 +13,12 @@ from PySide6.QtCore import QPoint, QRect
 from PySide6.QtWidgets import QApplication
 
 from analysis.warning import Warning, WarningCode
+from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.results.closed_readings import ClosedReadings
-from boat_daq.viewmodels.results.analysis_view import PosteriorResult
+from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText, PosteriorResult
 from tests.boat_daq.gui.results.run_results import GRID, out_of_tolerance_result, run_result, without_readings
-from tests.boat_daq.gui.test_manners import run_shortcut
-
-SAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
+from tests.boat_daq.gui.windows import SAMPLE, run_shortcut
 
 
 def test_previous_calibration_is_compared(live):
@@ -240,3 +240,72 @@ def whole_in_sight(window, widget) -> bool:
     room = window.scrolls["Calibrate"].viewport()
     place = widget.mapTo(room, QPoint(0, 0))
     return widget.isVisible() and room.rect().contains(QRect(place, widget.size()))
+
+
+def test_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
+    """After a new start "Analyse the last run" takes the recording that was written last."""
+    folder = live.model.services.recordings
+    folder.mkdir()
+    for i, name in enumerate(("b.boat", "a.boat")):
+        path = folder / name
+        path.touch()
+        os.utime(path, ns=(i, i))
+    asked: list[Path] = []
+    monkeypatch.setattr(live.model.calibration, "analyse", asked.append)
+    live.model.calibration.analyse_current()
+    assert asked == [folder / "a.boat"]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("width", [853, 1280])
+def test_no_table_of_figures_scrolls_sideways(whole, width):
+    """At 150 % on 1280 x 800 the figures stood in a column of which only the names were to be seen."""
+    cells = (FigureText("256.3", "definition"), FigureText("190.6", "definition"))
+    rows = tuple(FigureRow(name, "mV/mm", cells) for name in ("Sensitivity", "Repeatability, worst") * 7)
+    shown = dataclasses.replace(run_result(), figures=rows)
+    whole.model.calibration.show(shown)
+    whole.model.repeatability.show(shown)
+    whole.resize(width, 533)
+    for name in ("Calibrate", "Repeat"):
+        whole.go(name)
+        QApplication.processEvents()
+        table = whole.pages[name].table
+        assert table.isVisible()
+        assert table.horizontalScrollBar().maximum() == 0
+        assert whole.scrolls[name].horizontalScrollBar().maximum() == 0
+
+
+def test_new_analysis_clears_the_page(live):
+    """A run without readings, opened after one with, was shown with the curves of the other."""
+    live.go("Calibrate")
+    page, model = live.pages["Calibrate"], live.model.calibration
+    model.show(run_result())
+    live.refresh()
+    card = page.curves[0]
+    assert card.loading.x.size and page.curves[0].columns()
+    whole, none = run_result(), np.zeros(0)
+    bare = dataclasses.replace(whole.sensors[0], x=none, y=none, content=None, void="none was read")
+    model.show(dataclasses.replace(whole, sensors=(bare, bare)))
+    live.refresh()
+    assert not any(layer.x.size for shown in page.curves for plot in shown.plots for layer in plot.layers)
+    assert page.missing.isVisible()
+    assert not card.isVisible()
+    model.show(run_result())
+    live.refresh()
+    model.result = None
+    model.revision += 1
+    live.refresh()
+    assert not any(layer.x.size for layer in (*card.top.layers, *page.loops.plots[0].layers))
+    assert page.table.rowCount() == 0
+    assert live.grab().width() == live.width()  # it paints
+
+
+def test_failed_analysis_shows_cause_and_remedy(live):
+    """Both stood in one line, cut with an ellipsis before the remedy, over axes from 0 to 1."""
+    live.go("Calibrate")
+    model, page = live.model.calibration, live.pages["Calibrate"]
+    model.failure = OperatorError("x.boat is not a recording", "Choose another one.")
+    model.revision += 1
+    page.refresh(live.model.snapshot)
+    assert (page.verdict.text(), page.headline.text()) == ("\u25a0 x.boat is not a recording", "Choose another one.")
+    assert all(card.empty_text.text() == "Nothing to show." for card in page.curves)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
+import json
+import os
 import shutil
 import sqlite3
 from contextlib import closing
@@ -11,14 +14,13 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import QItemSelectionModel, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QApplication, QFileDialog
 
 from analysis import load_recording
+from boat_daq.gui.style import THUMBNAIL
+from boat_daq.viewmodels.results.runs import HEADINGS, read_run
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.test_manners import run_shortcut
-
-SAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
-PATIENCE_MS = 120_000
+from tests.boat_daq.gui.windows import NARROW, PATIENCE_MS, SAMPLE, run_shortcut
 
 
 @pytest.fixture
@@ -144,3 +146,126 @@ def test_a_key_that_can_do_nothing_says_why(runs):
         assert not entry.isEnabled()
         assert said in entry.toolTip()
         window.commands.wake()
+
+
+def test_list_fits_the_window(live, qtbot):
+    """Its buttons used to push the page beyond the window at 150 % on 1280 x 800."""
+    live.model.services.recordings.mkdir()
+    shutil.copy(SAMPLE, live.model.services.recordings)
+    live.resize(853, 533)
+    live.go("Runs")
+
+    def listed() -> bool:
+        live.refresh()
+        return live.pages["Runs"].list.rowCount() > 0
+
+    qtbot.waitUntil(listed, timeout=PATIENCE_MS)
+    live.pages["Runs"].list.selectRow(0)
+    qtbot.waitUntil(lambda: live.scrolls["Runs"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
+    assert live.pages["Runs"].buttons["report"].isVisible()
+
+
+def test_open_recording_keeps_its_place(live, qtbot):
+    """The list went by the time a file was last written: lines changed places under the mouse every few seconds."""
+    folder, runs = live.model.services.recordings, live.model.runs
+    folder.mkdir()
+    for name in ("a", "b"):
+        shutil.copy(SAMPLE, folder / f"{name}.boat")
+    with closing(sqlite3.connect(folder / "a.boat")) as db, db:
+        later = json.dumps("2030-01-01T00:00:00+00:00")
+        db.execute("UPDATE session SET value = ? WHERE key = 'started_utc'", (later,))
+
+    def listed(written: str) -> list[str]:
+        os.utime(folder / written, ns=(2**62, 2**62))
+        os.utime(folder / {"a.boat": "b.boat", "b.boat": "a.boat"}[written], ns=(1, 1))
+        runs.scan()
+        qtbot.waitUntil(lambda: (runs.poll(), runs._future is None)[1], timeout=PATIENCE_MS)
+        return [run.path.name for run in runs.runs]
+
+    assert listed("a.boat") == listed("b.boat") == ["a.boat", "b.boat"]
+
+
+def test_selection_survives_a_new_list(live, qtbot):
+    """Two runs chosen to be compared; a recording under way renews the list every few seconds, and left one of them."""
+    live.model.services.recordings.mkdir()
+    for name in "abc":
+        shutil.copy(SAMPLE, live.model.services.recordings / f"{name}.boat")
+    live.go("Runs")
+    page, runs = live.pages["Runs"], live.model.runs
+    qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 3, timeout=PATIENCE_MS)
+    page._choose([0, 1])
+    chosen = [run.path.name for run in page.selected()]
+    assert chosen == ["c.boat", "b.boat"]
+    runs.runs = [runs.runs[2], runs.runs[0], runs.runs[1]]  # as if another order had come
+    runs.revision += 1
+    page.refresh(live.model.snapshot)
+    assert sorted(run.path.name for run in page.selected()) == sorted(chosen)
+    assert page.buttons["compare"].isEnabled()
+
+
+def test_narrow_list_does_not_scroll_sideways(live, qtbot):
+    """At 853 px (150 % on 1280) the last columns were out of sight."""
+    live.model.services.recordings.mkdir()
+    shutil.copy(SAMPLE, live.model.services.recordings / "SA1_2026-11-21_223500.boat")
+    live.go("Runs")
+    live.model.runs.scan()
+    qtbot.waitUntil(lambda: (live.refresh(), live.pages["Runs"].list.rowCount())[1] == 1, timeout=PATIENCE_MS)
+    for width, thumbnail in ((853, THUMBNAIL[0] // 2), (1280, THUMBNAIL[0])):
+        live.resize(width, 500)
+        QApplication.processEvents()
+        table = live.pages["Runs"].list
+        assert table.columnWidth(0) == thumbnail
+        assert table.horizontalScrollBar().maximum() == 0
+        assert table.columnWidth(len(HEADINGS) - 1) >= THUMBNAIL[0] // 4
+
+
+@pytest.mark.parametrize(
+    ("status", "reason", "words"),
+    [
+        ("closed", "finished", "\u25cf complete"),
+        ("closed", "stopped", "\u25a0 stopped"),
+        ("closed", "aborted: the board is gone", "\u25b2 broken off"),
+        ("recovered", "interrupted", "\u25cf recovered"),
+    ],
+)
+def test_list_shows_how_each_run_ended(tmp_path, status, reason, words):
+    """A run that was stopped, or whose board was unplugged, was listed as complete."""
+    shutil.copy(SAMPLE, tmp_path / "a.boat")
+    with closing(sqlite3.connect(tmp_path / "a.boat")) as db, db:
+        for key, value in (("status", status), ("stop_reason", reason)):
+            db.execute("UPDATE session SET value = ? WHERE key = ?", (json.dumps(value), key))
+    assert read_run(tmp_path / "a.boat").cells[HEADINGS.index("State")] == words
+
+
+def listed(window, names):
+    """The Runs page over made-up runs: their worst case, without a folder that is read."""
+    run = read_run(SAMPLE)
+    broken = dataclasses.replace(run.summary, status="interrupted", stop_reason=None, steps=3)
+    damaged = dataclasses.replace(run, summary=None, problem="/a/long/way/to/x.boat cannot be read: it is malformed")
+    made = [dataclasses.replace(run, path=run.path.with_name(name)) for name in names]
+    window.model.runs.runs = [dataclasses.replace(made[0], summary=broken), damaged, *made[1:]]
+    window.model.runs.scan = lambda: None
+    window.model.runs.revision += 1
+    window.go("Runs")
+    QApplication.processEvents()
+    return window.pages["Runs"]
+
+
+@pytest.mark.parametrize("width", [NARROW, 960, 1280])
+def test_narrow_list_reports_the_columns_left_out(live, width):
+    """A damaged file's reason pushed the names out of sight at any width; two more buttons the whole page at 853."""
+    live.resize(width, 533)
+    page = listed(live, [f"20261121-22153{n}_SA1.boat" for n in range(3)])
+    choose(page, 0)
+    QApplication.processEvents()
+    table = page.list
+    assert live.scrolls["Runs"].horizontalScrollBar().maximum() == 0
+    assert table.horizontalScrollBar().maximum() == 0
+    assert table.columnWidth(HEADINGS.index("File")) >= table.fontMetrics().horizontalAdvance(
+        "20261121-221530_SA1.boat"
+    )
+    assert table.isColumnHidden(HEADINGS.index("Readings")) is (width < 1000)
+    assert all(page.buttons[key].isVisible() for key in ("resume", "recover"))
+    assert "37 readings" in page.told.text()
+    choose(page, 1)
+    assert "malformed" in page.told.text()

@@ -1,0 +1,100 @@
+"""The live page: first steps, plots, cursors, markers, pane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QApplication,
+    QScrollBar,
+)
+
+from boat_daq.engine.snapshot import (
+    LinkState,
+)
+from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, LiveElongation
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.windows import PATIENCE_MS
+
+
+def test_tab_beside_the_plots_is_restored(make, qtbot):
+    """Plan, shadow or readings: the next start shows what stood there."""
+    first = make(RecordedSession(connected(), filled_ring(5.0)))
+    first.live.pane.setCurrentWidget(first.live.plan)
+    first.close()
+    again = make(RecordedSession(connected(), filled_ring(5.0)))
+    assert again.live.pane.currentWidget() is again.live.plan
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("index", range(3))
+def test_pane_beside_the_plots_does_not_scroll_sideways(live, qtbot, index):
+    """Fields, units and words of the pane are whole at 150 % on 1280 x 800."""
+    live.resize(853, 533)
+    live.live.pane.setCurrentIndex(index)
+    live.refresh()
+    qtbot.waitUntil(lambda: live.scrolls["Live"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
+    bars = [bar for bar in live.live.pane.findChildren(QScrollBar) if bar.orientation() is Qt.Orientation.Horizontal]
+    assert [bar.maximum() for bar in bars if bar.isVisible()] == []
+
+
+def test_small_window_shows_the_statistics_in_a_tab(live):
+    """Between the cursors at 853 x 533: every figure stands beside the plots, whole, and nothing is pushed out."""
+    live.resize(853, 533)
+    live.model.live.inverse = lambda mv: LiveElongation(
+        (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
+    )
+    page = live.live
+    before = page.pane.currentWidget()
+    for which in "ab":
+        page.plots.place_cursor(which)
+    live.refresh()
+    QApplication.processEvents()
+    assert page.between.isVisible()
+    assert not page.spans.isVisible()
+    assert page.between.sizeHint().width() <= page.between.width()
+    assert page.between.sizeHint().height() <= page.between.height()
+    assert all(f">{words}<" in page.between.text() for words in (*HEADINGS_SHORT, "1, mV", "2, mV", "mm", "kPa"))
+    room = live.scrolls["Live"]
+    assert (room.horizontalScrollBar().maximum(), room.verticalScrollBar().maximum()) == (0, 0)
+    page.plots.place_cursor("a")
+    live.refresh()
+    assert page.pane.currentWidget() is before
+
+
+def test_first_start_shows_the_first_steps(empty):
+    """Without a sample the live page says what to do, and the virtual board is one of the ways."""
+    empty.refresh()
+    assert empty.live.first_steps.isVisible()
+    assert empty.live.first_steps.virtual.text() == "Start the virtual board"
+
+
+def test_first_sample_replaces_the_first_steps(live):
+    """With samples the plots stand where the steps stood, and hold the newest sample."""
+    live.refresh()
+    live.draw()
+    assert live.live.plots.isVisible()
+    assert live.live.plots.s1.x[-1] == pytest.approx(299.99)
+
+
+def test_frozen_plot_keeps_recording(live):
+    """A held picture keeps its range while the ring goes on."""
+    live.live.toggle_hold()
+    before = live.model.live.span_s()
+    ring = filled_ring(400.0)
+    live.model.session.ring = ring
+    assert live.model.live.span_s() == before
+    live.live.toggle_hold()
+    assert live.model.live.span_s()[1] == pytest.approx(399.99)
+
+
+def test_values_of_a_disconnected_board_are_not_shown(make):
+    """What was measured before the link went is not shown as what is: dashes until data come again."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    window.refresh()
+    assert window.live.figures["kpa"].value.text() != "\u2013"
+    session.change(link=LinkState.LOST)
+    window.refresh()
+    assert {figure.value.text() for figure in window.live.figures.values()} == {"\u2013"}

@@ -1,0 +1,158 @@
+"""The live plots: frames, cursors, markers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QApplication,
+)
+
+from boat_daq.viewmodels.live.live_model import Marker
+from protocol.recording import sample_dtype
+from tests.boat_daq.gui.windows import run_shortcut
+
+
+def test_titles_of_low_plots_are_centred_on_their_axes(live, qtbot):
+    """A title that has become short used to stay where the middle of the long one was."""
+    plots = live.live.plots
+    for height, words in ((620, "1, mV"), (1000, "Signal 1 (mV)")):
+        live.resize(1280, height)
+        QApplication.processEvents()
+        live.draw()
+        ruler = plots.first.item.getAxis("left")
+        assert words in ruler.label.toPlainText()
+        across = ruler.label.mapRectToItem(ruler, ruler.label.boundingRect())
+        assert across.center().y() == pytest.approx(ruler.size().height() / 2, abs=2.0)
+
+
+def test_marker_is_added_by_keys_and_shown(live):
+    """M, a note, Enter: the marker stands in the plot with its note, and is in the session."""
+    run_shortcut(live, "M")
+    QTest.keyClicks(live.live.note, "tapped")
+    QTest.keyClick(live.live.note, Qt.Key.Key_Return)
+    live.refresh()
+    plot, line = live.live.plots._markers[0]
+    assert (plot.title, line.label.format, live.model.session.asked[-1]) == ("Signal 1", "tapped", "mark")
+    assert line.value() == pytest.approx(299.99)
+
+
+@pytest.mark.parametrize("height", [500, 1000])
+def test_labels_of_cursors_and_markers_are_not_cut(live, height):
+    """On low plots and at both edges the letters of A and B and of notes lie inside their plot; braces are letters."""
+    live.resize(840, height)
+    live.refresh()
+    live.draw()
+    plots, (low, high) = live.live.plots, live.model.live.span_s()
+    plots.place_cursor("a")
+    plots.place_cursor("b")
+    live.model.live.markers += [
+        Marker(high - 0.01, "tube {touched}"),
+        Marker(low + 0.5, "a note that goes on and on, much too long"),
+    ]
+    live.refresh()
+    live.draw()
+    QApplication.processEvents()
+    for plot, line in (*plots._cursors["a"], *plots._cursors["b"], *plots._markers):
+        if plot is not plots.first:
+            continue
+        box = plot.item.getViewBox()
+        words = line.label.mapRectToItem(box, line.label.boundingRect())
+        room = box.boundingRect().adjusted(-1, -1, 1, 1)
+        assert room.contains(words), (line.label.format, words, room)
+    assert plots._markers[0][1].label.textItem.toPlainText() == "tube {touched}"
+    assert plots._markers[1][1].label.textItem.toPlainText().endswith("\u2026")
+
+
+def test_cursor_is_dragged_with_the_mouse(live):
+    """A drag moves the cursor in every plot, and the figures with it."""
+    live.refresh()
+    live.draw()
+    run_shortcut(live, "A")
+    run_shortcut(live, "B")
+    plots = live.live.plots
+    plot, _ = plots._cursors["a"][0]
+    before = plots.model.cursor_a
+    view, box = plots.view, plot.item.getViewBox()
+
+    def at(time_s: float) -> QPoint:
+        low, high = box.viewRange()[1]
+        return view.mapFromScene(box.mapViewToScene(QPointF(time_s, (low + high) / 2)))
+
+    start, end = at(before), at(before + 5.0)
+    QTest.mouseMove(view.viewport(), start)
+    QTest.mousePress(view.viewport(), Qt.MouseButton.LeftButton, pos=start)
+    for share in (0.3, 0.6, 1.0):
+        QTest.mouseMove(view.viewport(), start + (end - start) * share)
+        QTest.qWait(20)
+    QTest.mouseRelease(view.viewport(), Qt.MouseButton.LeftButton, pos=end)
+    assert plots.model.cursor_a == pytest.approx(before + 5.0, abs=0.3)
+    assert {entry[1].value() for entry in plots._cursors["a"]} == {plots.model.cursor_a}
+    live.refresh()
+    assert live.live.spans.isVisible()
+
+
+def test_cursors_show_statistics(live):
+    """With A and B placed, the page shows mean, sd and slope between them."""
+    live.draw()
+    live.live.plots.place_cursor("a")
+    live.live.plots.place_cursor("b")
+    live.refresh()
+    assert live.live.spans.isVisible()
+    assert "slope per s" in live.live.spans.text()
+    live.live.plots.place_cursor("a")
+    live.refresh()
+    assert not live.live.spans.isVisible()
+
+
+def test_panning_stops_following(live):
+    """A pan with the mouse is a look at the past: following ends until it is asked for again."""
+    live.draw()
+    box = live.live.plots.first.item.getViewBox()
+    box.setXRange(100.0, 110.0, padding=0)
+    box.sigRangeChangedManually.emit([True, True])
+    assert not live.model.live.following
+    assert live.model.live.span_s() == pytest.approx((100.0, 110.0))
+
+
+def test_both_signals_on_one_axis(live):
+    """T puts the second signal into the first plot and takes its own plot away; T again parts them."""
+    live.draw()
+    rows = len(live.live.plots.rows)
+    live.live.toggle_together()
+    live.draw()
+    assert len(live.live.plots.rows) == rows - 1
+    assert live.live.plots.s2_with.x.size > 100
+    live.live.toggle_together()
+    assert len(live.live.plots.rows) == rows
+
+
+def test_appended_frame_equals_the_frame_drawn_whole(live):
+    """Samples added behind the lines' ends show the same pixels as a picture that is drawn anew with them."""
+    ring, plots = live.model.session.ring, live.live.plots
+    live.frame_timer.stop()
+    live.calm_timer.stop()
+    newest_s, shown = float(ring.view(last=1)["time_s"][0]), []
+    assert plots.draw()
+    whole = plots.last
+    shown.append(plots.view.grab().toImage())
+    for n in range(1, 4):
+        sample = np.zeros(1, sample_dtype(2, "signal"))
+        sample["time_us"] = sample["host_ns"] = round((newest_s + 0.003 * n) * 1e6)
+        sample["signal_mv"] = 1650.0, 1620.0
+        ring.append(sample)
+    assert plots.draw()
+    assert plots.last is whole
+    shown.append(plots.view.grab().toImage())
+    plots._whole_until_s = -math.inf
+    assert plots.draw()
+    assert plots.last is not whole
+    shown.append(plots.view.grab().toImage())
+    still, gone_on, anew = (np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), -1) for image in shown)
+    assert 1 <= len(np.unique(np.nonzero(still != gone_on)[1])) <= 2
+    assert len(np.unique(np.nonzero(gone_on != anew)[1])) <= 2
+    assert np.count_nonzero(gone_on != anew) < np.count_nonzero(still != anew)

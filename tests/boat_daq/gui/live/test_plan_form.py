@@ -1,0 +1,48 @@
+"""The plan in its form."""
+
+from __future__ import annotations
+
+
+def test_invalid_plan_is_marked_and_not_armed(live):
+    """A step of 20 kPa was refused in red, and Arm ran the old step of 10 kPa."""
+    plan, model = live.live.plan, live.model.sequence
+    plan.fields["step_kpa"].setText("20")
+    plan.fields["step_kpa"].editingFinished.emit()
+    assert plan.refused.text() == "Step must divide the span of 90 kPa evenly."
+    live.model.run.press("arm")
+    assert live.model.session.asked == []
+    assert "Step must divide" in live.model.notices.current().cause
+    plan.fields["cycles"].setText("2")
+    plan.fields["cycles"].editingFinished.emit()
+    plan.refresh(live.model.snapshot)
+    assert (model.plan.cycles, plan.fields["step_kpa"].text(), plan.fields["step_kpa"].property("wrong")) == (
+        2, "20", "true",
+    )  # fmt: skip
+    plan.fields["high_kpa"].setText("40")
+    plan.fields["high_kpa"].editingFinished.emit()
+    assert (model.plan.high_kpa, model.plan.step_kpa, model.refused) == (40.0, 20.0, {})
+    live.model.run.press("arm")
+    assert "arm" in live.model.session.asked
+
+
+def test_invalid_plan_names_its_field(live):
+    """A step that does not divide the span is refused in the form, and the plan stays."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    field = live.live.plan.fields["step_kpa"]
+    field.setText("7")
+    field.editingFinished.emit()
+    assert "divide the span" in live.live.plan.refused.text()
+    assert live.model.sequence.plan.step_kpa == 10.0
+
+
+def test_edit_of_the_plan_is_undone(live):
+    """The number of cycles goes back with undo, in the model and in the form."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    field = live.live.plan.fields["cycles"]
+    field.setText("2")
+    field.editingFinished.emit()
+    assert live.model.sequence.plan.cycles == 2
+    live.model.undo.undo()
+    live.refresh()
+    assert live.model.sequence.plan.cycles == 5
+    assert field.text() == "5"

@@ -1,0 +1,151 @@
+"""The reading bar and the table of readings."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QApplication,
+)
+
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import (
+    ReadingRequest,
+    SessionState,
+)
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.windows import ASKED, PATIENCE_MS, RAMPING
+
+
+def test_reading_bar_keeps_its_place_during_a_run(running, qtbot):
+    """The question's line is there for the whole run: what comes next, then the question; the plots stay as high."""
+    bar, plots = running.live.reading, running.live.plots
+    qtbot.waitUntil(bar.isVisible, timeout=PATIENCE_MS)
+    QApplication.processEvents()
+    before = plots.size()
+    assert (bar.question.text(), bar.field.isReadOnly()) == ("Next: +20 kPa, unloading, cycle 1", True)
+    running.model.session.change(waiting_for_reading=ASKED)
+    running.refresh()
+    QApplication.processEvents()
+    assert (bar.question.text(), bar.field.isReadOnly()) == ("Elongation at +20 kPa, unloading, cycle 1", False)
+    assert plots.size() == before
+
+
+def test_keyboard_returns_to_the_reading_field(running, qtbot):
+    """After a marker's note, and after a correction in the table, digits go to the plateau that waits."""
+    live, field = running.live, running.live.reading.field
+    running.model.session.marks = (
+        StepMark(1, 1, "unloading", 30.0, 10.0, 0),
+        StepMark(2, 1, "unloading", 20.0, 10.0, 1),
+    )
+    running.model.session.change(waiting_for_reading=ASKED)
+    live.show_readings()
+    running.refresh()
+    live.ask_marker()
+    QTest.keyClicks(live.note, "tapped")
+    QTest.keyClick(live.note, Qt.Key.Key_Return)
+    assert field.hasFocus()
+    live.table.view.setFocus()
+    live.table.model.setData(live.table.model.index(0, 3), "2.5")
+    qtbot.waitUntil(field.hasFocus, timeout=PATIENCE_MS)
+
+
+def test_text_typed_before_the_plateau_is_no_reading(running, qtbot):
+    """Digits and Enter between two plateaus enter nothing; the focus is in the field when the question comes."""
+    bar = running.live.reading
+    running.model.session.change(waiting_for_reading=ASKED)
+    running.refresh()
+    bar.field.setFocus()
+    running.model.session.change(waiting_for_reading=None)
+    running.refresh()
+    QTest.keyClicks(bar.field, "1.5")
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert (bar.field.text(), running.model.session.kept) == ("", [])
+    assert not bar.skip.isEnabled()
+
+
+def test_run_without_readings_shows_no_reading_bar(live):
+    """A continuous plan has no plateau to read: its run keeps the room for the plots."""
+    live.model.sequence.choose("repeatability")
+    live.model.sequence.arm()
+    live.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    live.refresh()
+    assert not live.live.reading.isVisible()
+
+
+def test_column_is_pasted_whatever_tab_is_shown(live):
+    """With the plan in the pane, Ctrl+Shift+V used to open the readings and paste nothing, without a word."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    QApplication.clipboard().setText("4.1\n3.4")
+    live.live.paste_readings()
+    assert "no plateau" in live.model.notices.current().cause
+    live.live.pane.setCurrentWidget(live.live.plan)
+    live.model.session.marks = tuple(
+        StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6, status="reached") for n in (1, 2, 3)
+    )
+    live.live.paste_readings()
+    assert [(r.step_id, r.elongation_mm) for r in live.model.session.kept] == [(1, 4.1), (2, 3.4)]
+
+
+def test_paste_without_selection_overwrites_nothing(make):
+    """With no line chosen, two pasted rows went over the first two readings, out of sight."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = tuple(StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6) for n in (1, 2, 3, 4))
+    window = make(session)
+    window.model.readings.put(1, 4.0, "typed")
+    window.live.show_readings()
+    window.live.table.view.paste("2\tunloading\t30\t3,0\n2\tunloading\t20\t2,1")
+    assert [(r.step_id, r.elongation_mm) for r in session.kept[1:]] == [(2, 3.0), (3, 2.1)]
+    window.live.table.view.paste("1\n2")
+    assert len(session.kept) == 3
+    assert "plateaus follow" in window.model.notices.current().cause
+    window.live.table.view.paste("4\n3\n2\n1")
+    assert [r.elongation_mm for r in session.kept[3:]] == [4.0, 3.0, 2.0, 1.0]
+
+
+def test_typed_reading_is_undone_and_redone(make):
+    """Enter keeps a reading and undo brings back what was there, as a newer entry."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = (StepMark(3, 1, "unloading", 30.0, 10.0, 0),)
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0), state=SessionState.RUNNING)
+    window = make(session)
+    window.refresh()
+    bar = window.live.reading
+    assert bar.isVisible()
+    QTest.keyClicks(bar.field, "2,31")
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert session.kept[-1].elongation_mm == 2.31
+    window.model.undo.undo()
+    assert session.kept[-1].elongation_mm is None
+    window.model.undo.redo()
+    assert session.kept[-1].elongation_mm == 2.31
+
+
+def test_text_that_is_no_length_is_refused_in_its_field(make):
+    """A wrong reading is not kept, its field is marked, and the strip says what to type."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
+    window = make(session)
+    window.refresh()
+    QTest.keyClicks(window.live.reading.field, "2..3")
+    window.live.reading.enter()
+    window.refresh()
+    assert session.kept == []
+    assert window.live.reading.field.property("wrong") == "true"
+    assert "is not a length" in window.strip.text.text()
+
+
+def test_column_of_a_spreadsheet_is_pasted(make):
+    """Ctrl+V in the table enters the clipboard's column from the selected plateau on."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = tuple(StepMark(i, 1, "unloading", 50.0 - 10 * i, 10.0, i) for i in range(1, 5))
+    window = make(session)
+    window.live.show_readings()
+    window.refresh()
+    window.live.table.view.selectRow(1)
+    QGuiApplication.clipboard().setText("3.0\n2.5\n")
+    QTest.keyClick(window.live.table.view, Qt.Key.Key_V, Qt.KeyboardModifier.ControlModifier)
+    assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(2, 3.0), (3, 2.5)]
+    window.refresh()
+    assert window.live.table.count.text() == "2 of 4 plateaus read"

@@ -1,0 +1,37 @@
+"""Readings of a closed recording, in their panel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.windows import run_shortcut
+
+
+def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
+    """Choose the recording, open its readings, type another value, undo it; the file keeps both."""
+    import shutil
+
+    from boat_daq.viewmodels.results.closed_run import ClosedRun
+
+    sample = Path(__file__).parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
+    (tmp_path / "recordings").mkdir()
+    path = Path(shutil.copy(sample, tmp_path / "recordings" / "older.boat"))
+    window = make(RecordedSession(connected(), filled_ring(10.0)))
+    window.go("Runs")
+    page = window.pages["Runs"]
+    qtbot.waitUntil(lambda: (window.refresh(), page.list.rowCount())[1] == 1, timeout=20_000)
+    page.list.selectRow(0)
+    run_shortcut(window, "Ctrl+Alt+E")
+    before = ClosedRun(path).readings()
+    model = page.readings.table.model
+    model.setData(model.index(2, 3), "1.25")
+    assert ClosedRun(path).readings()[-1].elongation_mm == 1.25
+    run_shortcut(window, "Ctrl+Z")
+    assert ClosedRun(path).readings()[-1].elongation_mm == pytest.approx(float(before[2].elongation_mm))
+    assert len(ClosedRun(path).readings()) == len(before) + 2
+    page.readings.close()
+    window.refresh()
+    assert page.readings is None

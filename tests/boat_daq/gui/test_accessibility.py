@@ -1,0 +1,71 @@
+"""Names and keyboard of every control."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractItemView,
+    QAbstractSlider,
+    QAbstractSpinBox,
+    QApplication,
+    QComboBox,
+    QLineEdit,
+    QPlainTextEdit,
+    QProgressBar,
+    QSpinBox,
+    QWidget,
+)
+
+from boat_daq.viewmodels.common.services import Page
+
+
+def test_every_widget_that_shows_or_takes_has_a_name(whole):
+    """Tables, sliders, bars and text fields too: a screen reader can name each."""
+    kinds = (QAbstractItemView, QAbstractSlider, QPlainTextEdit, QProgressBar, QSpinBox)
+    nameless = [
+        f"{type(w).__name__} in {type(w.parent()).__name__}"
+        for w in whole.findChildren(QWidget)
+        if isinstance(w, kinds)
+        and not w.accessibleName()
+        and not w.objectName().startswith("qt_")
+        and type(w).__name__ not in ("QScrollBar", "QHeaderView", "QComboBoxListView", "QListView")
+    ]
+    assert nameless == []
+
+
+def test_keyboard_reaches_every_button_of_the_live_page(live):
+    """Tab goes round all that can be pressed or typed into, and VENT is among it."""
+    live.refresh()
+    live.activateWindow()
+    live.live.pane.setCurrentWidget(live.live.plan)
+    live.live.hold.setFocus()
+    reached: list[QWidget] = []
+    for _ in range(200):
+        widget = QApplication.focusWidget() or live.focusWidget()
+        if widget in reached:
+            break
+        reached.append(widget)
+        live.focusNextChild()
+    wanted = [live.header.vent, live.header.link, live.live.window_choice, *live.live.plan.fields.values()]
+    wanted += [live.navigation.buttons["Live"], *(b for b in live.live.sequence.buttons.values() if b.isVisible())]
+    assert [w.accessibleName() for w in wanted if w not in reached] == []
+    assert [w for w in reached if not (w.accessibleName() or getattr(w, "text", str)())] == []
+    live.navigation.buttons["Live"].setFocus()
+    for name in Page[1:]:  # the pages are one stop of Tab; the arrows go on from there
+        QTest.keyClick(QApplication.focusWidget() or live.focusWidget(), Qt.Key.Key_Down)
+        assert live.page == name
+
+
+def test_every_control_has_an_accessible_name(whole):
+    """A screen reader can name every button, field and choice."""
+    nameless = [
+        f"{type(widget).__name__} {widget.toolTip()} in {widget.parent()}"
+        for widget in whole.findChildren(QWidget)
+        if isinstance(widget, QAbstractButton | QLineEdit | QComboBox)
+        and not isinstance(widget.parent(), QAbstractSpinBox)
+        and not (widget.accessibleName() or (isinstance(widget, QAbstractButton) and widget.text()))
+        and not widget.objectName().startswith("qt_")
+    ]
+    assert nameless == []

@@ -1,0 +1,124 @@
+"""Every command: in a menu, the palette and the shortcut sheet, by its key, or with a reason why not."""
+
+from __future__ import annotations
+
+import zipfile
+from collections import Counter
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QLabel,
+)
+
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import (
+    ReadingRequest,
+    SessionState,
+)
+from boat_daq.gui.palette import shown
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.windows import run_shortcut
+
+
+def test_every_command_is_in_a_menu_the_palette_and_the_sheet(whole):
+    """Walk all actions of the menu bar: each is a command with a key, and the sheet names it with its key."""
+    actions = [
+        action for menu in whole.menuBar().actions() for action in menu.menu().actions() if not action.isSeparator()
+    ]
+    commands = whole.commands.commands
+    assert [a.text() for a in actions] == [c.text for m in menus(whole) for c in commands if c.menu == m]
+    assert [a.text() for a in actions if a.shortcut().isEmpty()] == []
+    assert {a for a in whole.findChildren(QAction) if a.shortcut().toString() and a not in actions} == set()
+    whole.show_keys()
+    said = {label.text() for label in whole.keys.findChildren(QLabel)}
+    assert {c.text for c in commands} | {shown(c) for c in commands} <= said
+
+
+def menus(window):
+    return [action.text().removeprefix("&") for action in window.menuBar().actions()]
+
+
+def test_every_button_of_the_results_pages_is_a_command(whole):
+    """What a button of these pages does, a key does: as many commands as deeds."""
+    texts = {c.text for c in whole.commands.commands if c.menu == "Runs"}
+    assert len(texts) == 5 + len(whole.pages["Runs"].buttons) + 1  # exports are two kinds behind one button
+
+
+def test_command_that_is_not_available_says_why(live):
+    """A command that has nothing to do is greyed and does nothing when its key is pressed."""
+    live.commands.refresh()
+    greyed = {c.text for c, a in live.commands._actions if not a.isEnabled()}
+    assert {"Accept the calibration", "Compare the chosen runs", "Go on without a reading", "Undo"} <= greyed
+    assert {"Vent now", "Connect …", "Calibrate with the last run"} & greyed == set()
+    live.commands.wake()
+
+
+def test_a_session_by_keys_alone(make):
+    """Arm, start, reading, skip, undo, page and pause, each by its key; no mouse."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = (StepMark(3, 1, "unloading", 30.0, 10.0, 0), StepMark(4, 1, "unloading", 20.0, 10.0, 1))
+    window = make(session)
+    window.refresh()
+    press = lambda keys: run_shortcut(window, keys)  # noqa: E731
+    press("F5")
+    assert session.asked[-1] == "arm"
+    session.change(state=SessionState.ARMED)
+    window.refresh()
+    press("F6")
+    assert session.asked[-2:] == ["start_recording", "start"]
+    session.change(state=SessionState.RUNNING, waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
+    window.refresh()
+    QTest.keyClicks(window.live.reading.field, "2.31")
+    QTest.keyClick(window.live.reading.field, Qt.Key.Key_Return)
+    assert session.kept[-1].elongation_mm == 2.31
+    press("Ctrl+Z")
+    assert session.kept[-1].elongation_mm is None
+    press("Ctrl+Shift+Z")
+    assert session.kept[-1].elongation_mm == 2.31
+    session.change(waiting_for_reading=ReadingRequest(4, 1, "unloading", 20.0, 20.0))
+    window.refresh()
+    press("Ctrl+Shift+N")
+    assert session.asked[-1] == "skip_reading"
+    press("F7")
+    assert session.asked[-1] == "pause"
+    press("Ctrl+2")
+    assert window.page == "Calibrate"
+    press("Esc")
+    assert session.asked[-1] == "vent"
+
+
+def test_bug_report_is_packed_without_names(live, tmp_path, qtbot):
+    """The menu's action asks where, packs in the background, and says so."""
+    run_shortcut(live, "Ctrl+Shift+F1")
+    dialog = next(d for d in live.findChildren(QFileDialog))
+    path = tmp_path / "report.zip"
+    dialog.fileSelected.emit(str(path))
+    qtbot.waitUntil(lambda: (live.refresh(), live.model.jobs.get("bug report"))[1] is None, timeout=60_000)
+    live.refresh()
+    assert "versions.json" in zipfile.ZipFile(path).namelist()
+    assert live.strip.text.text().startswith("Saved report.zip, without names")
+
+
+def test_waiting_for_readings_can_be_undone(live):
+    """The check box is a change like any other: undo brings it back, in the model and in the form."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    live.refresh()
+    box = live.live.plan.ask_readings
+    box.click()
+    assert live.model.sequence.wait_for_reading is False
+    live.model.undo.undo()
+    live.refresh()
+    assert (live.model.sequence.wait_for_reading, box.isChecked()) == (True, True)
+    live.model.undo.redo()
+    live.refresh()
+    assert (live.model.sequence.wait_for_reading, box.isChecked()) == (False, False)
+
+
+def test_every_command_has_its_own_keys(live):
+    """No command is without a shortcut, and no two share one."""
+    keys = [QKeySequence(c.shortcut).toString() for c in live.commands.commands]
+    assert all(keys)
+    assert [key for key, n in Counter(keys).items() if n > 1] == []

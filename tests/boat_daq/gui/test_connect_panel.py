@@ -1,0 +1,88 @@
+"""The connect panel: fields, refusals, a pasted profile."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QApplication,
+)
+
+from boat_daq.viewmodels.common.services import Panel
+from tests.boat_daq.gui.windows import PATIENCE_MS
+
+
+def test_escape_closes_the_panel_and_vents(live, qtbot):
+    """A hand on the keyboard gets out of the connect panel; the key vents all the same, and again without a dialog."""
+    live.model.services.show(Panel.CONNECT)
+    live.connect_panel.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live.connect_panel, timeout=PATIENCE_MS)
+    live.vent()
+    assert not live.connect_panel.isVisible()
+    live.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
+    live.vent()
+    assert live.isVisible()
+    assert live.model.session.asked.count("vent") == 2
+
+
+def test_tab_leaves_every_field(live, qtbot):
+    """The profile's field used to keep the key for itself: the virtual board was out of the keyboard's reach."""
+    panel = live.connect_panel
+    live.model.services.show(Panel.CONNECT)
+    panel.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is panel, timeout=PATIENCE_MS)
+    seen = set()
+    for _ in range(16):
+        seen.add(panel.focusWidget())
+        QTest.keyClick(panel.focusWidget(), Qt.Key.Key_Tab)
+    assert {panel.profile, panel.connect_button, panel.virtual_button, panel.speed} <= seen
+    assert panel.profile.toPlainText() == ""
+
+
+def test_rx8_line_is_pasted(empty, qtbot):
+    """A line of Bridge Control Panel goes in where a profile goes, and the port is opened with it."""
+    panel = empty.connect_panel
+    empty.show_place(Panel.CONNECT)
+    line = "RX8 [h=43] @1T @0T @1P @0P @1S1 @0S1 @1S2 @0S2 @0Aux [t=00]"
+    QGuiApplication.clipboard().setText(line)
+    panel.profile.setFocus()
+    panel.profile.paste()
+    assert panel.profile.toPlainText() == line
+    panel.port.setEditText("/dev/ttyACM9")
+    panel.connect_button.click()
+    assert "connect" in empty.model.session.asked
+    assert empty.model.preferences.get("profile") == line
+
+
+def test_refused_profile_stays_with_its_cause(empty):
+    """The panel closed over a line without a pressure, and a fault in the strip did not say how to write one."""
+    panel = empty.connect_panel
+    for pasted, says in (
+        ("RX8 [h=43] @1S1 @0S1 @1S2 @0S2 [t=00]", "@1P @0P"),
+        ("/nowhere/profile.toml", "cannot be read"),
+        ('kind = "lines"\nname = "x"', "device"),
+    ):
+        empty.show_place(Panel.CONNECT)
+        panel.port.setEditText("/dev/ttyACM9")
+        panel.profile.setPlainText(pasted)
+        panel.connect_button.click()
+        assert panel.isVisible()
+        assert says in panel.refused.text()
+        assert empty.model.session.asked == []
+    empty.show_place(Panel.CONNECT)
+    assert not panel.refused.isVisible()
+    panel.profile.setPlainText("")
+    panel.connect_button.click()
+    assert empty.model.session.asked == ["connect"]
+    assert empty.model.notices.current() is None  # mended, it is not complained of any more
+
+
+def test_profile_field_keeps_its_height(live):
+    """The style sheet's least height went before its own, and a panel with a remark squeezed it to one line."""
+    live.connect_panel.open_fresh()
+    live.connect_panel.none.setVisible(True)
+    QApplication.processEvents()
+    assert live.connect_panel.profile.height() >= 3 * live.connect_panel.profile.fontMetrics().lineSpacing()
+    live.connect_panel.close()

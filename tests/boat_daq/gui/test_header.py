@@ -1,0 +1,58 @@
+"""The header: link, unit, VENT."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QApplication,
+)
+
+from boat_daq.engine.snapshot import (
+    HealthSnapshot,
+)
+from protocol.link.events import LinkStatistics
+from tests.boat_daq.gui.windows import NARROW
+from tests.protocol.link.streams import HELLO
+
+
+def test_vent_is_not_cut_on_a_narrow_window(live):
+    """At 853 px a simulated board's head was wider than the window, and VENT was cut."""
+    live.resize(853, 500)
+    live.refresh()
+    QApplication.processEvents()
+    header = live.header
+    header.layout().activate()
+    assert header.width() <= 853
+    assert header.rect().contains(header.vent.geometry())
+    assert not header.brand.isVisible()
+    live.resize(1280, 800)
+    QApplication.processEvents()
+    assert header.brand.isVisible()
+
+
+@pytest.mark.parametrize("width", [NARROW, 960, 1280])
+def test_header_is_never_cut(live, width):
+    """At 853 px the figures of the link and the unit's calibration were cut; what is wrong is never left out."""
+    live.resize(width, 533)
+    live.model.session.change(
+        hello=HELLO, health=HealthSnapshot(LinkStatistics(lost=12), 100.0, 100.0, 0.0, 3.0, None, None, None, ())
+    )
+    live.model.unit.text = lambda _: "SA1  ·  calibrated 2026-11-22"
+    live.refresh()
+    QApplication.processEvents()
+    head = live.header
+    for widget in (head.link, head.unit, head.vent, *(f for f in head.figures if not f.isHidden())):
+        assert widget.width() >= widget.sizeHint().width(), widget.text()
+        assert head.rect().contains(widget.geometry())
+    assert "12 lost" in [f.text() for f in head.figures if f.isVisible()]
+    assert "3 ms behind" in head.link.toolTip()
+    assert "2026-11-22" in head.unit.toolTip()
+    assert head.unit.text() == live.model.unit.text(None)[: None if width == 1280 else -11]
+
+
+def test_vent_acts_on_press(live):
+    """The red button vents when it is pressed, not when it is let go."""
+    QTest.mousePress(live.header.vent, Qt.MouseButton.LeftButton)
+    assert live.model.session.asked == ["vent"]

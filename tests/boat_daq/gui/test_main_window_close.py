@@ -1,0 +1,42 @@
+"""Closing the window: during a run, without one, by a signal."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from boat_daq.engine.snapshot import SessionState
+
+
+def test_first_close_does_not_end_a_run(live):
+    """Ctrl+Q beside Ctrl+1 stopped a run without a word; asked again at once, it is meant."""
+    live.model.session.change(state=SessionState.RUNNING)
+    live.refresh()
+    live.leave()
+    assert live.isVisible()
+    assert live.model.notices.current().cause == "a run is under way"
+    live.leave()
+    assert not live.isVisible()
+
+
+def test_without_a_run_the_window_closes_at_once(live):
+    """Nothing is asked where nothing is lost."""
+    live.leave()
+    assert not live.isVisible()
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_sigterm_closes_the_window(tmp_path, number):
+    """SIGTERM raised KeyboardInterrupt inside a slot, where Qt lost it: the window went on."""
+    home = {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path), "QT_QPA_PLATFORM": "offscreen"}
+    command = [sys.executable, "-m", "boat_daq", "gui", "--board"]
+    window = subprocess.Popen(command, cwd=tmp_path, env={**os.environ, **home})
+    time.sleep(12)
+    window.send_signal(number)
+    assert window.wait(60) == 130

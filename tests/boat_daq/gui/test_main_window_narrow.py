@@ -1,0 +1,75 @@
+"""The window on a small or much enlarged screen."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QImage
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QApplication,
+)
+
+from boat_daq.engine.snapshot import ReadingRequest, SessionState
+from boat_daq.gui import style
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.windows import NARROW
+
+
+@pytest.mark.parametrize(("size", "theme"), [((960, 540), style.LIGHT), ((853, 533), style.DARK)])
+def test_enlarged_screen_shows_what_matters(make, size, theme):
+    """At 200 % on 1920 x 1080, or 150 % on 1280 x 800: VENT, the question, its field and the pressure's target."""
+    session = RecordedSession(connected(), filled_ring(60.0))
+    session.change(state=SessionState.RUNNING, waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
+    window = make(session)
+    window.set_theme(theme)
+    window.resize(*size)
+    QTest.qWait(50)
+    window.refresh()
+    window.draw()
+    QTest.qWait(50)
+    bar = window.live.reading
+    for widget in (window.header.vent, bar.question, bar.field, bar.skip, window.live.figures["kpa"]):
+        corner = widget.mapTo(window, widget.rect().bottomRight())
+        assert widget.isVisible()
+        assert window.rect().contains(corner), widget.accessibleName()
+        assert widget.visibleRegion().boundingRect().size() == widget.size(), widget.accessibleName()
+    assert window.live.figures["kpa"].note.text() == "→ +30.0"
+    assert isinstance(window.grab().toImage(), QImage)
+
+
+def test_moved_borders_are_restored(make):
+    """A border moved by hand is there again at the next start."""
+    first = make(RecordedSession(connected(), filled_ring(10.0)))
+    first.live.sides.moveSplitter(first.live.sides.width() - 360, 1)
+    width = first.live.sides.sizes()[1]
+    first.close()
+    second = make(RecordedSession(connected(), filled_ring(10.0)))
+    assert second.live.sides.sizes()[1] == width != style.PANE_WIDTH
+
+
+def test_restored_window_fits_a_smaller_screen(live, monkeypatch):
+    """Remembered at 100 %, opened at 150 %: VENT stood beyond the edge of the screen."""
+    live.model.preferences.set("geometry", "remembered")
+    live.resize(1280, 800)
+    monkeypatch.setattr(live, "screen", lambda: SimpleNamespace(availableSize=lambda: QSize(1280, 800)))
+    live.fit_screen()
+    assert not live.isMaximized()
+    monkeypatch.setattr(live, "screen", lambda: SimpleNamespace(availableSize=lambda: QSize(853, 533)))
+    live.fit_screen()
+    assert live.isMaximized()
+
+
+@pytest.mark.parametrize("width", [NARROW, 960, 1280])
+def test_models_pages_do_not_scroll_sideways(live, width):
+    """A page that asked for the width of its sides beside each other was never narrow enough to stand them over."""
+    live.resize(width, 533)
+    for name in ("Optics", "Shadow", "Trade-off"):
+        live.model.optics.choose = lambda *_: None
+        live.go(name)
+        QApplication.processEvents()
+        QApplication.processEvents()
+        assert live.scrolls[name].horizontalScrollBar().maximum() == 0, name
+        assert live.pages[name].width() >= live.pages[name].layout().minimumSize().width(), name

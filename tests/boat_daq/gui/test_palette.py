@@ -1,0 +1,65 @@
+"""The command palette and the shortcut sheet."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import (
+    QApplication,
+    QScrollArea,
+)
+
+from boat_daq.engine.snapshot import (
+    SessionState,
+)
+from boat_daq.gui.palette import ALSO
+from tests.boat_daq.gui.windows import NARROW, run_shortcut
+
+
+@pytest.mark.parametrize("keys", ["Esc", "Ctrl+2"])
+def test_shortcut_closes_the_palette_and_runs(live, keys):
+    """Esc vented, and left the palette standing; so did the key of a page."""
+    live.show_palette()
+    assert live.palette_.isVisible()
+    run_shortcut(live, keys)
+    assert not live.palette_.isVisible()
+    assert (live.page, live.model.session.asked) == (("Live", ["vent"]) if keys == "Esc" else ("Calibrate", []))
+
+
+def test_palette_finds_synonyms(live):
+    """ "quit" proposed to edit the plan, and "night", "marker", "begin" nothing at all."""
+    palette = live.palette_
+    assert set(ALSO) <= {command.text for command in live.commands.commands}
+    live.model.session.change(state=SessionState.ARMED)
+    live.refresh()
+    for typed, meant in (
+        ("quit", "Close the window"), ("exit", "Close the window"), ("night", "Dark"), ("start", "Start"),
+        ("marker", "Mark this moment \u2026"), ("begin", "Start"), ("screenshot", "Copy the plot"),
+        ("statistics", "Cursor A"), ("emergency", "Vent now"), ("compare", "Runs"), ("fit", "Calibrate"),
+    ):  # fmt: skip
+        palette._match(typed)
+        assert palette.list.topLevelItem(0).text(0) == meant, typed
+
+
+@pytest.mark.parametrize("width", [NARROW, 1280])
+def test_shortcut_sheet_does_not_scroll_sideways(live, width):
+    """At 853 px a third of the keys was out of sight to the right."""
+    live.resize(width, 533)
+    live.show_keys()
+    QApplication.processEvents()
+    area = live.keys.findChild(QScrollArea)
+    assert area.horizontalScrollBar().maximum() == 0
+    assert live.keys.height() >= min(533, area.widget().sizeHint().height())
+    assert area.viewport().width() > 500
+    assert (live.keys.geometry().center() - live.geometry().center()).manhattanLength() < 8
+    assert all(block.isVisible() for block in live.keys._blocks.values())
+    live.keys.close()
+
+
+def test_palette_finds_and_runs_a_command(live):
+    """Typing a few letters finds a command, Enter does it."""
+    live.show_palette()
+    QTest.keyClicks(live.palette_.field, "repeat")
+    QTest.keyClick(live.palette_.field, Qt.Key.Key_Return)
+    assert live.page == "Repeat"

@@ -1,0 +1,107 @@
+"""The status strip: notices, their actions, jobs."""
+
+from __future__ import annotations
+
+from PySide6.QtGui import QGuiApplication
+
+from boat_daq.engine.snapshot import (
+    LinkState,
+    Message,
+    MessageKind,
+)
+from boat_daq.viewmodels.common.jobs import Job
+from boat_daq.viewmodels.common.notices import Severity
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.windows import pause, run_shortcut
+
+
+def test_offer_can_be_dismissed(live):
+    """The offer "The run is finished: Calibrate" stays until it is taken, or sent away with the mouse."""
+    live.model.notices.say(Severity.INFORMATION, "an offer", action_text="Do it", action=lambda: None)
+    live.refresh()
+    assert live.strip.close_.isVisible()
+    live.strip.close_.click()
+    assert live.model.notices.current() is None
+    live.model.notices.inform("a remark, which leaves by itself")
+    live.refresh()
+    assert not live.strip.close_.isVisible()
+
+
+def test_error_has_cause_remedy_details_and_copy(live):
+    """What is not ours is shown with its cause; details at a click; all of it goes to the clipboard."""
+
+    def wrong() -> None:
+        raise ZeroDivisionError("nothing to divide by")
+
+    live.model.notices.attempt(wrong)
+    live.refresh()
+    assert "Nothing to divide by" in live.strip.text.text()
+    live.strip.more.click()
+    assert "ZeroDivisionError" in live.strip.details.toPlainText()
+    live.strip.copy.click()
+    assert "ZeroDivisionError" in QGuiApplication.clipboard().text()
+    run_shortcut(live, "Ctrl+D")
+    assert live.strip.text.text() == ""
+
+
+def test_suggested_action_is_applied_by_a_key(live):
+    """What the strip offers is done by Ctrl+J, once."""
+    done = []
+    live.model.notices.say(Severity.WARNING, "x", "y", action_text="Do", action=lambda: done.append(1))
+    live.refresh()
+    run_shortcut(live, "Ctrl+J")
+    live.refresh()
+    run_shortcut(live, "Ctrl+J")
+    assert done == [1]
+
+
+def test_job_has_a_progress_bar_and_a_cancel(live):
+    """While a helper computes there is a bar; the key for cancel ends it."""
+    job = live.model.jobs.start("long", Job("Waiting", pause, 60), lambda job: None)
+    live.refresh()
+    assert live.strip.bar.isVisible()
+    assert live.strip.work.text() == "Waiting"
+    run_shortcut(live, "Ctrl+.")
+    live.refresh()
+    assert job.state.value == "cancelled"
+    assert not live.strip.bar.isVisible()
+
+
+def test_warning_shows_cause_and_remedy(make):
+    """A message of the session comes to the strip and stays until it is dismissed."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    session.change(
+        messages=(Message(1, MessageKind.LINK_LOST, "error", "the port is gone", "Plug the board in again."),)
+    )
+    window.refresh()
+    assert window.strip.text.text() == "The port is gone. Plug the board in again."
+    assert window.strip.property("level") == "fault"
+    window.strip.close_.click()
+    assert window.strip.text.text() == ""
+
+
+def test_silence_that_is_over_is_only_information(make):
+    """Data that stopped for a moment and come again leave no warning that waits to be dismissed."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    session.change(messages=(Message(1, MessageKind.SILENT, "warning", "no data for 1 s", "Check the cable."),))
+    window.refresh()
+    assert window.strip.text.text() == "No data for 1 s."
+    assert window.strip.property("level") == "information"
+
+
+def test_messages_of_a_lost_link_are_dismissed_when_it_returns(make):
+    """A message said while the link was down does not stand over a link that is well."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    session.change(
+        link=LinkState.SILENT,
+        messages=(Message(1, MessageKind.SILENT, "warning", "no data for 1 s", "Check the cable."),),
+    )
+    window.refresh()
+    assert window.strip.text.text() == "No data for 1 s. Check the cable."
+    assert "no data" in window.header.link.text()
+    session.change(link=LinkState.UP)
+    window.refresh()
+    assert window.strip.text.text() == ""

@@ -1,0 +1,60 @@
+"""Keys that the window handles before its shortcuts: Esc, Space, Enter, undo."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QMessageBox
+
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.snapshot import ReadingRequest, SessionState
+from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
+from tests.boat_daq.gui.windows import PATIENCE_MS
+
+
+@pytest.mark.parametrize("key", [Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter])
+def test_focused_button_is_pressed_by_space_and_enter(live, qtbot, key):
+    """Space is a shortcut of the plots, and took itself from every button; without a button it holds the picture."""
+    live.activateWindow()
+    qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
+    live.live.sequence.buttons["arm"].setFocus()
+    QTest.keyClick(live.windowHandle(), key)
+    assert live.model.session.asked.count("arm") == 1
+    assert live.model.live.following
+    live.live.sequence.buttons["arm"].clearFocus()
+    QTest.keyClick(live.windowHandle(), Qt.Key.Key_Space)
+    assert (live.model.live.following, live.model.session.asked.count("arm")) == (False, 1)
+
+
+def test_escape_vents_over_a_modal_box(live, qtbot):
+    """No box of ours is modal; over one of Qt's own the key still vents."""
+    box = QMessageBox(live)
+    box.open()
+    qtbot.waitUntil(lambda: QApplication.activeModalWidget() is box, timeout=PATIENCE_MS)
+    live.window_keys.watch(box.windowHandle())
+    QTest.keyClick(box.windowHandle(), Qt.Key.Key_Escape)
+    assert "vent" in live.model.session.asked
+
+
+def test_undo_reverses_the_reading_while_its_field_has_focus(make, qtbot):
+    """Ctrl+Z brought the last plateau's number into the next one's field, where Enter would have kept it."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    session.marks = tuple(StepMark(n, 1, "unloading", 50.0 - 10 * n, 10.0, n * 10**6) for n in (3, 4))
+    session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0), state=SessionState.RUNNING)
+    window = make(session)
+    window.refresh()
+    field = window.live.reading.field
+    field.setFocus()
+    handle = window.windowHandle()
+    window.window_keys.watch(handle)
+    QTest.keyClicks(field, "9.9")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    session.change(waiting_for_reading=ReadingRequest(4, 1, "unloading", 10.0, 10.0))
+    window.refresh()
+    QTest.keyClick(handle, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert field.text() == ""
+    assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(3, 9.9), (3, None)]
+    QTest.keyClicks(field, "12")
+    QTest.keyClick(handle, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert (field.text(), len(session.kept)) == ("", 2)

@@ -1,0 +1,45 @@
+"""File dialogs: never modal."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import (
+    QApplication,
+    QFileDialog,
+    QLineEdit,
+)
+
+from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
+
+
+def test_no_dialog_box_blocks_vent(live, qtbot, tmp_path):
+    """A missing file and one that is there already were told by modal boxes: VENT could not be clicked behind them."""
+    there, opened, saved = tmp_path / "there.csv", [], []
+    there.write_text("kept")
+    dialog = ask_open(live, live.model.services, "Open", "csv", opened.append)
+    for path, title in ((tmp_path / "missing.csv", "no missing.csv"), (there, "")):
+        dialog.findChild(QLineEdit).setText(str(path))
+        dialog.accept()
+        assert QApplication.activeModalWidget() is None
+        assert title in dialog.windowTitle()
+    assert opened == [there]
+    dialog = ask_save(live, live.model.services, "plot", "csv", saved.append)
+    dialog.findChild(QLineEdit).setText(str(there))
+    dialog.accept()
+    assert QApplication.activeModalWidget() is None
+    assert (saved, "there already" in dialog.windowTitle()) == ([], True)
+    dialog.accept()
+    assert saved == [there]
+
+
+def test_file_dialog_does_not_block_the_window(live, tmp_path):
+    """Saving asks beside the window, not over it; the folder is remembered; what was saved is said."""
+    live.refresh()
+    live.draw()
+    live.save_plot(live.live.plots, "csv")
+    dialog = next(d for d in live.findChildren(QFileDialog))
+    assert not dialog.isModal()
+    dialog.fileSelected.emit(str(tmp_path / "shown.csv"))
+    live.refresh()
+    assert (tmp_path / "shown.csv").stat().st_size > 1000
+    assert live.model.preferences.get("folder") == str(tmp_path)
+    assert live.strip.text.text() == "Saved shown.csv."

@@ -1,0 +1,24 @@
+"""What the tests of several parts of the window share."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest
+
+SAMPLE = Path(__file__).parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
+PATIENCE_MS = 120_000  # for a helper process
+NARROW = 853  # width of the window on a screen of 1280 pixels at 150 %
+RAMPING = Progress(4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20.0, 130.0)
+ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0)
+
+
+def run_shortcut(window, keys: str) -> None:
+    """Do what the action with these keys does, where it may be done."""
+    next(a for c, a in window.commands._actions if c.shortcut == keys).trigger()
+
+
+def pause(seconds):
+    """Wait."""
+    time.sleep(seconds)

@@ -1,4 +1,4 @@
-"""Where the workers of a cluster may be: on this computer, unless the user says that the network is theirs."""
+"""Where the workers of a cluster may be: on this computer, unless the user allows a remote one."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from analysis.errors import RequestError
 
 
 def check_scheduler(address: str, *, allow_remote: bool) -> None:
-    """Refuse the address of a Dask scheduler that is not on this computer and that nobody vouched for.
+    """Refuse the address of a Dask scheduler that is not on this computer, unless it is allowed.
 
-    Tasks and results travel unencrypted, and whoever answers there can run programs here.
+    Tasks and results travel unencrypted, and the scheduler can run programs here.
 
     Raises
     ------
-    RequestError : the address leads elsewhere.
+    RequestError : the address is on another computer.
     """
     if allow_remote or address.startswith("inproc://"):
         return
@@ -26,6 +26,6 @@ def check_scheduler(address: str, *, allow_remote: bool) -> None:
         near = False
     if not near:
         raise RequestError(
-            f"the scheduler {address} is not on this computer, and the way there is neither encrypted nor protected",
+            f"the scheduler {address} is not on this computer, and the connection is neither encrypted nor protected",
             "Add --allow-remote if the network and the cluster are yours.",
         )

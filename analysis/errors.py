@@ -1,9 +1,9 @@
-"""Errors of the analysis, by whose fault they are.
+"""Errors of the analysis, by their cause.
 
 AnalysisError
-+-- DataError          the data cannot carry the figure that was asked for
++-- DataError          the data cannot carry the requested figure
 +-- RequestError       a parameter is outside what the method is defined for
-+-- FileError          the file is not what it was taken for
++-- FileError          the file is of another kind, or damaged
 +-- ConvergenceError   the method did not reach its own criterion
 """
 
@@ -15,8 +15,8 @@ class AnalysisError(Exception):
 
     Parameters
     ----------
-    cause : what happened, in the words of the lab.
-    remedy : what the reader can do about it; may be empty.
+    cause : what happened, in the operator's terms.
+    remedy : what to do about it; may be empty.
     """
 
     def __init__(self, cause: str, remedy: str = "") -> None:
@@ -26,7 +26,7 @@ class AnalysisError(Exception):
 
 
 class DataError(AnalysisError):
-    """The data cannot carry the figure that was asked for."""
+    """The data cannot carry the requested figure."""
 
 
 class RequestError(AnalysisError):
@@ -34,7 +34,7 @@ class RequestError(AnalysisError):
 
 
 class FileError(AnalysisError):
-    """The file is not what it was taken for."""
+    """The file is of another kind, or damaged."""
 
 
 class ConvergenceError(AnalysisError):

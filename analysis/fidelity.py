@@ -1,11 +1,11 @@
-"""How fine everything is computed: draft, normal or reference, asked for in one place.
+"""How fine everything is computed: draft, normal or reference, chosen in one place.
 
-A level moves every method along its own front of time against error at once. Its numbers are not taste: each is what
+A level moves every method along its own front of time against error at once. Each of its numbers is what
 the rule of the trade-off (`analysis.tradeoff.measure.choose`) finds in the measured table `docs/tradeoff/tradeoff.json`
 with the level's margin, and a test holds this file to that table.
 
-Rules: a level says how fine, never what: geometry, data and seeds are the caller's. What a caller sets by hand (rays,
-a mesh of a file) goes before the level.
+Rules: a level sets how fine, never what: geometry, data and seeds are the caller's. What a caller sets explicitly
+(rays, a mesh of a file) overrides the level.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Level = Literal["draft", "normal", "reference"]
 LEVELS: tuple[Level, ...] = get_args(Level)
 
 MARGINS: dict[Level, float] = {"draft": 0.5, "normal": 2.0, "reference": 10.0}
-"""The error, times this, stays below what the consumer notices: a draft may err by twice that, a reference by a
+"""The error, times this, stays below the tolerance of its use: a draft may err by twice that, a reference by a
 tenth."""
 
 
@@ -67,5 +67,5 @@ def fidelity(level: str = "normal") -> Fidelity:
     RequestError : there is no such level.
     """
     if level not in _LEVELS:
-        raise RequestError(f"there is no fidelity '{level}'", f"choose among {', '.join(LEVELS)}")
+        raise RequestError(f"there is no fidelity {level!r}", f"choose among {', '.join(LEVELS)}")
     return _LEVELS[level]

@@ -1,6 +1,6 @@
 """The look of every figure and report: colours, sizes, fonts; the only place where one is written.
 
-Colours are Okabe and Ito's, told apart by all; sensors keep theirs everywhere.
+Colours are those of Okabe and Ito, safe for colour blindness; sensors keep theirs everywhere.
 """
 
 from __future__ import annotations

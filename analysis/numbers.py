@@ -28,6 +28,11 @@ def rounded(value: float, uncertainty: float) -> str:
     return f"{round(value, places):.{max(places, 0)}f}"
 
 
+def percent(share: float, places: int = 0) -> str:
+    """Return "68 %"."""
+    return f"{100.0 * share:.{places}f} %"
+
+
 def with_uncertainty(value: float, uncertainty: float) -> str:
     """Return "1651.98 ± 0.15"; the value alone where there is no uncertainty."""
     if not math.isfinite(uncertainty) or not math.isfinite(value):

@@ -5,7 +5,7 @@ residuals in extended precision (Björck 1967; Golub and Van Loan, Matrix Comput
 where the digits are lost, is done once and exactly, in rational arithmetic.
 
 Rules: no normal equations, no raw Vandermonde matrix; a set of x that cannot carry the degree is refused with the
-reason, never solved quietly.
+reason, never solved silently.
 """
 
 from __future__ import annotations

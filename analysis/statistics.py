@@ -1,7 +1,7 @@
 """Small statistics that every figure shares: standard errors, robust scale, intervals.
 
-Rules: nothing here knows of sensors or pressures; every function says its n; randomness comes from a generator that
-is handed in, so that the same seed gives the same numbers.
+Rules: nothing here depends on sensors or pressures; randomness comes from a generator that is passed in, so that the
+same seed gives the same numbers.
 """
 
 from __future__ import annotations

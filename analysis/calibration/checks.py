@@ -1,7 +1,7 @@
 """Checks of a calibration: is the model right, is it stable, and which points are suspect?
 
-Strategy: replicates (equal x) tell pure error from lack of fit; leaving one cycle out tells how a new cycle would be
-predicted; degrees 1 to 4 are compared by AICc and by that same prediction. `calibration_warnings` names what the
+Strategy: replicates (equal x) separate pure error from lack of fit; leaving one cycle out measures how well a new cycle
+is predicted; degrees 1 to 4 are compared by AICc and by that same prediction. `calibration_warnings` names what the
 coefficients and their uncertainties alone do not show.
 
 Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1 (lack of fit); Hurvich and Tsai, Biometrika 76
@@ -35,7 +35,7 @@ def lack_of_fit(calibration: Calibration) -> dict[str, float] | None:
 
     Returns
     -------
-    f, p, and the degrees of freedom; None where no x is repeated, or every distinct x is used up by the degree.
+    f, p, and the degrees of freedom; None where no x is repeated, or every distinct x is needed by the degree.
     """
     x, group = np.unique(calibration.x, return_inverse=True)
     pure_dof, lack_dof = calibration.n - x.size, x.size - calibration.degree - 1
@@ -108,7 +108,7 @@ def compare_degrees(x: FloatArray, y: FloatArray, group: FloatArray | None = Non
 def preferred_degree(rows: list[dict[str, float]]) -> int | None:
     """Return the lowest degree whose AICc is within 2 of the best: less is not evidence (Burnham and Anderson).
 
-    None where there are too few points to tell.
+    None where there are too few points.
     """
     best = min((row["aicc"] for row in rows), default=float("inf"))
     if best == float("inf"):

@@ -3,7 +3,7 @@
 Strategy: the two curves are compared on the range that both were calibrated on, point by point, with
 E_n = (y - y_ref) / sqrt(U^2 + U_ref^2), U = 2 times the standard error of the curve from the fit's covariance
 (ISO/IEC 17043, ISO 13528, 9.7); |E_n| <= 1 agrees. What the two have in common (the same reader, the same grid) makes
-the true scatter smaller than this; a change of the unit between the runs makes it larger, which is what is looked for.
+the true scatter smaller than this; a change of the unit between the runs makes it larger.
 
 Rules: nothing is extrapolated; two calibrations that share no range are refused.
 """
@@ -69,7 +69,7 @@ class Agreement:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether |E_n| <= 1 all over the range; None where it cannot be said."""
+        """Whether |E_n| <= 1 all over the range; None where it cannot be computed."""
         worst = float(self.e_n[self.worst])
         return abs(worst) <= 1.0 if np.isfinite(worst) else None
 
@@ -126,13 +126,13 @@ def between_calibrations_mm(calibrations: Sequence[Calibration], x_mm: float) ->
 def _curve(fit: Mapping[str, Any], grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return y and its standard error on the grid."""
     coefficients = np.asarray(fit["coefficients"], dtype=np.float64)
-    covariance = np.asarray(_honest(fit, "covariance"), dtype=np.float64)
+    covariance = np.asarray(_with_reading(fit, "covariance"), dtype=np.float64)
     powers = np.vander(grid, coefficients.size, increasing=True)
     variance = np.einsum("gi,ij,gj->g", powers, covariance, powers)
     return powers @ coefficients, np.sqrt(np.maximum(variance, 0.0))
 
 
-def _honest(fit: Mapping[str, Any], key: str) -> Any:
+def _with_reading(fit: Mapping[str, Any], key: str) -> Any:
     """Return `key` with the reading of x included, where the fit has it: older ones do not."""
     return fit.get(f"{key}_with_reading", fit[key])
 
@@ -141,7 +141,7 @@ def _coefficients(new: Mapping[str, Any], before: Mapping[str, Any]) -> tuple[Co
     columns = [
         np.asarray(values, dtype=np.float64)
         for fit in (new, before)
-        for values in (fit["coefficients"], _honest(fit, "std_errors"))
+        for values in (fit["coefficients"], _with_reading(fit, "std_errors"))
     ]
     size = max(column.size for column in columns)
     padded = [np.append(column, np.zeros(size - column.size)) for column in columns]

@@ -1,6 +1,6 @@
-"""The calibration: y(x) through the plateaus, with all that one needs to trust it.
+"""The calibration: y(x) through the plateaus, with its uncertainty and its range.
 
-Strategy: `analysis.polynomial` solves; this file turns the solution into what a calibration certificate states:
+Strategy: `analysis.polynomial` solves; this file turns the solution into the content of a calibration certificate:
 coefficients in the paper's monomials with standard errors and covariance, R2, residuals, range, turning points,
 whether the curve is monotone where it is used, and the bands of curve and new reading (ISO/TS 28038:2018, 6 and 7).
 
@@ -186,7 +186,7 @@ def fit_calibration(
 
     Raises
     ------
-    DataError : fewer than degree + 1 distinct x, all x equal, clustered x, NaN; the message says which.
+    DataError : fewer than degree + 1 distinct x, all x equal, clustered x, NaN; the message names which.
     RequestError : degree or uncertainties outside what the method is defined for.
 
     Examples

@@ -5,7 +5,7 @@ method in the scaled variable, kept inside its bracket by bisection, gives the v
 vectorised. Sensors are fused by their variances; that their residuals are correlated (they share the reading of x) is
 taken into the uncertainty.
 
-Rules: outside the range there is no value: NaN and a flag, or the end of the range where a caller asks for it. A curve
+Rules: outside the range there is no value: NaN and a mark, or the end of the range where a caller requests it. A curve
 that turns inside its range has no inverse and is refused. Source: ISO/TS 28038:2018, clause 8 (inverse evaluation).
 """
 
@@ -30,7 +30,7 @@ DISAGREEMENT_SIGMA = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ElongationEstimate:
-    """Elongations and what is known of them.
+    """Elongations with their uncertainty.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Inverse:
 
         Raises
         ------
-        DataError : the curve is not monotone over its range; the message says where it turns.
+        DataError : the curve is not monotone over its range; the message names where it turns.
         """
         low, high = calibration.x_range
         if calibration.reading is None:
@@ -136,7 +136,7 @@ class Inverse:
         return np.asarray(np.sqrt(np.clip(excess, 0.0, None)) / np.abs(calibration.slope(at)), dtype=np.float64)
 
     def evaluate(self, signal: npt.ArrayLike, *, clamp: bool = False) -> ElongationEstimate:
-        """Return x with its uncertainty and flags."""
+        """Return x with its uncertainty, and where it is outside the range."""
         x = self(signal, clamp=True)
         outside = np.isnan(self(signal)) & ~np.isnan(np.asarray(signal, dtype=np.float64))
         kept = x if clamp else np.where(outside, np.nan, x)

@@ -2,8 +2,7 @@
 
 Model: y_i = f(x_i) + noise, sd sigma sqrt(v_i), v_i relative variances where the noise is unequal. Where x was read on
 a grid, each position p that was read is one latent x with the likelihood L_p of its readings
-(`analysis.calibration.quantised_x`), and
-the mean of its signals
+(`analysis.calibration.quantised_x`), and the mean of its signals
     y_p = f(x_p) + noise,  variance  tau^2 + sigma_w^2 / n_p,
 sigma_w the scatter within positions, tau what the positions scatter about the curve besides. x_p is integrated out, the
 curve a chord in each cell of L_p. A position off its cell altogether (a misreading) has a chance of 1e-5.

@@ -1,17 +1,17 @@
-"""What reading an elongation on a grid leaves unknown: one latent x for each position that was read.
+"""The error of readings on a grid: one latent x for each position that was read.
 
-A position (a level of one branch) is read once a cycle. What the readings say of its x is their likelihood, readers
+A position (a level of one branch) is read once a cycle. The likelihood of its x is that of the readings, readers
 being normal with sd s about it and the grid rounding what they see to its nearest mark of distance d:
     L_p(x) = product over the readings r of  Phi((r + d/2 - x) / s) - Phi((r - d/2 - x) / s).
 Readings that round alike in every cycle leave a rectangle of half width d/2, however many they are: the rounding is
 one error common to them all. Readings that dither over several marks narrow it, as s^2 / n where s is about d / 2 or
-more. Which it is, the data say: pooled within positions, readings scatter by
+more. The data decide which it is: pooled within positions, readings scatter by
     S^2 = s^2 + d^2 / 12 - u_c^2(s),   u_c^2(s) = sum_k d^2 / (2 pi^2 k^2) exp(-4 pi^2 k^2 s^2 / d^2),
 u_c^2 the rounding error's part that is common to a position (Fourier series of the rounding error, B. Widrow,
 I. Kollar, Quantization Noise, 2008, 4); it is solved for s. Where the actuator itself moves from cycle to cycle the
-signal moves with the reading: what the signal tells of that is taken off each reading first.
+signal moves with the reading: the movement seen in the signal is subtracted from each reading first.
 
-Rules: nothing here knows of sensors or cycles; positions are labels. Without labels each reading is a position of its
+Rules: nothing here depends on sensors or cycles; positions are labels. Without labels each reading is a position of its
 own, unless the signals refute it: those of readings of one value whose errors were independent would spread evenly
 over the slope times d. Where they lie closer, or in groups, readings of one value are one position.
 """
@@ -28,10 +28,10 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.errors import DataError
 from analysis.polynomial import LeastSquares
 
-SHARPEST_READER = 0.005  # of the grid: what a reader tells apart at the middle between two marks
+SHARPEST_READER = 0.005  # of the grid: the resolution of a reader at the middle between two marks
 FINE, TAIL = 400, 2e-3  # points that L_p is computed on, and what is cut off at either end of it
 MOST_CELLS, FEWEST_CELLS, ALL_CELLS = 12, 4, 800
-SIGNIFICANT = 2.0  # standard errors: less movement of the actuator is not told from none
+SIGNIFICANT = 2.0  # standard errors: less movement of the actuator counts as none
 REFUTED = 0.01  # chance of such signals at which readings of one value are not believed to err independently
 CLOSE = 0.1  # of even spacing, and the chance of a smaller gap
 
@@ -48,7 +48,7 @@ class Positions:
     edges, shares : [positions, cells + 1] ends of equal cells of x, and the share of L_p in each, [positions, cells].
     x_variance : [positions] of L_p.
     mean_variance : [positions] of y by the scatter within positions; zeros where no position was read twice.
-    relative_variance : [positions] of what misses the curve besides: ones, or that of a reading that stands alone.
+    relative_variance : [positions] of what misses the curve besides: ones, or that of a single reading.
     noise_sd : scatter of the signal within positions, for a point of weight 1; 0 where it is not known.
     misfit_sd : moment estimate of what the positions' means scatter beyond all that, for a relative variance of 1.
     reader_sd : s. grid : d, sqrt(12) times the reading sd.
@@ -138,7 +138,8 @@ def gather(
     moved, noise_variance, reader = np.zeros(x.size), 0.0, 0.0
     if dof > 0:
         moved, noise_variance = _movement(dx, dy, slope, weights, dof)
-        # readings less what the signal says that the actuator moved: its variance comes off that of the readers
+        # readings less the movement of the actuator seen in the signal: its variance is subtracted from that of the
+        # readers
         by_movement = float(moved @ moved) / dof
         reader = np.sqrt(max(_reader_sd(float(dx @ dx) / dof, grid) ** 2 - by_movement, 0.0))
     reader = max(float(reader), SHARPEST_READER * grid)

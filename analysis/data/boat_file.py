@@ -4,8 +4,8 @@ Strategy: the file is opened read-only and decoded in one pass into one array of
 or one vectorised expression of it. The sequencer's steps and the readings become frames in the same board time as the
 samples. A damaged block is named and left out, the rest is read (fault 32).
 
-Rules: nothing recorded is ever changed; a result is added as a new row with the program's version, and only to a file
-that nobody is recording to.
+Rules: nothing recorded is ever changed; a result is added as a new row with the program's version, and only to a
+closed recording.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def target_from_steps(time_s: FloatArray, steps: pd.DataFrame) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class _Failed:
-    """Frames that failed their check between two looks at the link's counter; samples that a good frame carried."""
+    """Frames that failed their check between two rows of the link's counter; samples in a good frame."""
 
     begin_s: float
     end_s: float
@@ -149,7 +149,7 @@ def _crc_failures(db: sqlite3.Connection, clock: _Clock) -> list[_Failed]:
 
 
 def _attributed(gaps: Sequence[Gap], failures: Sequence[_Failed]) -> Iterator[Gap]:
-    """Say of each gap how many of its samples came in frames that failed: no more than those frames carried."""
+    """Return the gaps with how many of their samples came in frames that failed: no more than those frames carried."""
     left = [round(failed.frames * failed.samples_a_frame) for failed in failures]
     for gap in gaps:
         carried = 0
@@ -193,9 +193,9 @@ def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tupl
 
 
 def _misfit(n: int, blob: bytes, crc: int | None, dtype: np.dtype[np.void]) -> str:
-    """Return why a block cannot be what it says it is; empty where it can."""
+    """Return why a block does not match its own head; empty where it does."""
     if not n or len(blob) != n * dtype.itemsize:
-        return f"says {n} samples and holds {len(blob)} bytes"
+        return f"declares {n} samples and holds {len(blob)} bytes"
     if crc is not None and crc32(blob) != crc:
         return "does not match its checksum"
     time_us = np.frombuffer(blob, dtype)["time_us"]
@@ -205,10 +205,10 @@ def _misfit(n: int, blob: bytes, crc: int | None, dtype: np.dtype[np.void]) -> s
 
 
 def _lay_end_to_end(db: sqlite3.Connection, time_us: IntArray, segment: IntArray, rate_hz: float) -> _Clock:
-    """Board time over all segments: within one as the board said, between two by what both clocks allow.
+    """Board time over all segments: within one as the board sent it, between two as both clocks allow.
 
     A board that restarts its clock is placed after the end of the segment before, by the host's clock where that
-    says more than one sampling interval. A clock that simply ran on (a pause) is left alone.
+    gives more than one sampling interval. A clock that continued (a pause) is left alone.
     """
     hosts = dict(db.execute("SELECT id, host_ns FROM segment"))
     starts = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1])
@@ -256,31 +256,31 @@ def store_result(
 
     Raises
     ------
-    RequestError : the recording is not closed: its one writer is still at work; or its layout is an older one, which
-        is not written to without a backup.
+    RequestError : the recording is not closed: its one writer is still active; or its layout is an older one, which
+        is not changed without a backup.
     FileError : the file cannot be written.
     """
     path = Path(path)
     refuse_newer(path)
     if layout_version(path) < SCHEMA_VERSION:
         raise RequestError(
-            f"{path.name} is an older program's recording, and nothing is added to it as it is",
-            f"`boat-daq upgrade {path}` first: it keeps the file as it was beside it.",
+            f"{path.name} has the layout of an older program, to which no result is added",
+            f"Run `boat-daq upgrade {path}` first: it keeps the original file beside it.",
         )
     with opened(path) as db:
         if read_session(db).get("status") == "recording":
             raise RequestError(f"{path.name} is being recorded", "Wait for its end, or `boat-daq recover` it.")
         text = json.dumps(content, sort_keys=True, allow_nan=False)
-        asked = json.dumps(parameters, sort_keys=True)
+        parameter_text = json.dumps(parameters, sort_keys=True)
         query = "SELECT 1 FROM result WHERE kind=? AND parameters=? AND content=? AND program_version=?"
-        if db.execute(query, (kind, asked, text, program_version())).fetchone():
+        if db.execute(query, (kind, parameter_text, text, program_version())).fetchone():
             return False
     try:
         with closing(sqlite3.connect(path)) as writer, writer:
             harden(writer)
             writer.execute(
                 "INSERT INTO result (utc, kind, program_version, seed, parameters, content) VALUES (?, ?, ?, ?, ?, ?)",
-                (datetime.datetime.now(datetime.UTC).isoformat(), kind, program_version(), seed, asked, text),
+                (datetime.datetime.now(datetime.UTC).isoformat(), kind, program_version(), seed, parameter_text, text),
             )
     except DAMAGE as error:
         raise FileError(f"the result cannot be written into {path.name}: {error}", "Is it read-only?") from error

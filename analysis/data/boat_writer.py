@@ -98,8 +98,8 @@ def packed_samples(recording: Recording) -> npt.NDArray[np.void]:
         A time that no recording can hold.
     """
     if not (np.abs(recording.time_s) < LATEST_S).all():
-        text = f"a time of {np.abs(recording.time_s).max():g} s cannot be recorded"
-        raise FileError(text, "Look at the column of time and its unit.")
+        text = f"a time of {np.abs(recording.time_s).max():g} s is out of range"
+        raise FileError(text, "Check the time column and its unit.")
     counts = recording.lit is not None and recording.dark is not None and {"vref_mv", "adc_bits"} <= set(recording.meta)
     samples = np.zeros(recording.n, sample_dtype(recording.n_sensors, "counts" if counts else "signal"))
     samples["index"] = _running_index(recording)
@@ -143,7 +143,9 @@ def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, A
     try:
         check_session(values)
     except RecordingError as error:
-        raise FileError(f"{error.cause}, as a comment of the file says", "Mend the file's comment lines.") from error
+        raise FileError(
+            f"{error.cause}, in a comment line of the file", "Correct the comment lines of the file."
+        ) from error
     return values
 
 

@@ -1,6 +1,7 @@
-"""Which column of a table is what, and in which unit: by the usual words, or by hand, kept as a profile.
+"""The map from a table's columns to ours, with units: by the usual titles, or as the user maps them; kept as a profile.
 
-Rules: a guess is named in `warnings`; a unit that is not known is refused, with the option that would map it.
+Rules: a guess is named in `warnings`; a unit that is not known is refused, with the option that maps it. A hint names
+columns by their titles, or by their content; an option in it can be typed as it is.
 """
 
 from __future__ import annotations
@@ -67,19 +68,19 @@ class ColumnMap:
 
 
 def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> ColumnMap:
-    """Say which column is what: by hand where `columns` says so, else by name and unit."""
+    """Map the columns: as `columns` gives them, else by title and unit."""
     chosen: dict[str, Column] = {}
     warnings: list[Warning] = []
     for name, text in (columns or {}).items():
-        chosen[_our_name(name)] = _by_hand(table, _our_name(name), text)
+        chosen[_our_name(name)] = _mapped(table, _our_name(name), text)
     taken = {column.position for column in chosen.values()}
-    by_hand = any(name.endswith("_mv") or COUNTS.match(name) for name in chosen)
+    mapped_signals = any(name.endswith("_mv") or COUNTS.match(name) for name in chosen)
     for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
         seen = recognised(title)
         if seen is None or position in taken or seen in chosen or position in table.text:
             continue
-        if by_hand and (seen.endswith("_mv") or COUNTS.match(seen)):
-            continue  # signals were mapped by hand: no others are added
+        if mapped_signals and (seen.endswith("_mv") or COUNTS.match(seen)):
+            continue  # signals were mapped explicitly: no others are added
         chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), warnings)
         taken.add(position)
     found = time_without_header(table) if columns and "time_s" not in chosen else None
@@ -111,7 +112,7 @@ def load_profile(path: str | Path) -> dict[str, str]:
         if content["boat_daq_import"] != 1 or not all(isinstance(v, str) for v in columns.values()):
             raise ValueError("unknown version or a column that is no text")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FileError(f"{path} is no import profile ({error})", "Make one with --save-profile.") from error
+        raise FileError(f"{path} is not an import profile ({error})", "Create one with --save-profile.") from error
     return dict(columns)
 
 
@@ -124,7 +125,7 @@ def _our_name(name: str) -> str:
     if short in UNITS or short in PLAIN or COUNTS.match(short) or short == "s1_mv":
         return short
     raise RequestError(
-        f"{name!r} is nothing that can be mapped",
+        f"{name!r} is not a name that a column can be mapped to",
         "Map time_s, pressure_kpa, target_kpa, s1_mv, s2_mv, s1_lit, s1_dark, ...",
     )
 
@@ -133,7 +134,7 @@ def _kind(name: str) -> str:
     return "signal" if name.endswith("_mv") else name
 
 
-def _by_hand(table: Table, name: str, text: str) -> Column:
+def _mapped(table: Table, name: str, text: str) -> Column:
     column, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
     try:
         position = table.position(column)
@@ -148,12 +149,12 @@ def _by_hand(table: Table, name: str, text: str) -> Column:
     if unit.lower() not in known:
         if ":" in text:
             raise RequestError(f"unit {unit!r} is not known for {name}", f"Known: {', '.join(known)}.")
-        return Column(position, "", 1.0)  # mapped by hand without a unit: taken as it is
+        return Column(position, "", 1.0)  # mapped explicitly without a unit: taken as it is
     return Column(position, unit, known[unit.lower()])
 
 
 def recognised(title: str) -> str | None:
-    """Return our name of a column by its title; None where it says nothing."""
+    """Return our name of a column by its title; None where it is not recognised."""
     plain = " ".join(re.sub(r"[_,;]", " ", title.lower()).split())
     exact = plain.replace(" ", "_")
     if exact in PLAIN or (exact in UNITS and exact != "signal") or COUNTS.match(exact):
@@ -186,7 +187,7 @@ def _with_unit(table: Table, name: str, position: int, unit: str, warnings: list
     if unit:
         raise RequestError(
             f"unit {unit!r} of column {table.names[position]!r} is not known for {name}",
-            f"Map it by hand: --map {name}={position + 1}:UNIT with one of {', '.join(known)}.",
+            f"Map it: --map {name}={position + 1}:UNIT with one of {', '.join(known)}.",
         )
     guessed = guess_unit(name, table.columns[position])
     text = f"column {table.names[position]!r} has no unit: taken as {guessed}"
@@ -208,7 +209,7 @@ def time_without_header(table: Table) -> int | None:
 
 
 def guess_unit(name: str, values: FloatArray) -> str:
-    """Return the unit that the size of the numbers speaks for."""
+    """Return the unit that the magnitude of the numbers suggests."""
     finite = values[np.isfinite(values)]
     if name == "time_s":
         step = float(np.median(np.abs(np.diff(finite)))) if finite.size > 1 else 0.0
@@ -220,7 +221,7 @@ def guess_unit(name: str, values: FloatArray) -> str:
 
 
 def listed(table: Table) -> str:
-    """Return the columns as a message names them: by their titles, or by what stands in them."""
+    """Return the columns as a message names them: by their titles, or by their content."""
     if table.dialect.header:
         return ", ".join(f"{i + 1} {name}" for i, name in enumerate(table.names[:MOST_LISTED]))
     shown = []
@@ -230,8 +231,8 @@ def listed(table: Table) -> str:
     return ", ".join(shown)
 
 
-def map_by_hand(missing: list[str], mapping: ColumnMap, table: Table) -> str:
-    """Return the options that would map what is missing; what was recognised stands in full."""
+def map_options(missing: list[str], mapping: ColumnMap, table: Table) -> str:
+    """Return the options that map what is missing, beside those that were recognised."""
     known = [
         f"--map {name}={column.position + 1}:{column.unit}" for name, column in mapping.columns.items() if column.unit
     ]
@@ -242,7 +243,7 @@ def map_by_hand(missing: list[str], mapping: ColumnMap, table: Table) -> str:
     return " ".join([*known, *(f"--map {name}={column}" for name, column in wanted.items())])
 
 
-def words_in(table: Table, position: int) -> str:
-    """Say that a column holds text, with the first of it."""
+def text_in(table: Table, position: int) -> str:
+    """Return that a column holds text, with the first of it."""
     first = next((cell for cell in table.text[position] if cell), "")
     return f"column {table.names[position]!r} holds text like {first[:30]!r}, not numbers"

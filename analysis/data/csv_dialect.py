@@ -1,7 +1,7 @@
 """How a text file of numbers is written: encoding, separator, decimal sign, header, units.
 
 Strategy: the encoding is read from the first bytes, separator and decimal sign are those that make the most rows
-numeric with one number of columns, the header is what stands above the first such row.
+numeric with one number of columns, the header is what is above the first such row.
 
 Rules: no value is ever evaluated: a cell is a number or text; memory is bounded (a line above 1 MB or more than 1,000
 columns are refused).
@@ -22,7 +22,7 @@ from analysis.errors import FileError
 MAX_LINE_BYTES = 1 << 20
 MAX_COLUMNS = 1000
 HEAD_LINES = 300
-MAX_QUOTED_LINES = 20  # a quoted cell that goes on for longer is a lone quotation mark
+MAX_QUOTED_LINES = 20  # a longer quoted cell is a lone quotation mark
 
 # in order of preference where two explain a file equally well
 DIALECTS = (
@@ -42,7 +42,7 @@ _LINE_END = re.compile(r"\r\n|\r|\n")
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a file is written. `separator` " " stands for any white space."""
+    """How a file is written. `separator` " " means any white space."""
 
     encoding: str
     separator: str
@@ -81,12 +81,12 @@ def sniff(path: Path) -> Dialect:
             "Look at its first lines with `boat-daq import --preview`.",
         )
     if width > MAX_COLUMNS:
-        raise FileError(f"{path.name} has {width} columns, more than {MAX_COLUMNS}", "Is it the right file?")
+        raise FileError(f"{path.name} has {width} columns, more than {MAX_COLUMNS}", "Check that it is the right file.")
     return _dialect(lines, encoding, separator, decimal, width)
 
 
 def number(cell: str, decimal: str) -> float | None:
-    """Return a cell as a number, NaN where it is empty or says so, None where it is something else."""
+    """Return a cell as a number, NaN where it is empty or a missing value, None where it is something else."""
     cell = cell.strip().strip('"').strip().translate(_MINUS)
     if cell.lower() in MISSING:
         return math.nan

@@ -1,11 +1,10 @@
 """A CSV as it is found into a `Recording`.
 
-Strategy: `analysis.data.csv_table` reads the numbers, `analysis.data.csv_columns` says which column is what and in
-which unit.
-Our own export needs no map: its names are known.
+Strategy: `analysis.data.csv_table` reads the numbers, `analysis.data.csv_columns` maps the columns and their units. The
+columns of our own export are recognised by their names.
 
-Rules: what cannot be told is refused, with the line or the column. Units are converted once, here. Time must not fall;
-rows that repeat a time are left out and counted.
+Rules: what is not recognised is refused, with the line or the column. Units are converted once, here. Time must not
+fall; rows that repeat a time are left out and counted.
 """
 
 from __future__ import annotations
@@ -25,10 +24,10 @@ from analysis.data.csv_columns import (
     ColumnMap,
     listed,
     load_profile,
-    map_by_hand,
     map_columns,
+    map_options,
     recognised,
-    words_in,
+    text_in,
 )
 from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import Recording
@@ -71,7 +70,7 @@ def import_csv(
     Raises
     ------
     FileError : not a table of numbers.
-    RequestError : a column or unit of the map does not exist; no pressure, signal or time could be told.
+    RequestError : a column or unit of the map does not exist; no pressure, signal or time was recognised.
     DataError : time falls; the message names the line.
     """
     path = Path(path)
@@ -82,7 +81,7 @@ def import_csv(
 
 
 def preview(path: str | Path, columns: Mapping[str, str] | None = None, rows: int = 5) -> dict[str, Any]:
-    """Return what the importer sees: dialect, columns, map, first rows, issues. Nothing is refused but nonsense."""
+    """Return what the importer sees: dialect, columns, map, first rows, warnings; an incomplete map is no error."""
     table = read_table(path)
     mapping = map_columns(table, columns)
     by_position = {column.position: (name, column.unit) for name, column in mapping.columns.items()}
@@ -121,11 +120,11 @@ def _missing(mapping: ColumnMap) -> list[str]:
 def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None) -> Recording:
     missing = [name for name in _missing(mapping) if name != "time_s" or rate_hz is None]
     if missing:
-        by_hand = f"Map it by hand, with the numbers of its columns: {map_by_hand(missing, mapping, table)}"
-        remedy = "Give --rate HZ, or --map time_s=COLUMN:ms" if missing == ["time_s"] else by_hand
-        words = [words_in(table, i) for i in table.text if recognised(table.names[i]) in missing]
+        options = f"Map it by the numbers of the columns: {map_options(missing, mapping, table)}"
+        remedy = "Give --rate HZ, or --map time_s=COLUMN:ms" if missing == ["time_s"] else options
+        found = [text_in(table, i) for i in table.text if recognised(table.names[i]) in missing]
         raise RequestError(
-            "; ".join([f"{path.name}: no column was recognised as {', '.join(missing)}", *words]),
+            "; ".join([f"{path.name}: no column was recognised as {', '.join(missing)}", *found]),
             f"{remedy}. Columns: {listed(table)}.",
         )
     meta = _meta(table, mapping, path)
@@ -138,7 +137,7 @@ def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | No
         values["time_s"] = np.arange(table.rows) / float(rate_hz or 1.0)
         keep = np.ones(table.rows, dtype=bool)
     if not keep.any():
-        raise DataError(f"{path.name} holds no row with a time", "Check the column map; nothing could be imported.")
+        raise DataError(f"{path.name} holds no row with a time", "Check the column map.")
     repeated = int((~keep).sum())
     if repeated:
         meta["repeated_times"] = repeated
@@ -205,14 +204,15 @@ def _are_counts(values: FloatArray) -> np.ndarray[Any, Any]:
 
 
 def _counts_scale(meta: Mapping[str, Any]) -> float | None:
-    """Millivolts per count, None where the file does not say."""
+    """Millivolts per count, None where the file does not give them."""
     if "vref_mv" not in meta or "adc_bits" not in meta:
         return None
     try:
         return float(meta["vref_mv"]) / 2.0 ** int(meta["adc_bits"])
     except (TypeError, ValueError, OverflowError) as error:
         raise RequestError(
-            f"vref_mv {meta['vref_mv']!r} and adc_bits {meta['adc_bits']!r} are no numbers", "Mend the file's head."
+            f"vref_mv {meta['vref_mv']!r} and adc_bits {meta['adc_bits']!r} are not numbers",
+            "Correct the head of the file.",
         ) from error
 
 
@@ -221,18 +221,18 @@ def _whole_numbers(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> di
     columns = {name: values[name] for name in PLAIN if name in values}
     good = {name: np.abs(column) <= WHOLE_MAX for name, column in columns.items()}  # False for NaN
     gone = [name for name, rows in good.items() if not rows.any() or (name == "index" and not rows.all())]
-    doubtful = np.zeros(values["time_s"].size, dtype=bool)
+    invalid = np.zeros(values["time_s"].size, dtype=bool)
     whole: dict[str, IntArray] = {}
     for name in columns.keys() - gone:
-        rows = np.maximum.accumulate(np.where(good[name], np.arange(doubtful.size), int(np.argmax(good[name]))))
+        rows = np.maximum.accumulate(np.where(good[name], np.arange(invalid.size), int(np.argmax(good[name]))))
         whole[name] = columns[name][rows].astype(np.int64)
-        doubtful |= ~good[name]
-    if doubtful.any():
-        flags = whole.get("flags", np.zeros(doubtful.size, dtype=np.int64))
-        whole["flags"] = np.where(doubtful, flags | int(SampleFlag.IMPLAUSIBLE), flags)
+        invalid |= ~good[name]
+    if invalid.any():
+        flags = whole.get("flags", np.zeros(invalid.size, dtype=np.int64))
+        whole["flags"] = np.where(invalid, flags | int(SampleFlag.IMPLAUSIBLE), flags)
     if gone:
-        said = f"not used, for they hold cells that are no whole numbers: {', '.join(sorted(gone))}"
-        meta["import_notes"] = [*meta.get("import_notes", ()), said]
+        text = f"not used, because cells are not whole numbers: {', '.join(sorted(gone))}"
+        meta["import_notes"] = [*meta.get("import_notes", ()), text]
     return whole
 
 
@@ -248,8 +248,8 @@ def _meta(table: Table, mapping: ColumnMap, path: Path) -> dict[str, Any]:
         key, _, value = comment.partition(":")
         if key.strip() in KNOWN_META:
             try:
-                said = json.loads(value)
+                content = json.loads(value)
             except (ValueError, RecursionError):
-                said = None
-            meta[key.strip()] = said if isinstance(said, str | int | float) else value.strip()
+                content = None
+            meta[key.strip()] = content if isinstance(content, str | int | float) else value.strip()
     return meta

@@ -1,10 +1,11 @@
 """A table of numbers from a text file as it is found.
 
-Strategy: `analysis.data.csv_dialect` says how the file is written; pandas reads the body at speed; only if it
-stumbles is
-the file walked line by line, to name the lines. A column of clock times becomes seconds.
+Strategy: `analysis.data.csv_dialect` finds how the file is written; pandas reads the body at speed; only if that fails
+is the file read line by line, to name the lines. A column of clock times becomes seconds since its first row: ISO 8601,
+day.month.year, and hours:minutes:seconds; 3/4/2026 is ambiguous and stays text. A time of day that falls by more than
+twelve hours passed midnight.
 
-Rules: nothing is guessed silently: `Table` says the dialect, every cell that is no number is counted and the first
+Rules: nothing is guessed silently: `Table` holds the dialect, every cell that is not a number is counted and the first
 ones are named by line.
 """
 
@@ -28,7 +29,7 @@ from analysis.warning import Warning, WarningCode
 MOST_WARNINGS = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
 DAY_S = 86_400.0
-SHOWN_WORDS = 100  # cells of a column of words that are tried as grouped numbers
+SHOWN_WORDS = 100  # cells of a text column that are tried as grouped numbers
 # pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
 _EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
 
@@ -61,7 +62,7 @@ class Table:
         return self.columns[0].size if self.columns else 0
 
     def labels(self, wanted: str) -> list[str]:
-        """Return a column as names, whether its cells are numbers or words; raises as `position`."""
+        """Return a column as names, whether its cells are numbers or text; raises as `position`."""
         at = self.position(wanted)
         return list(self.text[at]) if at in self.text else [str(value) for value in self.columns[at]]
 
@@ -70,7 +71,7 @@ class Table:
 
         Raises
         ------
-        RequestError : no such column, or the name stands twice.
+        RequestError : no such column, or the name occurs twice.
         """
         plain = [_plain(name) for name in self.names]
         raw = [_plain(f"{n} ({u})") if u else _plain(n) for n, u in zip(self.names, self.units, strict=True)]
@@ -81,7 +82,7 @@ class Table:
             return hits[0]
         having = ", ".join(self.names[:20])
         if hits:
-            raise RequestError(f"column {wanted!r} stands {len(hits)} times", "Give its number, counted from 1.")
+            raise RequestError(f"column {wanted!r} occurs {len(hits)} times", "Give its number, counted from 1.")
         raise RequestError(f"there is no column {wanted!r}", f"The columns are: {having}.")
 
 
@@ -106,7 +107,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def _with_clocks(table: Table) -> Table:
-    """Turn columns of clock times into seconds since the first, and say so."""
+    """Turn columns of clock times into seconds since the first, with a warning."""
     columns, units, text, warnings = list(table.columns), list(table.units), dict(table.text), list(table.warnings)
     for position, words in table.text.items():
         clock = seconds_of(words)
@@ -150,13 +151,13 @@ def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
     mixed = [c for c in frame if frame[c].dtype == object or pd.api.types.is_string_dtype(frame[c])]
     for column in mixed:
         values = pd.to_numeric(frame[column], errors="coerce")
-        if values.notna().any():  # numbers with some words between: the slow way names the lines
+        if values.notna().any():  # numbers with some text between: the slow path names the lines
             return None
         shown = frame[column].dropna().astype(str).head(SHOWN_WORDS)
         if any(math.isfinite(number(cell, dialect.decimal) or math.nan) for cell in shown):
             return None  # grouped thousands, another minus sign
     if frame.iloc[:, -1].isna().any() and not frame.iloc[:, -1].isna().all():
-        return None  # perhaps rows too short: the slow way counts the fields
+        return None  # perhaps rows too short: the slow path counts the fields
     return pd.DataFrame(frame)
 
 
@@ -227,7 +228,7 @@ def _slow(path: Path, dialect: Dialect) -> Table:
 
 
 def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
-    """Return the line, counted from 1, on which data row `row`, counted from 0, stands."""
+    """Return the line, counted from 1, of data row `row`, counted from 0."""
     for at, (line_number, _) in enumerate(records(_lines(path, dialect))):
         if at == row:
             return line_number

@@ -1,7 +1,7 @@
 """Samples out of a recording: CSV with a JSON sidecar, or Parquet.
 
 Rules: every column's name carries its unit; numbers are written so that reading them gives the same number; text that
-a spreadsheet would take for a formula is neutralised; a simulated run says SIMULATED in the file itself. What is
+a spreadsheet would take for a formula is neutralised; a simulated run is marked SIMULATED in the file itself. What is
 written is read again by `analysis.data.csv_import` without a map.
 """
 

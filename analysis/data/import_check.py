@@ -1,4 +1,4 @@
-"""An imported recording derived again from the bytes of the file it was imported from.
+"""An imported recording derived again from the bytes of the file that it was imported from.
 
 Rules: the kept bytes and the kept column map are all that is used; the samples must come out bit for bit.
 """
@@ -28,7 +28,7 @@ def first_difference(path: str | Path) -> str:
 
     Returns
     -------
-    "" where they are identical, else a sentence naming the first difference.
+    "" where they are identical, else a text naming the first difference.
 
     Raises
     ------

@@ -22,15 +22,15 @@ def load_recording(path: str | Path, **import_options: Any) -> Recording:
 
     Raises
     ------
-    FileError : the file is not there, or is not what it was taken for. RequestError : a map for a recording.
+    FileError : the file does not exist, or is of another kind. RequestError : a map for a recording.
     """
     path = Path(path)
     if not path.is_file():
-        raise FileError(f"{path} is not there" if not path.exists() else f"{path} is no file", "Check the name.")
+        raise FileError(f"{path} does not exist" if not path.exists() else f"{path} is not a file", "Check the name.")
     if is_boat_file(path):
         if any(value is not None for value in import_options.values()):
-            raise RequestError(f"{path.name} is a recording: its columns are known", "Leave --map and --rate out.")
+            raise RequestError(f"{path.name} is a recording: its columns are known", "Leave out --map and --rate.")
         return read_boat_file(path)
     if path.suffix == SUFFIX:
-        raise FileError(f"{path.name} is not a recording: it holds no SQLite database", "Was it cut off when copied?")
+        raise FileError(f"{path.name} is not a boat-daq recording, or the copy is incomplete", "Copy the file again.")
     return import_csv(path, **import_options)

@@ -1,11 +1,11 @@
-"""A run as the analysis sees it: columns of one length, never changed.
+"""A run as the analysis uses it: columns of one length, never changed.
 
 Strategy: whatever a run came from, a `.boat` file, a CSV or arrays in a test, it becomes one `Recording`: read-only
 columns in board time, the sequencer's steps and the readings of elongation as frames, the session's metadata. Nothing
 is repaired here. What must not enter a figure is marked in `usable`, with a count by reason, and stays in the columns.
 
 Rules: time is board time, laid end to end over segments and strictly in file order; no sample is dropped, sorted or
-resampled; a value that is not finite, or whose flags say that it is no measurement, is not usable.
+resampled; a value that is not finite, or whose flags mark it as no measurement, is not usable.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ READING_COLUMNS = ("id", "utc", "step", "elongation_mm", "resolution_mm", "sourc
 class Gap:
     """Samples missing after row `row`: how many, and when (s, board time of the last sample before).
 
-    `crc_failed` of them came in frames that failed their check, as far as the link's counter tells.
+    `crc_failed` of them came in frames that failed their check, by the link's counter.
     """
 
     row: int
@@ -147,7 +147,7 @@ class Recording:
         signal_mv: npt.ArrayLike,
         **columns: Any,
     ) -> Recording:
-        """Build a recording from arrays; the door for scripts, importers and tests.
+        """Build a recording from arrays, as scripts, importers and tests do.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ def _usable(
     bad_pressure = ~np.isfinite(pressure) | ~np.isfinite(time)
     flagged = (flags & int(NOT_FOR_FIGURES)) != 0
     bad_signal = ~np.isfinite(signal)
-    # a saturated ADC says nothing against the pressure of that row
+    # a saturated ADC does not invalidate the pressure of that row
     pressure_usable = ~bad_pressure & ((flags & int(NOT_FOR_FIGURES & ~SampleFlag.SATURATED)) == 0)
     usable = pressure_usable[:, None] & ~bad_signal & ~flagged[:, None]
     masked = {

@@ -1,4 +1,4 @@
-"""A run that was broken and went on: are its cycles before and after the break one sample, or two?
+"""A run that was interrupted and resumed: are its cycles before and after the break one sample, or two?
 
 Strategy: each complete cycle gives one level and one sensitivity for each sensor. Over a break the means are compared
 by a t-test and the variances by an F-test, all tests of one break together at a family-wise level of `ALPHA` (Holm).
@@ -11,11 +11,11 @@ Definitions, for values y_i of the cycles i = 1..n, n1 before and n2 after the b
   (mV/mm) where it was read, else of the pressure (mV/kPa).
 - t: a unit that drifts differs over any break, so the step is tested beside a drift common to both parts: least squares
   of y = a + b i + d [after]; t = d / se(d), n - 3 degrees of freedom. With fewer than `FOR_DRIFT` cycles on a side
-  there is no telling a drift from a step: Student's t of the two means, b = 0, n - 2 degrees of freedom.
+  a drift cannot be separated from a step: Student's t of the two means, b = 0, n - 2 degrees of freedom.
 - F: ratio of the two parts' variances about their own straight lines (n_k - 2 degrees of freedom each), about their own
   means (n_k - 1) with fewer than `FOR_DRIFT` cycles on a side; two-sided.
 
-Rules: parts that differ are never pooled; parts that cannot be compared, for want of cycles, are said to be untested.
+Rules: parts that differ are never pooled; parts with too few cycles to compare are reported as untested.
 Source: NIST/SEMATECH e-Handbook 1.3.5.3 and 1.3.5.9; Holm, Scand. J. Statist. 6 (1979) 65.
 """
 
@@ -73,7 +73,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Break:
-    """One break: when, why, for how long; the cycles of the parts on both sides of it, and what the tests say."""
+    """One break: when, why, for how long; the cycles of the parts on both sides of it, and the tests' verdict."""
 
     utc: str
     cause: str
@@ -85,10 +85,10 @@ class Break:
 
     @property
     def sentence(self) -> str:
-        """What a reader must know."""
+        """The break as a sentence without its end."""
         away = "" if self.break_s is None else f", for {self.break_s:.0f} s"
-        where = f"after cycle {self.before[-1]}" if self.before else "before its first whole cycle"
-        head = f"the run was broken {where} ({self.cause}{away})"
+        where = f"after cycle {self.before[-1]}" if self.before else "before its first complete cycle"
+        head = f"the run was interrupted {where} ({self.cause}{away})"
         if self.verdict == "untested":
             return f"{head}: too few complete cycles to compare the parts; their cycles are pooled untested"
         if self.verdict == "same":
@@ -103,11 +103,11 @@ class Break:
 
 
 def compare_breaks(recording: Recording, cycles: Cycles, loops: Loops) -> tuple[Break, ...]:
-    """Compare the parts on both sides of each break of a run; none for a run that was not broken.
+    """Compare the parts on both sides of each break of a run; none for a run that was not interrupted.
 
     Raises
     ------
-    RecordingError : the breaks are not what a recording holds.
+    RecordingError : the entries of the breaks are damaged.
     """
     entries = breaks_of(dict(recording.meta))
     if not entries:
@@ -116,14 +116,14 @@ def compare_breaks(recording: Recording, cycles: Cycles, loops: Loops) -> tuple[
     of_cycle = {cycle.number: int(recording.segment[cycle.first]) for cycle in cycles.complete}
     part = np.searchsorted(firsts, [of_cycle[number] for number in loops.numbers], side="right")
     names = recording.sensor_names
-    # a break that another one followed before a cycle was whole parts nothing
+    # a break that another one followed before a cycle was whole separates nothing
     kept = [k for k in range(len(entries)) if k == len(entries) - 1 or (part == k + 1).any()]
     edges = [0, *(k + 1 for k in kept)]
     sides = [np.flatnonzero((part >= a) & (part < b)) for a, b in itertools.pairwise([*edges, len(entries) + 1])]
     found = tuple(_compare(entries[k], loops, sides[i], sides[i + 1], names) for i, k in enumerate(kept))
     if loops.binned or any(one.verdict != "untested" for one in found):
         return found
-    # plateaus that the cycles do not share: the samples themselves still say whether the parts differ
+    # plateaus that the cycles do not share: the samples themselves can still be compared
     return compare_breaks(recording, cycles, continuous_loops(recording, cycles))
 
 
@@ -210,7 +210,7 @@ def _mean(y: FloatArray) -> float:
 
 
 def _ratio(var1: float, df1: int, var2: float, df2: int) -> tuple[float, float]:
-    """Return F = var2 / var1 and its two-sided p; NaN where either part has no variance to speak of."""
+    """Return F = var2 / var1 and its two-sided p; NaN where either part has no variance."""
     if df1 < 1 or df2 < 1 or var1 == var2 == 0.0:
         return float("nan"), float("nan")
     if var1 == 0.0:

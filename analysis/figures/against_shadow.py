@@ -1,9 +1,9 @@
-"""A run against the digital shadow: the samples' elongation, cycle by cycle, beside the ideal actuator's.
+"""A run compared with the digital shadow: the elongation of its samples, cycle by cycle, beside that of the ideal one.
 
 Strategy: this file has the recording and the calibration, the shadow compares arrays; the samples become elongation by
 the run's own inverse (each sensor alone), and each cycle goes through the monitor that also watches live.
 
-Rules: a run without a calibration that has an inverse is not compared, and says why; nothing is extrapolated.
+Rules: a run without a calibration that has an inverse is not compared, with the reason; nothing is extrapolated.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class AgainstShadow:
 
     Attributes
     ----------
-    result : what the shadow says; None where `void` says why there is none.
+    result : the comparison; None where `void` gives the reason.
     numbers : [cycles] of the cycles compared.
     level_mm, band_mm : [cycles] mean deviation of each cycle, and the mean of its band from E, standard uncertainty.
-    residual_kpa : [cycles] rms of measured pressure less the pressure that the elongation stands for.
+    residual_kpa : [cycles] rms of measured pressure less the pressure that the elongation corresponds to.
     """
 
     result: Replay | None
@@ -62,10 +62,10 @@ def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> A
 
     Parameters
     ----------
-    progress : of building the shadow's table, where none is kept from before.
+    progress : of building the shadow's table, where none is stored.
     """
     from analysis.shadow.model.table import load_table
-    from analysis.shadow.monitoring.replay import replay  # compiled code: only who compares waits for it
+    from analysis.shadow.monitoring.replay import replay  # compiled code, imported only where it is used
 
     recording, cycles = analysis.recording, analysis.cycles.used
     try:

@@ -3,7 +3,7 @@
 Strategy: one run is one task, `summarise_run`, which returns plain rows; the pool or the cluster only maps it. Results
 come in the order of the names, so that the table is the same wherever it was made.
 
-Rules: a run that cannot be analysed is a row with its reason, never the end of the batch. Readings stand in the
+Rules: a run that cannot be analysed is a row with its reason, never the end of the batch. Readings are in the
 recording, or beside it in NAME.elongation.csv.
 """
 
@@ -31,7 +31,7 @@ LEADING = ("run", "unit", "started_utc", "simulated", "kind", "cycles", "partial
 
 def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict[str, Any]]:
     """Return one row for each sensor of a run, or one row with the reason why there is none."""
-    from analysis.figures.pipeline import analyse  # a worker imports what it needs, the caller of a batch does not wait
+    from analysis.figures.pipeline import analyse  # imported in the worker, not by the caller of a batch
 
     try:
         analysis = analyse(path, readings_beside(path), seed=seed, mcmc=mcmc)
@@ -84,7 +84,7 @@ def batch(
 
     Raises
     ------
-    FileError : the folder is not there. RequestError : no run in it, or Dask is not installed.
+    FileError : the folder does not exist. RequestError : no run in it, or Dask is not installed.
     """
     if scheduler is not None:
         check_scheduler(scheduler, allow_remote=allow_remote)
@@ -118,7 +118,7 @@ def write_table(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def readings_beside(run: Path) -> Path | None:
-    """Return the elongations that lie beside a run as NAME.elongation.csv, None where there are none."""
+    """Return the elongations beside a run in NAME.elongation.csv, None where there are none."""
     readings = run.with_name(run.stem + ELONGATION)
     return readings if readings.is_file() else None
 
@@ -128,13 +128,13 @@ def runs_in(runs: str | Path | Sequence[str | Path]) -> list[Path]:
 
     Raises
     ------
-    FileError : the folder is not there. RequestError : no run in it.
+    FileError : the folder does not exist. RequestError : no run in it.
     """
     if not isinstance(runs, str | Path):
         return [Path(run) for run in runs]
     folder = Path(runs)
     if not folder.is_dir():
-        raise FileError(f"{folder} is no folder", "Give the folder that holds the runs.")
+        raise FileError(f"{folder} is not a folder", "Give the folder that holds the runs.")
     found = [f for f in sorted(folder.iterdir()) if f.suffix in SUFFIXES and not f.name.endswith(ELONGATION)]
     if not found:
         raise RequestError(f"{folder} holds no runs ({' or '.join(SUFFIXES)})", "Choose another folder.")
@@ -165,7 +165,7 @@ def _on_cluster(
         cluster: Any = distributed  # it comes without types
         client = cluster.Client(scheduler, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
-        raise AnalysisError(f"no Dask scheduler answers at {scheduler}: {error}", "Check its address.") from error
+        raise AnalysisError(f"no Dask scheduler at {scheduler}: {error}", "Check its address.") from error
     with client:
         for future in client.map(task, files):
             yield future.result()

@@ -95,8 +95,8 @@ class Figure:
 
     Attributes
     ----------
-    value : NaN or infinite where `void` says why.
-    n : number of independent items behind it (cycles, plateaus or points, as `definition` says).
+    value : NaN or infinite where `void` gives the reason.
+    n : number of independent items behind it (cycles, plateaus or points, see `definition`).
     low, high : 95 % confidence interval; NaN where none can be given.
     void : why the figure is not to be used, or "".
     note : why the interval is missing or wide, or "".

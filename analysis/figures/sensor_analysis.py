@@ -46,7 +46,7 @@ class Options:
     Attributes
     ----------
     degree : of the calibration.
-    x_resolution_mm : grid of the readings; None takes what the recording says, else 0.5 mm.
+    x_resolution_mm : grid of the readings; None takes that of the recording, else 0.5 mm.
     monotone : only monotone curves in the posterior.
     seed : of the bootstrap and the sampler.
     mcmc : sample the posterior.
@@ -279,7 +279,7 @@ def _loop_figures(
 
 
 def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: float) -> Figure:
-    """Widen the interval of a loop by the reading error of x, and say where that alone would make most of it.
+    """Widen the interval of a loop by the reading error of x, and mark an upper bound where that makes most of it.
 
     `percent_per_mm` is what a millimetre makes at the steepest place. The largest of many differences of two readings
     comes near the grid's whole step (sqrt(12) sd) and lifts the maximum; the one at the loop's widest place may

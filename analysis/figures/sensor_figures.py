@@ -1,11 +1,11 @@
 """The figures of a sensor, each with its unit, its count and its confidence interval.
 
 Strategy: everything is computed from loops (`analysis.segmentation.loops`) and a calibration; intervals come from one
-bootstrap over
-cycles, shared by all figures, so that they are consistent with one another. Terms are those of ISA-S37.1 and ISO 5725.
+bootstrap over cycles, shared by all figures, so that they are consistent with one another. Terms are those of ISA-S37.1
+and ISO 5725.
 
-Rules: a figure is % of full-scale output (FSO), mV or dB as its name says; one that is undefined (no span, no noise,
-one cycle) says so and is NaN or infinite, never an exception and never zero.
+Rules: a figure is % of full-scale output (FSO), mV or dB, see its name; one that is undefined (no span, no noise,
+one cycle) has a reason and is NaN or infinite, never an exception and never zero.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration
 from analysis.data.recording import Recording
 from analysis.figures.figure import Figure, Reason
+from analysis.numbers import percent
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, loop_width
 from analysis.segmentation.plateaus import Plateau
@@ -64,7 +65,7 @@ def resample_fit(
     ----------
     cycle_of : [n] position (0, 1, ...) of the cycle of each point of the calibration.
     weights : [resamples, cycles] how often each cycle was drawn.
-    rng : of the readings of x; a grid rounds one position alike in every cycle, so that the cycles cannot tell it:
+    rng : of the readings of x; a grid rounds one position alike in every cycle, which the cycles do not show:
         where x was read, each position is moved once in each resample, by a normal draw.
 
     Notes
@@ -169,7 +170,7 @@ def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: st
     scale = 100.0 / full_scale_value
     figure = _figure(scale * width.mean_loop, scale * width.replicates, "% FSO", n, definition)
     if width.shared < LEAST_SHARED:
-        note = f"the branches share only {width.shared:.0%} of the range: a wider loop elsewhere is not seen"
+        note = f"the branches share only {percent(width.shared)} of the range: a wider loop elsewhere is not seen"
         figure = replace(figure, note=note, reason=Reason.PART_OF_RANGE)
     return figure
 
@@ -194,7 +195,7 @@ def loop_made_by_noise(
 
 
 def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -> Figure:
-    """Say where something else than a loop, `floor` in the unit of the figure, makes a share of a hysteresis.
+    """Mark a hysteresis as an upper bound where something else than a loop makes a share of it.
 
     It lifts the maximum: the interval reaches down to the figure less the floor.
     """

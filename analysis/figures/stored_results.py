@@ -1,7 +1,7 @@
 """Results kept in the recording they came from, so that a report can be traced and a figure reproduced.
 
 Rules: a result carries its parameters, its seed and the program's version; the same result is kept once. A run that is
-no `.boat` file, or cannot be written, keeps nothing, and says so.
+no `.boat` file, or cannot be written, keeps nothing, and returns why.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path |
 
     Returns
     -------
-    "", or a sentence why nothing was kept.
+    "", or why nothing was kept.
     """
     run = Path(run)
     if not is_boat_file(run):
@@ -44,13 +44,13 @@ def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path |
     try:
         store_result(run, "analysis", finite(analysis.to_json()), parameters, seed=analysis.options.seed)
     except AnalysisError as error:
-        return f"the result was not kept: {error.cause}. {error.remedy}".rstrip(". ") + "."
+        return f"the result was not stored: {error.cause}. {error.remedy}".rstrip(". ") + "."
     return ""
 
 
 @cache
 def code_state() -> str:
-    """Return what tells this state of the program from others of the same version: a hash of all that figures rest on.
+    """Return a hash of all code that figures rest on, to distinguish states of the program with the same version.
 
     It covers the packages that figures are computed by (not the reports, which compute nothing), the recording's
     schema, and the versions of the numerical libraries.
@@ -66,14 +66,14 @@ def code_state() -> str:
 
 
 def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Compute a stored analysis anew, with the options it was made with.
+    """Compute a stored analysis again, with the options that it was made with.
 
     Returns
     -------
     Its content as `store_analysis` would keep it; None where it rests on more than the recording holds (a file of
-    elongations), a reading was corrected since, or the run went on since.
+    elongations), a reading was corrected since, or the run was resumed since.
     """
-    if "elongation" in parameters or _corrected_since(Path(run), result_id) or _went_on_since(Path(run), result_id):
+    if "elongation" in parameters or _corrected_since(Path(run), result_id) or _resumed_since(Path(run), result_id):
         return None
     stored = dict(parameters["options"])
     options = Options(**{**stored, "plateau": PlateauSettings(**stored["plateau"])})
@@ -88,7 +88,7 @@ def _corrected_since(run: Path, result_id: int) -> bool:
         return bool(db.execute(query, (result_id,)).fetchone()[0])
 
 
-def _went_on_since(run: Path, result_id: int) -> bool:
+def _resumed_since(run: Path, result_id: int) -> bool:
     with opened(run) as db:
         return any(entry["last_result"] >= result_id for entry in breaks_of(read_session(db)))
 

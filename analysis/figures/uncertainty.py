@@ -3,10 +3,10 @@
 Strategy: a budget is a list of components, each a standard uncertainty with a sensitivity and degrees of freedom; they
 are combined by the law of propagation (GUM 5.1.2, 5.2.2), the effective degrees of freedom by Welch-Satterthwaite
 (G.4.1). The budget of an elongation is filled from the analysis of a run: every component is measured, or its source
-says that it was not.
+states that it was not.
 
 Rules: nothing is counted twice: what one component already holds is taken out of the next. A component that could not
-be assessed is zero and says so. The expanded uncertainty uses k = 2.
+be assessed is zero, as its source states. The expanded uncertainty uses k = 2.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from analysis.calibration.inverse import Fusion, Inverse
 from analysis.errors import AnalysisError, DataError
 from analysis.figures.sensor_analysis import AnalysedRun
 from analysis.figures.sensor_figures import sensor_loop_width
+from analysis.numbers import percent
 
 COVERAGE_FACTOR = 2.0
 
@@ -75,12 +76,13 @@ class Budget:
         return {c.name: (c.contribution**2 / total if total > 0 else 0.0) for c in ordered}
 
     def what_halves_it(self) -> str:
-        """Say which single action halves the uncertainty, or that none does."""
+        """Return which single component halves the uncertainty when removed, or that none does."""
         shares = self.shares()
         name, share = next(iter(shares.items()))
         if share >= 0.75:
-            return f"without {name} ({share:.0%} of the variance) the uncertainty would be half or less"
-        return f"no single component does: the largest, {name}, is {share:.0%} of the variance, and halving takes 75 %"
+            return f"without {name} ({percent(share)} of the variance) the uncertainty would be half or less"
+        largest = f"the largest, {name}, is {percent(share)} of the variance"
+        return f"no single component halves it: {largest}, halving requires 75 %"
 
     def as_json(self) -> dict[str, Any]:
         """Return the budget as a dictionary."""
@@ -179,7 +181,7 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
 
 
 def elongation_reader(analysis: AnalysedRun) -> Fusion:
-    """Return the fusion of the run's sensors, with the uncertainties of its budget: what a live display calls.
+    """Return the fusion of the run's sensors, with the uncertainties of its budget, as the live display uses it.
 
     Raises
     ------
@@ -205,7 +207,7 @@ def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[Anal
 
 @dataclass(frozen=True, slots=True)
 class ElongationBudgets:
-    """The budgets of an elongation of `x_mm`, one a sensor; none where `void` says why."""
+    """The budgets of an elongation of `x_mm`, one a sensor; none where `void` gives the reason."""
 
     x_mm: float
     budgets: tuple[Budget, ...]

@@ -10,6 +10,7 @@ import numpy as np
 
 from analysis.calibration.checks import PointNames, calibration_warnings
 from analysis.figures.figure import Reason
+from analysis.numbers import percent
 from analysis.segmentation.cycles import disagreements_with_marks
 from analysis.segmentation.losses import LossCounter
 from analysis.warning import Warning, WarningCode
@@ -56,7 +57,7 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
         share = cycles.noise_kpa / cycles.span_kpa
         yield (
             WarningCode.NOISY_PRESSURE,
-            f"the pressure noise of {cycles.noise_kpa:.2g} kPa is {share:.1%} of the pressure span: {effect}",
+            f"the pressure noise of {cycles.noise_kpa:.2g} kPa is {percent(share, 1)} of the pressure span: {effect}",
         )
     if not cycles.used:
         yield WarningCode.NO_CYCLE, f"no complete cycle, {cycles.as_json()['partial']} partial"
@@ -101,7 +102,7 @@ def _signal_texts(run: SegmentedRun, sensor: int) -> Iterator[tuple[WarningCode,
         )
     standing = LossCounter.of(run.recording, sensor).of_windows([slice(0, run.recording.n)]).standing
     if standing:
-        share = f"{standing / run.recording.n:.1%}"
+        share = percent(standing / run.recording.n, 1)
         yield (
             WarningCode.FLAT,
             f"{standing} samples ({share}) are clipped, frozen or dropped out without a mark of the board: left out",

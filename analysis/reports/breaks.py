@@ -1,4 +1,4 @@
-"""The section of a report on a run that was broken and went on: what the tests over the break say, both parts beside.
+"""The section of a report on a run that was interrupted and resumed: the tests over the break, and both parts.
 
 Rules: nothing is computed here but a rounding.
 """

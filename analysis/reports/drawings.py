@@ -19,6 +19,7 @@ from analysis.arrays import FloatArray
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import Budget
+from analysis.numbers import percent
 from analysis.reports.document import Draw
 from analysis.reports.text_metrics import families, printable
 
@@ -247,7 +248,7 @@ def budget_pareto(budget: Budget, title: str) -> Draw:
         for at, name in enumerate(names):
             total += shares[name]
             ax.annotate(
-                f"{shares[name]:.0%}  (to here {total:.0%})", (1000 * parts[name], at), xytext=(4, 0),
+                f"{percent(shares[name])}  (cumulative {percent(total)})", (1000 * parts[name], at), xytext=(4, 0),
                 textcoords="offset points", va="center", fontsize=7.5, color=style.SOFT,
             )  # fmt: skip
         ax.set_yticks(range(len(names)), names)

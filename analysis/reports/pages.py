@@ -1,12 +1,12 @@
 """Where the pages of a report end: all breaks are chosen at once, for the least white.
 
 Strategy: a report is a row of blocks that no break divides: a line, a row of a table, a drawing. A page may stretch its
-drawings and shrink drawings and rows a little; what white remains costs its square, as breaking a table does, and the
-cheapest set of breaks is found by dynamic programming (Knuth and Plass, Software: Practice and Experience 11 (1981)
+drawings and shrink drawings and rows a little; the white that remains costs its square, as breaking a table does, and
+the cheapest set of breaks is found by dynamic programming (Knuth and Plass, Software: Practice and Experience 11 (1981)
 1119, with pages for lines).
 
-Rules: a block that is `kept` is parted from the next only where no page holds both; a table that goes on repeats its
-head; sizes are in inches.
+Rules: a block that is `kept` is separated from the next only where no page holds both; a table that continues repeats
+its head; sizes are in inches.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A horizontal line; in a block it stands at the lower edge."""
+    """A horizontal line; in a block it is at the lower edge."""
 
     x: float
     y: float
@@ -65,8 +65,8 @@ class PageBlock:
     Attributes
     ----------
     height : without `space`, the white above it, which a page that begins with the block leaves out.
-    texts, rule, drawing : what stands in it.
-    kept : stands on one page with the next block.
+    texts, rule, drawing : its content.
+    kept : is on one page with the next block.
     starts : begins a section.
     head : repeated above the block where a page begins with it.
     """
@@ -93,8 +93,8 @@ class PageBlock:
         return ROW_SHRINK * self.height if self.head else 0.0
 
 
-def broken(blocks: Sequence[PageBlock], room: float) -> list[list[PageBlock]]:
-    """Return the blocks page by page, each page holding `room` inches."""
+def broken(blocks: Sequence[PageBlock], page_height: float) -> list[list[PageBlock]]:
+    """Return the blocks page by page, each page holding `page_height` inches."""
     best = [0.0] + [float("inf")] * len(blocks)  # cost of the first n blocks on whole pages
     start = [0] * (len(blocks) + 1)
     for first in range(len(blocks)):
@@ -105,7 +105,7 @@ def broken(blocks: Sequence[PageBlock], room: float) -> list[list[PageBlock]]:
             block = blocks[end - 1]
             height += block.height + (block.space if end > first + 1 else 0.0)
             stretch, shrink = stretch + block.stretch, shrink + block.shrink
-            cost = _cost((height, stretch, shrink), room, last=end == len(blocks))
+            cost = _cost((height, stretch, shrink), page_height, last=end == len(blocks))
             if cost is None and end > first + 1:
                 break
             total = best[first] + (PARTED if cost is None else cost) + PAGE + _parting(blocks, end)
@@ -120,7 +120,7 @@ def broken(blocks: Sequence[PageBlock], room: float) -> list[list[PageBlock]]:
 
 
 def _page(blocks: Sequence[PageBlock], first: int, end: int) -> list[PageBlock]:
-    """The blocks of a page, the head of a table that goes on included; with `end` = `first`, that head alone."""
+    """The blocks of a page, the head of a table that continues included; with `end` = `first`, that head alone."""
     top = blocks[first]
     head = [top.head] if top.head else []
     return head if end == first else [*head, replace(top, space=0.0), *blocks[first + 1 : end]]
@@ -138,23 +138,23 @@ def _parting(blocks: Sequence[PageBlock], end: int) -> float:
     return PARTED * blocks[end - 1].kept + TABLE * (after.head is not None) + SECTION * (not after.starts)
 
 
-def _cost(sums: tuple[float, float, float], room: float, *, last: bool) -> float | None:
+def _cost(sums: tuple[float, float, float], page_height: float, *, last: bool) -> float | None:
     """Cost of a page, None where it does not hold the blocks."""
     height, stretch, shrink = sums
-    if height > room:
-        pressed = (height - room) / (shrink or 1e-9)
+    if height > page_height:
+        pressed = (height - page_height) / (shrink or 1e-9)
         return None if pressed > 1.0 else 0.05 * pressed**2
     if last:
-        return max(0.0, 1.0 - height / (LEAST_LAST * room)) * 0.5
-    white = room - height
+        return max(0.0, 1.0 - height / (LEAST_LAST * page_height)) * 0.5
+    white = page_height - height
     grown = min(white, stretch)
-    return ((white - grown) / room) ** 2 + 0.05 * (grown / room) ** 2
+    return ((white - grown) / page_height) ** 2 + 0.05 * (grown / page_height) ** 2
 
 
-def placed(page: Sequence[PageBlock], room: float, top: float, *, last: bool) -> list[Item]:
-    """Return the items of a page where they stand, its drawings and rows fitted to the page."""
+def placed(page: Sequence[PageBlock], page_height: float, top: float, *, last: bool) -> list[Item]:
+    """Return the items of a page in their places, its drawings and rows fitted to the page."""
     total, stretch, shrink = _sums(page)
-    white = room - total
+    white = page_height - total
     grow = 0.0 if last or white < 0 else min(1.0, white / (stretch or 1e9))
     press = min(1.0, -white / (shrink or 1e9)) if white < 0 else 0.0
     items: list[Item] = []

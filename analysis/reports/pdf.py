@@ -2,7 +2,7 @@
 
 Strategy: the content becomes blocks, measured in inches with the font's own metrics; `pages` breaks them over pages;
 only then, with the number of pages known, are they drawn with matplotlib. Drawings have fixed margins, so that their
-axes stand in line from page to page.
+axes are aligned from page to page.
 
 Rules: the same report gives the same bytes; no text leaves the page: columns are sized by measuring, long cells wrap.
 """
@@ -30,11 +30,11 @@ WIDTH, HEIGHT = style.A4_INCH
 LEFT = style.MARGIN_INCH
 INNER = WIDTH - 2 * LEFT
 TOP, BOTTOM = 0.95, 0.8
-ROOM = HEIGHT - TOP - BOTTOM
+PAGE_INCH = HEIGHT - TOP - BOTTOM
 LINE_INCH = 0.165
 ROW_INCH = 0.185
 KEPT_TOGETHER = 0.4  # of a page: a shorter table is not broken
-ORPHANS = 4  # rows of a table that stand together at its ends
+ORPHANS = 4  # rows of a table that stay together at its ends
 PAD_INCH = 0.16
 LABEL_INCH = 1.0
 TEXT_PT, SMALL_PT, MIN_PT = 8.5, 7.5, 5.5
@@ -47,12 +47,12 @@ def write_pdf(report: Report, path: Path) -> None:
         blocks += _heading(section.title)
         for part in section.parts:
             blocks += _part(part)
-    pages = broken(blocks, ROOM)
+    pages = broken(blocks, PAGE_INCH)
     title = f"{'SIMULATED ' if report.simulated else ''}{report.title}: {report.subject}"
     information = {"Title": title, "Creator": report.footer, "Producer": "matplotlib", "CreationDate": None}
     with mpl.rc_context(style.RC), PdfPages(path, metadata=information) as pdf:
         for number, page in enumerate(pages, 1):
-            items = placed(page, ROOM, TOP, last=number == len(pages))
+            items = placed(page, PAGE_INCH, TOP, last=number == len(pages))
             pdf.savefig(_page(report, items, number, len(pages)))
 
 
@@ -178,7 +178,7 @@ def _table(table: ReportTable) -> list[PageBlock]:
     size, widths = _columns(table)
     head = replace(_row(table.header, right, widths, size, head=True), kept=True)
     rows = [replace(_row(row, right, widths, size, head=False), head=head) for row in table.rows]
-    whole = sum(row.height for row in (head, *rows)) < KEPT_TOGETHER * ROOM
+    whole = sum(row.height for row in (head, *rows)) < KEPT_TOGETHER * PAGE_INCH
     caption = _caption(table.caption) if table.caption else []
     rows = [
         replace(row, kept=whole or at < ORPHANS or at >= len(rows) - ORPHANS) if at < len(rows) - 1
@@ -206,19 +206,19 @@ def _row(cells: tuple[str, ...], right: Sequence[bool], widths: list[float], siz
 
 def _columns(table: ReportTable) -> tuple[float, list[float]]:
     """Font size and column widths: as wide as the text, spread over the page; wrapped in the last resort."""
-    size, room = TEXT_PT, INNER + PAD_INCH  # the last column needs no white at its right
+    size, available = TEXT_PT, INNER + PAD_INCH  # the last column needs no white at its right
     while True:
         widths = [
             max(width_of(name, size, "bold"), *(width_of(row[i], size) for row in table.rows), 0.0) + PAD_INCH
             for i, name in enumerate(table.header)
         ]
-        if sum(widths) <= room:
-            spare = room - sum(widths)
+        if sum(widths) <= available:
+            spare = available - sum(widths)
             if table.numeric and len(widths) > 1:  # the last column ends at the margin
                 return size, [w + spare / (len(widths) - 1) * (i > 0) for i, w in enumerate(widths)]
             return size, [*widths[:-1], widths[-1] + spare]
         if size <= 7.0 if not table.numeric else size <= MIN_PT:
             widest = int(np.argmax(widths))
-            widths[widest] = max(room - (sum(widths) - widths[widest]), 0.8)
+            widths[widest] = max(available - (sum(widths) - widths[widest]), 0.8)
             return size, widths
         size -= 0.25

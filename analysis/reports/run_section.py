@@ -16,7 +16,7 @@ from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import SensorAnalysis
 from analysis.figures.uncertainty import Budget, ElongationBudgets
-from analysis.numbers import NOTHING, rounded, with_uncertainty
+from analysis.numbers import NOTHING, percent, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.cells import cells, p_value, power
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart
@@ -88,7 +88,7 @@ def _lost(sensor: SensorAnalysis) -> tuple[str, str]:
     window = sensor.figures["system_hysteresis_percent_fso"].window
     if window is None or not window.samples:
         return "", ""
-    share = f"{window.share:.2%}" if window.damaged else "none"
+    share = percent(window.share, 2) if window.damaged else "none"
     return share, window.reasons() if window.damaged else f"of {window.samples}"
 
 
@@ -172,7 +172,7 @@ def over_cycles(analysis: Analysis) -> Section:
                 ),
                 drawings.per_cycle_figure(analysis, "displacement_percent_fso", "displacement, % FSO", "Common drift"),
             ),
-            "Each cycle; displacement is the mean of all levels from the second half of the run.",
+            "Each cycle; displacement: mean of all levels relative to the second half of the run.",
             2.5,
         ),
         ReportDrawing(
@@ -225,10 +225,10 @@ def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
     shares = [b.shares() for b in budgets]
     rows = []
     for parts in zip(*(b.components for b in budgets), strict=True):
-        both = [(f"{1000 * c.contribution:.1f}", _percent(own[c.name])) for c, own in zip(parts, shares, strict=True)]
+        both = [(f"{1000 * c.contribution:.1f}", percent(own[c.name], 1)) for c, own in zip(parts, shares, strict=True)]
         rows.append((parts[0].name, *sum(both, ()), " / ".join(dict.fromkeys(c.source for c in parts))))
     dof = " / ".join(dict.fromkeys(_dof(b.dof) for b in budgets))
-    covers = " / ".join(dict.fromkeys(f"{b.coverage:.0%}" for b in budgets))
+    covers = " / ".join(dict.fromkeys(percent(b.coverage) for b in budgets))
     combined = (t for b in budgets for t in (f"{1000 * b.u:.1f}", "100 %"))
     expanded = (t for b in budgets for t in (f"{1000 * b.expanded:.0f}", ""))
     rows.append(("combined", *combined, f"effective degrees of freedom {dof}"))
@@ -236,10 +236,6 @@ def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
     heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
     caption = " ".join(f"Sensor {i}: {b.what_halves_it()}." for i, b in enumerate(budgets, 1))
     return ReportTable(("Component", *heads, "source"), tuple(rows), caption)
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %"
 
 
 def readings(analysis: Analysis) -> Section:
@@ -293,7 +289,7 @@ def run(analysis: Analysis) -> Section:
     settings = (
         *(fitted if calibrated else ()),
         ("Settled within", f"{o.plateau.tolerance_kpa:g} kPa for {o.plateau.settling_s:g} s"),
-        ("Void above", f"{o.plateau.max_damaged:.0%} of a window lost or left out"),
+        ("Void above", f"{percent(o.plateau.max_damaged)} of a window lost or left out"),
         ("Seed", str(o.seed)),
         ("Program", f"boat-daq {program_version()}"),
         ("Recorded with", str(analysis.recording.meta.get("program_version") or "–")),

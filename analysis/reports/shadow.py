@@ -32,11 +32,11 @@ def shadow_section(compared: AgainstShadow) -> Section:
     parts: list[SectionPart] = [
         _summary(result),
         ReportDrawing(
-            (_deviation(result),), "Measured less nominal elongation; the band is that of the modulus, k = 2.", 2.3
+            (_deviation(result),), "Measured minus nominal elongation; the band is that of the modulus, k = 2.", 2.3
         ),
         ReportDrawing(
             (_levels(compared), _residuals(compared)),
-            "Each cycle: mean deviation, and the rms of measured pressure less the pressure that the measured "
+            "Each cycle: mean deviation, and the rms of measured pressure minus the pressure that the measured "
             "elongation corresponds to.",
             2.4,
         ),
@@ -73,7 +73,7 @@ def _deviation(result: Replay) -> Draw:
         ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
         for alarm in result.alarms:
             ax.axvline(float(result.cycle_start_s[alarm.cycle - 1]), color=style.WARNING, lw=0.9)
-        ax.set(xlabel="time, s", ylabel="deviation, mm", title="Measured less nominal elongation")
+        ax.set(xlabel="time, s", ylabel="deviation, mm", title="Measured minus nominal elongation")
         ax.margins(x=0)
         ax.legend(ncols=2, loc="upper right")
 

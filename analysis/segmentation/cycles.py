@@ -81,7 +81,7 @@ class Excursion:
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """All that the pressure says about cycles.
+    """The cycles found in the pressure.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ def _jump(whole_kpa: FloatArray) -> float:
 
 
 def _drop_outs(pressure_kpa: FloatArray, jump_kpa: float) -> BoolArray:
-    """Rows between a jump and the jump back, few samples later: no pump does that, a loose wire does."""
+    """Rows between a jump and the jump back, few samples later: a loose wire does that, a pump does not."""
     found = np.zeros(pressure_kpa.size, dtype=bool)
     steps = np.diff(pressure_kpa)
     jumps = np.flatnonzero(np.abs(steps) > jump_kpa) if jump_kpa > 0 else np.empty(0, dtype=np.int64)
@@ -296,7 +296,7 @@ def _transit(smooth: FloatArray, before: _Group, after: _Group) -> int:
 def _falls_short(groups: list[_Group], at: int, span: float) -> bool:
     """True where the run's first or last extreme was cut off: short of its neighbour of the same kind.
 
-    A run whose amplitude grows or shrinks starts or ends short too, but its other extremes then go on like it.
+    A run whose amplitude grows or shrinks starts or ends short too, but its other extremes then continue the trend.
     """
     step = 2 if at == 0 else -2
     if not (groups and 0 <= at + step < len(groups)):
@@ -351,7 +351,7 @@ def _small_excursions(smooth: FloatArray, span: float, noise: float) -> tuple[Ex
 
 
 def disagreements_with_marks(cycles: Cycles, recording: Recording) -> tuple[str, ...]:
-    """Compare the cycles with the sequencer's marks; one sentence for each disagreement, none where they agree.
+    """Compare the cycles with the sequencer's marks; one text for each disagreement.
 
     A mark agrees where the found cycle's two extremes lie inside the marked one, to within a tenth of its length.
     """
@@ -362,12 +362,12 @@ def disagreements_with_marks(cycles: Cycles, recording: Recording) -> tuple[str,
     found = [(recording.time_s[c.first], recording.time_s[c.turn], recording.time_s[c.last]) for c in cycles.used]
     if len(found) != len(marked):
         return (f"the pressure shows {len(found)} complete cycles, the sequencer marked {len(marked)}",)
-    said = []
+    found_apart = []
     for number, ((start, turn, _), (begin, end)) in enumerate(zip(found, marked, strict=True), 1):
         slack = 0.1 * (end - begin)
         if not (begin - slack - _hold(recording, begin) <= start and begin <= turn <= end):
-            said.append(f"cycle {number} was marked {begin:.1f} to {end:.1f} s, found from {start:.1f} s on")
-    return tuple(said)
+            found_apart.append(f"cycle {number} was marked {begin:.1f} to {end:.1f} s, found from {start:.1f} s on")
+    return tuple(found_apart)
 
 
 def _hold(recording: Recording, begin_s: float) -> float:

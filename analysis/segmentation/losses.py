@@ -1,4 +1,4 @@
-"""What a figure's window lost: samples that never came, failed their check, were saturated, flagged, or no numbers.
+"""The losses in a figure's window: samples that never came, failed their check, were saturated, flagged, or not finite.
 
 Strategy: each reason is counted along the run once, as a running sum, so that any window's count is a difference of two
 of its entries, whatever the number of windows.
@@ -17,6 +17,7 @@ import numpy as np
 
 from analysis.arrays import IntArray
 from analysis.data.recording import Recording
+from analysis.numbers import percent
 from protocol.recording import SampleFlag
 
 MAX_DAMAGED = 0.20  # share of a figure's window that may be lost or left out
@@ -52,7 +53,8 @@ class Losses:
         """Return why a figure over this window is void, or ""."""
         if self.share <= limit:
             return ""
-        return f"{self.share:.0%} of its samples lost or left out ({self.reasons()}), above the limit of {limit:.0%}"
+        lost = f"{percent(self.share)} of its samples lost or left out ({self.reasons()})"
+        return f"{lost}, above the limit of {percent(limit)}"
 
     def reasons(self) -> str:
         """Return the counts that are not zero as text."""
@@ -93,7 +95,7 @@ class LossCounter:
             return Losses()
         first = np.asarray([w.start for w in windows])
         last = np.asarray([max(w.stop, w.start) for w in windows])
-        inside = np.maximum(last - 1, first)  # a gap stands at the row before it
+        inside = np.maximum(last - 1, first)  # a gap is stored at the row before it
         gaps = [int((s[inside] - s[first]).sum()) for s in self.sums[:2]]
         rows = [int((s[last] - s[first]).sum()) for s in self.sums[2:]]
         return Losses(int((last - first).sum()) + sum(gaps), *gaps, *rows)

@@ -1,9 +1,9 @@
-"""Readings of elongation, put to the plateaus they belong to.
+"""Readings of elongation, matched to their plateaus.
 
 Strategy: a reading of the session carries its step, and so its plateau; a file's rows are matched by order or by their
 cycle and branch columns. Every match is checked by pressure.
 
-Rules: a file that does not fit is refused with the first place where it does not; nothing is matched by luck. The
+Rules: a file that does not fit is refused with the first place where it does not. The
 reading that counts for a step is the last one entered.
 """
 
@@ -104,7 +104,7 @@ def _from_session(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elonga
 
 def _from_file(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], name: str) -> Elongations:
     if not plateaus:
-        raise DataError("the run has no plateaus, so there is nothing to put the elongations to", "Record a staircase.")
+        raise DataError("the run has no plateaus, so the elongations have no plateau", "Record a staircase.")
     near = _near(plateaus)
     if {"cycle", "branch"} <= set(frame.columns):
         values = _by_branch(frame, plateaus, near, name)
@@ -123,7 +123,7 @@ def _near(plateaus: tuple[Plateau, ...]) -> float:
 def _by_order(
     frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], *, near: float, name: str
 ) -> FloatArray:
-    """Rows in plateau order: of all plateaus, of those in cycles, of the sequencer's steps, as a run that broke off
+    """Rows in plateau order: of all plateaus, of those in cycles, of the sequencer's steps, as an interrupted run
     has them, or of those at a pressure that was read (a plan without zero is vented at either end);
     equal neighbours in the file are one hold.
     """
@@ -161,7 +161,7 @@ def _first_misfit(rows: pd.DataFrame, plateaus: list[Plateau], near: float) -> s
     pressures = rows["pressure_kpa"].to_numpy()
     for i, (pressure, plateau) in enumerate(zip(pressures, plateaus, strict=True)):
         if not abs(pressure - plateau.pressure_kpa) <= near:
-            return f"row {i + 1} says {pressure:g} kPa where the run held {plateau.pressure_kpa:.1f} kPa"
+            return f"row {i + 1} is at {pressure:g} kPa where the run held {plateau.pressure_kpa:.1f} kPa"
     return ""
 
 

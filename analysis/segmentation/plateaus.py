@@ -32,9 +32,9 @@ MIN_SAMPLES = 5
 NEAR_TARGET_KPA = 3.0  # a hold farther from a step's target is not that step's
 WINDOWS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
 NEAR_SHARE, MIN_NEAR = 0.05, 0.6  # of the span; share of a hold's rows that are so near its level
-MIN_COVERED = 0.15  # share of the run that a staircase stands still
+MIN_COVERED = 0.15  # share of the run in which a staircase holds its pressure
 MIN_PASSED = 0.3  # share of its holds that lie between a lower and a higher one
-MIN_TOLD = 0.6  # of the holds found must be told from pieces of a ramp
+MIN_DISTINCT = 0.6  # of the holds found must differ from pieces of a ramp
 BY_NOISE = 4.0  # standard errors that noise may move the ends of a hold apart
 MIN_LEVELS = 3  # fewer distinct levels are turning points of a continuous run
 
@@ -53,7 +53,7 @@ class Plateau:
     """One hold. Values are of its settled part; per sensor where a tuple.
 
     `cycle` is 0 outside the complete cycles; `branch` is "unloading", "loading", "start" (the extreme that opens the
-    first cycle) or "" outside; `void` says why the plateau carries no figure, or is ""; `damaged` says it of each
+    first cycle) or "" outside; `void` is why the plateau carries no figure, or ""; `damaged` is that of each
     sensor, whose values are then NaN and its count 0. `losses` are each sensor's.
     """
 
@@ -80,7 +80,7 @@ class Plateau:
 
     @property
     def place(self) -> str:
-        """Where it is, in words: pressure, branch, cycle; what is not known is left out."""
+        """Where it is: pressure, branch, cycle; what is not known is left out."""
         pressure = f"{self.pressure_kpa:+.0f} kPa" if np.isfinite(self.pressure_kpa) else ""
         branch = {"start": "opening"}.get(self.branch, self.branch)
         cycle = f"cycle {self.cycle}" if self.cycle and self.branch != "start" else ""
@@ -141,18 +141,18 @@ def _best_holds(recording: Recording, cycles: Cycles, settings: PlateauSettings)
         if 4 * window > recording.n:
             break
         holds = _holds(sums, window, cycles.noise_kpa, settings.tolerance_kpa, recording.interval_s)
-        holds = [hold for hold in holds if _stands(hold, cycles, settings.tolerance_kpa)]
-        told = [hold for hold in holds if _told_from_a_ramp(hold, speed, cycles.noise_kpa)]
-        # under noise a window too short finds pieces of ramps: it has no say
-        found.append(told if len(told) >= MIN_TOLD * len(holds) else [])
+        holds = [hold for hold in holds if _is_still(hold, cycles, settings.tolerance_kpa)]
+        distinct = [hold for hold in holds if _differs_from_a_ramp(hold, speed, cycles.noise_kpa)]
+        # under noise a window too short finds pieces of ramps: it is not used
+        found.append(distinct if len(distinct) >= MIN_DISTINCT * len(holds) else [])
     covered = [sum(last - first + 1 for first, last in holds) for holds in found]
     # a short window takes pieces of slow ramps into its holds, a long one cuts holds off: the count decides
     enough = [holds for holds, length in zip(found, covered, strict=True) if length >= 0.6 * max(covered)]
     return max(enough, key=len, default=[])
 
 
-def _stands(hold: tuple[int, int], cycles: Cycles, tolerance: float) -> bool:
-    """True where the pressure itself is near its median: the means of a window as long as a cycle stand still too."""
+def _is_still(hold: tuple[int, int], cycles: Cycles, tolerance: float) -> bool:
+    """True where the pressure itself is near its median: the means of a window as long as a cycle are constant too."""
     inside = cycles.smooth_kpa[hold[0] : hold[1] + 1]
     near = np.abs(inside - np.median(inside)) <= max(tolerance, NEAR_SHARE * cycles.span_kpa)
     return bool(near.mean() >= MIN_NEAR)
@@ -164,7 +164,7 @@ def _usual_speed(cycles: Cycles, n: int) -> float:
     return 2.0 * cycles.span_kpa * len(cycles.complete) / rows if rows else cycles.span_kpa / n
 
 
-def _told_from_a_ramp(hold: tuple[int, int], speed: float, noise: float) -> bool:
+def _differs_from_a_ramp(hold: tuple[int, int], speed: float, noise: float) -> bool:
     """True where a ramp at the run's usual speed would have shown over the noise: else a noisy ramp looks like this."""
     count = hold[1] - hold[0] + 1
     return count * speed > 2.0 * BY_NOISE * noise * float(np.sqrt(2.0 / max(count // 3, 1)))
@@ -181,7 +181,7 @@ def _holds(sums: FloatArray, window: int, noise: float, tolerance: float, interv
     found = []
     shortest = max(MIN_SAMPLES, round(0.3 / interval_s))
     for first, last in zip(edges[::2] + window, edges[1::2] + window - 1, strict=True):
-        # the windows reach over the edge at either end: inside them the hold goes on
+        # the windows reach over the edge at either end: inside them the hold continues
         first = 0 if first == window else first
         last = n - 1 if last == n - window else last
         if last - first + 1 < shortest:
@@ -276,7 +276,7 @@ def _before_the_ramp(smooth_kpa: FloatArray, tolerance: float) -> int:
 
 def _void_reason(usable: int, losses: Losses, settings: PlateauSettings) -> str:
     if usable < MIN_SAMPLES:
-        return f"only {usable} usable samples after settling"
+        return f"only {usable} usable samples after settling" if usable else "no usable samples after settling"
     return losses.void(settings.max_damaged)
 
 
@@ -300,7 +300,7 @@ def _with_step(plateau: Plateau, recording: Recording) -> Plateau:
 
 
 def _one_for_each_step(plateaus: tuple[Plateau, ...]) -> tuple[Plateau, ...]:
-    """Keep the longest stretch of each step: a step is held once, what else stands still in it belongs to its ramp."""
+    """Keep the longest stretch of each step: a step is held once, any other hold in it belongs to its ramp."""
     longest: dict[int, Plateau] = {}
     for p in plateaus:
         if p.step is not None and (p.step not in longest or max(p.n) > max(longest[p.step].n)):

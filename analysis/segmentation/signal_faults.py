@@ -1,13 +1,13 @@
-"""Signals that are no measurement though nothing flagged them: clipped at a rail, frozen, dropped out.
+"""Signals that are no measurement although no flag marks them: clipped at a rail, frozen, dropped out.
 
-A board flags its saturated samples; a CSV cannot. What is told here from the signal and the pressure alone:
+A board flags its saturated samples; a CSV cannot. Found here from the signal and the pressure alone:
     frozen     exactly one value while the pressure moves by more than a tenth of its span
     clipped    the signal's highest or lowest value, held far longer than the signal ever holds another
     dropped    a jump away and back, of more than a quarter of the span each, while the pressure does not jump;
                or such a jump of the pressure itself
 
-Rules: a signal that never changes is left alone: it has no span, and its figures say so. Only `usable` and `masked` of
-the recording change; no column does.
+Rules: a signal that never changes is left alone: it has no span, and its figures are void. Only `usable` and `masked`
+of the recording change; no column does.
 """
 
 from __future__ import annotations

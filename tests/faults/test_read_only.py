@@ -184,7 +184,7 @@ def test_read_only_recording_is_read(done: dict[str, Done]) -> None:
 def test_result_that_cannot_be_stored_is_shown(analysed: dict[str, Done]) -> None:
     """The message states that it was not stored."""
     assert analysed["analyze"].code == 0, analysed["analyze"].err
-    assert "was not kept" in analysed["analyze"].err
+    assert "was not stored" in analysed["analyze"].err
 
 
 @pytest.mark.fault(29, how="an interrupted recording in a folder that may not be written", times=2)

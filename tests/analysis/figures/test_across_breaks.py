@@ -120,7 +120,9 @@ def test_too_few_cycles_are_said_to_be_untested(sizes: tuple[int, int]) -> None:
     found = compared(np.full(sizes[0], 1600.0), np.full(sizes[1], 1601.0))
     assert found.verdict == "untested"
     assert "untested" in found.sentence
-    assert (f"broken after cycle {sizes[0]} (" if sizes[0] else "broken before its first whole cycle") in found.sentence
+    assert (
+        f"interrupted after cycle {sizes[0]} (" if sizes[0] else "interrupted before its first complete cycle"
+    ) in found.sentence
     assert len(parts_of([found])) == 1
 
 

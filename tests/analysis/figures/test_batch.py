@@ -50,7 +50,7 @@ def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     """No runs, and no folder."""
     with pytest.raises(AnalysisError, match="holds no runs"):
         batch(tmp_path)
-    with pytest.raises(AnalysisError, match="no folder"):
+    with pytest.raises(AnalysisError, match="not a folder"):
         batch(tmp_path / "nowhere")
 
 

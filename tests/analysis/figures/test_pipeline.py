@@ -178,7 +178,7 @@ def test_a_flat_signal_is_undefined_not_an_exception(tmp_path: Path) -> None:
     ("change", "said"),
     [
         (lambda f: f.iloc[:-3], "88 rows where the run has"),
-        (lambda f: f.assign(pressure_kpa=f["pressure_kpa"].to_numpy()[::-1] + 7), "row 1 says"),
+        (lambda f: f.assign(pressure_kpa=f["pressure_kpa"].to_numpy()[::-1] + 7), "row 1 is at"),
         (lambda f: f.rename(columns={"elongation_mm": "x"}), "no column 'elongation_mm'"),
     ],
 )

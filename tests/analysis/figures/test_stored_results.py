@@ -55,7 +55,7 @@ def test_an_older_recording_is_not_added_to(tmp_path: Path, analysed: tuple[Reco
         db.execute("PRAGMA user_version = 1")
     before = run.read_bytes()
     said = store_analysis(run, analysed[1])
-    assert "older program's recording" in said
+    assert "layout of an older program" in said
     assert "boat-daq upgrade" in said
     assert run.read_bytes() == before
     with closing(sqlite3.connect(run)) as db:

@@ -48,7 +48,7 @@ def test_no_other_breaks_are_cheaper() -> None:
 def test_no_page_holds_a_single_row(rows: int) -> None:
     """However long a table is, its head stands on every page, with four rows or more of it, and none is lost."""
     blocks = pdf._table(ReportTable(("no.", "mV"), tuple((str(k), "1.0") for k in range(rows)), "Means."))
-    found = broken(blocks, pdf.ROOM)
+    found = broken(blocks, pdf.PAGE_INCH)
     heads = [sum(b is blocks[0] or b.texts == blocks[0].texts for b in page) for page in found]
     held = [sum(b.head is not None for b in page) for page in found]
     assert heads == [1] * len(found)

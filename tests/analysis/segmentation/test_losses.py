@@ -180,8 +180,8 @@ def test_noise_at_rest_is_no_fault(seconds: float) -> None:
 @pytest.mark.parametrize(
     ("forgery", "word"),
     [
-        ("n = n + 7", r"block 1 says \d+ samples and holds \d+ bytes"),
-        ("n = 0", "block 1 says 0 samples"),
+        ("n = n + 7", r"block 1 declares \d+ samples and holds \d+ bytes"),
+        ("n = 0", "block 1 declares 0 samples"),
         ("crc32 = crc32 + 1", "block 1 does not match its checksum"),
     ],
 )

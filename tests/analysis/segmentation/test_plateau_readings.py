@@ -48,7 +48,7 @@ def test_a_broken_run_takes_one_row_for_each_step(tmp_path: Path, read: list[flo
 def test_rows_at_other_pressures_are_refused(tmp_path: Path) -> None:
     """As many rows as steps, one of them at a pressure that was not held: refused, with the row."""
     plateaus = tuple(plateau(n, *held) for n, held in enumerate(HELD, 1))
-    with pytest.raises(DataError, match=r"row 2 says 20 kPa where the run held 40\.0 kPa"):
+    with pytest.raises(DataError, match=r"row 2 is at 20 kPa where the run held 40\.0 kPa"):
         elongations_of(BROKEN, plateaus, write(tmp_path / "readings.csv", [50.0, 20.0]))
 
 

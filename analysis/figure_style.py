@@ -5,7 +5,12 @@ Colours are those of Okabe and Ito, safe for colour blindness; sensors keep thei
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+Arguments = ParamSpec("Arguments")
+Drawn = TypeVar("Drawn")
 
 SENSORS = ("#0072B2", "#D55E00", "#882255", "#44AA99")
 PRESSURE = "#009E73"
@@ -65,3 +70,16 @@ RC: Any = {  # matplotlib types the keys of rc_context one by one
 def sensor_colour(number: int) -> str:
     """Return the colour of a sensor, counted from 0."""
     return SENSORS[number % len(SENSORS)]
+
+
+def styled(draw: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
+    """Run a function that draws with matplotlib in this style, whatever the global one is."""
+
+    @wraps(draw)
+    def within(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Drawn:
+        import matplotlib as mpl  # half a second that only who draws spends
+
+        with mpl.rc_context(RC):
+            return draw(*args, **kwargs)
+
+    return within

@@ -28,6 +28,7 @@ import pandas as pd
 from analysis.arrays import FloatArray, IntArray
 from analysis.data.recording import READING_COLUMNS, STEP_COLUMNS, Gap, Recording
 from analysis.errors import FileError, RequestError
+from analysis.version import program_version
 from protocol.recording import (
     SCHEMA_VERSION,
     check_long_tables,
@@ -285,13 +286,3 @@ def store_result(
     except DAMAGE as error:
         raise FileError(f"the result cannot be written into {path.name}: {error}", "Is it read-only?") from error
     return True
-
-
-def program_version() -> str:
-    """Return the version of the installed program."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("boat-daq")
-    except PackageNotFoundError:
-        return "uninstalled"

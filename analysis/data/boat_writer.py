@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from analysis.data.boat_file import program_version
 from analysis.data.recording import Recording
 from analysis.errors import FileError
+from analysis.version import program_version
 from protocol.errors import RecordingError
 from protocol.recording import (
     APPLICATION_ID,

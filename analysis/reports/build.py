@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.data.boat_file import program_version
 from analysis.errors import FileError, RequestError
 from analysis.figures.acceptance import judge
 from analysis.figures.between_runs import RunComparison, compare_runs
@@ -28,6 +27,7 @@ from analysis.reports.html import write_html
 from analysis.reports.pdf import write_pdf
 from analysis.reports.runs import history_of_unit, runs_table, spread_of_runs
 from analysis.reports.shadow import shadow_section
+from analysis.version import program_version
 
 if TYPE_CHECKING:
     from analysis.figures.against_shadow import AgainstShadow

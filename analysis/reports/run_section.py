@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from analysis import published
-from analysis.data.boat_file import program_version
 from analysis.figures.acceptance import LIMITS
 from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES
 from analysis.figures.pipeline import Analysis
@@ -20,6 +19,7 @@ from analysis.numbers import NOTHING, percent, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.cells import cells, p_value, power
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart
+from analysis.version import program_version
 
 
 def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:

@@ -1,7 +1,7 @@
-"""Figures of scenes, sweeps and studies for reports, files and the window; matplotlib without any global state.
+"""Figures of scenes and sweeps, for files.
 
-Rules: colours and sizes stand in the table below and nowhere else; axes carry units; the actuator lies along the page,
-from the emitter on the left to the receiver on the right, wherever its axis points in the data.
+Rules: axes have units; the actuator lies along the page, from the emitter on the left to the receiver on the right,
+wherever its axis points in the data.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
+from analysis import figure_style as style
 from analysis.arrays import FloatArray
 from analysis.errors import FileError
 from analysis.optics.scene.frame import SceneFrame
@@ -24,22 +25,15 @@ from analysis.optics.sweep.figure_of_merit import pareto
 from analysis.optics.sweep.sweep import STEPS_MM, SweepResult
 from analysis.optics.tracer.simulation import ray_paths
 
-BLUE, VERMILLION, GREEN, PURPLE, GREY, INK, RESIN = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#8a8f98",
-    "#1f2328",
-    "#e3edf5",
-)
-FONT_PT, SMALL_PT, LINE_PT, DPI = 9, 8, 1.0, 160
+BLUE, VERMILLION = style.SENSORS[:2]
+RESIN, GREEN = "#E3EDF5", style.PRESSURE
+DPI = 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as the file's suffix says: PNG, SVG or PDF.
+    """Write a figure in the format of the file's suffix: PNG, SVG or PDF.
 
     Raises
     ------
@@ -50,37 +44,35 @@ def save(figure: Figure, path: Path) -> None:
     except OSError as error:
         raise FileError(f"{path} cannot be written: {error.strerror}", "choose another --out") from error
     except ValueError as error:
-        raise FileError(f"{path}: its ending names no picture", "name a file ending in .png, .svg or .pdf") from error
+        raise FileError(f"{path}: its suffix names no picture", "name a file ending in .png, .svg or .pdf") from error
 
 
 def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _dress(axes: object, x: str, y: str) -> None:
-    axes.set_xlabel(x, fontsize=FONT_PT, color=INK)  # type: ignore[attr-defined]
-    axes.set_ylabel(y, fontsize=FONT_PT, color=INK)  # type: ignore[attr-defined]
-    axes.tick_params(labelsize=SMALL_PT, colors=INK)  # type: ignore[attr-defined]
-    axes.grid(True, linewidth=0.4, alpha=0.35)  # type: ignore[attr-defined]
-    axes.spines[["top", "right"]].set_visible(False)  # type: ignore[attr-defined]
-
-
 def laid(frame: SceneFrame, points: FloatArray) -> FloatArray:
-    """Points (n, 2) turned so that the actuator lies along x from the emitter at 0, mm."""
-    way = frame.emitter[2:]
+    """Return points (n, 2) turned so that the actuator lies along x from the emitter at 0, mm."""
+    axis = frame.emitter[2:]
     moved = points - frame.emitter[:2]
-    return np.stack([moved @ way, moved @ np.array([-way[1], way[0]])], axis=1)
+    return np.stack([moved @ axis, moved @ np.array([-axis[1], axis[0]])], axis=1)
 
 
+@style.styled
 def draw_scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light, title: str = "") -> Figure:
-    """The resin, the emitter, the receiver and the rays of one design in one state; secondaries in another colour."""
+    """Draw the resin, the emitter, the receiver and the rays of one design in one state.
+
+    Parameters
+    ----------
+    frame, design, guide, light : as in `simulation.trace`. title : of the figure.
+    """
     figure = _figure(9.0, 3.9)
     axes = figure.add_subplot()
     shape = outline(frame, design)
     rings = [laid(frame, contour.sampled()) for contour in shape.contours]
     codes = np.concatenate([[Outline.MOVETO, *[Outline.LINETO] * (len(r) - 1), Outline.CLOSEPOLY] for r in rings])
     ring = np.concatenate([np.concatenate([r, r[:1]]) for r in _opposed(rings)])
-    axes.add_patch(PathPatch(Outline(ring, codes), facecolor=RESIN, edgecolor=GREY, linewidth=0.6))
+    axes.add_patch(PathPatch(Outline(ring, codes), facecolor=RESIN, edgecolor=style.SOFT, linewidth=0.6))
     paths = ray_paths(frame, design, guide, light)
     for secondary, colour in ((False, BLUE), (True, VERMILLION)):
         chosen = [p for p in paths if p.secondary == secondary]
@@ -90,19 +82,18 @@ def draw_scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light
         axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.4, alpha=strength))
     if np.isfinite(shape.receiver[0, 0]):
         axes.plot(*laid(frame, shape.receiver).T, color=GREEN, linewidth=3.0, solid_capstyle="butt", label="receiver")
-    axes.plot([0], [0], "o", color=PURPLE, markersize=4, label="emitter")
+    axes.plot([0], [0], "o", color=style.ELONGATION, markersize=4, label="emitter")
     axes.plot([], [], color=BLUE, linewidth=1, label="released")
     axes.plot([], [], color=VERMILLION, linewidth=1, label="secondary")
     axes.set_aspect("equal")
     axes.margins(0.02, 0.06)
-    _dress(axes, "along the actuator, mm", "across, mm")
-    axes.legend(fontsize=SMALL_PT, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    axes.set_title(title, fontsize=FONT_PT, color=INK, loc="left")
+    axes.set(xlabel="along the actuator, mm", ylabel="across, mm", title=title)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
 def _opposed(rings: Sequence[FloatArray]) -> list[FloatArray]:
-    """Outside to the left, holes to the right, so that holes stay empty."""
+    """Return the outside turning left and the holes turning right, so that holes stay empty."""
     out = []
     for number, ring in enumerate(rings):
         x, y = ring.T
@@ -111,12 +102,13 @@ def _opposed(rings: Sequence[FloatArray]) -> list[FloatArray]:
     return out
 
 
+@style.styled
 def draw_response(result: SweepResult, chosen: Sequence[Design]) -> Figure:
-    """NDR with its standard deviation, and aNDR, over the states, as in the paper's figure 3B."""
+    """Draw NDR with its standard deviation, and aNDR, over the states, as in the paper's figure 3B."""
     figure = _figure(5.6, 3.6)
     axes = figure.add_subplot()
     merit, states = result.merit(), np.arange(result.ndr.shape[1])
-    for design, colour in zip(chosen, (BLUE, VERMILLION, GREEN, PURPLE), strict=False):
+    for design, colour in zip(chosen, (BLUE, VERMILLION), strict=False):
         i = result.designs.index(design)
         name = (
             f"{design.cavities} x {design.width_mm:g} x {design.depth_mm:g}, spacing {design.spacing_mm:g} mm: "
@@ -125,18 +117,19 @@ def draw_response(result: SweepResult, chosen: Sequence[Design]) -> Figure:
         axes.errorbar(
             states, result.ndr[i], yerr=result.ndr_sd[i], fmt="o", markersize=3.5, linewidth=0.7, color=colour
         )
-        axes.plot(states, merit.andr[i], color=colour, linewidth=LINE_PT, label=name)
-    _dress(
-        axes,
-        f"state: 0 most compressed to {len(states) - 1} most elongated",
-        "detected rays of 250",
-    )
-    axes.legend(fontsize=SMALL_PT, frameon=False)
+        axes.plot(states, merit.andr[i], color=colour, label=name)
+    axes.set(xlabel=f"state: 0 most compressed to {len(states) - 1} most elongated", ylabel="detected rays of 250")
+    axes.legend()
     return figure
 
 
 def p_grid(result: SweepResult, cavities: int, width_mm: float) -> FloatArray:
-    """P normalised by the sweep's maximum, (6 depths, 6 spacings); NaN where a design was not simulated."""
+    """Return P over the sweep's maximum, (6 depths, 6 spacings); NaN where a design was not simulated.
+
+    Parameters
+    ----------
+    result : of the sweep. cavities, width_mm : of the designs shown.
+    """
     p = result.merit().p_normalised
     out = np.full((len(STEPS_MM), len(STEPS_MM)), np.nan)
     for i, design in enumerate(result.designs):
@@ -145,19 +138,19 @@ def p_grid(result: SweepResult, cavities: int, width_mm: float) -> FloatArray:
     return out
 
 
+@style.styled
 def draw_maps(result: SweepResult, cavities: int) -> Figure:
-    """P over depth and spacing for each width, as in the paper's figure 3D; the paper's optimum and our best are
-    marked.
-    """
+    """Draw P over depth and spacing for each width, as in the paper's figure 3D, with both optima marked."""
     figure = _figure(9.0, 5.6)
     best = result.designs[int(np.argmax(result.merit().p))]
     grid = figure.subplots(2, 3, sharex=True, sharey=True)
     image = None
     for axes, width in zip(grid.flat, STEPS_MM, strict=True):
         image = axes.imshow(p_grid(result, cavities, width), origin="lower", cmap="viridis", vmin=0.0, vmax=1.0)
-        axes.set_title(f"width {width:g} mm", fontsize=FONT_PT, color=INK)
-        axes.set_xticks(range(6), [f"{s:g}" for s in STEPS_MM], fontsize=SMALL_PT)
-        axes.set_yticks(range(6), [f"{s:g}" for s in STEPS_MM], fontsize=SMALL_PT)
+        axes.set(title=f"width {width:g} mm")
+        axes.grid(visible=False)
+        axes.set_xticks(range(6), [f"{s:g}" for s in STEPS_MM])
+        axes.set_yticks(range(6), [f"{s:g}" for s in STEPS_MM])
         for design, mark in ((best, "*"), (PAPER_OPTIMUM, "o")):
             if (design.cavities, design.width_mm) == (cavities, width):
                 axes.plot(
@@ -170,17 +163,16 @@ def draw_maps(result: SweepResult, cavities: int) -> Figure:
                     markeredgewidth=1.6,
                 )
     if image is not None:
-        bar = figure.colorbar(image, ax=grid, shrink=0.8)
-        bar.set_label("P / largest P of the sweep", fontsize=FONT_PT)
-        bar.ax.tick_params(labelsize=SMALL_PT)
-    figure.supxlabel("spacing, mm", fontsize=FONT_PT)
-    figure.supylabel("depth, mm", fontsize=FONT_PT)
-    figure.suptitle(f"{cavities} cavities   (star: our best, circle: the paper's optimum)", fontsize=FONT_PT, color=INK)
+        figure.colorbar(image, ax=grid, shrink=0.8).set_label("P / largest P of the sweep")
+    figure.supxlabel("spacing, mm")
+    figure.supylabel("depth, mm")
+    figure.suptitle(f"{cavities} cavities   (star: our best, circle: the paper's optimum)")
     return figure
 
 
+@style.styled
 def draw_pareto(result: SweepResult) -> Figure:
-    """Delta against RMSE, n_sign as colour; the front is ringed, the paper's optimum and our best are named."""
+    """Draw Delta against RMSE, n_sign as colour; the Pareto front is ringed, both optima are named."""
     figure = _figure(5.6, 4.2)
     axes = figure.add_subplot()
     merit = result.merit()
@@ -191,9 +183,9 @@ def draw_pareto(result: SweepResult) -> Figure:
         merit.delta[front],
         s=46,
         facecolors="none",
-        edgecolors=INK,
+        edgecolors=style.INK,
         linewidths=0.8,
-        label="not bettered in all three",
+        label="Pareto-optimal",
     )
     for i, name, colour in ((int(np.argmax(merit.p)), "our best", BLUE), (result.find(), "paper's", VERMILLION)):
         if i is not None:
@@ -207,9 +199,7 @@ def draw_pareto(result: SweepResult) -> Figure:
                 markeredgewidth=1.6,
                 label=name,
             )
-    bar = figure.colorbar(dots)
-    bar.set_label("n_sign: steps in which NDR rises", fontsize=FONT_PT)
-    bar.ax.tick_params(labelsize=SMALL_PT)
-    _dress(axes, "RMSE about aNDR, rays of 250", "Delta, rays of 250")
-    axes.legend(fontsize=SMALL_PT, frameon=False)
+    figure.colorbar(dots).set_label("n_sign: steps in which NDR rises")
+    axes.set(xlabel="RMSE about aNDR, rays of 250", ylabel="Delta, rays of 250")
+    axes.legend()
     return figure

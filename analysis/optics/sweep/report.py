@@ -1,9 +1,10 @@
-"""A sweep's and a search's results as the command line, files and other programs read them. Computes nothing new."""
+"""A sweep's and a search's results for the command line, files and other programs; nothing is computed here."""
 
 from __future__ import annotations
 
 import csv
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,27 +15,16 @@ from analysis.optics.sweep import drawings as figures
 from analysis.optics.sweep.figure_of_merit import PARTING, Merit
 from analysis.optics.sweep.optimise import BETTER, PATIENCE, Optimum
 from analysis.optics.sweep.sweep import SweepResult
-from analysis.optics.sweep.sweep_file import program_version
-
-
-def design_json(design: Design) -> dict[str, Any]:
-    """A design's parameters."""
-    return {
-        "cavities": design.cavities,
-        "width_mm": design.width_mm,
-        "depth_mm": design.depth_mm,
-        "spacing_mm": design.spacing_mm,
-        "face": design.face,
-    }
+from analysis.version import program_version
 
 
 def sweep_json(result: SweepResult) -> dict[str, Any]:
-    """The object of `optics sweep --json`."""
-    merit, doubt, ranks = result.merit(), result.uncertainty(), result.ranks()
+    """Return the object of `optics sweep --json`."""
+    merit, spread, ranks = result.merit(), result.uncertainty(), result.ranks()
     power = result.merit_of_power()
     designs = [
         {
-            **design_json(d),
+            **asdict(d),
             "ndr": result.ndr[i],
             "andr": merit.andr[i],
             "delta": merit.delta[i],
@@ -43,11 +33,11 @@ def sweep_json(result: SweepResult) -> dict[str, Any]:
             "p": merit.p[i],
             "p_printed": merit.p_printed[i],
             "p_normalised": merit.p_normalised[i],
-            "p_ci": doubt.p_ci[i],
+            "p_ci": spread.p_ci[i],
             "monotone": bool(merit.monotone[i]),
             "rmse_floored": bool(merit.floored[i]),
             "rank": int(ranks[i]),
-            "tied": bool(doubt.tied[i]),
+            "tied": bool(spread.tied[i]),
             "power": result.power[i],
             "p_power": power.p[i],
         }
@@ -64,14 +54,14 @@ def sweep_json(result: SweepResult) -> dict[str, Any]:
         "version": program_version(),
         "designs": designs,
         "best": designs[best],
-        "tied_with_best": [design_json(d) for i, d in enumerate(result.designs) if doubt.tied[i]],
+        "tied_with_best": [asdict(d) for i, d in enumerate(result.designs) if spread.tied[i]],
         "paper_optimum": None
         if paper is None
         else {
             "rank": int(ranks[paper]),
             "p": merit.p[paper],
-            "p_ci": doubt.p_ci[paper],
-            "tied": bool(doubt.tied[paper]),
+            "p_ci": spread.p_ci[paper],
+            "tied": bool(spread.tied[paper]),
             "rank_by_power": int(1 + np.sum(power.p > power.p[paper])),
         },
         "printed_and_repaired": PARTING,
@@ -87,19 +77,19 @@ def _line(label: str, design: Design, merit: Merit, i: int) -> str:
 
 
 def sweep_text(result: SweepResult) -> str:
-    """The same in a few lines for a reader."""
-    merit, doubt = result.merit(), result.uncertainty()
+    """Return the same as a few lines of text."""
+    merit, spread = result.merit(), result.uncertainty()
     best, paper = int(np.argmax(merit.p)), result.find()
     lines = [
         f"{result.ndr.size} simulations, {result.simulated} now, in {result.seconds:.2f} s, {result.hits} hits",
         _line("best", result.designs[best], merit, best),
-        f"95 % interval of its P: {doubt.p_ci[best, 0]:.3f} to {doubt.p_ci[best, 1]:.3f}; "
-        f"{int(doubt.tied.sum())} of {len(result.designs)} designs cannot be told from it",
+        f"95 % interval of its P: {spread.p_ci[best, 0]:.3f} to {spread.p_ci[best, 1]:.3f}; "
+        f"{int(spread.tied.sum())} of {len(result.designs)} designs equal within noise",
     ]
     if paper is not None:
         lines += [
             _line(f"paper's optimum, rank {result.ranks()[paper]}", result.designs[paper], merit, paper),
-            f"it is {'' if doubt.tied[paper] else 'not '}among the designs that tie with the best",
+            f"it is {'' if spread.tied[paper] else 'not '}equal to the best within noise",
         ]
     return "\n".join(lines)
 
@@ -130,60 +120,39 @@ def _paper(result: SweepResult) -> list[Design]:
 
 def _write_table(result: SweepResult, path: Path) -> None:
     """One row per design; parameters and version in comment lines at the head."""
-    merit, doubt, ranks = result.merit(), result.uncertainty(), result.ranks()
+    merit, spread, ranks = result.merit(), result.uncertainty(), result.ranks()
     states = range(result.ndr.shape[1])
     with path.open("w", newline="", encoding="utf-8") as file:
-        file.write(
-            f"# boat-daq {program_version()}, parameters {json.dumps(result.request.described(), sort_keys=True)}\n"
-        )
+        parameters = json.dumps(result.request.described(), sort_keys=True)
+        file.write(f"# boat-daq {program_version()}, parameters {parameters}\n")
         rows = csv.writer(file)
-        rows.writerow(
-            [
-                "cavities",
-                "width_mm",
-                "depth_mm",
-                "spacing_mm",
-                "face",
-                "rank",
-                "tied",
-                "p",
-                "p_low",
-                "p_high",
-                "p_printed",
-                "delta",
-                "n_sign",
-                "rmse",
-                "monotone",
-                "rmse_floored",
-                *(f"ndr_{s}" for s in states),
-                *(f"power_{s}" for s in states),
-            ]
-        )
         for i, design in enumerate(result.designs):
-            rows.writerow(
-                [
-                    *design_json(design).values(),
-                    ranks[i],
-                    int(doubt.tied[i]),
-                    merit.p[i],
-                    *doubt.p_ci[i],
-                    merit.p_printed[i],
-                    merit.delta[i],
-                    int(merit.n_sign[i]),
-                    merit.rmse[i],
-                    int(merit.monotone[i]),
-                    int(merit.floored[i]),
-                    *result.ndr[i],
-                    *result.power[i],
-                ]
-            )
+            row = {
+                **asdict(design),
+                "rank": ranks[i],
+                "tied": int(spread.tied[i]),
+                "p": merit.p[i],
+                "p_low": spread.p_ci[i, 0],
+                "p_high": spread.p_ci[i, 1],
+                "p_printed": merit.p_printed[i],
+                "delta": merit.delta[i],
+                "n_sign": int(merit.n_sign[i]),
+                "rmse": merit.rmse[i],
+                "monotone": int(merit.monotone[i]),
+                "rmse_floored": int(merit.floored[i]),
+                **{f"ndr_{s}": result.ndr[i, s] for s in states},
+                **{f"power_{s}": result.power[i, s] for s in states},
+            }
+            if i == 0:
+                rows.writerow(row)
+            rows.writerow(row.values())
 
 
 def optimum_json(found: Optimum) -> dict[str, Any]:
-    """The object of `optics optimise --json`."""
+    """Return the object of `optics optimise --json`."""
     return {
-        "start": {**design_json(found.start), "p": found.start_p, "p_range": list(found.start_range)},
-        "best": {**design_json(found.best), "p": found.best_p, "p_range": list(found.best_range)},
+        "start": {**asdict(found.start), "p": found.start_p, "p_range": list(found.start_range)},
+        "best": {**asdict(found.best), "p": found.best_p, "p_range": list(found.best_range)},
         "gain": found.gain,
         "paper_p": found.paper_p,
         "evaluations": found.evaluations,
@@ -197,7 +166,7 @@ def optimum_json(found: Optimum) -> dict[str, Any]:
 
 
 def optimum_text(found: Optimum) -> str:
-    """The same in a few lines for a reader."""
+    """Return the same as a few lines of text."""
     lines = [
         f"{label}: {d.cavities} cavities in the {d.face} face, width {d.width_mm:.3f}, depth {d.depth_mm:.3f}, "
         f"spacing {d.spacing_mm:.3f} mm: P {p:.3f} on power, {low:.3f} to {high:.3f} with the fan turned"
@@ -211,7 +180,7 @@ def optimum_text(found: Optimum) -> str:
         f"{found.seconds:.1f} s; the paper's optimum has P {found.paper_p:.3f} here"
     )
     if found.finished:
-        lines.append(f"settled: {PATIENCE} generations in a row found nothing better by {100 * BETTER:g} %")
+        lines.append(f"converged: {PATIENCE} generations in a row improved by less than {100 * BETTER:g} %")
     else:
-        lines.append("the time ran out before the search had settled: allow more seconds for a better one")
+        lines.append("the time ran out before the search converged: allow more seconds for a better design")
     return "\n".join(lines)

@@ -1,8 +1,8 @@
-"""The results of a sweep in one SQLite file: written as they come, so that a stopped sweep goes on where it was.
+"""The results of a sweep in one SQLite file, written as they arrive, so that a stopped sweep resumes where it was.
 
-Schema (additive only): `meta(key, value)` holds the parameters as JSON, the program's version and when it began;
-`simulation` holds one row per design and state, from which every figure can be derived again. A file belongs to one
-set of parameters; another set is refused, not mixed in.
+Schema (additive only): `meta(key, value)` has the parameters as JSON, the program's version and the start time;
+`simulation` has one row per design and state, from which every figure can be derived again. A file belongs to one
+set of parameters; another set is rejected.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import json
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.errors import FileError, RequestError
 from analysis.optics.scene.parameters import Design
 from analysis.optics.tracer.tally import COUNTS, ENERGY, LEDGER
+from analysis.version import program_version
 
 USER_VERSION = 1
 COUNT_NAMES = (*LEDGER, "hits", "secondaries", "refused")
@@ -34,25 +35,17 @@ pragma user_version = {USER_VERSION};
 """
 
 
-def program_version() -> str:
-    """Version of the installed program, or 'source' where it runs from its folder."""
-    try:
-        return metadata.version("boat-daq")
-    except metadata.PackageNotFoundError:
-        return "source"
-
-
 class SweepFile:
     """A sweep's results on disk.
 
     Parameters
     ----------
-    path : the file; made where it does not exist.
-    parameters : everything that decides a simulation's result, JSON's own types.
+    path : the file; created where it does not exist.
+    parameters : everything that determines a simulation's result, JSON's own types.
 
     Raises
     ------
-    FileError : the file is no sweep's. RequestError : it belongs to another sweep.
+    FileError : the file is not a sweep's. RequestError : it belongs to another sweep.
     """
 
     def __init__(self, path: Path, parameters: dict[str, object]) -> None:
@@ -75,8 +68,8 @@ class SweepFile:
             ) from error
         if kept != text:
             raise RequestError(
-                f"{path} holds a sweep with other parameters",
-                "choose another --out folder, or remove the file to begin again",
+                f"{path} is of a sweep with other parameters",
+                "choose another --out folder, or remove the file to start over",
             )
 
     @contextmanager
@@ -86,26 +79,21 @@ class SweepFile:
             for pragma in ("trusted_schema=off", "cell_size_check=on", "mmap_size=0"):
                 db.execute(f"pragma {pragma}")
             if db.execute("select 1 from sqlite_schema where type in ('view', 'trigger')").fetchone():
-                raise FileError(f"{self.path} holds something that runs when read", "it was not made by boat-daq")
+                raise FileError(f"{self.path} has a view or trigger", "boat-daq did not write it: choose another")
             with db:
                 yield db
         finally:
             db.close()
 
     def write(self, designs: Sequence[Design], counts: IntArray, energy: FloatArray, changes: FloatArray) -> None:
-        """Add the results of whole designs in one transaction: counts (d, s, 10), energy (d, s, 4), changes (d, s)."""
+        """Add the results of whole designs in one transaction.
+
+        Parameters
+        ----------
+        designs : (d,). counts, energy, changes : (d, s, 10), (d, s, 4) and (d, s).
+        """
         rows = [
-            (
-                d.cavities,
-                d.width_mm,
-                d.depth_mm,
-                d.spacing_mm,
-                d.face,
-                s,
-                *counts[i, s].tolist(),
-                *energy[i, s].tolist(),
-                float(changes[i, s]),
-            )
+            (*asdict(d).values(), s, *counts[i, s].tolist(), *energy[i, s].tolist(), float(changes[i, s]))
             for i, d in enumerate(designs)
             for s in range(counts.shape[1])
         ]
@@ -113,11 +101,11 @@ class SweepFile:
             db.executemany(_INSERT, rows)
 
     def read(self, states: int) -> dict[Design, tuple[IntArray, FloatArray, FloatArray]]:
-        """Every design that has all its states: counts (s, 10), energy (s, 4), changes (s,).
+        """Return every design that has all its states: counts (s, 10), energy (s, 4), changes (s,).
 
         Raises
         ------
-        FileError : the file is damaged. RequestError : it holds a design that cannot be.
+        FileError : the file is damaged. RequestError : it has an impossible design.
         """
         sql = f"select {', '.join(_COLUMNS)} from simulation order by {', '.join(_KEYS)}"  # noqa: S608
         try:
@@ -128,7 +116,7 @@ class SweepFile:
                 done.setdefault(Design(int(row[0]), *row[1:5]), []).append(row[6:])
             return {design: _arrays(values) for design, values in done.items() if len(values) == states}
         except (sqlite3.Error, MemoryError, ValueError, TypeError, OverflowError) as error:
-            raise FileError(f"{self.path} is damaged: {error}", "remove it to begin the sweep again") from error
+            raise FileError(f"{self.path} is damaged: {error}", "remove it to start the sweep over") from error
 
 
 def _arrays(rows: list[tuple[float, ...]]) -> tuple[IntArray, FloatArray, FloatArray]:

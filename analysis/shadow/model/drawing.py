@@ -25,6 +25,7 @@ SCREEN_TOLERANCE_MM = 0.05
 """A quarter of a pixel of the pane, and a third of the millimetre grid's reading error (0.5 / sqrt(12) = 0.14 mm)."""
 
 
+@style.styled
 def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour = "displacement") -> Figure:
     """Draw one frame.
 
@@ -59,11 +60,11 @@ def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour =
     draw_guides(axes, state)
     draw_tips(axes, state, topology)
     if shown is not None:
-        figure.colorbar(shown, ax=axes, shrink=0.75, pad=0.02).set_label(title, color=style.SOFT)
+        figure.colorbar(shown, ax=axes, shrink=0.75, pad=0.02).set_label(title)
     axes.set(xlabel="along the actuator (z), mm", ylabel="across (x), mm", aspect="equal")
-    axes.set_title(headline(state), loc="left", fontsize=9.5, color=style.INK)
-    axes.spines[["top", "right"]].set_visible(False)
-    figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
+    axes.set_title(headline(state))
+    axes.grid(visible=False)
+    figure.legend(loc="outside lower center", ncols=5)
     return figure
 
 
@@ -105,6 +106,7 @@ def draw_tips(axes: Axes, state: ShadowState, topology: ShadowTopology) -> None:
         )
 
 
+@style.styled
 def table_errors_figure(parameters: ActuatorParameters) -> Figure:
     """Build tables on three sizes of grid; draw their error against the number of shapes."""
     figure = Figure(figsize=(7.0, 4.4), layout="constrained")
@@ -123,6 +125,5 @@ def table_errors_figure(parameters: ActuatorParameters) -> Figure:
         ylabel="greatest error of a tracked point, mm",
         title="Reduced model: shapes against error on held-out states",
     )
-    axes.grid(True, color=style.LINE, lw=0.6)
-    axes.legend(frameon=False, fontsize=8.5)
+    axes.legend()
     return figure

@@ -1,4 +1,4 @@
-"""The fifteen states of the two guides that the optical model starts from: mechanics handed to optics.
+"""The fifteen states of the two guides that the optical model starts from.
 
 Strategy: as in the paper, pressure is swept in even steps, seven of compression, rest, seven of elongation, and the
 guides are sampled in each: seven tracked points a guide, or every 0.5 mm.
@@ -11,27 +11,24 @@ present model are kept in the user's cache, named by a hash of its parameters as
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
-from contextlib import suppress
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 import numpy as np
-import platformdirs
 
 from analysis.arrays import FloatArray
 from analysis.errors import FileError, RequestError
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
+from analysis.shadow.model.cache import cache_folder, keep_arrays, load_arrays
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.guides import both_guides
-from analysis.shadow.model.table import UNREADABLE
+from analysis.version import program_version
 
 FORMAT = 1
 STEPS = 7
+_ARRAYS = ("curves_mm", "pressure_kpa", "elongation_mm")
 HEADER = "state,guide,point,x_mm,z_mm,pressure_kpa,elongation_mm"
 
 
@@ -50,6 +47,11 @@ class GuideStates:
     pressure_kpa: FloatArray
     elongation_mm: FloatArray
     parameters: str
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """Return the arrays by their names in a file."""
+        return {name: getattr(self, name) for name in _ARRAYS}
 
     def bow_mm(self) -> FloatArray:
         """Return half the greatest distance of the guides in each state, shape (15,)."""
@@ -83,7 +85,7 @@ def guide_states(
     """
     if not lowest_kpa < 0.0 < highest_kpa:
         raise RequestError(
-            f"{lowest_kpa:g} .. {highest_kpa:g} kPa does not span compression and elongation",
+            f"{lowest_kpa:g} .. {highest_kpa:g} kPa does not include compression and elongation",
             "give a lowest pressure below zero and a highest above",
         )
     full = model or FullModel()
@@ -99,7 +101,7 @@ def guide_states(
 
 
 def kept_states(parameters: ActuatorParameters | None = None, *, folder: Path | None = None) -> GuideStates:
-    """The fifteen states of an actuator from the cache, or solved and kept there.
+    """Return the fifteen states of an actuator from the cache, or solve and keep them there.
 
     Parameters
     ----------
@@ -107,19 +109,13 @@ def kept_states(parameters: ActuatorParameters | None = None, *, folder: Path | 
     folder : where states are kept; the user's cache folder by default.
     """
     chosen = parameters or ActuatorParameters()
-    name = hashlib.sha256(f"{chosen.digest} {FORMAT} {_version()}".encode()).hexdigest()[:20]
-    path = (folder or platformdirs.user_cache_path("boat-daq") / "shadow") / f"states_{name}.npz"
-    with suppress(*UNREADABLE), np.load(path, allow_pickle=False) as kept:
-        found = GuideStates(kept["curves_mm"], kept["pressure_kpa"], kept["elongation_mm"], chosen.digest)
-        if found.curves_mm.shape == (2 * STEPS + 1, 2, 7, 2) and np.isfinite(found.curves_mm).all():
-            return found
+    name = hashlib.sha256(f"{chosen.digest} {FORMAT} {program_version()}".encode()).hexdigest()[:20]
+    path = (folder or cache_folder()) / f"states_{name}.npz"
+    kept = load_arrays(path, _ARRAYS)
+    if kept and kept["curves_mm"].shape == (2 * STEPS + 1, 2, 7, 2) and np.isfinite(kept["curves_mm"]).all():
+        return GuideStates(**kept, parameters=chosen.digest)
     states = guide_states(FullModel(chosen))
-    with suppress(OSError):  # a cache that cannot be written costs time, never the answer
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "wb") as file:
-            _save(states, file)
-        Path(part).replace(path)
+    keep_arrays(path, states.arrays)
     return states
 
 
@@ -134,30 +130,19 @@ def write_states(states: GuideStates, path: Path) -> None:
     try:
         if path.suffix.lower() == ".npz":
             with path.open("wb") as file:
-                _save(states, file)
+                np.savez(file, **states.arrays)
         else:
             path.write_text("\n".join([*_origin(states), HEADER, *_lines(states)]) + "\n", encoding="utf-8")
     except OSError as error:
         raise FileError(f"{path} cannot be written: {error.strerror}", "choose another folder") from error
 
 
-def _save(states: GuideStates, file: BinaryIO) -> None:
-    np.savez(file, curves_mm=states.curves_mm, pressure_kpa=states.pressure_kpa, elongation_mm=states.elongation_mm)
-
-
-def _version() -> str:
-    try:
-        return version("boat-daq")
-    except PackageNotFoundError:
-        return "unknown"
-
-
 def _origin(states: GuideStates) -> list[str]:
-    """Comment lines that say what the file is and where it comes from."""
+    """Return comment lines with content and origin of the file."""
     low, high = states.pressure_kpa[[0, -1]]
     return [
         "# SIMULATED: the two guides in 15 states, most compressed first, by the digital shadow of boat-daq",
-        f"# boat-daq shadow states --lowest {low:g} --highest {high:g}, version {_version()}, "
+        f"# boat-daq shadow states --lowest {low:g} --highest {high:g}, version {program_version()}, "
         f"actuator parameters {states.parameters}",
         "# x across, z along the actuator from its base",
     ]

@@ -1,26 +1,19 @@
-"""Builds the reduced model from full solutions, and keeps it in a cache.
+"""Building the reduced model from full solutions, and its cache.
 
-Strategy: the rectangle is walked in a snake, each solution starting from its neighbour. The cache is one npz file named
-by a hash of everything that the table depends on; a file that cannot be read is built again, a folder that cannot be
-written is done without.
+Strategy: the rectangle is traversed row by row in alternating direction, each solution starting from its neighbour. The
+cache is one npz file named by a hash of everything that the table depends on.
 """
 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
-import os
-import struct
-import tempfile
-import zipfile
-import zlib
-from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 from scipy.stats import qmc
 
 from analysis.arrays import FloatArray
@@ -28,6 +21,7 @@ from analysis.progress import Progress
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution, Solver
 from analysis.shadow.model import chebyshev
+from analysis.shadow.model.cache import cache_folder, keep_arrays, load_arrays
 from analysis.shadow.model.full import FullModel
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
 
@@ -35,27 +29,23 @@ FORMAT = 1
 CRITICAL_SHARE = 0.96
 LOWEST_KPA = -90.0
 NOMINAL_POINTS = 16
-"""The lower side is this share of the critical pressure, and never below the second; points of the nominal curve."""
+"""The lower side is this share of the critical pressure, never below the second; points of the nominal curve."""
+_ARRAYS = tuple(field.name for field in fields(ReducedModel))
 
 
-@dataclass(frozen=True, slots=True)
-class _Samples:
-    """Full solutions over a grid: displacement (a, b, 2 nodes) and plate force (a, b)."""
-
-    displacement: FloatArray
-    force: FloatArray
+Count = Callable[[], None]
 
 
-class _Counter:
-    """Tells `progress` how many solutions of how many are done."""
+def _counter(total: int, progress: Progress | None) -> Count:
+    """Return what counts a full solution and reports how many of how many are done."""
+    done = itertools.count(1)
 
-    def __init__(self, total: int, progress: Progress | None) -> None:
-        self.done, self.total, self.progress = 0, total, progress
+    def count() -> None:
+        number = next(done)
+        if progress is not None:
+            progress(number, total)
 
-    def tick(self) -> None:
-        self.done += 1
-        if self.progress is not None:
-            self.progress(self.done, self.total)
+    return count
 
 
 def build_table(
@@ -77,70 +67,74 @@ def build_table(
     """
     chosen = settings or TableSettings()
     model = FullModel(parameters)
-    count = _Counter(chosen.pressures * chosen.elongations + chosen.held_out + 3 * NOMINAL_POINTS, progress)
+    count = _counter(chosen.pressures * chosen.elongations + chosen.held_out + 3 * NOMINAL_POINTS, progress)
     low = max(CRITICAL_SHARE * model.vacuum_limit.pressure_kpa, LOWEST_KPA)
     pressures = np.array([low, min(chosen.highest_pressure_kpa, 0.95 * model.inflation_limit.pressure_kpa)])
     ends = [model.solve(pressure_kpa=float(p)).elongation_mm for p in pressures]
     reach = np.array([ends[0] - chosen.margin_mm, ends[1] + chosen.margin_mm])
-    grid = _grid(
+    displacement, force = _grid(
         model, chebyshev.points(pressures, chosen.pressures), chebyshev.points(reach, chosen.elongations), count
     )
     nominal, spread, inverse = _nominal_curves(model, pressures, count)
-    table = _compress(model, grid, chosen.modes, pressures, reach)
-    table = replace(table, nominal_mm=nominal, nominal_sd_mm=spread, nominal_kpa=inverse)
+    table = _compress(model, displacement, force, chosen.modes)
+    table = replace(
+        table,
+        pressure_range_kpa=pressures,
+        elongation_range_mm=reach,
+        nominal_mm=nominal,
+        nominal_sd_mm=spread,
+        nominal_kpa=inverse,
+    )
     return replace(table, errors_mm=_held_out_errors(model, table, chosen.held_out, count))
 
 
-def _grid(model: FullModel, pressures: FloatArray, elongations: FloatArray, count: _Counter) -> _Samples:
+def _grid(
+    model: FullModel, pressures: FloatArray, elongations: FloatArray, count: Count
+) -> tuple[FloatArray, FloatArray]:
+    """Return full solutions over a grid: displacements (a, b, 2 nodes) and plate forces (a, b)."""
     size = 2 * len(model.mesh.nodes)
     found = np.empty((len(pressures), len(elongations), size))
     force = np.empty(found.shape[:2])
     state: Solution | None = None
-    for i, j in _snake(len(pressures), len(elongations)):
+    for i, j in _alternating(len(pressures), len(elongations)):
         state = model.solve(pressure_kpa=float(pressures[i]), elongation_mm=float(elongations[j]), start=state)
         found[i, j], force[i, j] = state.displacement_mm.ravel(), state.tip_force_mn
-        count.tick()
-    return _Samples(found, force)
+        count()
+    return found, force
 
 
-def _snake(rows: int, columns: int) -> Iterator[tuple[int, int]]:
+def _alternating(rows: int, columns: int) -> Iterator[tuple[int, int]]:
     for i in range(rows):
         for j in range(columns) if i % 2 == 0 else reversed(range(columns)):
             yield i, j
 
 
-def _compress(model: FullModel, grid: _Samples, modes: int, pressures: FloatArray, reach: FloatArray) -> ReducedModel:
-    """Decompose the samples and fit the amplitudes; the nominal curves and the errors are filled in later."""
-    size = grid.displacement.shape[-1]
-    flat = grid.displacement.reshape(-1, size)
+def _compress(model: FullModel, displacement: FloatArray, force: FloatArray, modes: int) -> ReducedModel:
+    """Decompose the samples and fit the amplitudes; ranges, nominal curves and errors are filled in later."""
+    flat = displacement.reshape(-1, displacement.shape[-1])
     mean = flat.mean(axis=0)
     _, _, right = np.linalg.svd(flat - mean, full_matrices=False)
     shapes = right[:modes].T
-    amplitudes = ((flat - mean) @ shapes).reshape(*grid.force.shape, -1)
-    weights = model.guides.tracked.weights
-    tracked = np.stack([(weights @ column.reshape(-1, 2)).ravel() for column in shapes.T], axis=1)
-    rest = model.guides.tracked.rest_mm.ravel() + (weights @ mean.reshape(-1, 2)).ravel()
-    nothing = np.zeros(1)
+    amplitudes = ((flat - mean) @ shapes).reshape(*force.shape, -1)
+    tracked, nothing = model.guides.tracked, np.zeros(1)
     return ReducedModel(
-        pressures,
-        reach,
-        mean,
-        shapes,
-        chebyshev.tensor_coefficients(amplitudes),
-        chebyshev.tensor_coefficients(grid.force),
-        rest,
-        tracked,
-        nothing,
-        nothing,
-        nothing,
-        np.zeros(shapes.shape[1]),
-        np.array(model.vacuum_limit.pressure_kpa),
+        pressure_range_kpa=nothing,
+        elongation_range_mm=nothing,
+        mean=mean,
+        shapes=shapes,
+        amplitudes=chebyshev.tensor_coefficients(amplitudes),
+        force=chebyshev.tensor_coefficients(force),
+        tracked_mean=tracked.positions(mean.reshape(-1, 2)).ravel(),
+        tracked_shapes=np.stack([(tracked.weights @ column.reshape(-1, 2)).ravel() for column in shapes.T], axis=1),
+        nominal_mm=nothing,
+        nominal_sd_mm=nothing,
+        nominal_kpa=nothing,
+        errors_mm=np.zeros(shapes.shape[1]),
+        critical_kpa=np.array(model.vacuum_limit.pressure_kpa),
     )
 
 
-def _nominal_curves(
-    model: FullModel, pressures: FloatArray, count: _Counter
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _nominal_curves(model: FullModel, pressures: FloatArray, count: Count) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return coefficients of x_nom(p), of its standard uncertainty, and of p_nom(x)."""
     at = chebyshev.points(pressures, NOMINAL_POINTS)
     p = model.parameters
@@ -156,7 +150,7 @@ def _nominal_curves(
         for value in at:
             state = solver.solve(pressure_kpa=float(value), start=state)
             curve.append(state.elongation_mm)
-            count.tick()
+            count()
         curves.append(np.array(curve))
     base = chebyshev.coefficients(curves[0])
     spread = chebyshev.coefficients((curves[1] - curves[2]) / 2.0)
@@ -165,7 +159,7 @@ def _nominal_curves(
     return base, spread, chebyshev.coefficients(np.array(inverse))
 
 
-def _held_out_errors(model: FullModel, table: ReducedModel, number: int, count: _Counter) -> FloatArray:
+def _held_out_errors(model: FullModel, table: ReducedModel, number: int, count: Count) -> FloatArray:
     """Return the greatest error of a tracked point over quasi-random states, with 1, 2, ... modes, shape (modes,)."""
     unit = qmc.Sobol(2, seed=20260101).random(number)
     p0, p1 = table.pressure_range_kpa
@@ -176,7 +170,7 @@ def _held_out_errors(model: FullModel, table: ReducedModel, number: int, count: 
     for p, q in states:
         state = model.solve(pressure_kpa=float(p), elongation_mm=float(q), start=state)
         truth.append(model.tracked(state))
-        count.tick()
+        count()
     modes = range(1, table.shapes.shape[1] + 1)
     return np.array(
         [np.linalg.norm(table.truncated(k).tracked(*states.T) - np.array(truth), axis=2).max() for k in modes]
@@ -200,37 +194,26 @@ def load_table(
 
     Parameters
     ----------
+    parameters, settings : defaults where None.
+    progress : called as (done, total) while a table is built; raising from it cancels.
     folder : where tables are kept; the user's cache folder by default.
     """
     p, s = parameters or ActuatorParameters(), settings or TableSettings()
-    path = (folder or platformdirs.user_cache_path("boat-daq") / "shadow") / f"{table_digest(p, s)}.npz"
+    path = (folder or cache_folder()) / f"{table_digest(p, s)}.npz"
     kept = read_table(path)
     if kept is not None:
         return kept
     table = build_table(p, s, progress)
-    with suppress(OSError):  # a cache that cannot be written costs time, never the answer
-        write_table(table, path)
+    write_table(table, path)
     return table
 
 
 def write_table(table: ReducedModel, path: Path) -> None:
-    """Write a table so that a reader sees all of it or nothing."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    with os.fdopen(handle, "wb") as file:
-        np.savez(file, **{f.name: getattr(table, f.name) for f in fields(table)})
-    Path(name).replace(path)
-
-
-# what zipfile, zlib and numpy raise of a damaged cache: other versions, other methods, passwords, sizes beyond memory
-UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, MemoryError, zlib.error, struct.error,
-               zipfile.BadZipFile)  # fmt: skip
+    """Keep a table in a file, where its folder can be written."""
+    keep_arrays(path, {name: getattr(table, name) for name in _ARRAYS})
 
 
 def read_table(path: Path) -> ReducedModel | None:
     """Return a kept table; None if there is none or it cannot be read."""
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
-            return ReducedModel(**{f.name: kept[f.name] for f in fields(ReducedModel)})
-    except UNREADABLE:
-        return None
+    arrays = load_arrays(path, _ARRAYS)
+    return None if arrays is None else ReducedModel(**arrays)

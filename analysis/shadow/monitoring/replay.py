@@ -176,6 +176,7 @@ def drift(levels_mm: FloatArray) -> tuple[float, float, float]:
     return float(slope), float(low), float(high)
 
 
+@style.styled
 def replay_figure(result: Replay) -> Figure:
     """Draw the deviation with its band over time, and the cycles' gain with its alarms."""
     figure = Figure(figsize=(9.0, 5.4), layout="constrained")
@@ -185,7 +186,7 @@ def replay_figure(result: Replay) -> Figure:
     above.fill_between(time, -band, band, color=style.ELONGATION, alpha=0.25, lw=0, label="band from E, k = 2")
     above.plot(time, result.deviation_mm[::step], color=style.SENSORS[0], lw=0.6, label="measured minus nominal")
     above.set(xlabel="time, s", ylabel="deviation, mm")
-    above.legend(frameon=False, fontsize=8.5, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     below.xaxis.set_major_locator(MaxNLocator(integer=True))
     gain = np.array([astuple(f)[2] for f in result.figures])
     below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=style.SENSORS[0], ms=3, lw=0.8)
@@ -201,7 +202,4 @@ def replay_figure(result: Replay) -> Figure:
             color=style.SENSORS[1],
         )
     below.set(xlabel="cycle", ylabel="elongation against\nnominal, % off")
-    for axes in (above, below):
-        axes.grid(True, color=style.LINE, lw=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
     return figure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -122,9 +123,7 @@ def _guide(index: float, thickness: float, attenuation: float, receiver: float |
 
 
 def _described(design: Design, state: int) -> dict[str, Any]:
-    from analysis.optics.sweep.report import design_json
-
-    return {**design_json(design), "state": state}
+    return {**asdict(design), "state": state}
 
 
 @app.command()

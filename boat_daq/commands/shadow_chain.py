@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -65,11 +66,9 @@ def _outcome(result: SweepResult) -> dict[str, Any]:
     """Return a sweep's best design, the number tied with it, and the rank of the paper's optimum."""
     import numpy as np
 
-    from analysis.optics.sweep.report import design_json
-
     p = result.merit().p
     best, paper = int(np.argmax(p)), result.find()
-    design = design_json(result.designs[best])
+    design = asdict(result.designs[best])
     del design["face"]  # the same of all designs
     return {
         "best": design,

@@ -17,7 +17,10 @@ from protocol.link.events import LinkEvent
 
 @dataclass(frozen=True, slots=True)
 class PortLost:
-    """The port is gone: unplugged, closed at the other end, or at the end of a replay. No block follows."""
+    """The port is gone.
+
+    Unplugged, closed at the other end, or at the end of a replay. No block follows.
+    """
 
     error: DeviceError
 
@@ -31,7 +34,7 @@ class PortSilent:
 
 @dataclass(frozen=True, slots=True)
 class SinkFailed:
-    """A sink raised; reading continues, and the sink is called again with the next block."""
+    """A sink raised; it is called again with the next block."""
 
     sink: str
     error: Exception

@@ -138,7 +138,7 @@ def _values(texts: Iterable[str], key: str) -> set[str]:
 
 
 def _places() -> dict[str, str]:
-    """Return this user's folders, as paths are written and as they are quoted, and the placeholder of each.
+    """Return this user's folders, plain and quoted, each with its placeholder.
 
     The patterns for paths end at a space, and names of people contain spaces.
     """

@@ -15,7 +15,7 @@ _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{n}" for port in ("COM", "LPT"
 
 
 def is_device_name(name: str) -> bool:
-    """Return whether Windows takes a file of this name for a device, whatever its suffix."""
+    """Return whether Windows takes a file of this name for a device."""
     return name.split(".")[0].rstrip().upper() in _DEVICES
 
 
@@ -37,6 +37,9 @@ def check_file_name(name: str) -> None:
 
 
 def path_in(folder: Path, name: str) -> Path:
-    """Return the path of a file in `folder`; see `check_file_name` for the names that are refused."""
+    """Return the path of a file in `folder`.
+
+    See `check_file_name` for the names that are refused.
+    """
     check_file_name(name)
     return folder / name

@@ -56,7 +56,7 @@ class _Queue(QueueHandler):
 
 
 class _File(RotatingFileHandler):
-    """Leaves lines out while the disk fails, in place of a traceback on standard error for each."""
+    """Leaves lines out while the disk fails, without a traceback for each."""
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Leave the line out."""
@@ -158,7 +158,10 @@ def _prune(folder: Path) -> None:
 
 
 def memory_mb() -> float | None:
-    """Return the resident memory of this process, MB; its peak where only that is known; None where neither is."""
+    """Return the resident memory of this process, MB.
+
+    Its peak where only that is known; None where neither is.
+    """
     pages = Path("/proc/self/statm")
     if pages.exists():
         return int(pages.read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -35,7 +35,10 @@ Branch = Literal["start", "unloading", "loading", "end"]
 
 @dataclass(frozen=True, slots=True)
 class PlannedStep:
-    """One target: `cycle` is 0 outside the cycles; `plateau` where it is held until it is steady."""
+    """One target: `cycle` is 0 outside the cycles.
+
+    `plateau` where it is held until it is steady.
+    """
 
     cycle: int
     branch: Branch
@@ -45,7 +48,10 @@ class PlannedStep:
 
 @dataclass(frozen=True, slots=True)
 class StepMark:
-    """One step of a run as the recording's table `step` keeps it; `number` is its `step_id`. Times are board time."""
+    """One step of a run as the recording's table `step` keeps it.
+
+    `number` is its `step_id`. Times are board time.
+    """
 
     number: int
     cycle: int
@@ -137,7 +143,10 @@ class Plan:
         return (self.opening, *(step for c in range(1, self.cycles + 1) for step in self.cycle_steps(c)))
 
     def step_duration_s(self, from_kpa: float, to_kpa: float) -> float:
-        """Estimate one step's time: its ramp, its arrival within tolerance, and its shortest hold."""
+        """Estimate one step's time.
+
+        Its ramp, its arrival within tolerance, and its shortest hold.
+        """
         hold = self.min_dwell_s
         if self.kind == "staircase":
             hold = max(hold, self.settling_s + self.window_s)
@@ -155,7 +164,10 @@ class Plan:
         return self.step_duration_s(0.0, self.high_kpa) + self.cycles * self.cycle_duration_s
 
     def with_dwell(self, dwell_s: float) -> Plan:
-        """Return the plan with this shortest hold; one too short for settling and window shortens both to fit."""
+        """Return the plan with this shortest hold.
+
+        One too short for settling and window shortens both to fit.
+        """
         return dataclasses.replace(
             self,
             min_dwell_s=dwell_s,
@@ -175,7 +187,9 @@ class Plan:
 
 
 def resume_point(plan: Plan, marks: list[StepMark]) -> tuple[int, int]:
-    """Return (first cycle, complete cycles) with which a broken run resumes: the next number that was never begun.
+    """Return (first cycle, complete cycles) with which a broken run resumes.
+
+    The next number that was never begun.
 
     Parameters
     ----------

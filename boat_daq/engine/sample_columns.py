@@ -59,17 +59,21 @@ class Columns:
 
 
 def mv_per_count(meta: Mapping[str, Any]) -> float:
-    """Return mV of signal for one count, from a recording's `session`; 1 where the samples are signals in mV."""
+    """Return mV of signal for one count, from a recording's `session`.
+
+    1 where the samples are signals in mV.
+    """
     if meta["sample_kind"] != "counts" or not meta.get("vref_mv") or not meta.get("adc_bits"):
         return 1.0
     return float(meta["vref_mv"]) / (1 << int(meta["adc_bits"]))
 
 
 def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:
-    """Return a block of samples (dtype `protocol.recording.sample_dtype`) in the lab's units.
+    """Return a block of samples in the lab's units.
 
     Parameters
     ----------
+    samples : of dtype `protocol.recording.sample_dtype`.
     mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry a signal.
     """
     if "signal_mv" in (samples.dtype.names or ()):

@@ -79,7 +79,10 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class StoredCalibration:
-    """One entry of a unit's history; `content` is what the analysis made, as plain JSON values."""
+    """One entry of a unit's history.
+
+    `content` is what the analysis made, as plain JSON values.
+    """
 
     utc: str
     accepted: bool
@@ -92,7 +95,9 @@ class StoredCalibration:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A sensorized actuator: its limits, how its stage is wired, and its calibrations, oldest first.
+    """A sensorized actuator.
+
+    Its limits, how its stage is wired, and its calibrations, oldest first.
 
     `polarity` is +1 where the board's voltage rises with light, -1 where its stage inverts.
     """
@@ -163,7 +168,7 @@ class UnitLibrary:
         return sorted({name.removesuffix(".toml") for name in files if name.endswith(".toml")})
 
     def load(self, name: str) -> Unit:
-        """Return a unit; one that was never stored has the default limits and no calibration.
+        """Return a unit; one never stored has the default limits and no calibration.
 
         Raises
         ------
@@ -211,7 +216,9 @@ class UnitLibrary:
 
         Parameters
         ----------
+        name : of the unit.
         content : plain JSON values; it is read back as it was.
+        accepted : False for the withdrawal of the one before.
         more : recording, operator, note, program_version.
 
         Raises
@@ -253,14 +260,16 @@ _warnings: list[tuple[str, str]] = []
 
 
 def take_warnings() -> list[tuple[str, str]]:
-    """Return cause and remedy of every backup that was used since the last call, as warnings for the operator."""
+    """Return cause and remedy for every backup used since the last call."""
     taken = _warnings.copy()
     _warnings.clear()
     return taken
 
 
 def read_stored(path: Path) -> str | None:
-    """Return the text of a stored file, or of its backup where a disk destroyed it; None where nothing was stored.
+    """Return the text of a stored file, or of its backup where a disk destroyed it.
+
+    None where nothing was stored.
 
     Raises
     ------
@@ -307,7 +316,10 @@ def _is_good(path: Path, parse: Callable[[str], object]) -> bool:
 
 
 def is_destroyed(path: Path) -> bool:
-    """Whether a file is gone or holds what no editor leaves: nothing at all, NUL bytes, or no UTF-8."""
+    """Whether a file is gone or holds what no editor leaves.
+
+    Nothing at all, NUL bytes, or no UTF-8.
+    """
     try:
         content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b"x"
         return not content.strip() or b"\0" in content or not content.decode("utf-8-sig").strip()
@@ -320,7 +332,9 @@ def is_destroyed(path: Path) -> bool:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Replace a file at once, the one before kept as `.bak`: after a crash the old or the new is there, and a backup.
+    """Replace a file at once, the one before kept as `.bak`.
+
+    After a crash the old or the new is there, and a backup.
 
     Raises
     ------

@@ -105,7 +105,10 @@ class MessageKind(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One line for the operator; `number` increases by one, so that a reader can find what is new."""
+    """One line for the operator.
+
+    `number` increases by one, so that a reader can find what is new.
+    """
 
     number: int
     kind: MessageKind
@@ -129,7 +132,10 @@ class RunEnding:
 
     @property
     def text(self) -> str:
-        """The ending as `session.stop_reason` keeps it for people: "finished", "stopped", "aborted: CAUSE"."""
+        """The ending as `session.stop_reason` keeps it for people.
+
+        "finished", "stopped", "aborted: CAUSE".
+        """
         return f"{RunEnd.ABORTED}: {self.cause}" if self.aborted else str(self.end)
 
 
@@ -162,7 +168,10 @@ class LastSample:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One reading of the elongation at a plateau; a correction is a newer one for the same step."""
+    """One reading of the elongation at a plateau.
+
+    A correction is a newer one for the same step.
+    """
 
     step_id: int
     elongation_mm: float | None  # None withdraws the reading

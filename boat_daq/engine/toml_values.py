@@ -24,7 +24,14 @@ MAX_BYTES = 1_000_000  # a plan or a settings file has a few kilobytes
 
 
 class BadValue(OperatorError):
-    """A value that its key cannot have; `key` and `why` for a form that names its keys otherwise."""
+    """A value that its key cannot have.
+
+    Parameters
+    ----------
+    where : the file, or what it describes.
+    key, why : for a form that names its keys otherwise.
+    remedy : what to do about it; may be empty.
+    """
 
     def __init__(self, where: str, key: str, why: str, remedy: str = "") -> None:
         super().__init__(f"{where}: '{key:.60}' {why}", remedy)

@@ -40,7 +40,7 @@ class SegmentBreak:
 
 @dataclass(frozen=True, slots=True)
 class ControlEvent:
-    """An event for the recording and, where it has a level, a message for the operator."""
+    """An event for the recording; with a level, a message for the operator too."""
 
     kind: MessageKind
     text: str

@@ -78,7 +78,10 @@ _TRIPS = {  # kind, cause, remedy
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Request to send a frame; `feeds`: it, or a repeat in its place, has to be sent at once."""
+    """Request to send a frame.
+
+    `feeds`: it, or a repeat in its place, has to be sent at once.
+    """
 
     command: Command
     feeds: bool = False
@@ -178,7 +181,10 @@ class BoardCommands:
             self.send(command)
 
     def adopt_watchdog(self) -> None:
-        """Feed a watchdog that an earlier host has armed, once its board's speed is known; else it trips again."""
+        """Feed a watchdog that an earlier host has armed, or it trips again.
+
+        That begins once the board's speed is known.
+        """
         if self._adopted or self.feeder.armed_ms or not self.meter.known:
             return
         self._adopted = True
@@ -189,7 +195,10 @@ class BoardCommands:
         self._awaited, self._then = [], None
 
     def tick(self, *, idle: bool) -> None:
-        """Repeat a vent, feed the watchdog; `idle`: nothing is under pressure and the board is at rest."""
+        """Repeat a vent, feed the watchdog.
+
+        `idle`: nothing is under pressure and the board is at rest.
+        """
         if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
             self.send(Vent())
         if not self.leaving and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
@@ -218,7 +227,14 @@ class BoardCommands:
                 then()
 
     def refused(self, command: Command, status: AckStatus | int, *, pressurised: bool) -> Trip | None:
-        """Return the trip that a refusal means, or report it."""
+        """Return the trip that a refusal means, or report it.
+
+        Parameters
+        ----------
+        command : the refused one.
+        status : the board's reason.
+        pressurised : whether the unit may be under pressure.
+        """
         text = (
             f"the board refused {_name(command)}: {_REFUSALS.get(AckStatus(status)) if status in _REFUSALS else status}"
         )
@@ -254,7 +270,10 @@ class BoardCommands:
         return None
 
     def _do_without(self, command: Command) -> None:
-        """Go without a guard that firmware behind a text profile may lack; warn once a pressure is requested."""
+        """Go without a guard that firmware behind a text profile may lack.
+
+        Warn once a pressure is requested.
+        """
         if self.pending and isinstance(command, Heartbeat):
             text = "this firmware has no watchdog: it holds its pressure even if this program fails"
             self.note(MessageKind.NO_WATCHDOG, text, "warning", "stay with the unit while it is under pressure")
@@ -298,7 +317,13 @@ class BoardCommands:
         return None
 
     def note(self, kind: MessageKind, text: str, level: str, remedy: str = "", *, value: float | None = None) -> None:
-        """Report an event to the recording and, with a level, to the operator."""
+        """Report an event.
+
+        Parameters
+        ----------
+        kind, text, value : for the recording.
+        level, remedy : of the message for the operator; no message where `level` is empty.
+        """
         self._emit(ControlEvent(kind, text, level, remedy, value))
 
 

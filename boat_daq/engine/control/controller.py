@@ -100,7 +100,10 @@ class Controller:
         self.mv_per_count, self.board.identifying = mv_per_count, False
 
     def link_lost(self, cause: str) -> None:
-        """End what depended on a port that is gone. Nothing can be sent: the board's watchdog vents."""
+        """End what depended on a port that is gone.
+
+        Nothing can be sent: the board's watchdog vents.
+        """
         self.stream.begun = False
         self.board.restart()
         if self.pressurised or self.sequencer.state in _RUN:
@@ -115,7 +118,7 @@ class Controller:
 
     @property
     def greeted(self) -> bool:
-        """Whether the board on this port has sent its HELLO, and limits and watchdog were sent to it."""
+        """Whether the board has sent its HELLO, and was sent limits and watchdog."""
         return self.hello is not None and not self.board.identifying
 
     @property
@@ -124,7 +127,10 @@ class Controller:
         return None if self.stream.begun else self.board.start_refused
 
     def events(self, events: Sequence[object], now_ns: int) -> None:
-        """Take link events (`protocol.link.events.LinkEvent`) in order; those that need no control are left out."""
+        """Take link events (`protocol.link.events.LinkEvent`) in order.
+
+        Those that need no control are left out.
+        """
         self.board.now_ns = now_ns
         for event in events:
             match event:
@@ -146,7 +152,10 @@ class Controller:
                     pass
 
     def tick(self, now_ns: int) -> None:
-        """Do what is due by time alone: feed the watchdog, repeat a vent, detect silence. Called every 10 to 50 ms."""
+        """Do what is due by time alone.
+
+        Feed the watchdog, repeat a vent, detect silence. Called every 10 to 50 ms.
+        """
         self.board.now_ns = now_ns
         if self.stream.falls_silent(now_ns):
             self._silence(f"no data for {self.stream.silence_s:g} s")
@@ -158,6 +167,11 @@ class Controller:
         self, plan: Plan, *, wait_for_reading: bool = False, first_cycle: int = 1, complete_cycles: int = 0
     ) -> None:
         """Check a plan against the limits and make it ready.
+
+        Parameters
+        ----------
+        plan, wait_for_reading : as `Session.arm`.
+        first_cycle, complete_cycles : where a broken run resumes (`resume_point`).
 
         Raises
         ------
@@ -176,7 +190,7 @@ class Controller:
         return self.preflight.checks(up=self.up, vented=at_rest)
 
     def start(self, extra: Sequence[Check] = ()) -> None:
-        """Begin the armed plan: pre-flight, limits and watchdog acknowledged, then the first step.
+        """Begin the armed plan: pre-flight, limits and watchdog, then the first step.
 
         Raises
         ------
@@ -211,7 +225,10 @@ class Controller:
         self._act()
 
     def vent(self, *, sent: bool = False) -> None:
-        """Vent now, in any state, even while another vent is unacknowledged; `sent`: the command was sent already."""
+        """Vent now, in any state, even while another vent is unacknowledged.
+
+        `sent`: the command was sent already.
+        """
         self.board.forget_pending()
         self.target_kpa = None
         if sent:
@@ -252,7 +269,9 @@ class Controller:
             self._once_guarded(lambda: self._go(target_kpa, ramp_kpa_per_s))
 
     def clear_fault(self, by: str = "the operator") -> None:
-        """Clear the latched fault, here and on the board; `by` whom goes into the recording.
+        """Clear the latched fault, here and on the board.
+
+        `by` whom goes into the recording.
 
         Raises
         ------
@@ -340,7 +359,10 @@ class Controller:
         self.board.send(Start(self.rate_hz))
 
     def _boots_again(self, now_ns: int) -> bool:
-        """Whether a second HELLO means that the board has lost limits and watchdog: opening its port reset it."""
+        """Whether a second HELLO means that the board has lost limits and watchdog.
+
+        Opening its port reset it.
+        """
         return not self.stream.begun and now_ns - self.board.introduced_ns > BOOT_S * 1e9
 
     def _restarted(self, hello: Hello | None) -> None:
@@ -375,7 +397,10 @@ class Controller:
     # ---- pressure --------------------------------------------------------------------------------------------------
 
     def _once_guarded(self, then: Callable[[], None], extra: Sequence[Check] = ()) -> None:
-        """Call `then` after the pre-flight, once limits and watchdog are acknowledged; no second one meanwhile."""
+        """Call `then` after the pre-flight, once limits and watchdog are acknowledged.
+
+        No second one meanwhile.
+        """
         limits = self.preflight.limits_command
         if self.board.pending:
             return
@@ -384,7 +409,10 @@ class Controller:
         self.board.once_guarded(limits, then)
 
     def _act(self) -> None:
-        """Turn the sequencer's actions into effects; a pressure goes through the interlock."""
+        """Turn the sequencer's actions into effects.
+
+        A pressure goes through the interlock.
+        """
         for action in self.sequencer.take():
             match action:
                 case GoTo(target_kpa, ramp_kpa_per_s):

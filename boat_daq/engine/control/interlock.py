@@ -70,7 +70,9 @@ class Interlock:
         self.limits = _tightest(self._limits)
 
     def check(self, target_kpa: float, *, new_plan: bool = False) -> None:
-        """Refuse a target outside the limits; for a new plan those of the one before do not count.
+        """Refuse a target outside the limits.
+
+        For a new plan those of the one before do not count.
 
         Raises
         ------
@@ -109,7 +111,10 @@ class Interlock:
     # ---- levels ----------------------------------------------------------------------------------------------------
 
     def inspect(self, block: Columns) -> Trip | None:
-        """Inspect every sample; latch and return the first trip, None where nothing new is found."""
+        """Inspect every sample.
+
+        Latch and return the first trip, None where nothing new is found.
+        """
         if not len(block):
             return None
         if self._clear(block):
@@ -129,7 +134,9 @@ class Interlock:
         return found
 
     def require_gone(self) -> None:
-        """Refuse to clear a trip whose level the newest sample still shows; the board clears its own latch.
+        """Refuse to clear a trip whose level the newest sample still shows.
+
+        The board clears its own latch.
 
         Raises
         ------
@@ -139,7 +146,10 @@ class Interlock:
             raise OperatorError(f"the cause of the fault is still present: {self._present.cause}", self._present.remedy)
 
     def _clear(self, block: Columns) -> bool:
-        """Whether no sample shows a trip: true of nearly every block, for a fifth of the work."""
+        """Whether no sample shows a trip.
+
+        True of nearly every block, for a fifth of the work.
+        """
         low, high = self._bounds
         pressure = block.pressure_kpa
         return (
@@ -150,7 +160,10 @@ class Interlock:
         )
 
     def _levels(self, block: Columns) -> dict[MessageKind, NDArray[np.bool_]]:
-        """Return for each kind of trip which samples show it [n]; of one sample's kinds the first here is named."""
+        """Return for each kind of trip which samples show it [n].
+
+        Of one sample's kinds the first here is named.
+        """
         pressure, known = block.pressure_kpa, block.pressure_known
         low, high = self._bounds
         with np.errstate(invalid="ignore"):  # a pressure that is not a number is caught by `known`

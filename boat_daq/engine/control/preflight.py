@@ -42,6 +42,7 @@ def zero_check(pressure_kpa: float | None, *, vented: bool, tolerance_kpa: float
     ----------
     pressure_kpa : mean of the last samples; None when there are none.
     vented : whether the board reports that it is idle or vented.
+    tolerance_kpa : of the sensor's zero.
     """
     if pressure_kpa is None:
         return Check("zero", "no pressure is known yet", "wait for samples")
@@ -92,7 +93,10 @@ class Preflight:
         self._recent.extend(pressures_kpa)
 
     def take_limits(self, low_kpa: float, high_kpa: float) -> None:
-        """Keep the board's hard limits; limits that no vented unit is inside of leave no pressure at all."""
+        """Keep the board's hard limits.
+
+        Limits that no vented unit is inside of leave no pressure at all.
+        """
         usable = low_kpa <= 0 <= high_kpa and low_kpa < high_kpa
         self._interlock.set_limits("board", (low_kpa, high_kpa) if usable else None)
         self._no_pressure = None
@@ -104,7 +108,10 @@ class Preflight:
 
     @property
     def limits_command(self) -> SetLimits | None:
-        """The command that sends the limits in force to the board; None while none are known."""
+        """The command that sends the limits in force to the board.
+
+        None while none are known.
+        """
         limits = self._interlock.limits
         if limits is None:
             return None
@@ -113,10 +120,11 @@ class Preflight:
     def checks(self, *, up: bool, vented: bool) -> list[Check]:
         """Return the lines of the check before the first pressure.
 
-        Parameters
-        ----------
-        up : whether samples arrive.
-        vented : whether the board reports that it is idle or vented.
+            Parameters
+            ----------
+            up : whether samples arrive.
+            vented : whether the board reports that it is idle or vented.
+        tolerance_kpa : of the sensor's zero.
         """
         latched, limits = self._interlock.latched, self._interlock.limits
         recent = math.fsum(self._recent) / len(self._recent) if self._recent else None

@@ -274,7 +274,7 @@ class Sequencer:
         self._actions.append(StepChanged(mark, new=False))
 
     def _learn(self, mark: StepMark, step: PlannedStep, watch: StepWatch) -> None:
-        """Keep how long a step took over its planned time, and how long it waited for its reading."""
+        """Keep the pace of a step, and how long it waited for its reading."""
         assert self.plan is not None
         assert mark.ended_us is not None
         planned_s, waited_s = self.plan.step_duration_s(self._from_kpa, step.target_kpa), watch.waited_s(mark.ended_us)
@@ -380,7 +380,7 @@ class Sequencer:
         return max(0.0, planned_s - gone_s)
 
     def _readings_left_s(self, cycles: int) -> float:
-        """Estimate the seconds that readings will still take, with so many cycles yet to begin."""
+        """Estimate the seconds left for readings, with so many cycles yet to begin."""
         if self.plan is None or not self._wait_for_reading:
             return 0.0
         each_s = statistics.median([*self._waits_s, *[READING_S] * (FIRST_READINGS - len(self._waits_s))])

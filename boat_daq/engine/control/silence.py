@@ -44,7 +44,7 @@ class StreamWatch:
         return True
 
     def paused_lately(self, now_ns: int) -> bool:
-        """Whether half a silence overlaps the time in which a command that is lost now was sent three times."""
+        """Whether half a silence overlaps the three sendings of a command lost now."""
         return self._pausing(now_ns) or now_ns - self._pause_ended_ns < SILENCE_S * 1e9
 
     def _pausing(self, now_ns: int) -> bool:

@@ -66,22 +66,34 @@ class Feeder:
         return LONGEST_MS if speed > FAST else REAL_TIME_MS
 
     def sent(self, command: Command, host_ns: int, board_us: int) -> None:
-        """Note a frame that was sent; one that arms counts at once, one that disarms when it is acknowledged."""
+        """Note a frame that was sent.
+
+        Parameters
+        ----------
+        command : one that arms counts at once, one that disarms when it is acknowledged.
+        host_ns, board_us : the present times.
+        """
         self._fed_host_ns, self._fed_board_us = host_ns, board_us
         if isinstance(command, Heartbeat) and command.timeout_ms:
             self.armed_ms = command.timeout_ms
 
     def refused(self, command: Heartbeat) -> None:
-        """Note a refusal: a board that refuses to arm is not armed, one that refuses to disarm stays armed."""
+        """Note a refusal: of arming, then it is not armed; of disarming, then it stays."""
         if command.timeout_ms:
             self.armed_ms = 0
 
     def repeats_are_late(self, speed: float) -> bool:
-        """Whether the repeats of a command that waits for its answer come too seldom to feed this board's watchdog."""
+        """Whether the repeats of an unanswered command are too rare to feed the watchdog."""
         return REPEAT_MS * speed > REPEATS_WITHIN * self.armed_ms
 
     def due(self, host_ns: int, board_us: int, speed: float) -> bool:
-        """Whether a frame must be sent now."""
+        """Return whether a frame must be sent now.
+
+        Parameters
+        ----------
+        host_ns, board_us : the present times.
+        speed : board time per host time.
+        """
         if not self.armed_ms:
             return False
         share_ms = self.armed_ms / (FEEDS_OF_A_FAST_BOARD if speed > FAST else FEEDS_PER_TIMEOUT)

@@ -21,7 +21,7 @@ CAPACITY_MIN = 8_192
 
 
 class ColumnRing:
-    """The last `capacity` entries of `columns` columns, written by one thread and copied by any other without a lock.
+    """The last entries of some columns, written by one thread, copied without a lock.
 
     The writer publishes how far it is about to write before it writes, and how far it has written afterwards. A reader
     copies, compares again, and drops what may have been overwritten meanwhile: always the oldest. Entries are counted
@@ -63,7 +63,7 @@ class ColumnRing:
         return copied[:, max(0, self.oldest - start) :]
 
     def find(self, value: float, *, after: bool = False) -> int:
-        """Return the index of the first entry whose column 0 is not below `value` (`after`: is above it)."""
+        """Return the first entry whose column 0 is not below `value` (`after`: above it)."""
         bisect = bisect_right if after else bisect_left
         return bisect(range(self.end), value, self.oldest, key=lambda at: float(self._data[0, at % self._capacity]))
 
@@ -97,7 +97,9 @@ class MinMaxPyramid:
             level.append(rows)
 
     def draw(self, from_s: float, to_s: float, max_points: int) -> Columns2D:
-        """Return a span as [columns, m], m <= `max_points`: samples, or minima and maxima of stretches in turn.
+        """Return a span as [columns, m], m <= `max_points`.
+
+        Samples, or minima and maxima of stretches in turn.
 
         Parameters
         ----------
@@ -114,7 +116,7 @@ class MinMaxPyramid:
         return self._draw_from(LEVELS, max(start, stop - points_left // 2), to_s)
 
     def _draw_from(self, at: int, start: int, to_s: float) -> Columns2D:
-        """Return level `at` from its entry `start` on, then what finer levels have behind its newest entry."""
+        """Return a level from an entry on, then what finer levels have behind its newest."""
         parts = []
         for level in reversed(self._levels[: at + 1]):
             stop = level.find(to_s, after=True)
@@ -125,7 +127,9 @@ class MinMaxPyramid:
 
 
 def fold_columns(points: Columns2D, column_s: float) -> Columns2D:
-    """Return points by columns of pixels: minima at each column's first time, maxima at its last, [columns, m].
+    """Return points by columns of pixels.
+
+    Minima at each column's first time, maxima at its last, [columns, m].
 
     The columns are anchored in time, so a picture that scrolls does not flicker. Points that are no more than two a
     column come back as they are. What is painted this way covers the same pixels as all of the points would, the next

@@ -74,7 +74,10 @@ class RingBuffer:
         self._pyramid.append(entries)
 
     def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, NDArray[np.float64]]:
-        """Return copies of the columns, sample by sample: all that is kept, from `since_s` on, or the `last` n."""
+        """Return copies of the columns, sample by sample.
+
+        All that is kept, from `since_s` on, or the `last` n.
+        """
         base = self._pyramid.base
         start = base.oldest if since_s is None else base.find(since_s)
         if last is not None:
@@ -89,9 +92,13 @@ class RingBuffer:
         max_points: int = 4000,
         column_s: float | None = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Return the columns of a span, thinned to extremes so that none has more than `max_points` (at least 64).
+        """Return the columns of a span, thinned to extremes.
 
-        Where `column_s`, the width of a column of pixels, is given, the extremes are those of each such column.
+        Parameters
+        ----------
+        from_s, to_s : the span in the screen's time; None for all there is.
+        max_points : at least 64.
+        column_s : width of a column of pixels; the extremes are then those of each such column.
         """
         low = -math.inf if from_s is None else from_s
         high = math.inf if to_s is None else to_s
@@ -99,7 +106,9 @@ class RingBuffer:
         return self._named(points if column_s is None else fold_columns(points, column_s))
 
     def time_of(self, board_us: int) -> float | None:
-        """Return the screen's time of an instant of board time; None before the first sample, or from an earlier clock.
+        """Return the screen's time of an instant of board time.
+
+        None before the first sample, or from an earlier clock.
 
         An instant is of an earlier clock where it lies more than a second after the newest sample.
         """

@@ -21,7 +21,10 @@ ANSWER_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class PortIdentity:
-    """What was found on a port; `hello` is None where no BOAT board answered, and `problem` is why."""
+    """What was found on a port.
+
+    `hello` is None where no BOAT board answered, and `problem` is why.
+    """
 
     port: str
     description: str
@@ -30,7 +33,9 @@ class PortIdentity:
 
 
 def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_S) -> PortIdentity:
-    """Open a port, identify the board there, and close it; never raises for what the port does.
+    """Open a port, identify the board there, and close it.
+
+    Never raises for what the port does.
 
     Parameters
     ----------
@@ -51,7 +56,10 @@ def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_
 
 
 def identify_all_ports(*, progress: Callable[[float, float], None] | None = None) -> list[PortIdentity]:
-    """Identify the boards on all serial ports of this machine; `progress` takes (ports done, ports)."""
+    """Identify the boards on all serial ports of this machine.
+
+    `progress` takes (ports done, ports).
+    """
     ports = list_ports()
     answers = []
     for done, port in enumerate(ports):
@@ -62,7 +70,7 @@ def identify_all_ports(*, progress: Callable[[float, float], None] | None = None
 
 
 def find_board(board_id: str) -> str | None:
-    """Return the port on which the board with this identity answers now, None if on none."""
+    """Return the port on which the board with this identity answers; None if on none."""
     for port in list_ports():
         hello = identify_port(port.port).hello
         if hello is not None and hello.board_id == board_id:
@@ -71,7 +79,10 @@ def find_board(board_id: str) -> str | None:
 
 
 def _ask(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:
-    """Send IDENTIFY until a HELLO comes or the time is over; a board that boots as its port opens sends it first."""
+    """Send IDENTIFY until a HELLO comes or the time is over.
+
+    A board that boots as its port opens sends it first.
+    """
     link = Connection()
     end_s = time.monotonic() + timeout_s
     heard = 0

@@ -78,6 +78,7 @@ class LinkHealth:
     asked_hz : the rate that START requested.
     real_time : False for a virtual board at another speed: its clock is not compared with the host's.
     lag_ms : the recorder's lag.
+    clock_ns : host monotonic clock.
     """
 
     def __init__(
@@ -138,7 +139,7 @@ class LinkHealth:
             self._in_window -= self._window.popleft()[1]
 
     def _rate_hz(self) -> float | None:
-        """Return samples for board time between the oldest and the newest read of the window."""
+        """Return samples per board time from the oldest to the newest read of the window."""
         try:
             (first_us, first_n), (last_us, _) = self._window[0], self._window[-1]
         except IndexError:

@@ -21,7 +21,10 @@ from protocol.text.connection import TextConnection, load_profile
 
 @dataclass(frozen=True, slots=True)
 class OpenPort:
-    """A port and its decoder; `profile` is the text profile's TOML, `replayed` the metadata of a replayed recording."""
+    """A port and its decoder.
+
+    `profile` is the text profile's TOML, `replayed` the metadata of a replayed recording.
+    """
 
     transport: Transport
     link: Link
@@ -68,7 +71,7 @@ def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
 
 
 def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Link:
-    """Return the link that decodes a recording's bytes, in the state in which its recording began."""
+    """Return the link that decodes a recording's bytes, as it was at their beginning."""
     if meta["profile"]:
         return TextConnection(load_profile(meta["profile"]), decoder_state=decoder_state)
     if decoder_state is not None:

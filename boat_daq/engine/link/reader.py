@@ -86,7 +86,7 @@ class PortReader:
             self._sinks = tuple(other for other in self._sinks if other != sink)
 
     def add_recorder(self, recorder: RecordingSink) -> None:
-        """Put a recorder before the other sinks, and pass it the decoder's state at that instant.
+        """Put a recorder before the other sinks, and pass it the decoder's present state.
 
         With it the file's bytes give the same samples again, wherever in a stream the recording began.
         """
@@ -95,7 +95,9 @@ class PortReader:
             self._sinks = (recorder, *self._sinks)
 
     def send(self, command: Command) -> None:
-        """Encode a command and write it now, or as soon as the one before it is answered; VENT always now.
+        """Encode a command and write it now, or as soon as the one before it is answered.
+
+        VENT always now.
 
         Raises
         ------
@@ -123,7 +125,10 @@ class PortReader:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop reading and close the port; returns when both are done. May be called twice."""
+        """Stop reading and close the port.
+
+        Returns when both are done. May be called twice.
+        """
         self._stop.set()
         if self._thread.ident is None:
             self.transport.close()
@@ -160,7 +165,7 @@ class PortReader:
             self._report(*failed)
 
     def _poll(self) -> None:
-        """Repeat commands without an answer, and report those that have none in all that was read."""
+        """Repeat commands without an answer, and report those that are lost."""
         with self._lock:
             now_ns, deadline = self._clock_ns(), self._link.next_deadline_ns
             if deadline is None or now_ns < deadline:

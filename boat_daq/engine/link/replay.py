@@ -115,7 +115,7 @@ class ReplayTransport:
 
 
 def _chunks(path: Path) -> Iterator[tuple[float, bytes]]:
-    """Give (seconds since the first byte, bytes) of all that came, without keeping the file open in between."""
+    """Give (seconds since the first byte, bytes), the file closed in between."""
     last, played_s, before_ns = 0, 0.0, -1
     sql = "SELECT id, host_ns, raw FROM chunk WHERE id > ? AND direction = 0 ORDER BY id LIMIT ?"
     slowed = _slowed(path)
@@ -148,7 +148,7 @@ def _spread(raw: bytes, from_s: float, took_s: float, *, pieces: int) -> Iterato
 
 
 def _slowed(path: Path) -> dict[int, float]:
-    """Return for each chunk of a segment that was not in real time how long it took on the board, in seconds.
+    """Return the board time of each chunk of a segment not in real time, seconds.
 
     A block's time is divided by bytes: the host's clock does not resolve a faster board.
     """

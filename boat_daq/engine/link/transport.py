@@ -20,7 +20,9 @@ class Transport(Protocol):
         """False for a replay, which takes no commands."""
 
     def read(self) -> bytes:
-        """Return what is there, waiting up to 50 ms for the first byte; b"" when nothing came.
+        """Return what is there, waiting up to 50 ms for the first byte.
+
+        B"" when nothing came.
 
         Raises
         ------

@@ -49,7 +49,10 @@ class PortInfo:
 
 
 def list_ports() -> list[PortInfo]:
-    """Return the serial ports of this machine; pseudo-terminals and TCP are not among them."""
+    """Return the serial ports of this machine.
+
+    Pseudo-terminals and TCP are not among them.
+    """
     found = [PortInfo(p.device, p.description) for p in system_ports.comports()]
     return sorted(found, key=lambda port: port.port)
 
@@ -76,7 +79,10 @@ def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = F
 
 
 class SerialTransport:
-    """A serial device or a pseudo-terminal, through pyserial; exclusive, so that a second program is refused."""
+    """A serial device or a pseudo-terminal, through pyserial.
+
+    Exclusive, so that a second program is refused.
+    """
 
     can_write = True
 
@@ -106,7 +112,10 @@ class SerialTransport:
         _or_gone(self.description, lambda: _write_all(self._port, data))
 
     def _receive(self) -> bytes:
-        """Wait for a byte, and take what came with it: a block of one byte costs as much as a long one."""
+        """Wait for a byte, and take what came with it.
+
+        A block of one byte costs as much as a long one.
+        """
         if sys.platform == "win32":
             first = bytes(self._port.read(1))
             return first + bytes(self._port.read(self._port.in_waiting)) if first else first
@@ -121,7 +130,10 @@ class SerialTransport:
 
 
 def _read_some(port: serial.Serial) -> bytes:
-    """Return what is there on POSIX, waiting for the first byte: two calls of the system where pyserial makes five."""
+    """Return what is there on POSIX, waiting for the first byte.
+
+    Two calls of the system where pyserial makes five.
+    """
     if not select.select([port.fileno()], [], [], READ_WAIT_S)[0]:
         return b""
     try:
@@ -199,7 +211,10 @@ class SocketTransport:
 
 
 def _or_gone(port: str, action: Callable[[], _T]) -> _T:
-    """Return the result of an action on an open port; whatever it raises means that the port is gone."""
+    """Return the result of an action on an open port.
+
+    Whatever it raises means that the port is gone.
+    """
     try:
         return action()
     except serial.SerialTimeoutException as error:
@@ -243,7 +258,10 @@ def _number_in(text: str) -> int | None:
 
 
 def _gone_because(error: Exception) -> str:
-    """Return the system's reason for a port that is gone; nothing for pyserial's own errors, which add none."""
+    """Return the system's reason for a port that is gone.
+
+    Nothing for pyserial's own errors, which add none.
+    """
     return f" ({error.strerror})" if isinstance(error, OSError) and error.strerror else ""
 
 

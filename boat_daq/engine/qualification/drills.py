@@ -122,7 +122,10 @@ def pump_stall(rig: DrillRig) -> DrillResult:
 
 
 def leak(rig: DrillRig) -> DrillResult:
-    """A bladder that leaks behind the gauge: the pressure holds, the elongation does not."""
+    """A bladder that leaks behind the gauge.
+
+    The pressure holds, the elongation does not.
+    """
     with rig.board("leak@0:150") as board, rig.recording(board) as session:
         rig.run_plan(session, STAIRS)
     found = compare(rig)
@@ -248,7 +251,10 @@ DRILLS: tuple[Drill, ...] = (loss, flips, unplug, pump_stall, leak, ambient_flas
 
 
 def available() -> tuple[Drill, ...]:
-    """Return the drills that this system can run: Windows cannot stop a program for a while."""
+    """Return the drills that this system can run.
+
+    Windows cannot stop a program for a while.
+    """
     return tuple(drill for drill in DRILLS if drill is not host_stall or hasattr(signal, "SIGSTOP"))
 
 
@@ -269,7 +275,10 @@ def run_drill(drill: Drill, folder: Path) -> DrillResult:
 
 
 def _rate(rig: DrillRig) -> float | None:
-    """Return the sampling rate requested for a drill's recording; None where none can be read."""
+    """Return the sampling rate requested for a drill's recording.
+
+    None where none can be read.
+    """
     try:
         return summarise(rig.run).rate_asked_hz
     except RecordingError:

@@ -18,7 +18,7 @@ _LIBRARIES = ("numpy", "pyserial", "cobs", "scipy", "pandas", "PySide6-Essential
 
 
 def program() -> dict[str, str | int]:
-    """Return version, folder, and one SHA-256 over the names and contents of all files of the program, sorted."""
+    """Return version, folder, and one SHA-256 over all files of the program."""
     found = [path for package in _PACKAGES for path in (_ROOT / package).rglob("*") if path.suffix in _CODE]
     digest = hashlib.sha256()
     for path in sorted(found):
@@ -27,7 +27,10 @@ def program() -> dict[str, str | int]:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of program, Python and libraries; what is not installed is left out."""
+    """Return the versions of program, Python and libraries.
+
+    What is not installed is left out.
+    """
     found = {"boat-daq": __version__, "Python": platform.python_version()}
     installed = {dist.name.replace("_", "-"): dist.version for dist in metadata.distributions()}
     return found | {name: installed[name] for name in _LIBRARIES if name in installed}
@@ -44,7 +47,7 @@ def machine() -> dict[str, str]:
 
 
 def disk(folder: Path) -> dict[str, str | float]:
-    """Return folder, file system, device, size and free space of the disk a folder is on, GB."""
+    """Return file system, device, size and free space of the disk of a folder, GB."""
     path = folder.resolve()
     device, kind = _mount(path)
     usage = shutil.disk_usage(path)
@@ -75,7 +78,10 @@ def _memory() -> str:
 
 
 def _mount(path: Path) -> tuple[str, str]:
-    """Return (device, type) of the file system a path is on: the mount point nearest to it."""
+    """Return (device, type) of the file system a path is on.
+
+    The mount point nearest to it.
+    """
     best, found = 0, ("not known", "not known")
     for line in _lines(Path("/proc/self/mounts")):
         device, point, kind = line.split()[:3]

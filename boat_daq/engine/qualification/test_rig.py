@@ -50,7 +50,10 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True)
 class DrillResult:
-    """Result of a drill, and on which boards; `lost` is a text on what is missing from the recording."""
+    """Result of a drill, and on which boards.
+
+    `lost` is a text on what is missing from the recording.
+    """
 
     name: str
     injected: str
@@ -69,7 +72,10 @@ class DrillResult:
 
 @dataclass(frozen=True, slots=True)
 class DrillRig:
-    """The rig of one drill: an empty folder of its own; `served` are the boards it had."""
+    """The rig of one drill.
+
+    An empty folder of its own; `served` are the boards it had.
+    """
 
     folder: Path
     served: list[BoardSettings] = field(default_factory=list)
@@ -186,7 +192,7 @@ def _wrong(samples: npt.NDArray[np.void], truth: npt.NDArray[np.float64], meta: 
 
 
 def loss_is_exact(found: TruthComparison) -> Criterion:
-    """Return whether the program counts as lost what the board's truth shows as missing."""
+    """Return whether the program counts as lost what the truth shows as missing."""
     lost = found.summary.lost_samples
     seen = f"{lost} counted, {found.missing} missing by the board"
     return Criterion("lost samples are counted exactly", seen, lost == found.missing)
@@ -215,7 +221,14 @@ def identical(rig: DrillRig) -> Criterion:
 
 
 def reported(found: TruthComparison, kinds: Sequence[str], text: str) -> Criterion:
-    """Return whether one of these events is in the recording."""
+    """Return whether one of these events is in the recording.
+
+    Parameters
+    ----------
+    found : of the drill.
+    kinds : of events, any of which is enough.
+    text : of the criterion.
+    """
     seen = [kind for kind in kinds if found.events.get(kind)]
     return Criterion(text, ", ".join(seen) or "nothing", bool(seen))
 
@@ -266,7 +279,7 @@ def last_true(rig: DrillRig) -> tuple[float, float]:
 
 @contextmanager
 def recorder_under_pressure(rig: DrillRig, board: ServedBoard) -> Iterator[subprocess.Popen[bytes]]:
-    """Start `boat-daq record` in a process of its own and wait until the unit is under pressure."""
+    """Start `boat-daq record` in a process and wait until the unit is under pressure."""
     options = ["--port", board.url, "--plan", "calibration", "--out", str(rig.run)]
     nowhere = subprocess.DEVNULL
     process = start_module("boat_daq", "record", *options, stdout=nowhere, stderr=nowhere)

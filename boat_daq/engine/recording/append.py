@@ -13,7 +13,9 @@ from protocol.recording import open_recording
 
 
 def append_reading(path: Path, reading: Reading) -> None:
-    """Add a reading to a closed recording; it corrects an earlier one for the same step, which stays.
+    """Add a reading to a closed recording.
+
+    It corrects an earlier one for the same step, which stays.
 
     Raises
     ------

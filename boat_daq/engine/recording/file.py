@@ -40,7 +40,7 @@ def now_utc() -> str:
 
 
 def check_recording_name(path: Path) -> None:
-    """Refuse a file name that is not a recording's or that some system of the lab cannot hold.
+    """Refuse a name that is not a recording's, or that some system cannot hold.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def check_recording_name(path: Path) -> None:
 
 
 def storage_error(path: Path, error: Exception) -> StorageError:
-    """Return cause and remedy of an error of SQLite or the system while a recording is written."""
+    """Return the error to raise where SQLite or the system fails to write."""
     code = _sqlite_code(error)
     number = getattr(error, "errno", None)
     if code == sqlite3.SQLITE_FULL or number == errno.ENOSPC:
@@ -72,7 +72,12 @@ def _sqlite_code(error: Exception) -> int:
 
 
 class RecordingFile:
-    """A recording open for writing. Made by `create` or `reopen`."""
+    """A recording open for writing. Made by `create`, `reopen` or `resume`.
+
+    Parameters
+    ----------
+    path, connection, lock : of the file.
+    """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock) -> None:
         self.path = path
@@ -165,7 +170,9 @@ class RecordingFile:
         return [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})")]
 
     def check_place(self) -> None:
-        """Detect what no write reports: that the file was removed, or that the disk is nearly full.
+        """Detect what no write reports.
+
+        That the file was removed, or that the disk is nearly full.
 
         Raises
         ------
@@ -180,7 +187,9 @@ class RecordingFile:
             raise StorageError(f"the disk of {self.path.parent} has only {free / 1e6:.0f} MB left", "Free disk space.")
 
     def close(self, *, check: bool = True) -> bool:
-        """Close into one checked file; False where another program has it open, so that -wal stays beside it.
+        """Close into one checked file.
+
+        False where another program has it open, so that -wal stays beside it.
 
         Raises
         ------

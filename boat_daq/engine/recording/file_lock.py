@@ -43,7 +43,7 @@ def lock_path(recording: Path) -> Path:
 
 
 class WriterLock:
-    """The exclusive right to write a recording, until `release` or the end of the process.
+    """The exclusive right to write a recording, until `release` or the process ends.
 
     Raises
     ------

@@ -41,7 +41,10 @@ _Item: TypeAlias = Block | Callable[[RowMaker], Iterator[Statement]]
 
 @dataclass(frozen=True, slots=True)
 class Acknowledged:
-    """What is safely in the file: survives a kill of this process at any later instant."""
+    """What is safely in the file.
+
+    Survives a kill of this process at any later instant.
+    """
 
     chunks: int = 0
     bytes: int = 0
@@ -49,7 +52,9 @@ class Acknowledged:
 
 
 class Recorder:
-    """Writes one recording; is itself a sink (`acquisition.add_recorder(recorder)`). Every method is thread-safe.
+    """Writes one recording.
+
+    Is itself a sink (`acquisition.add_recorder(recorder)`). Every method is thread-safe.
 
     Parameters
     ----------
@@ -136,7 +141,7 @@ class Recorder:
         return 0.0 if oldest is None else max(0.0, (time.monotonic_ns() - oldest) / 1e6)
 
     def attached(self, decoder_state: Mapping[str, Any]) -> None:
-        """Take what a link remembers of the bytes before the first that will come from it (`add_recorder`)."""
+        """Take the decoder's state before the first bytes of a link (`add_recorder`)."""
         self._later(lambda rows, host_ns: rows.attached(decoder_state, host_ns))
 
     def new_segment(self, reason: str, *, paused: bool = False) -> None:
@@ -147,7 +152,7 @@ class Recorder:
         self._later(lambda rows, host_ns: rows.begin_segment(reason, host_ns, paused=paused))
 
     def run_resumed(self, cause: str, *, first_cycle: int, complete_cycles: int) -> None:
-        """Keep the break of a run that resumes while its recording stayed open (the board was unplugged), as a segment.
+        """Keep the break of a run that resumes while its recording stayed open.
 
         A recording that was opened to be resumed has its break already: then nothing is kept.
 
@@ -175,7 +180,16 @@ class Recorder:
     def event(
         self, source: str, kind: str, *, value: float | None = None, text: str = "", time_us: int | None = None
     ) -> None:
-        """Keep an event; source is board, host, user or sequencer."""
+        """Keep an event.
+
+        Parameters
+        ----------
+        source : board, host, user or sequencer.
+        kind : its code.
+        value : in the unit of the kind.
+        text : for people.
+        time_us : board time; the newest sample's when None.
+        """
         self._later(lambda rows, host_ns: rows.event(host_ns, source, kind, value, text, time_us))
 
     def step(self, mark: StepMark, *, new: bool) -> None:
@@ -185,7 +199,10 @@ class Recorder:
         self._later(lambda rows, _: iter([step_row(mark, rows.segment, new=new)]))
 
     def reading(self, reading: Reading) -> None:
-        """Keep a reading of elongation; a later one for the same step corrects it and both stay."""
+        """Keep a reading of elongation.
+
+        A later one for the same step corrects it and both stay.
+        """
         statement = reading_row(reading)
         self._later(lambda *_: iter([statement]))
 
@@ -195,13 +212,18 @@ class Recorder:
         self._later(lambda *_: iter(statements))
 
     def flush(self, timeout_s: float = 5.0) -> bool:
-        """Wait until all that was handed over so far is committed; False when it is not in time."""
+        """Wait until all that was handed over so far is committed.
+
+        False when it is not in time.
+        """
         with self._changed:
             target = self._taken
             return self._changed.wait_for(lambda: self._committed >= target, timeout_s)
 
     def close(self, end: RunEnd, cause: str = "") -> Path:
-        """Commit the rest, close into one file, check it, and return its path. May be called twice.
+        """Commit the rest, close into one file, check it, and return its path.
+
+        May be called twice.
 
         Parameters
         ----------
@@ -271,7 +293,10 @@ class Recorder:
             self._report(self._refusing)
 
     def _check_file(self) -> None:
-        """Keep the link's counters; detect a file that was removed, a disk nearly full, memory that is full."""
+        """Keep the link's counters.
+
+        Detect a file that was removed, a disk nearly full, memory that is full.
+        """
         if self._health is not None:
             health = self._health()
             self._later(lambda rows, host_ns: health_row(host_ns, health, *rows.here))

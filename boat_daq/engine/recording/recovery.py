@@ -66,12 +66,12 @@ class Recovery:
 
 
 def find_interrupted(folder: Path) -> list[Path]:
-    """Return the recordings of a folder that were begun, not closed, and that no program writes."""
+    """Return the recordings of a folder that a killed program left open."""
     return [path for path in sorted(folder.glob(f"*{SUFFIX}")) if _is_interrupted(path)]
 
 
 def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
-    """Close properly what a killed session left, or save what is readable of a damaged file.
+    """Close properly what a killed session left, or save what a damaged file holds.
 
     Parameters
     ----------
@@ -103,7 +103,9 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
 
 
 def _roll_back(path: Path) -> None:
-    """Undo what a killed program had half added to a closed recording: its -journal lies beside the file.
+    """Undo what a killed program had half added to a closed recording.
+
+    Its -journal lies beside the file.
 
     A journal that names another file was not left by this program: SQLite would open that file, and may delete it.
     """
@@ -223,7 +225,10 @@ def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[
 
 
 def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
-    """Give what the killed program could not write: when it ended, and that it was killed."""
+    """Give what the killed program could not write.
+
+    When it ended, and that it was killed.
+    """
     first = {"utc": meta["started_utc"], "host_ns": meta["started_host_ns"], "first_chunk": 1}
     begun = [first, *breaks_of(meta)][-1]  # the monotonic clock may have restarted since the first start
     last_ns = db.execute(
@@ -244,7 +249,10 @@ def _end(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:
 
 
 def _open_damaged(path: Path) -> sqlite3.Connection:
-    """Open read-only what SQLite would refuse: with this pragma it reads a file that is shorter than it should be."""
+    """Open read-only what SQLite would refuse.
+
+    With this pragma it reads a file that is shorter than it should be.
+    """
     connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
     harden(connection, damaged=True)
     for pragma in ("query_only=ON", "writable_schema=ON"):
@@ -367,7 +375,7 @@ class _RowReader:
                 return
 
     def _readable_behind(self, sql: str, last: int) -> tuple[Any, ...] | None:
-        """Return the next row behind key `last` that can be read, found by doubling and halving; None at the end."""
+        """Return the next readable row behind key `last`, by bisection; None at the end."""
         low, high = last, last + 1
         while self._row_from(sql, high) is _UNREADABLE:
             low, high = high, high + (high - last)
@@ -383,7 +391,7 @@ class _RowReader:
         return row if isinstance(row, tuple) else None
 
     def _row_from(self, sql: str, start: int) -> object:
-        """Return the first row with a key of `start` or more, None when there is none, or that it cannot be read."""
+        """Return the first row from key `start` on, None without one, or `_UNREADABLE`."""
         try:
             row = self.db.execute(f"{sql} LIMIT 1", (start - 1,)).fetchone()
             return _UNREADABLE if row is not None and row[0] < start else row

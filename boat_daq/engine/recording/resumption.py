@@ -191,7 +191,9 @@ def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] |
 
 
 def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFile, Counters, list[dict[str, Any]]]:
-    """Open a recording to resume it, and record the break; return the file, its counters and its breaks.
+    """Open a recording to resume it, and record the break.
+
+    Return the file, its counters and its breaks.
 
     Parameters
     ----------
@@ -258,7 +260,7 @@ def _break(broken: BrokenRun, counters: Counters, metadata: Mapping[str, Any]) -
 
 
 def break_entry(*, cause: str, break_s: float | None, **keys: Any) -> dict[str, Any]:
-    """Return an entry of `session.resumptions`, made now (`protocol.recording` names its keys)."""
+    """Return an entry of `session.resumptions` (keys: `protocol.recording`), made now."""
     return {"utc": now_utc(), "cause": cause, "break_s": break_s, "program_version": __version__, **keys}
 
 

@@ -58,7 +58,7 @@ BOARD_EVENT_KINDS: dict[int, str] = {
 
 
 def step_row(mark: StepMark, segment: int, *, new: bool) -> Statement:
-    """Return the row of a step that begins, or the update of one with what has become known.
+    """Return the row of a step that begins, or the update of one.
 
     Parameters
     ----------
@@ -95,14 +95,24 @@ def reading_row(reading: Reading) -> Statement:
 
 
 def health_row(host_ns: int, health: HealthSnapshot, segment: int | None, time_us: int | None) -> Iterator[Statement]:
-    """Give the row of the link's counters at one instant."""
+    """Give the row of the link's counters at one instant.
+
+    Parameters
+    ----------
+    host_ns : host monotonic clock.
+    health : the counters.
+    segment, time_us : of the newest sample.
+    """
     s = health.statistics
     counters = (s.bytes, s.frames, s.samples, s.lost, s.crc_errors, s.malformed, s.oversize, s.duplicates, s.unknown)
     yield INSERT_HEALTH, (host_ns, segment, time_us, *counters, health.rate_hz, health.lag_ms)
 
 
 def overview_extremes(samples: NDArray[np.void], scale_mv: float) -> tuple[Any, ...]:
-    """Return the columns pressure_min_kpa .. flags of one row of `overview`; implausible samples are left out."""
+    """Return the columns pressure_min_kpa ..
+
+    Flags of one row of `overview`; implausible samples are left out.
+    """
     flags = int(np.bitwise_or.reduce(samples["flags"]))
     good = columns(samples[(samples["flags"] & SampleFlag.IMPLAUSIBLE) == 0], scale_mv)
     pressure_kpa = good.pressure_kpa
@@ -126,7 +136,13 @@ class OverviewRows:
         self._n = 0
 
     def add(self, block: int, segment: int, samples: NDArray[np.void]) -> Iterator[Statement]:
-        """Take a block; give the rows that are complete with it."""
+        """Take a block; give the rows that are complete with it.
+
+        Parameters
+        ----------
+        block, segment : their keys.
+        samples : of the block.
+        """
         if self._held and self._held[0][1] != segment:
             yield from self.finish()
         self._held.append((block, segment, samples))
@@ -149,7 +165,10 @@ class OverviewRows:
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """What a recording holds already: the newest key of each table, its bytes and its samples."""
+    """What a recording holds already.
+
+    The newest key of each table, its bytes and its samples.
+    """
 
     segment: int = 0
     chunks: int = 0
@@ -167,7 +186,10 @@ class Counters:
 
 
 class RowMaker:
-    """Turns blocks, in order, into statements; keeps the counters of what went by, from `before` on."""
+    """Turns blocks, in order, into statements.
+
+    Keeps the counters of what went by, from `before` on.
+    """
 
     def __init__(self, meta: Mapping[str, Any], before: Counters = Counters()) -> None:
         self._dtype = dtype_from_description(meta["sample_dtype"])
@@ -198,7 +220,7 @@ class RowMaker:
                 yield from self._event_rows(event, block.host_ns)
 
     def attached(self, decoder_state: Mapping[str, Any], host_ns: int) -> Iterator[Statement]:
-        """Give the row of the segment that begins with a link, and what that link remembers of earlier bytes."""
+        """Give the row of the segment that begins with a link, with its decoder's state."""
         first = "resumed after a break" if self._before else "opened"
         reason = "reconnected" if self.segment > self._before else first
         yield from self.begin_segment(reason, host_ns, decoder=json.dumps(decoder_state))
@@ -206,7 +228,14 @@ class RowMaker:
     def begin_segment(
         self, reason: str, host_ns: int, *, paused: bool = False, here: bool = False, decoder: str | None = None
     ) -> Iterator[Statement]:
-        """Give the row of a new segment, from the newest chunk (`here`) or from the next one on."""
+        """Give the row of a new segment.
+
+        Parameters
+        ----------
+        reason, paused, decoder : as its columns.
+        host_ns : host monotonic clock.
+        here : whether it begins with the newest chunk, not with the next one.
+        """
         yield from self.flush()
         self.segment += 1
         self._time_us = None
@@ -216,14 +245,24 @@ class RowMaker:
     def event(
         self, host_ns: int, source: str, kind: str, value: float | None, text: str, time_us: int | None = None
     ) -> Iterator[Statement]:
-        """Give the row of an event; at the newest sample's time unless given another."""
+        """Give the row of an event.
+
+        Parameters
+        ----------
+        host_ns : host monotonic clock.
+        source, kind, value, text : as its columns.
+        time_us : board time; the newest sample's when None.
+        """
         self._last_event += 1
         time_us = self._time_us if time_us is None else time_us
         segment = self.segment or None
         yield INSERT_EVENT, (self._last_event, host_ns, segment, time_us, source, kind, value, text)
 
     def flush(self, *, last: bool = False) -> Iterator[Statement]:
-        """Give the rows of the samples that are held; of the overview too when they were the last."""
+        """Give the rows of the samples that are held.
+
+        Of the overview too when they were the last.
+        """
         if self._held:
             samples = np.concatenate(self._held) if len(self._held) > 1 else self._held[0]
             self._held = []
@@ -263,7 +302,10 @@ class RowMaker:
     def _started_unanswered(
         self, samples: NDArray[np.void], host_ns: int
     ) -> Generator[Statement, None, NDArray[np.void]]:
-        """Begin the segment of a START whose answer is late with its first sample; return the samples from there on."""
+        """Begin the segment of a START whose answer is late with its first sample.
+
+        Return the samples from there on.
+        """
         first = int(np.argmin(samples["index"]))
         if first:
             self._held.append(samples[:first])

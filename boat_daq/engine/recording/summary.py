@@ -48,7 +48,10 @@ class CycleCounts:
 
 @dataclass(frozen=True, slots=True)
 class BreakSummary:
-    """A break of a run (`resumption`): why it had ended, for how long, and with which cycle it resumed."""
+    """A break of a run (`resumption`).
+
+    Why it had ended, for how long, and with which cycle it resumed.
+    """
 
     utc: str
     cause: str
@@ -176,14 +179,14 @@ def _one(db: sqlite3.Connection, sql: str, values: tuple[Any, ...] = ()) -> Any:
 
 
 def _counted(db: sqlite3.Connection, counter: str) -> int:
-    """Return the sum of a link counter of table `health` over all links of a recording; each begins at zero."""
+    """Return the sum of a counter of `health` over all links; each begins at zero."""
     sql = f"""
         SELECT {counter}, bytes <= lead(bytes) OVER (ORDER BY id) AS goes_on FROM health ORDER BY id"""  # noqa: S608
     return sum(count for count, goes_on in db.execute(sql) if not goes_on)
 
 
 def _segments(db: sqlite3.Connection) -> list[SegmentSummary]:
-    """Return the segments that have samples, from the overview and the blocks behind it."""
+    """Return the segments with samples, from the overview and the blocks behind it."""
     last_block = _one(db, "SELECT coalesce(max(last_block), 0) FROM overview")[0]
     sql = """
         SELECT segment.id, reason, paused, sum(n), min(first_time_us), max(last_time_us)
@@ -203,7 +206,7 @@ def _rate(samples: int, segments: int, duration_s: float) -> float | None:
 
 
 def _cycles(db: sqlite3.Connection) -> CycleCounts:
-    """Count cycles: complete are those with as many steps as any, all of them reached, in both branches."""
+    """Count cycles; complete are those with the most steps, all reached, both branches."""
     sql = """
         SELECT count(*), sum(status = 'reached'), count(DISTINCT branch) FROM step
         WHERE cycle > 0 AND branch IN ('unloading', 'loading') GROUP BY cycle"""

@@ -106,7 +106,10 @@ def _add_columns(path: Path, version: int) -> None:
 
 
 def _keep(path: Path, version: int) -> Path:
-    """Give the file a second name, that of its backup; nothing that has such a name is overwritten."""
+    """Give the file a second name, that of its backup.
+
+    Nothing that has such a name is overwritten.
+    """
     for number in range(1, 1000):
         backup = path.with_name(f"{path.name}.v{version}{'' if number == 1 else f'.{number}'}.bak")
         try:
@@ -122,7 +125,10 @@ def _keep(path: Path, version: int) -> Path:
 
 
 def _flush(folder: Path) -> None:
-    """Have the new names on the disk; systems that cannot flush a folder do it by themselves."""
+    """Have the new names on the disk.
+
+    Systems that cannot flush a folder do it by themselves.
+    """
     try:
         descriptor = os.open(folder, os.O_RDONLY)
     except OSError:

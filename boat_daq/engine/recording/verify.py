@@ -126,7 +126,10 @@ def _verify_stream(db: sqlite3.Connection, tally: dict[str, int], progress: Prog
 def _side_by_side(
     derived: Iterator[NDArray[np.void]], stored: Iterator[NDArray[np.void]]
 ) -> Iterator[tuple[NDArray[np.void], NDArray[np.void]]]:
-    """Give pieces of the same samples; the end of one before the other is a difference."""
+    """Give pieces of the same samples.
+
+    The end of one before the other is a difference.
+    """
     done = 0
     for again, kept in zip_longest(derived, stored):
         n_again, n_kept = (0 if piece is None else len(piece) for piece in (again, kept))
@@ -174,7 +177,10 @@ def _chunks(db: sqlite3.Connection, first: int, after: int, tally: dict[str, int
 
 
 def _stored(db: sqlite3.Connection, dtype: np.dtype[np.void], overview: OverviewRows) -> Iterator[NDArray[np.void]]:
-    """Give the samples that the file has; check their rows and the overview on the way."""
+    """Give the samples that the file has.
+
+    Check their rows and the overview on the way.
+    """
     rows = db.execute("SELECT id, segment, n, first_time_us, last_time_us, samples FROM block ORDER BY id")
     kept = iter(db.execute("SELECT * FROM overview ORDER BY id").fetchall())
     for number, segment, n, first_us, last_us, blob in rows:
@@ -238,7 +244,7 @@ def _verify_results(
 
 
 def _by_whom(stored: StoredResult, code: str) -> str:
-    """Return whether other numbers may come from another program, or only from a file that was changed."""
+    """Return whether another program or a change of the file explains other numbers."""
     made = stored.parameters.get("code")
     if made == code:
         return "this program, which computed it, gives other numbers than are stored"
@@ -250,7 +256,10 @@ def _by_whom(stored: StoredResult, code: str) -> str:
 
 
 def _first_other(kept: Any, again: Any, at: str = "") -> str | None:
-    """Return the name of the first value that differs, as JSON; None where all are the same."""
+    """Return the name of the first value that differs, as JSON.
+
+    None where all are the same.
+    """
     if isinstance(kept, dict) and isinstance(again, dict) and kept.keys() == again.keys():
         pairs = ((f"{at}.{key}".lstrip("."), kept[key], again[key]) for key in sorted(kept))
     elif isinstance(kept, list) and isinstance(again, list) and len(kept) == len(again):

@@ -57,7 +57,18 @@ class ActiveRecording:
         self._settings, self._units = settings, units
 
     def begin(self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None) -> None:
-        """Record into `path` from now on, or resume the recording of a broken run; see `Session.start_recording`."""
+        """Record from now on, or resume the recording of a broken run.
+
+        Parameters
+        ----------
+        path : file to create, or that of the broken run.
+        metadata : operator and note.
+        broken : the run that is resumed; None for a new recording.
+
+        Raises
+        ------
+        As `Session.start_recording` and `Session.resume_recording`.
+        """
         polarity = self._units.load(self.unit).polarity if self.unit else -1
         with self._acting() as control:
             reader = self._link.reader
@@ -113,7 +124,10 @@ class ActiveRecording:
         return path
 
     def check_space(self) -> Check:
-        """Return whether what the plan will record fits on the disk; a good check where nothing is recorded."""
+        """Return whether what the plan will record fits on the disk.
+
+        A good check where nothing is recorded.
+        """
         with self._acting() as control:
             recorder, plan, rate_hz = self._journal.recorder, control.sequencer.plan, control.rate_hz
             n_sensors = self._link.port.link.n_sensors if self._link.port else None
@@ -126,7 +140,7 @@ class ActiveRecording:
         return Check("space")
 
     def _describe(self, control: Controller) -> dict[str, Any]:
-        """Return what a recording keeps of board, link and plan (keys of `protocol.recording.SESSION_KEYS`)."""
+        """Return what a recording's `session` keeps of board, link and plan."""
         port = self._link.port
         assert port is not None
         hello, limits, plan = control.hello, control.interlock.limits, control.sequencer.plan

@@ -57,7 +57,10 @@ class HealthLog:
 
 
 def health_line(vitals: Vitals) -> str:
-    """Return the line: link and run, rate, losses, lag and queue of the recorder, disk and memory."""
+    """Return the line of the log.
+
+    It holds link and run, rate, losses, lag and queue of the recorder, disk and memory.
+    """
     parts = [f"health link={vitals.link} run={vitals.state}"]
     health = vitals.health
     if health is not None:

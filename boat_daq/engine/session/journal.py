@@ -34,13 +34,20 @@ class Journal:
         self._last = 0
 
     def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
-        """Begin a recording, with the steps and readings of the broken run that it resumes, or with none."""
+        """Begin a recording, with the steps and readings of the run that it resumes."""
         self.recorder, self.ended, self.broken = recorder, None, broken
         self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
         self.readings = list(broken.readings) if broken else []
 
     def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "") -> None:
-        """Add a message for the operator, and log it."""
+        """Add a message for the operator, and log it.
+
+        Parameters
+        ----------
+        kind : its code.
+        level : "info", "warning" or "error".
+        cause, remedy : sentences without their full stop.
+        """
         self._last += 1
         note(level, f"{kind}: {cause}" + (f" (try: {remedy})" if remedy else ""))
         self.messages.append(Message(self._last, kind, level, cause, remedy, time.monotonic_ns()))
@@ -67,7 +74,12 @@ class Journal:
     def event(
         self, source: str, kind: str, text: str, *, value: float | None = None, time_us: int | None = None
     ) -> None:
-        """Record an event."""
+        """Record an event, where a recording runs.
+
+        Parameters
+        ----------
+        source, kind, text, value, time_us : as `Recorder.event`.
+        """
         if self.recorder is not None:
             self.recorder.event(source, kind, value=value, text=text, time_us=time_us)
 

@@ -195,7 +195,10 @@ class LinkSupervisor:
             self._play()
 
     def _attach(self, port: OpenPort) -> None:
-        """Begin to read a port that has just been opened; the reading of a replay begins in `_play`."""
+        """Begin to read a port that has just been opened.
+
+        The reading of a replay begins in `_play`.
+        """
         reader = PortReader(port.transport, port.link)
         with self._acting() as control:
             health = LinkHealth(lambda: reader.statistics, asked_hz=control.rate_hz, lag_ms=self._lag_ms)
@@ -214,14 +217,17 @@ class LinkSupervisor:
                 control.listen(mv_per_count(port.replayed))
 
     def _detach(self) -> None:
-        """Stop reading and close the port; waits for the reading thread, so never under the lock."""
+        """Stop reading and close the port.
+
+        Waits for the reading thread, so never under the lock.
+        """
         with self._acting():
             reader, self.reader = self.reader, None
         if reader is not None:
             reader.stop()
 
     def _play(self) -> None:
-        """Start a replay: it waits for no START, so `greeted` is called before its first byte."""
+        """Start a replay; it waits for no START, so `greeted` is called first."""
         if self._greeted is not None:
             self._greet()
         if self.reader is not None:  # it is gone where that failed
@@ -277,7 +283,10 @@ class LinkSupervisor:
         )
 
     def _fail(self, cause: str, remedy: str) -> None:
-        """Give up the port; a board that sent its HELLO is left at rest, its watchdog disarmed."""
+        """Give up the port.
+
+        A board that sent its HELLO is left at rest, its watchdog disarmed.
+        """
         with self._acting() as control:
             greeted = control.greeted
         if greeted and self._lost is None and self.reader is not None:
@@ -365,7 +374,10 @@ class LinkSupervisor:
         self._show(block)
 
     def _noticed(self, block: Block) -> bool:
-        """Note what concerns the link; return False for a block of another board than the one expected."""
+        """Note what concerns the link.
+
+        Return False for a block of another board than the one expected.
+        """
         self._heard = self._heard or bool(block.raw)
         for event in block.events:
             match event:
@@ -385,7 +397,7 @@ class LinkSupervisor:
         return True
 
     def _identified(self, control: Controller) -> None:
-        """Record on from a board that is back, and compare its rate with the one it can give."""
+        """Continue the recording of a board that is back; take the rate it can give."""
         if self.health is not None:
             self.health.asked_hz = control.rate_hz
         recorder = self._journal.recorder

@@ -50,7 +50,7 @@ def read_elongation_csv(path: Path) -> tuple[FileReading, ...]:
 
 
 def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:
-    """Refuse, before anything moves, a file that will not fit an unbroken run of `plan`.
+    """Refuse a file that will not fit an unbroken run of `plan`, before it begins.
 
     Raises
     ------
@@ -116,7 +116,10 @@ def _by_branch(readings: Sequence[FileReading], plateaus: list[StepMark], near: 
 
 
 def _plateau_of(row: FileReading, plateaus: list[StepMark], near: float) -> StepMark | None:
-    """Return the plateau of a row: its own branch's, or the one at which that branch begins."""
+    """Return the plateau of a row.
+
+    Its own branch's, or the one at which that branch begins.
+    """
     own = [i for i, step in enumerate(plateaus) if step.cycle == row.cycle and step.branch == row.branch]
     first = own[0] if own else next((i + 1 for i, s in enumerate(plateaus) if s.branch == row.branch == "start"), 0)
     candidates = [*own, first - 1] if first else own
@@ -124,7 +127,13 @@ def _plateau_of(row: FileReading, plateaus: list[StepMark], near: float) -> Step
 
 
 def enter_readings(session: Session, readings: Sequence[FileReading], *, source: str = "csv") -> int:
-    """Enter a file's readings for the plateaus that the run has reached; return how many.
+    """Enter a file's readings for the plateaus reached; return how many.
+
+    Parameters
+    ----------
+    session : with the run.
+    readings : rows of the file.
+    source : kept with each reading.
 
     Raises
     ------
@@ -137,7 +146,7 @@ def enter_readings(session: Session, readings: Sequence[FileReading], *, source:
 
 
 def simulated_reading(truth_mm: float, rng: np.random.Generator, *, resolution_mm: float, reader_sd_mm: float) -> float:
-    """Return a reading of a true elongation, mm: with a normal error, to the nearest line of the grid.
+    """Return a reading of a true elongation, mm: with an error, rounded to the grid.
 
     Parameters
     ----------
@@ -183,6 +192,13 @@ def enter_simulated_readings(
     reader_sd_mm: float = READER_SD_MM,
 ) -> int:
     """Enter readings of a virtual unit, from its truth; return how many.
+
+    Parameters
+    ----------
+    session : with the run.
+    truth_csv : as `truth_at_plateaus` takes it.
+    seed : of the reader's error.
+    resolution_mm, reader_sd_mm : as `simulated_reading` takes them.
 
     The defaults leave 0.008 mm (rms) of error; the paper's R2 of 0.99991 for its second sensor allows 0.02 mm.
 

@@ -81,7 +81,10 @@ class Session:
 
     @property
     def ring(self) -> RingBuffer | None:
-        """Samples for the screen; None until the first came, another one after a new `connect`."""
+        """Samples for the screen.
+
+        None until the first came, another one after a new `connect`.
+        """
         return self._ring
 
     # ---- the link --------------------------------------------------------------------------------------------------
@@ -142,7 +145,7 @@ class Session:
         self._health_log.start()
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], timeout_s: float | None = None) -> SessionSnapshot:
-        """Block the caller (a command, never a window) until `condition(snapshot)` holds or the time is over."""
+        """Block a command, never a window, until the condition holds or the time is over."""
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         while True:
             seen = self.snapshot()
@@ -151,7 +154,9 @@ class Session:
             time.sleep(POLL_S)
 
     def wait_connected(self, timeout_s: float = 8.0) -> SessionSnapshot:
-        """Block until the link is UP, or was: a short replay is over before the first look.
+        """Block until the link is UP, or was.
+
+        A short replay is over before the first look.
 
         Raises
         ------
@@ -164,7 +169,10 @@ class Session:
         raise DeviceError(cause, remedy)
 
     def disconnect(self) -> None:
-        """Vent, stop the stream, close the recording and the port. Returns at once; see `snapshot().link`."""
+        """Vent, stop the stream, close the recording and the port.
+
+        Returns at once; see `snapshot().link`.
+        """
         self._link.close()
 
     def close(self) -> None:
@@ -186,9 +194,10 @@ class Session:
         self._recording.begin(path, metadata, None)
 
     def resume_recording(self, broken: BrokenRun, metadata: Mapping[str, Any] | None = None) -> None:
-        """Resume the recording of a broken run (`resumption.prepare_resumption`), as a new segment.
+        """Resume the recording of a broken run, as a new segment.
 
-        Its steps and readings are there again; `arm(broken.plan, resume=True)` then continues at its next whole cycle.
+        `resumption.prepare_resumption` reads the run. Its steps and readings are there again;
+        `arm(broken.plan, resume=True)` then continues at its next whole cycle.
 
         Parameters
         ----------
@@ -202,7 +211,9 @@ class Session:
         self._recording.begin(broken.path, metadata, broken)
 
     def stop_recording(self) -> Path | None:
-        """Close the recording properly and return its path; a run in progress is stopped and vented first.
+        """Close the recording properly and return its path.
+
+        A run in progress is stopped and vented first.
 
         Waits for the disk, and up to 5 s for a unit to vent.
 
@@ -290,7 +301,10 @@ class Session:
             control.stop()
 
     def vent(self) -> None:
-        """Vent now, in any state, from any thread; ends a run. The command leaves before anything is waited for."""
+        """Vent now, in any state, from any thread.
+
+        Ends a run. The command leaves before anything is waited for.
+        """
         before = self._pressures
         sent = self._link.send(Vent())
         with self._acting() as control:
@@ -298,7 +312,9 @@ class Session:
             control.vent(sent=sent and before == self._pressures and before % 2 == 0)
 
     def clear_fault(self, by: str = "the operator") -> None:
-        """Clear a latched fault whose cause is gone, here and on the board; `by` whom goes into the recording.
+        """Clear a latched fault whose cause is gone, here and on the board.
+
+        `by` whom goes into the recording.
 
         Raises
         ------
@@ -329,7 +345,9 @@ class Session:
         reader: str = "",
         note: str = "",
     ) -> Reading:
-        """Keep a reading for a plateau; a second one for the same step corrects the first, which stays in the file.
+        """Keep a reading for a plateau.
+
+        A second one for the same step corrects the first, which stays in the file.
 
         Parameters
         ----------
@@ -363,7 +381,10 @@ class Session:
             return tuple(self._journal.steps.values())
 
     def readings(self) -> tuple[Reading, ...]:
-        """Return all readings, corrections included, in order of entry; the last one for a step counts."""
+        """Return all readings, corrections included, in order of entry.
+
+        The last one for a step counts.
+        """
         with self._lock:
             return tuple(self._journal.readings)
 
@@ -409,7 +430,10 @@ class Session:
             )
 
     def add_sink(self, sink: SampleSink) -> Callable[[], None]:
-        """Pass every block of samples to `sink` on the reading thread; return the function that removes it."""
+        """Pass every block of samples to `sink` on the reading thread.
+
+        Return the function that removes it.
+        """
         with self._lock:
             self._sinks = (*self._sinks, sink)
 
@@ -420,7 +444,7 @@ class Session:
         return remove
 
     def _show(self, block: Block) -> None:
-        """Pass a block's samples to the screen's ring and the user's sinks, on the reading thread, without the lock."""
+        """Pass a block's samples to ring and sinks, on the reading thread, without the lock."""
         arrays = [event.array for event in block.events if isinstance(event, Samples) and len(event.array)]
         if not arrays:
             return
@@ -447,7 +471,7 @@ class Session:
 
     @contextmanager
     def _acting(self) -> Iterator[Controller]:
-        """Give the controller under the lock, and carry out what follows, also where it refuses."""
+        """Give the controller under the lock, and carry out its effects, even on an error."""
         with self._lock:
             self._control.board.now_ns = time.monotonic_ns()
             try:

@@ -52,7 +52,10 @@ class Carrier(Protocol):
 
 
 class PtyCarrier:
-    """A pseudo-terminal; with `link`, a symbolic link that finds it again after a replug."""
+    """A pseudo-terminal.
+
+    With `link`, a symbolic link that finds it again after a replug.
+    """
 
     def __init__(self, link: Path | None = None) -> None:
         if sys.platform == "win32":

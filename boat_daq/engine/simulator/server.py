@@ -104,7 +104,10 @@ class BoardServer:
         return self._carrier.url
 
     def run(self, stopped: Callable[[], bool], replugged: Callable[[str], None] | None = None) -> None:
-        """Serve until `stopped()`; `replugged(url)` is called for a port that returned under another name."""
+        """Serve until `stopped()`.
+
+        `replugged(url)` is called for a port that returned under another name.
+        """
         step_s = _FAST_STEP_S if self._speed >= 20 else _STEP_S
         clock_us = 1e6 * self._speed
         origin, done_us = time.monotonic(), 0
@@ -145,7 +148,7 @@ class BoardServer:
             _write_truth(self._truth, self.board)
 
     def _for_host_us(self) -> int:
-        """Return how far a fast board's time may advance before it has to wait for its host."""
+        """Return how far a fast board's time may advance before it waits for its host."""
         watchdog_us = self.board.watchdog_us
         if not self._connected:
             return sys.maxsize
@@ -156,7 +159,10 @@ class BoardServer:
         return max(0, watchdog_us - self.board.now_us - 1)
 
     def _room(self) -> int:
-        """Return the bytes free in the transmit buffer; once full, none until it is half empty."""
+        """Return the bytes free in the transmit buffer.
+
+        Once full, none until it is half empty.
+        """
         free = self._buffer_bytes - len(self._pending)
         self._congested = free < self._buffer_bytes // 2 if self._congested else free <= 64
         return 0 if self._congested else free
@@ -243,7 +249,9 @@ class ServedBoard:
 
 
 def serve(settings: BoardSettings, *, in_thread: bool = False) -> ServedBoard:
-    """Serve a board beside this program: in a process of its own, or in a thread of this one.
+    """Serve a board beside this program.
+
+    In a process of its own, or in a thread of this one.
 
     Raises
     ------
@@ -289,7 +297,7 @@ def _serve_in_process(settings: BoardSettings) -> ServedBoard:
 
 
 def _serve_for_parent(text: str) -> None:
-    """Serve with the settings in `text` (JSON) until standard input ends, as it does with the parent.
+    """Serve with the settings in `text` (JSON) until standard input ends.
 
     Ctrl-C is left to the parent: a board that ended first could not be vented any more.
     """

@@ -120,11 +120,11 @@ VIRIDIS = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a
 _OUTCOMES = {
     "light": {
         "works": ("#bfe0f2", "#1a2027"), "degraded": ("#f5ec8e", "#1a2027"), "refused": ("#c9ced6", "#1a2027"),
-        "quiet wrong": ("#1a2027", "#ffffff"),
+        "unwarned": ("#1a2027", "#ffffff"),
     },
     "dark": {
         "works": ("#1f5f85", "#e9edf1"), "degraded": ("#8a7d1f", "#ffffff"), "refused": ("#48515b", "#e9edf1"),
-        "quiet wrong": ("#ffffff", "#14181d"),
+        "unwarned": ("#ffffff", "#14181d"),
     },
 }  # fmt: skip
 HATCH_ALPHA = 90

@@ -20,7 +20,7 @@ HATCHING = {
     "works": Qt.BrushStyle.NoBrush,
     "degraded": Qt.BrushStyle.BDiagPattern,
     "refused": Qt.BrushStyle.DiagCrossPattern,
-    "quiet wrong": Qt.BrushStyle.NoBrush,
+    "unwarned": Qt.BrushStyle.NoBrush,
 }
 GAP = 1.0  # pixels between cells
 LETTER_LEAST = 12.0  # pixels: a smaller cell has no letter, only colour and hatching

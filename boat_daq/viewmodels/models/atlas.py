@@ -17,12 +17,12 @@ from boat_daq.viewmodels.common.measured_result import MeasuredResult
 from boat_daq.viewmodels.models.tradeoff_jobs import sweep_method
 from boat_daq.viewmodels.models.tradeoff_report import error_text
 
-# name in `atlas --json` -> letter in a cell, text
-OUTCOMES = {
+CODES = {"works": "works", "degraded": "degraded", "refused": "refused", "quiet wrong": "unwarned"}  # of `atlas --json`
+OUTCOMES = {  # code -> letter in a cell, text
     "works": ("", "works"),
     "degraded": ("d", "works with a warning"),
     "refused": ("r", "refuses"),
-    "quiet wrong": ("!", "wrong without warning"),
+    "unwarned": ("!", "wrong without warning"),
 }
 FILE = "atlas.json"
 
@@ -97,10 +97,7 @@ def _map(m: Mapping[str, Any]) -> MapView:
 
 
 def _cell(cell: Mapping[str, Any]) -> MapCell:
-    outcome = str(cell["outcome"])
-    if outcome not in OUTCOMES:
-        raise ValueError(outcome)
-    error = cell["error"]
+    outcome, error = CODES[str(cell["outcome"])], cell["error"]
     return MapCell(outcome, float("nan") if error is None else float(error), str(cell["said"]))
 
 

@@ -49,6 +49,7 @@ def printed(value: Any, path: str = "") -> Iterator[str]:
 
 CASES = [
     ("info RUN", ["info", "RUN"]),
+    ("strokes RUN", ["strokes", "RUN"]),
     ("fit FILE.csv --x COL --y COL --bands", ["fit", "TABLE", "--x", "x", "--y", "y", "--bands"]),
     pytest.param("analyze RUN", ["analyze", "RUN", "--no-store"], marks=pytest.mark.nightly),
     pytest.param("verify RUN", ["verify", "RUN"], marks=pytest.mark.nightly),

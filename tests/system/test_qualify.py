@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 from boat_daq import __version__
 from boat_daq.cli import app
-from boat_daq.commands.qualify import result
 from boat_daq.engine.qualification import drills, installation
 from boat_daq.engine.qualification.drills import available, run_drill
+from boat_daq.engine.qualification.result import qualification
 from boat_daq.engine.qualification.test_rig import Criterion, DrillResult, DrillRig
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.simulator.server import BoardSettings
@@ -109,7 +109,7 @@ def test_drill_that_raises_or_checks_nothing_fails(drill: drills.Drill, tmp_path
     """A drill without a criterion does not pass."""
     outcome = run_drill(drill, tmp_path / "drill")
     assert not outcome.passed
-    assert not result([outcome], datetime.now(UTC), whole=True)["passed"]
+    assert not qualification([outcome], datetime.now(UTC), whole=True, folder=tmp_path)["passed"]
 
 
 def test_report_is_marked_simulated_and_dated_for_signature(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,7 +126,7 @@ def test_report_is_marked_simulated_and_dated_for_signature(tmp_path: Path, monk
         "Signature",
         content["begun"][:10],
         content["versions"]["Python"],
-        "no whole qualification",
+        "not a full qualification",
     ):
         assert part in text
     assert pdf.read_bytes().startswith(b"%PDF")

@@ -24,8 +24,9 @@ def test_triangular_drive_gives_its_loop(tmp_path: Path) -> None:
     assert (found["strokes_up"], found["strokes_down"], found["cycles"]) == (10, 10, 9)
     assert found["period_s"]["mean"] == pytest.approx(10.0, abs=0.01)
     (sensor,) = found["sensors"]
-    assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, rel=0.02)
-    assert sensor["friction_kpa"]["mean"] == pytest.approx(0.8, rel=0.05)
+    # a sample more or less at an edge of the middle part: half a step of 0.09 kPa or 0.45 mV
+    assert sensor["half_width_mv"]["mean"] == pytest.approx(4.0, abs=0.23)
+    assert sensor["friction_kpa"]["mean"] == pytest.approx(0.8, abs=0.045)
     assert sensor["loop_area_kpa_mv"]["mean"] == pytest.approx(8.0 * 90.0, rel=0.02)
 
 

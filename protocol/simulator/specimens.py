@@ -104,7 +104,8 @@ _SPECIMENS = {
         ),
     )
 }
-SPECIMEN_NAMES = (*_SPECIMENS, *(name + FALLING for name in _SPECIMENS))
+RISING_NAMES = tuple(_SPECIMENS)
+SPECIMEN_NAMES = (*RISING_NAMES, *(name + FALLING for name in RISING_NAMES))
 
 
 def find_specimen(name: str) -> Specimen:

@@ -23,9 +23,10 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.profiles import check_profile, profile_text
+from protocol.simulator.specimens import RISING_NAMES
 
 LONGEST_PORT = 28
-VIRTUAL_UNITS = ("SA1", "SA2", "SA3")
+VIRTUAL_UNITS = RISING_NAMES
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The layout of the sources: small folders, no import circle."""
+"""The layout of the sources: small folders, one name for one class, tests beside what they test, no import circle."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ast
 import shutil
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from tests.conftest import ROOT
 PACKAGES = ("boat_daq", "protocol", "analysis")
 MOST_MODULES = 16
 WITHOUT_LIMIT = {Path("boat_daq/commands")}  # one file for each group of commands
+NO_MIRROR = {"benchmarks", "docs", "faults", "firmware", "system", "vectors"}  # what concerns no single package
 
 
 def modules(folder: Path) -> list[Path]:
@@ -38,6 +40,32 @@ def test_every_folder_says_what_it_holds() -> None:
     """Each package has a docstring."""
     packages = [path for path in sources() if path.name == "__init__.py"]
     assert [str(p) for p in packages if not ast.get_docstring(ast.parse((ROOT / p).read_text(encoding="utf-8")))] == []
+
+
+def test_a_public_class_name_stands_for_one_class() -> None:
+    """No two classes of one public name."""
+    homes: defaultdict[str, list[str]] = defaultdict(list)
+    for path in sources():
+        for node in ast.parse((ROOT / path).read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes[node.name].append(str(path))
+    assert {name: paths for name, paths in homes.items() if len(paths) > 1} == {}
+
+
+def test_tests_mirror_the_sources() -> None:
+    """`tests/a/b/test_c_anything.py` tests the module or package `a/b/c`, or the package `a/b` itself."""
+    strangers = []
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        folder = path.relative_to(ROOT / "tests").parent
+        if folder == Path() or folder.parts[0] in NO_MIRROR:
+            continue
+        inside = ROOT / folder
+        names = {p.stem for p in inside.iterdir() if p.suffix == ".py" or p.is_dir()} if inside.is_dir() else set()
+        names |= {p.stem.lower() for p in inside.glob("*.md")} if inside.is_dir() else set()
+        tested = path.stem.removeprefix("test_")
+        if not any(tested == name or tested.startswith(f"{name}_") for name in names):
+            strangers.append(str(path.relative_to(ROOT)))
+    assert strangers == []
 
 
 CIRCLES = {  # the module that gets one more import, the import, the package in which a circle is then reported

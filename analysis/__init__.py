@@ -16,63 +16,44 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from analysis.calibration.fit import Calibration, fit_calibration
-    from analysis.calibration.inverse import Fusion, Inverse
-    from analysis.calibration.posterior import Posterior, sample_posterior
-    from analysis.data.load import load_recording
-    from analysis.data.recording import Recording
-    from analysis.errors import AnalysisError
-    from analysis.figures.figure import Figure
-    from analysis.figures.pipeline import Analysis, analyse
-    from analysis.figures.sensor_analysis import Options
-    from analysis.reports.build import write_report
-    from analysis.segmentation.cycles import find_cycles
-    from analysis.segmentation.plateaus import PlateauSettings, find_plateaus, plateau_table
+    from analysis.calibration.fit import Calibration as Calibration
+    from analysis.calibration.fit import fit_calibration as fit_calibration
+    from analysis.calibration.inverse import Fusion as Fusion
+    from analysis.calibration.inverse import Inverse as Inverse
+    from analysis.calibration.posterior import Posterior as Posterior
+    from analysis.calibration.posterior import sample_posterior as sample_posterior
+    from analysis.data.load import load_recording as load_recording
+    from analysis.data.recording import Recording as Recording
+    from analysis.errors import AnalysisError as AnalysisError
+    from analysis.figures.figure import Figure as Figure
+    from analysis.figures.pipeline import Analysis as Analysis
+    from analysis.figures.pipeline import analyse as analyse
+    from analysis.figures.sensor_analysis import Options as Options
+    from analysis.reports.build import write_report as write_report
+    from analysis.segmentation.cycles import find_cycles as find_cycles
+    from analysis.segmentation.plateaus import PlateauSettings as PlateauSettings
+    from analysis.segmentation.plateaus import find_plateaus as find_plateaus
+    from analysis.segmentation.plateaus import plateau_table as plateau_table
 
-__all__ = [
-    "Analysis",
-    "AnalysisError",
-    "Calibration",
-    "Figure",
-    "Fusion",
-    "Inverse",
-    "Options",
-    "PlateauSettings",
-    "Posterior",
-    "Recording",
-    "analyse",
-    "find_cycles",
-    "find_plateaus",
-    "fit_calibration",
-    "load_recording",
-    "plateau_table",
-    "sample_posterior",
-    "write_report",
-]
-
-_HOME = {
-    "Analysis": "analysis.figures.pipeline",
-    "AnalysisError": "analysis.errors",
-    "Calibration": "analysis.calibration.fit",
-    "Figure": "analysis.figures.figure",
-    "Fusion": "analysis.calibration.inverse",
-    "Inverse": "analysis.calibration.inverse",
-    "Options": "analysis.figures.sensor_analysis",
-    "PlateauSettings": "analysis.segmentation.plateaus",
-    "Posterior": "analysis.calibration.posterior",
-    "Recording": "analysis.data.recording",
-    "analyse": "analysis.figures.pipeline",
-    "find_cycles": "analysis.segmentation.cycles",
-    "find_plateaus": "analysis.segmentation.plateaus",
-    "fit_calibration": "analysis.calibration.fit",
-    "load_recording": "analysis.data.load",
-    "plateau_table": "analysis.segmentation.plateaus",
-    "sample_posterior": "analysis.calibration.posterior",
-    "write_report": "analysis.reports.build",
+_NAMES = {  # by module
+    "calibration.fit": ("Calibration", "fit_calibration"),
+    "calibration.inverse": ("Fusion", "Inverse"),
+    "calibration.posterior": ("Posterior", "sample_posterior"),
+    "data.load": ("load_recording",),
+    "data.recording": ("Recording",),
+    "errors": ("AnalysisError",),
+    "figures.figure": ("Figure",),
+    "figures.pipeline": ("Analysis", "analyse"),
+    "figures.sensor_analysis": ("Options",),
+    "reports.build": ("write_report",),
+    "segmentation.cycles": ("find_cycles",),
+    "segmentation.plateaus": ("PlateauSettings", "find_plateaus", "plateau_table"),
 }
+_MODULES = {name: f"analysis.{module}" for module, names in _NAMES.items() for name in names}
+__all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(importlib.import_module(_HOME[name]), name)
+    if name in _MODULES:
+        return getattr(importlib.import_module(_MODULES[name]), name)
     raise AttributeError(f"module 'analysis' has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Numbers as they are printed: with as many digits as their uncertainty warrants (GUM 7.2.6).
+"""Numbers as they are printed, with as many digits as their uncertainty warrants (GUM 7.2.6), and as JSON holds them.
 
 Rules: an uncertainty is given with two significant digits, the value to the same decimal place.
 """
@@ -6,6 +6,10 @@ Rules: an uncertainty is given with two significant digits, the value to the sam
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 
 NOTHING = "–"
 
@@ -38,3 +42,16 @@ def with_uncertainty(value: float, uncertainty: float) -> str:
     if not math.isfinite(uncertainty) or not math.isfinite(value):
         return rounded(value, uncertainty)
     return f"{rounded(value, uncertainty)} ± {rounded(uncertainty, uncertainty)}"
+
+
+def finite(value: Any) -> Any:
+    """Return `value` in JSON's own types, NaN and infinities as None."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [finite(item) for item in value]
+    if isinstance(value, np.generic):
+        return finite(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

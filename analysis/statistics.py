@@ -47,6 +47,11 @@ def standard_error(values: FloatArray) -> float:
     return float(values.std(ddof=1) / np.sqrt(effective_count(values)))
 
 
+def mean(values: FloatArray) -> float:
+    """Return the mean; NaN for no values."""
+    return float(values.mean()) if values.size else float("nan")
+
+
 def robust_sd(values: FloatArray) -> float:
     """Return the standard deviation from the median absolute deviation; NaN for no values."""
     if not values.size:

@@ -30,23 +30,10 @@ from analysis.data.csv_columns import (
     text_in,
 )
 from analysis.data.csv_table import Table, line_of_row, read_table
-from analysis.data.recording import Recording
+from analysis.data.recording import META_KEYS, Recording
 from analysis.errors import DataError, RequestError
 from protocol.recording import SampleFlag
 
-KNOWN_META = (
-    "simulated",
-    "unit",
-    "operator",
-    "note",
-    "rate_hz",
-    "vref_mv",
-    "adc_bits",
-    "board_id",
-    "started_utc",
-    "polarity",
-)
-MAX_SENSORS = 9
 MAX_COUNT = 65535
 WHOLE_MAX = 2.0**53  # beyond it a float has no whole numbers of its own
 
@@ -246,7 +233,7 @@ def _meta(table: Table, mapping: ColumnMap, path: Path) -> dict[str, Any]:
         meta["broken_rows"] = table.broken
     for comment in table.dialect.comments:
         key, _, value = comment.partition(":")
-        if key.strip() in KNOWN_META:
+        if key.strip() in META_KEYS:
             try:
                 content = json.loads(value)
             except (ValueError, RecursionError):

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from analysis.data.recording import Recording
+from analysis.data.recording import META_KEYS, Recording
 from analysis.errors import FileError, RequestError
 from analysis.progress import Progress
 
@@ -23,18 +23,6 @@ Format = Literal["csv", "parquet"]
 
 ROWS_AT_ONCE = 100_000
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
-META_KEYS = (
-    "simulated",
-    "unit",
-    "operator",
-    "note",
-    "rate_hz",
-    "vref_mv",
-    "adc_bits",
-    "board_id",
-    "started_utc",
-    "polarity",
-)
 
 
 def neutral(text: str) -> str:

@@ -28,6 +28,9 @@ STEP_COLUMNS = (
     "id", "segment", "number", "cycle", "branch", "target_kpa", "ramp_kpa_per_s", "started_s", "arrived_s",
     "settled_s", "ended_s", "status", "detail",
 )  # fmt: skip
+META_KEYS = (  # of the session, in the comments of an exported CSV
+    "simulated", "unit", "operator", "note", "rate_hz", "vref_mv", "adc_bits", "board_id", "started_utc", "polarity",
+)  # fmt: skip
 READING_COLUMNS = ("id", "utc", "step", "elongation_mm", "resolution_mm", "source", "reader", "note")
 
 

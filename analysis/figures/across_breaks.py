@@ -33,6 +33,7 @@ from analysis.arrays import BoolArray, FloatArray
 from analysis.data.recording import Recording
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, branch_mean, continuous_loops
+from analysis.statistics import mean
 from protocol.recording import breaks_of
 
 ALPHA = 0.01
@@ -198,15 +199,11 @@ def _test(
     f, f_p = _ratio(var1, df1, var2, df2)
     return Comparison(
         sensor=name[0], quantity=name[1], unit=unit, n_before=before.size, n_after=after.size,
-        mean_before=_mean(y[before]), mean_after=_mean(y[after]),
+        mean_before=mean(y[before]), mean_after=mean(y[after]),
         sd_before=float(np.sqrt(var1)), sd_after=float(np.sqrt(var2)),
         difference=step, difference_low=low, difference_high=high, drift_per_cycle=drift, t=t, t_df=t_df, t_p=t_p,
         f=f, f_df_before=df1, f_df_after=df2, f_p=f_p,
     )  # fmt: skip
-
-
-def _mean(y: FloatArray) -> float:
-    return float(y.mean()) if y.size else float("nan")
 
 
 def _ratio(var1: float, df1: int, var2: float, df2: int) -> tuple[float, float]:

@@ -41,8 +41,6 @@ class SensorSpread:
 
     name: str
     pooled: Spread
-    level_kpa: FloatArray
-    by_level: tuple[Spread, ...]
     full_scale_mv: float
 
 
@@ -136,12 +134,11 @@ def sensor_spread(analyses: Sequence[Analysis], sensor: int) -> SensorSpread:
     ------
     RequestError : the runs share no pressure level, or are too few.
     """
-    levels, spreads = [], []
+    spreads = []
     for pressure in analyses[0].loops.level_kpa:
         for branch in (0, 1):
             groups = [_level(a, sensor, branch, float(pressure)) for a in analyses]
             if sum(g.size > 0 for g in groups) >= 2 and max(g.size for g in groups) >= 2:
-                levels.append(float(pressure))
                 spreads.append(one_way(groups))
     if not spreads:
         raise RequestError("the runs share no pressure level with two cycles", "Compare runs of one plan.")
@@ -153,7 +150,7 @@ def sensor_spread(analyses: Sequence[Analysis], sensor: int) -> SensorSpread:
         sum(s.n for s in spreads),
     )
     fso = analyses[0].sensors[sensor].figures["fso_mv"].value
-    return SensorSpread(analyses[0].sensors[sensor].name, pooled, np.asarray(levels), tuple(spreads), fso)
+    return SensorSpread(analyses[0].sensors[sensor].name, pooled, fso)
 
 
 def _rms(values: Sequence[float]) -> float:

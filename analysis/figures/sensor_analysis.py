@@ -74,7 +74,7 @@ class SensorAnalysis:
     figures : by key.
     hysteresis_abscissa, hysteresis_per_cycle : % FSO over elongation where there is a calibration, else over pressure.
     system_hysteresis_per_cycle : % FSO over pressure.
-    point_plateau, point_cycle : [points] plateau and cycle of each point of the calibration, counted from 0.
+    point_plateau : [points] plateau of each point of the calibration, counted from 0.
     system_loop : the mean loop over pressure.
     by_cycle : the figures of each cycle.
     checks : of the calibration, see `analysis.calibration.checks.fit_checks`.
@@ -89,7 +89,6 @@ class SensorAnalysis:
     hysteresis_per_cycle: tuple[float, ...]
     system_hysteresis_per_cycle: tuple[float, ...]
     point_plateau: FloatArray
-    point_cycle: FloatArray
     system_loop: LoopWidth
     by_cycle: FiguresByCycle
     checks: Mapping[str, Any] | None
@@ -211,7 +210,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     return SensorAnalysis(
         run.recording.sensor_names[sensor], calibration, reason, posterior, figures, abscissa,
         per_cycle if calibration is not None else system_per_cycle, system_per_cycle,
-        points.astype(np.float64), cycle_of, system,
+        points.astype(np.float64), system,
         figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
         fit_checks(calibration, cycle_of) if calibration is not None else None,
     )  # fmt: skip

@@ -7,7 +7,6 @@ no `.boat` file, or cannot be written, keeps nothing, and returns why.
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
@@ -15,12 +14,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from analysis.data.boat_file import is_boat_file, opened, store_result
 from analysis.errors import AnalysisError
 from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import Options
+from analysis.numbers import finite
 from analysis.segmentation.plateaus import PlateauSettings
 from protocol.recording import breaks_of, read_session
 
@@ -91,16 +89,3 @@ def _corrected_since(run: Path, result_id: int) -> bool:
 def _resumed_since(run: Path, result_id: int) -> bool:
     with opened(run) as db:
         return any(entry["last_result"] >= result_id for entry in breaks_of(read_session(db)))
-
-
-def finite(value: Any) -> Any:
-    """Return `value` in JSON's own types, NaN and infinities as None."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [finite(item) for item in value]
-    if isinstance(value, np.generic):
-        return finite(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

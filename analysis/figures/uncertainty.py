@@ -11,14 +11,13 @@ be assessed is zero, as its source states. The expanded uncertainty uses k = 2.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from analysis.arrays import FloatArray
 from analysis.calibration.compare import between_calibrations_mm
 from analysis.calibration.inverse import Fusion, Inverse
 from analysis.errors import AnalysisError, DataError
@@ -64,11 +63,6 @@ class Budget:
         inside = stats.norm.cdf(COVERAGE_FACTOR) if np.isinf(self.dof) else stats.t.cdf(COVERAGE_FACTOR, self.dof)
         return float(2.0 * inside - 1.0)
 
-    def expanded_at(self, level: float) -> float:
-        """U at a level of confidence, with Student's t for the effective degrees of freedom (GUM G.3)."""
-        factor = stats.norm.ppf(0.5 + level / 2) if np.isinf(self.dof) else stats.t.ppf(0.5 + level / 2, int(self.dof))
-        return float(factor * self.u)
-
     def shares(self) -> dict[str, float]:
         """Return the share of each component in the variance, largest first; they add up to 1."""
         total = sum(c.contribution**2 for c in self.components)
@@ -107,29 +101,6 @@ def combine(components: Sequence[Component]) -> Budget:
     u = float(np.sqrt(sum(squares)))
     small = sum(s**2 / c.dof for s, c in zip(squares, components, strict=True))
     return Budget(tuple(components), u, u**4 / small if small > 0 else float("inf"))
-
-
-def propagate(function: Callable[[FloatArray], FloatArray], values: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Propagate a covariance matrix through a function of several quantities (GUM 5.2.2, matrix form of JCGM 102).
-
-    Parameters
-    ----------
-    function : [inputs] -> [outputs].
-    values, covariance : [inputs], [inputs, inputs].
-
-    Returns
-    -------
-    [outputs, outputs], with the Jacobian from central differences of a tenth of a standard uncertainty.
-    """
-    steps = 0.1 * np.sqrt(np.diag(covariance))
-    columns = []
-    for i, step in enumerate(steps):
-        shift = np.zeros_like(values)
-        shift[i] = step
-        up, down = np.asarray(function(values + shift)), np.asarray(function(values - shift))
-        columns.append((up - down) / (2 * step) if step > 0 else np.zeros_like(up))
-    jacobian = np.stack(columns, axis=1)
-    return np.asarray(jacobian @ covariance @ jacobian.T, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)

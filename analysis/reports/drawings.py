@@ -20,7 +20,6 @@ from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import Budget
 from analysis.numbers import percent
-from analysis.reports.document import Draw
 from analysis.reports.text_metrics import families, printable
 
 CURVE_POINTS = 201
@@ -45,238 +44,194 @@ def signed(value: float) -> str:
     return f"{round(value) or 0:+d}".replace("-", "\u2212") if round(value) else "0"
 
 
-def calibration_curve(analysis: Analysis, sensor: int) -> Draw:
+def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
     """Points, fitted curve, 95 % bands of curve and of a new reading."""
-
-    def draw(ax: Axes) -> None:
-        one = analysis.sensors[sensor]
-        calibration = one.calibration
-        assert calibration is not None
-        colour = style.sensor_colour(sensor)
-        grid = np.linspace(*calibration.x_range, CURVE_POINTS)
-        low, high = calibration.band(grid, 0.95, new_reading=True)
-        ax.fill_between(grid, low, high, color=colour, alpha=0.12, linewidth=0, label="new reading, 95 %")
-        low, high = one.posterior.curve_band(grid) if one.posterior else calibration.band(grid, 0.95)
-        ax.fill_between(grid, low, high, color=colour, alpha=2 * style.BAND_ALPHA, linewidth=0, label="curve, 95 %")
-        ax.plot(grid, calibration.predict(grid), color=colour, label=f"degree {calibration.degree}")
-        _branch_points(ax, analysis, sensor, calibration.x, calibration.y)
-        ax.set(xlabel="elongation, mm", ylabel="signal, mV", title=f"Sensor {sensor + 1}")
-        ax.legend(loc="lower right" if calibration.rises else "upper right")
-
-    return draw
+    one = analysis.sensors[sensor]
+    calibration = one.calibration
+    assert calibration is not None
+    colour = style.sensor_colour(sensor)
+    grid = np.linspace(*calibration.x_range, CURVE_POINTS)
+    low, high = calibration.band(grid, 0.95, new_reading=True)
+    ax.fill_between(grid, low, high, color=colour, alpha=0.12, linewidth=0, label="new reading, 95 %")
+    low, high = one.posterior.curve_band(grid) if one.posterior else calibration.band(grid, 0.95)
+    ax.fill_between(grid, low, high, color=colour, alpha=2 * style.BAND_ALPHA, linewidth=0, label="curve, 95 %")
+    ax.plot(grid, calibration.predict(grid), color=colour, label=f"degree {calibration.degree}")
+    _branch_points(ax, analysis, sensor, calibration.x, calibration.y)
+    ax.set(xlabel="elongation, mm", ylabel="signal, mV", title=f"Sensor {sensor + 1}")
+    ax.legend(loc="lower right" if calibration.rises else "upper right")
 
 
-def residuals(analysis: Analysis, sensor: int) -> Draw:
+def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
     """Residuals of the calibration over elongation."""
-
-    def draw(ax: Axes) -> None:
-        calibration = analysis.sensors[sensor].calibration
-        assert calibration is not None
-        ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
-        _branch_points(ax, analysis, sensor, calibration.x, calibration.residuals)
-        ax.set(xlabel="elongation, mm", ylabel="residual, mV")
-
-    return draw
+    calibration = analysis.sensors[sensor].calibration
+    assert calibration is not None
+    ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+    _branch_points(ax, analysis, sensor, calibration.x, calibration.residuals)
+    ax.set(xlabel="elongation, mm", ylabel="residual, mV")
 
 
-def system_loop(analysis: Analysis, sensor: int) -> Draw:
+def system_loop(analysis: Analysis, sensor: int, ax: Axes) -> None:
     """All loops of signal against pressure, coloured by cycle."""
-
-    def draw(ax: Axes) -> None:
-        loops = analysis.loops
-        colours = mpl.colormaps[style.CYCLES](np.linspace(0.05, 0.92, max(loops.n_cycles, 2)))
-        for k in range(loops.n_cycles):
-            for b in (0, 1):
-                known = np.isfinite(loops.signal_mv[sensor, b, k])
-                ax.plot(loops.pressure_kpa[b, k, known], loops.signal_mv[sensor, b, k, known], color=colours[k], lw=0.6)
-        if loops.n_cycles:
-            scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(loops.numbers[0], loops.numbers[-1]), style.CYCLES)
-            if loops.n_cycles > 1:
-                bar = ax.figure.colorbar(scale, ax=ax, pad=0.03, aspect=30)
-                bar.ax.set_title("cycle", fontsize=7.5, fontweight="normal", color=style.SOFT)
-                bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-        ax.set(xlabel="pressure, kPa", ylabel="signal, mV", title=f"Sensor {sensor + 1}, every cycle")
-
-    return draw
+    loops = analysis.loops
+    colours = mpl.colormaps[style.CYCLES](np.linspace(0.05, 0.92, max(loops.n_cycles, 2)))
+    for k in range(loops.n_cycles):
+        for b in (0, 1):
+            known = np.isfinite(loops.signal_mv[sensor, b, k])
+            ax.plot(loops.pressure_kpa[b, k, known], loops.signal_mv[sensor, b, k, known], color=colours[k], lw=0.6)
+    if loops.n_cycles:
+        scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(loops.numbers[0], loops.numbers[-1]), style.CYCLES)
+        if loops.n_cycles > 1:
+            bar = ax.figure.colorbar(scale, ax=ax, pad=0.03, aspect=30)
+            bar.ax.set_title("cycle", fontsize=7.5, fontweight="normal", color=style.SOFT)
+            bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    ax.set(xlabel="pressure, kPa", ylabel="signal, mV", title=f"Sensor {sensor + 1}, every cycle")
 
 
-def loop_difference(analysis: Analysis) -> Draw:
+def loop_difference(analysis: Analysis, ax: Axes) -> None:
     """Loading minus unloading of the mean loops over pressure, % FSO, all sensors."""
-
-    def draw(ax: Axes) -> None:
-        for i, sensor in enumerate(analysis.sensors):
-            width, fso = sensor.system_loop, sensor.figures["fso_mv"].value
-            if not width.void and fso > 0:
-                apart = 100.0 / fso * (width.loading - width.unloading)
-                ax.plot(width.grid, apart, color=style.sensor_colour(i), label=f"sensor {i + 1}")
-        ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
-        ax.set(xlabel="pressure, kPa", ylabel="loading − unloading, % FSO", title="Hysteresis of the mean loop")
-        _legend(ax)
-
-    return draw
+    for i, sensor in enumerate(analysis.sensors):
+        width, fso = sensor.system_loop, sensor.figures["fso_mv"].value
+        if not width.void and fso > 0:
+            apart = 100.0 / fso * (width.loading - width.unloading)
+            ax.plot(width.grid, apart, color=style.sensor_colour(i), label=f"sensor {i + 1}")
+    ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+    ax.set(xlabel="pressure, kPa", ylabel="loading − unloading, % FSO", title="Hysteresis of the mean loop")
+    _legend(ax)
 
 
-def actuator_loop(analysis: Analysis) -> Draw:
+def actuator_loop(analysis: Analysis, ax: Axes) -> None:
     """Elongation against pressure, every cycle."""
-
-    def draw(ax: Axes) -> None:
-        loops = analysis.loops
-        assert loops.elongation_mm is not None
-        for b, fill in ((0, style.PAPER), (1, style.ELONGATION)):
-            for k in range(loops.n_cycles):
-                ax.plot(
-                    loops.pressure_kpa[b, k], loops.elongation_mm[b, k], color=style.ELONGATION, lw=0.6, marker="o",
-                    markerfacecolor=fill, markeredgewidth=0.6, label=("unloading", "loading")[b] if k == 0 else None,
-                )  # fmt: skip
-        ax.set(xlabel="pressure, kPa", ylabel="elongation, mm", title="Actuator: elongation over pressure")
-        _legend(ax, loc="upper left")
-
-    return draw
-
-
-def drift_of_levels(analysis: Analysis, sensor: int) -> Draw:
-    """Displacement of each pressure level from its mean, over cycles, % FSO."""
-
-    def draw(ax: Axes) -> None:
-        loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.level_displacement_percent_fso
-        chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 5).round().astype(int))
-        colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.95, chosen.size))
-        for g, colour in zip(chosen, colours, strict=True):
-            if np.isfinite(moved[:, g]).any():
-                ax.plot(loops.numbers, moved[:, g], color=colour, lw=0.9, label=f"{signed(loops.level_kpa[g])} kPa")
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set(xlabel="cycle", ylabel="from its mean, % FSO", title=f"Sensor {sensor + 1}: drift of the levels")
-        _legend(ax, ncols=2, loc="best")
-
-    return draw
-
-
-def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str) -> Draw:
-    """One figure cycle by cycle, all sensors, warm-up cycles shaded."""
-
-    def draw(ax: Axes) -> None:
-        warm = 0
-        for i in range(len(analysis.sensors)):
-            values = analysis.sensors[i].by_cycle
-            warm = max(warm, values.warm_up)
+    loops = analysis.loops
+    assert loops.elongation_mm is not None
+    for b, fill in ((0, style.PAPER), (1, style.ELONGATION)):
+        for k in range(loops.n_cycles):
             ax.plot(
-                values.numbers, getattr(values, name), color=style.sensor_colour(i), marker="o", markersize=2, lw=0.7,
-                label=f"sensor {i + 1}",
+                loops.pressure_kpa[b, k], loops.elongation_mm[b, k], color=style.ELONGATION, lw=0.6, marker="o",
+                markerfacecolor=fill, markeredgewidth=0.6, label=("unloading", "loading")[b] if k == 0 else None,
             )  # fmt: skip
-        if warm:
-            ax.axvspan(
-                0.5,
-                warm + 0.5,
-                color=style.LINE,
-                alpha=0.5,
-                linewidth=0,
-                label=f"warm-up: {warm} cycle{'s' if warm > 1 else ''}",
-            )
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set(xlabel="cycle", ylabel=label, title=title)
-        _legend(ax)
-
-    return draw
+    ax.set(xlabel="pressure, kPa", ylabel="elongation, mm", title="Actuator: elongation over pressure")
+    _legend(ax, loc="upper left")
 
 
-def distribution(analysis: Analysis, sensor: int) -> Draw:
-    """Spread over cycles at each pressure: box of quartiles and whiskers to the extremes, % FSO from the mean."""
+def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
+    """Displacement of each pressure level from its mean, over cycles, % FSO."""
+    loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.level_displacement_percent_fso
+    chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 5).round().astype(int))
+    colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.95, chosen.size))
+    for g, colour in zip(chosen, colours, strict=True):
+        if np.isfinite(moved[:, g]).any():
+            ax.plot(loops.numbers, moved[:, g], color=colour, lw=0.9, label=f"{signed(loops.level_kpa[g])} kPa")
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set(xlabel="cycle", ylabel="from its mean, % FSO", title=f"Sensor {sensor + 1}: drift of the levels")
+    _legend(ax, ncols=2, loc="best")
 
-    def draw(ax: Axes) -> None:
-        loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.branch_displacement_percent_fso
-        step = max(1, -(-loops.level_kpa.size // 10))
-        for b, shift, fill in ((0, -0.18, style.PAPER), (1, 0.18, style.sensor_colour(sensor))):
-            boxes, places = [], []
-            for k, g in enumerate(range(0, loops.level_kpa.size, step)):
-                level = moved[b, :, g][np.isfinite(moved[b, :, g])]
-                if level.size > 1:
-                    boxes.append(level)
-                    places.append(k + shift)
-            if boxes:
-                ax.boxplot(
-                    boxes, positions=places, widths=0.28, whis=(0, 100), patch_artist=True, manage_ticks=False,
-                    boxprops={"facecolor": fill, "edgecolor": style.sensor_colour(sensor), "alpha": 0.8, "lw": 0.6},
-                    medianprops={"color": style.INK, "lw": 0.8}, whiskerprops={"color": style.SOFT, "lw": 0.6},
-                    capprops={"color": style.SOFT, "lw": 0.6},
-                )  # fmt: skip
-        names = [signed(p) for p in loops.level_kpa[::step]]
-        every = 1 + (len(names) > 6)  # as many names as do not touch
-        ax.set_xticks(range(0, len(names), every), names[::every])
-        ax.set(
-            xlabel="pressure, kPa (open unloading, filled loading)", ylabel="from its mean, % FSO",
-            title=f"Sensor {sensor + 1}: spread over {loops.n_cycles} cycles",
+
+def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: Axes) -> None:
+    """One figure cycle by cycle, all sensors, warm-up cycles shaded."""
+    warm = 0
+    for i in range(len(analysis.sensors)):
+        values = analysis.sensors[i].by_cycle
+        warm = max(warm, values.warm_up)
+        ax.plot(
+            values.numbers, getattr(values, name), color=style.sensor_colour(i), marker="o", markersize=2, lw=0.7,
+            label=f"sensor {i + 1}",
         )  # fmt: skip
-
-    return draw
-
-
-def side_by_side(analyses: Sequence[Analysis], name: str) -> Draw:
-    """One figure of every run with its interval, runs of one unit next to one another, a colour a sensor."""
-
-    def draw(ax: Axes) -> None:
-        order = sorted(range(len(analyses)), key=lambda i: (analyses[i].recording.unit, i))
-        for i in range(max(len(a.sensors) for a in analyses)):
-            for place, run in enumerate(order):
-                figure = analyses[run].sensors[i].figures.get(name) if i < len(analyses[run].sensors) else None
-                if figure is None or not np.isfinite(figure.value):
-                    continue
-                reach = np.abs([[figure.value - figure.low], [figure.high - figure.value]])
-                ax.errorbar(
-                    place + 0.12 * (2 * i - 1), figure.value, yerr=reach if np.isfinite(reach).all() else None, fmt="o",
-                    color=style.sensor_colour(i), capsize=2, label=f"sensor {i + 1}" if place == 0 else None,
-                )  # fmt: skip
-        names = [_label(analyses[run].recording.unit, run + 1, len(order)) for run in order]
-        ax.set_xticks(range(len(order)), names, fontfamily=list(families("".join(names))), parse_math=False)
-        ax.set_xlim(-0.6, len(order) - 0.4)
-        ax.set(xlabel="unit and number of the run", ylabel=SENSOR_FIGURES[name].phrase_with_unit)
-        low, high = ax.get_ylim()
-        ax.set_ylim(low, high + 0.15 * (high - low))  # space for the legend
-        _legend(ax, loc="upper left", ncols=4)
-
-    return draw
+    if warm:
+        ax.axvspan(
+            0.5,
+            warm + 0.5,
+            color=style.LINE,
+            alpha=0.5,
+            linewidth=0,
+            label=f"warm-up: {warm} cycle{'s' if warm > 1 else ''}",
+        )
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set(xlabel="cycle", ylabel=label, title=title)
+    _legend(ax)
 
 
-def budget_pareto(budget: Budget, title: str) -> Draw:
-    """The budget as bars of standard uncertainty, largest first, with the cumulated share of the variance."""
-
-    def draw(ax: Axes) -> None:
-        shares = budget.shares()
-        parts = {c.name: c.contribution for c in budget.components}
-        names = [name for name in shares if parts[name] > 0]
-        ax.barh(range(len(names)), [1000 * parts[n] for n in names], color=style.SENSORS[0], height=0.62)
-        total = 0.0
-        for at, name in enumerate(names):
-            total += shares[name]
-            ax.annotate(
-                f"{percent(shares[name])}  (cumulative {percent(total)})", (1000 * parts[name], at), xytext=(4, 0),
-                textcoords="offset points", va="center", fontsize=7.5, color=style.SOFT,
+def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
+    """Spread over cycles at each pressure: box of quartiles and whiskers to the extremes, % FSO from the mean."""
+    loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.branch_displacement_percent_fso
+    step = max(1, -(-loops.level_kpa.size // 10))
+    for b, shift, fill in ((0, -0.18, style.PAPER), (1, 0.18, style.sensor_colour(sensor))):
+        boxes, places = [], []
+        for k, g in enumerate(range(0, loops.level_kpa.size, step)):
+            level = moved[b, :, g][np.isfinite(moved[b, :, g])]
+            if level.size > 1:
+                boxes.append(level)
+                places.append(k + shift)
+        if boxes:
+            ax.boxplot(
+                boxes, positions=places, widths=0.28, whis=(0, 100), patch_artist=True, manage_ticks=False,
+                boxprops={"facecolor": fill, "edgecolor": style.sensor_colour(sensor), "alpha": 0.8, "lw": 0.6},
+                medianprops={"color": style.INK, "lw": 0.8}, whiskerprops={"color": style.SOFT, "lw": 0.6},
+                capprops={"color": style.SOFT, "lw": 0.6},
             )  # fmt: skip
-        ax.set_yticks(range(len(names)), names)
-        ax.invert_yaxis()
-        ax.grid(visible=False, axis="y")
-        ax.set_xlim(0, 2050 * max([parts[n] for n in names], default=1e-3))
-        ax.set(xlabel="standard uncertainty, µm", title=title)
+    names = [signed(p) for p in loops.level_kpa[::step]]
+    every = 1 + (len(names) > 6)  # as many names as do not touch
+    ax.set_xticks(range(0, len(names), every), names[::every])
+    ax.set(
+        xlabel="pressure, kPa (open unloading, filled loading)", ylabel="from its mean, % FSO",
+        title=f"Sensor {sensor + 1}: spread over {loops.n_cycles} cycles",
+    )  # fmt: skip
 
-    return draw
+
+def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
+    """One figure of every run with its interval, runs of one unit next to one another, a colour a sensor."""
+    order = sorted(range(len(analyses)), key=lambda i: (analyses[i].recording.unit, i))
+    for i in range(max(len(a.sensors) for a in analyses)):
+        for place, run in enumerate(order):
+            figure = analyses[run].sensors[i].figures.get(name) if i < len(analyses[run].sensors) else None
+            if figure is None or not np.isfinite(figure.value):
+                continue
+            reach = np.abs([[figure.value - figure.low], [figure.high - figure.value]])
+            ax.errorbar(
+                place + 0.12 * (2 * i - 1), figure.value, yerr=reach if np.isfinite(reach).all() else None, fmt="o",
+                color=style.sensor_colour(i), capsize=2, label=f"sensor {i + 1}" if place == 0 else None,
+            )  # fmt: skip
+    names = [_label(analyses[run].recording.unit, run + 1, len(order)) for run in order]
+    ax.set_xticks(range(len(order)), names, fontfamily=list(families("".join(names))), parse_math=False)
+    ax.set_xlim(-0.6, len(order) - 0.4)
+    ax.set(xlabel="unit and number of the run", ylabel=SENSOR_FIGURES[name].phrase_with_unit)
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + 0.15 * (high - low))  # space for the legend
+    _legend(ax, loc="upper left", ncols=4)
 
 
-def trace(analysis: Analysis) -> Draw:
+def budget_pareto(budget: Budget, title: str, ax: Axes) -> None:
+    """The budget as bars of standard uncertainty, largest first, with the cumulated share of the variance."""
+    shares = budget.shares()
+    parts = {c.name: c.contribution for c in budget.components}
+    names = [name for name in shares if parts[name] > 0]
+    ax.barh(range(len(names)), [1000 * parts[n] for n in names], color=style.SENSORS[0], height=0.62)
+    total = 0.0
+    for at, name in enumerate(names):
+        total += shares[name]
+        ax.annotate(
+            f"{percent(shares[name])}  (cumulative {percent(total)})", (1000 * parts[name], at), xytext=(4, 0),
+            textcoords="offset points", va="center", fontsize=7.5, color=style.SOFT,
+        )  # fmt: skip
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+    ax.grid(visible=False, axis="y")
+    ax.set_xlim(0, 2050 * max([parts[n] for n in names], default=1e-3))
+    ax.set(xlabel="standard uncertainty, µm", title=title)
+
+
+def trace(analysis: Analysis, ax: Axes) -> None:
     """Pressure over time, thinned to its extremes, complete cycles shaded in turn."""
-
-    def draw(ax: Axes) -> None:
-        recording = analysis.recording
-        time, low, high = envelope(recording.time_s, recording.pressure_kpa, TRACE_POINTS // 2)
-        ax.fill_between(time, low, high, color=style.PRESSURE, linewidth=0.6, edgecolor=style.PRESSURE)
-        for cycle in analysis.cycles.used[::2]:
-            span = recording.time_s[[cycle.first, cycle.last]]
-            ax.axvspan(*span, color=style.LINE, alpha=0.35, linewidth=0)
-        for excursion in analysis.cycles.partial:
-            span = recording.time_s[[excursion.first, excursion.last]]
-            ax.axvspan(*span, color=style.WARNING, alpha=0.15, linewidth=0)
-        ax.set(xlabel="time, s", ylabel="pressure, kPa", title="The run (every second complete cycle shaded)")
-        ax.margins(x=0)
-
-    return draw
+    recording = analysis.recording
+    time, low, high = envelope(recording.time_s, recording.pressure_kpa, TRACE_POINTS // 2)
+    ax.fill_between(time, low, high, color=style.PRESSURE, linewidth=0.6, edgecolor=style.PRESSURE)
+    for cycle in analysis.cycles.used[::2]:
+        span = recording.time_s[[cycle.first, cycle.last]]
+        ax.axvspan(*span, color=style.LINE, alpha=0.35, linewidth=0)
+    for excursion in analysis.cycles.partial:
+        span = recording.time_s[[excursion.first, excursion.last]]
+        ax.axvspan(*span, color=style.WARNING, alpha=0.15, linewidth=0)
+    ax.set(xlabel="time, s", ylabel="pressure, kPa", title="The run (every second complete cycle shaded)")
+    ax.margins(x=0)
 
 
 def envelope(time: FloatArray, values: FloatArray, buckets: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -6,6 +6,7 @@ Rules: nothing is computed here but a rounding; the caller leaves out a section 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
     count = len(analysis.sensors)
     tables = [_key_table(analysis, limits, range(at, min(at + 2, count))) for at in range(0, count, 2)]
     calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
-    draws = tuple(drawings.calibration_curve(analysis, i) for i in calibrated[:2])
+    draws = tuple(partial(drawings.calibration_curve, analysis, i) for i in calibrated[:2])
     first = [ReportDrawing(draws, "Plateau means, fitted curve and its 95 % bands.", 2.45)] if draws else []
     return Section("Key figures", (*tables, *first, *_undefined(analysis)))
 
@@ -96,7 +97,7 @@ def curves(analysis: Analysis) -> Section:
     parts: list[SectionPart] = []
     for i, sensor in enumerate(analysis.sensors):
         if sensor.calibration is not None:
-            drawing = (drawings.calibration_curve(analysis, i), drawings.residuals(analysis, i))
+            drawing = (partial(drawings.calibration_curve, analysis, i), partial(drawings.residuals, analysis, i))
             caption = f"Sensor {i + 1}: plateau means, fit and bands; below, residuals."
             parts.append(ReportDrawing(drawing, caption, 3.9, (2.6, 1.0)))
     return Section("Calibration curve", tuple(parts))
@@ -146,7 +147,7 @@ def loops(analysis: Analysis) -> Section:
 
 
 def loop_drawings(analysis: Analysis) -> list[ReportDrawing]:
-    draws = [drawings.system_loop(analysis, i) for i in range(len(analysis.sensors))]
+    draws = [partial(drawings.system_loop, analysis, i) for i in range(len(analysis.sensors))]
     return [
         ReportDrawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
         for at in range(0, len(draws), 2)
@@ -156,50 +157,36 @@ def loop_drawings(analysis: Analysis) -> list[ReportDrawing]:
 def branch_differences(analysis: Analysis) -> ReportDrawing:
     """Return the difference of the branches over pressure, and the actuator hysteresis loop where x was read."""
     x = analysis.loops.elongation_mm
+    difference, caption = partial(drawings.loop_difference, analysis), "Difference of the branches over pressure"
     if x is None or not np.isfinite(x).any():
-        return ReportDrawing((drawings.loop_difference(analysis),), "Difference of the branches over pressure.", 2.7)
-    both = (drawings.loop_difference(analysis), drawings.actuator_loop(analysis))
-    return ReportDrawing(both, "Difference of the branches over pressure, and the actuator hysteresis loop.", 2.7)
+        return ReportDrawing((difference,), f"{caption}.", 2.7)
+    loop = partial(drawings.actuator_loop, analysis)
+    return ReportDrawing((difference, loop), f"{caption}, and the actuator hysteresis loop.", 2.7)
 
 
 def over_cycles(analysis: Analysis) -> Section:
-    sensors = range(len(analysis.sensors))
+    """Return the section on the figures of each cycle: hysteresis, drift, noise, span, levels, warm-up."""
+    each = partial(drawings.per_cycle_figure, analysis)
+    width = partial(each, "hysteresis_percent_fso", "hysteresis, % FSO", "Hysteresis per cycle")
+    drift = partial(each, "displacement_percent_fso", "displacement, % FSO", "Common drift")
+    snr = partial(each, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle")
+    span = partial(each, "span_mv", "span, mV", "Output span per cycle")
+    displacement = "Each cycle; displacement: mean of all levels relative to the second half of the run."
     parts: list[SectionPart] = [
-        ReportDrawing(
-            (
-                drawings.per_cycle_figure(
-                    analysis, "hysteresis_percent_fso", "hysteresis, % FSO", "Hysteresis per cycle"
-                ),
-                drawings.per_cycle_figure(analysis, "displacement_percent_fso", "displacement, % FSO", "Common drift"),
-            ),
-            "Each cycle; displacement: mean of all levels relative to the second half of the run.",
-            2.5,
-        ),
-        ReportDrawing(
-            (
-                drawings.per_cycle_figure(analysis, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle"),
-                drawings.per_cycle_figure(analysis, "span_mv", "span, mV", "Output span per cycle"),
-            ),
-            "Each cycle.",
-            2.5,
-        ),
+        ReportDrawing((width, drift), displacement, 2.5),
+        ReportDrawing((snr, span), "Each cycle.", 2.5),
     ]
-    parts += [
-        ReportDrawing(
-            (drawings.drift_of_levels(analysis, i), drawings.distribution(analysis, i)), f"Sensor {i + 1}.", 2.8
-        )
-        for i in sensors
-        if analysis.sensors[i].figures["fso_mv"].value > 0
-    ]
-    for i in sensors:
-        warm = analysis.sensors[i].by_cycle.warm_up
+    for i, sensor in enumerate(analysis.sensors):
+        if sensor.figures["fso_mv"].value > 0:
+            of_levels = tuple(partial(draw, analysis, i) for draw in (drawings.drift_of_levels, drawings.distribution))
+            parts.append(ReportDrawing(of_levels, f"Sensor {i + 1}.", 2.8))
+    for i, sensor in enumerate(analysis.sensors, 1):
+        warm = sensor.by_cycle.warm_up
         if warm:
             numbers = analysis.loops.numbers[:warm]
             listed = ", ".join(map(str, numbers)) if warm <= 3 else f"{numbers[0]} to {numbers[-1]}"
-            which = f"cycles {listed}" if warm > 1 else f"cycle {listed}"
-            parts.append(
-                f"Sensor {i + 1}: warm-up in {which}, beyond three robust standard deviations of the second half."
-            )
+            which = f"cycle{'s' if warm > 1 else ''} {listed}"
+            parts.append(f"Sensor {i}: warm-up in {which}, beyond three robust standard deviations of the second half.")
     return Section("Cycle by cycle", tuple(parts))
 
 
@@ -211,7 +198,7 @@ def budget(found: ElongationBudgets | None, of: str = "") -> list[Section]:
     if found.void:
         return [Section(title, (f"Not given: {found.void}.",))]
     names = [f"Sensor {i} at {found.x_mm:+.2f} mm" for i in (1, 2)]
-    bars = tuple(drawings.budget_pareto(b, name) for b, name in zip(found.budgets, names, strict=False))
+    bars = tuple(partial(drawings.budget_pareto, b, name) for b, name in zip(found.budgets, names, strict=False))
     caption = "Components, largest first, with their share of the variance."
     return [Section(title, (ReportDrawing(bars, caption, 2.6, left=1.15), _budget_table(found.budgets)))]
 
@@ -239,44 +226,27 @@ def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
 
 
 def readings(analysis: Analysis) -> Section:
-    x = analysis.elongations.elongation_mm if analysis.elongations else None
-    rows = []
+    """Return the section with every plateau of the cycles: pressure, elongation, signals."""
     typical = np.nanmedian([p.signal_se_mv for p in analysis.plateaus], axis=0)
-    for i, p in enumerate(analysis.plateaus):
-        if not p.branch:
-            continue
-        signals = [
-            f"{rounded(m, t)} ± {rounded(u, t)}" if np.isfinite(m) else NOTHING
-            for m, u, t in zip(p.signal_mv, p.signal_se_mv, typical, strict=True)
-        ]
-        reading = f"{x[i]:+.2f}" if x is not None and np.isfinite(x[i]) else NOTHING
-        rows.append(
-            (
-                str(p.number),
-                str(p.cycle),
-                p.branch,
-                f"{p.pressure_kpa:+.2f}" if np.isfinite(p.pressure_kpa) else NOTHING,
-                reading,
-                *signals,
-                str(min(p.n)),
-                "void" if p.void else "",
-            )
-        )
-    header = (
-        "no.",
-        "cycle",
-        "branch",
-        "kPa",
-        "mm",
-        *(f"s{i + 1}, mV" for i in range(len(analysis.sensors))),
-        "n",
-        "",
-    )
     void = any(p.void for p in analysis.plateaus)
-    keep = slice(None) if void else slice(-1)
+    rows = []
+    for i, p in enumerate(analysis.plateaus):
+        if p.branch:
+            signals = [
+                f"{rounded(m, t)} ± {rounded(u, t)}" if np.isfinite(m) else NOTHING
+                for m, u, t in zip(p.signal_mv, p.signal_se_mv, typical, strict=True)
+            ]
+            x = analysis.elongations.elongation_mm[i] if analysis.elongations else np.nan
+            where = (str(p.number), str(p.cycle), p.branch, _two_places(p.pressure_kpa), _two_places(x))
+            rows.append((*where, *signals, str(min(p.n)), *(["void" if p.void else ""] if void else [])))
+    names = (f"s{i + 1}, mV" for i in range(len(analysis.sensors)))
+    header = ("no.", "cycle", "branch", "kPa", "mm", *names, "n", *([""] if void else []))
     caption = f"Means ± standard error.{' The warnings name why a plateau is void.' if void else ''}"
-    table = ReportTable(header[keep], tuple(row[keep] for row in rows), caption)
-    return Section("Plateaus and readings", (table,))
+    return Section("Plateaus and readings", (ReportTable(header, tuple(rows), caption),))
+
+
+def _two_places(value: float) -> str:
+    return f"{value:+.2f}" if np.isfinite(value) else NOTHING
 
 
 def run(analysis: Analysis) -> Section:
@@ -296,7 +266,7 @@ def run(analysis: Analysis) -> Section:
         ("Recording", str(analysis.recording.meta.get("uuid") or analysis.recording.source)),
     )
     warnings = tuple((w.code.replace("_", " "), w.sentence) for w in analysis.warnings)
-    parts: list[SectionPart] = [ReportDrawing((drawings.trace(analysis),), "Measured pressure.", 1.9)]
+    parts: list[SectionPart] = [ReportDrawing((partial(drawings.trace, analysis),), "Measured pressure.", 1.9)]
     parts.append(ReportTable(("Warning", "Text"), warnings, numeric=False) if warnings else "No warnings.")
     parts.append(ReportTable(("Setting", "Value"), settings, numeric=False))
     return Section("The run, warnings and settings", tuple(parts))

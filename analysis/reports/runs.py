@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -40,8 +41,8 @@ def runs_table(analyses: Sequence[Analysis]) -> Section:
     )
     drawn = ReportDrawing(
         (
-            drawings.side_by_side(analyses, "sensitivity_mv_per_mm"),
-            drawings.side_by_side(analyses, "system_hysteresis_percent_fso"),
+            partial(drawings.side_by_side, analyses, "sensitivity_mv_per_mm"),
+            partial(drawings.side_by_side, analyses, "system_hysteresis_percent_fso"),
         ),
         "Each run with its 95 % interval; runs of one unit are next to one another.",
         2.4,

@@ -5,6 +5,7 @@ Rules: nothing is computed here but a thinning; the band is that of the modulus,
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from analysis import figure_style as style
 from analysis.figures.against_shadow import AgainstShadow
 from analysis.numbers import rounded
-from analysis.reports.document import Draw, ReportDrawing, ReportTable, Section, SectionPart
+from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart
 from analysis.reports.drawings import TRACE_POINTS, envelope
 
 if TYPE_CHECKING:
@@ -29,17 +30,13 @@ def shadow_section(compared: AgainstShadow) -> Section:
     result = compared.result
     if result is None:
         return Section(TITLE, (f"Not compared: {compared.void}.",))
+    band = "Measured minus nominal elongation; the band is that of the modulus, k = 2."
+    residual = "the rms of measured pressure minus the pressure that the measured elongation corresponds to"
+    per_cycle = (partial(_levels, compared), partial(_residuals, compared))
     parts: list[SectionPart] = [
         _summary(result),
-        ReportDrawing(
-            (_deviation(result),), "Measured minus nominal elongation; the band is that of the modulus, k = 2.", 2.3
-        ),
-        ReportDrawing(
-            (_levels(compared), _residuals(compared)),
-            "Each cycle: mean deviation, and the rms of measured pressure minus the pressure that the measured "
-            "elongation corresponds to.",
-            2.4,
-        ),
+        ReportDrawing((partial(_deviation, result),), band, 2.3),
+        ReportDrawing(per_cycle, f"Each cycle: mean deviation, and {residual}.", 2.4),
     ]
     if len(compared.numbers) <= MOST_ROWS:
         parts.append(_table(compared))
@@ -63,44 +60,35 @@ def _summary(result: Replay) -> str:
     )
 
 
-def _deviation(result: Replay) -> Draw:
-    def draw(ax: Axes) -> None:
-        time, low, high = envelope(result.time_s, result.deviation_mm, TRACE_POINTS // 2)
-        step = max(1, result.time_s.size // TRACE_POINTS)
-        band = 2.0 * result.band_mm[::step]
-        ax.fill_between(result.time_s[::step], -band, band, color=style.ELONGATION, alpha=0.25, lw=0, label="band")
-        ax.fill_between(time, low, high, color=style.SENSORS[0], lw=0.6, edgecolor=style.SENSORS[0], label="deviation")
-        ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
-        for alarm in result.alarms:
-            ax.axvline(float(result.cycle_start_s[alarm.cycle - 1]), color=style.WARNING, lw=0.9)
-        ax.set(xlabel="time, s", ylabel="deviation, mm", title="Measured minus nominal elongation")
-        ax.margins(x=0)
-        ax.legend(ncols=2, loc="upper right")
-
-    return draw
+def _deviation(result: Replay, ax: Axes) -> None:
+    time, low, high = envelope(result.time_s, result.deviation_mm, TRACE_POINTS // 2)
+    step = max(1, result.time_s.size // TRACE_POINTS)
+    band = 2.0 * result.band_mm[::step]
+    ax.fill_between(result.time_s[::step], -band, band, color=style.ELONGATION, alpha=0.25, lw=0, label="band")
+    ax.fill_between(time, low, high, color=style.SENSORS[0], lw=0.6, edgecolor=style.SENSORS[0], label="deviation")
+    ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+    for alarm in result.alarms:
+        ax.axvline(float(result.cycle_start_s[alarm.cycle - 1]), color=style.WARNING, lw=0.9)
+    ax.set(xlabel="time, s", ylabel="deviation, mm", title="Measured minus nominal elongation")
+    ax.margins(x=0)
+    ax.legend(ncols=2, loc="upper right")
 
 
-def _levels(compared: AgainstShadow) -> Draw:
-    def draw(ax: Axes) -> None:
-        band = 2.0 * compared.band_mm
-        numbers = compared.numbers
-        ax.fill_between(numbers, -band, band, color=style.ELONGATION, alpha=0.25, lw=0)
-        ax.plot(numbers, compared.level_mm, "o-", color=style.SENSORS[0], markersize=2.5, lw=0.8)
-        ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set(xlabel="cycle", ylabel="mean deviation, mm", title="Deviation per cycle")
-
-    return draw
+def _levels(compared: AgainstShadow, ax: Axes) -> None:
+    band = 2.0 * compared.band_mm
+    numbers = compared.numbers
+    ax.fill_between(numbers, -band, band, color=style.ELONGATION, alpha=0.25, lw=0)
+    ax.plot(numbers, compared.level_mm, "o-", color=style.SENSORS[0], markersize=2.5, lw=0.8)
+    ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set(xlabel="cycle", ylabel="mean deviation, mm", title="Deviation per cycle")
 
 
-def _residuals(compared: AgainstShadow) -> Draw:
-    def draw(ax: Axes) -> None:
-        ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE, markersize=2.5, lw=0.8)
-        ax.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.residual_kpa, 1e-3))))
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set(xlabel="cycle", ylabel="residual rms, kPa", title="Pressure residual per cycle")
-
-    return draw
+def _residuals(compared: AgainstShadow, ax: Axes) -> None:
+    ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE, markersize=2.5, lw=0.8)
+    ax.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.residual_kpa, 1e-3))))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set(xlabel="cycle", ylabel="residual rms, kPa", title="Pressure residual per cycle")
 
 
 def _table(compared: AgainstShadow) -> ReportTable:

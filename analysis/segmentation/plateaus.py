@@ -23,7 +23,7 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.data.recording import Recording
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.losses import LossCounter, Losses
-from analysis.statistics import standard_error
+from analysis.statistics import mean, standard_error
 
 TOLERANCE_KPA = 1.0
 SETTLING_S = 0.5
@@ -123,8 +123,8 @@ def plateau_table(plateaus: tuple[Plateau, ...]) -> pd.DataFrame:
             "pressure_kpa": p.pressure_kpa, "pressure_se_kpa": p.pressure_se_kpa, "lost": p.lost,
             "left_out": p.left_out, "step": p.step, "void": p.void,
         }  # fmt: skip
-        for i, (mean, se, sd, n) in enumerate(zip(p.signal_mv, p.signal_se_mv, p.signal_sd_mv, p.n, strict=True), 1):
-            row |= {f"s{i}_mv": mean, f"s{i}_se_mv": se, f"s{i}_sd_mv": sd, f"s{i}_n": n}
+        for i, (y, se, sd, n) in enumerate(zip(p.signal_mv, p.signal_se_mv, p.signal_sd_mv, p.n, strict=True), 1):
+            row |= {f"s{i}_mv": y, f"s{i}_se_mv": se, f"s{i}_sd_mv": sd, f"s{i}_n": n}
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -257,7 +257,7 @@ def _measure(
     left_out = max((loss.damaged for loss in losses), default=0) - lost
     return Plateau(
         number, 0, "", first, rows.start, last, float(recording.time_s[first]), float(recording.time_s[last]),
-        _mean(pressure), standard_error(pressure), tuple(_mean(s) for s in signals),
+        mean(pressure), standard_error(pressure), tuple(mean(s) for s in signals),
         tuple(standard_error(s) for s in signals),
         tuple(float(s.std(ddof=1)) if s.size > 1 else float("nan") for s in signals),
         tuple(s.size for s in signals), lost, left_out, void=damaged[0] if all(damaged) else "", damaged=damaged,
@@ -278,10 +278,6 @@ def _void_reason(usable: int, losses: Losses, settings: PlateauSettings) -> str:
     if usable < MIN_SAMPLES:
         return f"only {usable} usable samples after settling" if usable else "no usable samples after settling"
     return losses.void(settings.max_damaged)
-
-
-def _mean(values: FloatArray) -> float:
-    return float(values.mean()) if values.size else float("nan")
 
 
 def _with_step(plateau: Plateau, recording: Recording) -> Plateau:

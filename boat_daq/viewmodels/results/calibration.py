@@ -19,6 +19,7 @@ from analysis.arrays import FloatArray
 from analysis.calibration.compare import Agreement, Coefficient, compare_fits
 from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
+from analysis.numbers import finite
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionState
@@ -384,14 +385,3 @@ def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | N
         return compare_fits(sensor.content["fit"], before["fit"])
     except (AnalysisError, KeyError):
         return None
-
-
-def finite(value: Any) -> Any:
-    """Return a JSON value with null in place of a number that is not finite."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value

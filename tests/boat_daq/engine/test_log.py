@@ -213,7 +213,7 @@ def test_without_a_folder_there_is_no_log_and_no_error(tmp_path: Path, monkeypat
     log.note("error", "nowhere")
 
 
-def test_the_command_says_what_it_packed(place: Path, tmp_path: Path) -> None:
+def test_the_command_lists_the_contents(place: Path, tmp_path: Path) -> None:
     """Names of the files inside; a second report of that name is refused, exit 1 by the error's family."""
     from typer.testing import CliRunner
 

@@ -43,7 +43,7 @@ def test_every_cycle_has_whole_branches_and_no_plateau_twice() -> None:
         assert rising == falling[::-1]
 
 
-def test_duration_of_a_plan_by_hand() -> None:
+def test_duration_of_a_plan_equals_the_calculated_one() -> None:
     """90 kPa each way at 10 kPa/s and 18 holds of 3 s make 72 s a cycle; the opening takes 5 s and its hold."""
     assert CALIBRATION.cycle_duration_s == pytest.approx(18 + 18 * 3)
     assert CALIBRATION.duration_s == pytest.approx(5 + 3 + 5 * 72)

@@ -147,7 +147,9 @@ def test_home_can_be_put_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("left", [None, b"", b"\0" * 200, b"\n \n", b"\xff\xfe\x00broken"])
-def test_a_file_that_a_disk_destroyed_is_replaced_by_its_backup_and_said(tmp_path: Path, left: bytes | None) -> None:
+def test_a_file_that_a_disk_destroyed_is_replaced_by_its_backup_with_a_warning(
+    tmp_path: Path, left: bytes | None
+) -> None:
     """Settings and limits are the backup's, no default; a session tells it; the next save leaves a good backup."""
     library = UnitLibrary(tmp_path / "units")
     for limit in (20.0, 30.0):  # the backup is the one before: a unit stored twice

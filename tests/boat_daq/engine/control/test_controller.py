@@ -1,4 +1,4 @@
-"""The control on the bench: each fault a board can have, and what becomes of the run. No thread, no port."""
+"""The control on the rig: each fault a board can have, and what becomes of the run. No thread, no port."""
 
 from __future__ import annotations
 
@@ -15,48 +15,48 @@ from boat_daq.errors import OperatorError
 from protocol.link.events import CommandDone
 from protocol.link.messages import AckStatus, ClearFault, Heartbeat, SetLimits, SetPressure, Start, Vent
 from protocol.recording import BoardState, RunEnd
-from tests.boat_daq.engine.bench import QUICK, Bench
+from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
 RUN_S = 60.0
 
 
-def vented(bench: Bench) -> bool:
-    return abs(bench.pressure_kpa) < 1.0
+def vented(rig: ControllerRig) -> bool:
+    return abs(rig.pressure_kpa) < 1.0
 
 
 @pytest.mark.parametrize(("speed", "step_s"), [(1.0, 0.04), (50.0, 0.02)])
 def test_a_calibration_runs_to_its_end(speed: float, step_s: float) -> None:
     """All plateaus of one cycle are reached and steady, at 1x as at 50x; pressure stays inside the limits."""
     plan = dataclasses.replace(built_in_plans()["calibration"], cycles=1)
-    bench = Bench(speed=speed).running(plan)
-    assert bench.run(3 * plan.duration_s, lambda: bench.state is SessionState.IDLE, step_s=step_s)
-    assert bench.ends == [RunEnding(RunEnd.FINISHED)]
-    plateaus = [mark for mark in bench.marks.values() if mark.branch != "end"]
+    rig = ControllerRig(speed=speed).running(plan)
+    assert rig.run(3 * plan.duration_s, lambda: rig.state is SessionState.IDLE, step_s=step_s)
+    assert rig.ends == [RunEnding(RunEnd.FINISHED)]
+    plateaus = [mark for mark in rig.marks.values() if mark.branch != "end"]
     assert [mark.target_kpa for mark in plateaus] == [step.target_kpa for step in plan.steps]
     assert all(mark.status == "reached" and mark.detail["steady"] for mark in plateaus)
-    assert min(bench.pressures) > -42 and max(bench.pressures) < 52
-    assert vented(bench)
+    assert min(rig.pressures) > -42 and max(rig.pressures) < 52
+    assert vented(rig)
 
 
 def test_limits_and_watchdog_come_before_the_first_pressure() -> None:
     """HEARTBEAT and SET_LIMITS are acknowledged before SET_PRESSURE leaves, whatever is lost on the way."""
-    bench = Bench().connected()
-    bench.fault("ack_lost", 1)
-    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
-    assert not bench.sent_of(SetPressure)
-    bench.run(1.0, lambda: bool(bench.sent_of(SetPressure)))
-    kinds = [type(command) for command in bench.sent]
+    rig = ControllerRig().connected()
+    rig.fault("ack_lost", 1)
+    rig.do(lambda: rig.control.arm(QUICK), rig.control.start)
+    assert not rig.sent_of(SetPressure)
+    rig.run(1.0, lambda: bool(rig.sent_of(SetPressure)))
+    kinds = [type(command) for command in rig.sent]
     first = kinds.index(SetPressure)
     assert Heartbeat in kinds[:first] and SetLimits in kinds[:first]
-    assert bench.control.last is not None and bench.control.last.flags & 0x4
+    assert rig.control.last is not None and rig.control.last.flags & 0x4
 
 
 def test_a_second_press_of_start_is_one_start() -> None:
     """Start, start, start: one run."""
-    bench = Bench().connected()
-    bench.do(lambda: bench.control.arm(QUICK), bench.control.start, bench.control.start)
-    bench.run(1.0)
-    assert len([n for n in bench.notes if n.kind == "run_started"]) == 1
+    rig = ControllerRig().connected()
+    rig.do(lambda: rig.control.arm(QUICK), rig.control.start, rig.control.start)
+    rig.run(1.0)
+    assert len([n for n in rig.notes if n.kind == "run_started"]) == 1
 
 
 def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
@@ -76,20 +76,20 @@ def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
 @pytest.mark.parametrize(("starved_s", "survives"), [(0.70, True), (0.40, False)])
 def test_a_heartbeat_lost_over_a_pause_of_the_board_is_no_broken_link(starved_s: float, *, survives: bool) -> None:
     """Samples stay away for 0.7 s and come again just before its answer is given up; after 0.4 s none is excused."""
-    bench = Bench().running(built_in_plans()["repeatability"])
-    bench.run(1.0)
-    hears, makes, waiting = bench.board.receive, bench.board.advance, []
-    bench.board.receive = waiting.append
-    beats = len(bench.sent_of(Heartbeat))
-    assert bench.run(0.5, lambda: len(bench.sent_of(Heartbeat)) > beats)
-    bench.board.advance = lambda _: b""
-    bench.run(starved_s)
-    bench.board.advance = makes
-    bench.run(0.80 - starved_s)
-    bench.board.receive = hears
+    rig = ControllerRig().running(built_in_plans()["repeatability"])
+    rig.run(1.0)
+    hears, makes, waiting = rig.board.receive, rig.board.advance, []
+    rig.board.receive = waiting.append
+    beats = len(rig.sent_of(Heartbeat))
+    assert rig.run(0.5, lambda: len(rig.sent_of(Heartbeat)) > beats)
+    rig.board.advance = lambda _: b""
+    rig.run(starved_s)
+    rig.board.advance = makes
+    rig.run(0.80 - starved_s)
+    rig.board.receive = hears
     hears(b"".join(waiting))
-    bench.run(0.5)
-    assert (bench.state is SessionState.RUNNING) is survives
+    rig.run(0.5)
+    assert (rig.state is SessionState.RUNNING) is survives
 
 
 @pytest.mark.fault(21, how="virtual board's faults in a run, stalled and dead pumps among them", times=9)
@@ -109,116 +109,116 @@ def test_a_heartbeat_lost_over_a_pause_of_the_board_is_no_broken_link(starved_s:
 )
 def test_a_fault_of_the_board_vents_and_latches(fault: str, word: str) -> None:
     """Whatever breaks: vented, latched with its reason, one end, and no pressure until it is cleared."""
-    bench = Bench(fault, rate_hz=100).running(dataclasses.replace(QUICK, cycles=5))
-    assert bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
-    bench.run(3.0)
-    latched = bench.control.interlock.latched
+    rig = ControllerRig(fault, rate_hz=100).running(dataclasses.replace(QUICK, cycles=5))
+    assert rig.run(RUN_S, lambda: rig.state is SessionState.FAULT)
+    rig.run(3.0)
+    latched = rig.control.interlock.latched
     assert latched is not None and word in latched.cause
-    assert bench.ends == [RunEnding(RunEnd.FAULT, latched.cause)]
-    assert vented(bench) and bench.sent_of(Vent)
+    assert rig.ends == [RunEnding(RunEnd.FAULT, latched.cause)]
+    assert vented(rig) and rig.sent_of(Vent)
     with pytest.raises(OperatorError):
-        bench.control.set_pressure(10.0)
+        rig.control.set_pressure(10.0)
 
 
-def test_after_the_e_stop_the_operator_clears_and_goes_on() -> None:
+def test_after_the_e_stop_the_operator_clears_and_runs_again() -> None:
     """While it is pressed clearing is refused; released and cleared, a new run starts."""
-    bench = Bench("estop@4:8").running()
-    bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
-    bench.run(1.0)
+    rig = ControllerRig("estop@4:8").running()
+    rig.run(RUN_S, lambda: rig.state is SessionState.FAULT)
+    rig.run(1.0)
     with pytest.raises(OperatorError, match="e-stop"):
-        bench.control.clear_fault()
-    bench.run(10.0)
-    bench.do(bench.control.clear_fault)
-    assert bench.run(2.0, lambda: bench.state is SessionState.IDLE)
-    assert bench.sent_of(ClearFault)
-    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
-    assert bench.run(RUN_S, lambda: RunEnding(RunEnd.FINISHED) in bench.ends)
+        rig.control.clear_fault()
+    rig.run(10.0)
+    rig.do(rig.control.clear_fault)
+    assert rig.run(2.0, lambda: rig.state is SessionState.IDLE)
+    assert rig.sent_of(ClearFault)
+    rig.do(lambda: rig.control.arm(QUICK), rig.control.start)
+    assert rig.run(RUN_S, lambda: RunEnding(RunEnd.FINISHED) in rig.ends)
 
 
 @pytest.mark.fault(20, how="e-stop pressed, or 70 kPa, before the program came", times=2)
 @pytest.mark.parametrize("fault", ["estop@0:60", "beyond_limit@0.02:70"])
-def test_what_stands_at_the_start_is_found(fault: str) -> None:
+def test_a_level_at_the_start_is_found(fault: str) -> None:
     """Levels, not edges: what was so before the program came forbids the start."""
-    bench = Bench(fault).connected()
+    rig = ControllerRig(fault).connected()
     with pytest.raises(OperatorError):
-        bench.control.arm(QUICK)
-    assert not bench.sent_of(SetPressure)
+        rig.control.arm(QUICK)
+    assert not rig.sent_of(SetPressure)
 
 
 @pytest.mark.fault(17, how="SET_PRESSURE refused with status 3", times=1)
 def test_a_refused_pressure_is_not_done() -> None:
     """The board answers 3: vent and latch, not a run at another pressure than it thinks."""
-    bench = Bench().connected()
-    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
-    bench.fault("ack_refused", 3)
-    assert bench.run(3.0, lambda: bench.state is SessionState.FAULT)
-    assert "out of its limits" in bench.ends[0].cause
+    rig = ControllerRig().connected()
+    rig.do(lambda: rig.control.arm(QUICK), rig.control.start)
+    rig.fault("ack_refused", 3)
+    assert rig.run(3.0, lambda: rig.state is SessionState.FAULT)
+    assert "out of its limits" in rig.ends[0].cause
 
 
 @pytest.mark.parametrize("pressed", ["start", "pressure by hand", "nothing"])
 def test_a_run_that_never_began_has_no_end(pressed: str) -> None:
     """A fault while the guards of a start, or of a pressure by hand, are not answered yet: nothing to end by it."""
-    bench = Bench("ack_late@0:200").connected()
-    bench.do(lambda: bench.control.arm(QUICK))
+    rig = ControllerRig("ack_late@0:200").connected()
+    rig.do(lambda: rig.control.arm(QUICK))
     if pressed == "start":
-        bench.do(bench.control.start)
+        rig.do(rig.control.start)
     elif pressed == "pressure by hand":
-        bench.do(lambda: bench.control.set_pressure(0.0, 1.0))
-    bench.fault("estop", 1)
-    bench.run(1.0)
-    assert (bench.state, bench.ends, bench.said(["run_started"])) == (SessionState.FAULT, [], [])
+        rig.do(lambda: rig.control.set_pressure(0.0, 1.0))
+    rig.fault("estop", 1)
+    rig.run(1.0)
+    assert (rig.state, rig.ends, rig.reports(["run_started"])) == (SessionState.FAULT, [], [])
 
 
 @pytest.mark.fault(17, how="every answer lost", times=1)
 def test_an_unanswered_pressure_is_sent_three_times_then_vented() -> None:
     """ACKs lost for good: same seq three times, then vent and latch."""
-    bench = Bench().running()
-    bench.run(5.0)
-    bench.fault("ack_lost", 1000)
-    assert bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
-    assert "did not answer" in bench.ends[0].cause
-    bench.run(2.0)
-    assert vented(bench)
-    assert len(bench.sent_of(Vent)) > 1, "a vent is repeated until it is acknowledged"
+    rig = ControllerRig().running()
+    rig.run(5.0)
+    rig.fault("ack_lost", 1000)
+    assert rig.run(RUN_S, lambda: rig.state is SessionState.FAULT)
+    assert "did not answer" in rig.ends[0].cause
+    rig.run(2.0)
+    assert vented(rig)
+    assert len(rig.sent_of(Vent)) > 1, "a vent is repeated until it is acknowledged"
 
 
 @pytest.mark.fault(11, how="the port gone for good, under pressure", times=1)
 def test_unplugged_under_pressure_the_board_vents_by_itself() -> None:
     """Nothing reaches the board any more: its watchdog vents within its time; the run is in fault, not resumed."""
-    bench = Bench().running()
-    bench.run(3.0)
-    assert abs(bench.pressure_kpa) > 10
-    bench.plugged = False
-    bench.control.link_lost("the port is gone")
-    bench.flush()
-    assert bench.state is SessionState.FAULT
-    bench.run(1.0 + 1.5)
-    assert vented(bench)
-    bench.replug()
-    bench.run(5.0)
-    assert bench.state is SessionState.FAULT and vented(bench)
+    rig = ControllerRig().running()
+    rig.run(3.0)
+    assert abs(rig.pressure_kpa) > 10
+    rig.plugged = False
+    rig.control.link_lost("the port is gone")
+    rig.flush()
+    assert rig.state is SessionState.FAULT
+    rig.run(1.0 + 1.5)
+    assert vented(rig)
+    rig.replug()
+    rig.run(5.0)
+    assert rig.state is SessionState.FAULT and vented(rig)
 
 
 @pytest.mark.fault(18, how="the host stops at instants of a run", times=8)
 def test_a_dead_host_leaves_no_pressure() -> None:
     """The host stops at 8 instants of a run: 2.5 s later the unit is at rest, every time."""
     for n in range(8):
-        bench = Bench(seed=n).running(dataclasses.replace(QUICK, cycles=3))
-        bench.run(1.0 + 2.3 * n)
-        bench.host_alive = False
-        bench.run(1.0 + 1.5)
-        assert vented(bench), n
+        rig = ControllerRig(seed=n).running(dataclasses.replace(QUICK, cycles=3))
+        rig.run(1.0 + 2.3 * n)
+        rig.host_alive = False
+        rig.run(1.0 + 1.5)
+        assert vented(rig), n
 
 
 @pytest.mark.fault(18, how="a board found vented by its watchdog", times=1)
-def test_the_next_start_says_what_happened() -> None:
+def test_the_next_start_reports_what_happened() -> None:
     """A board that vented when its host died is found in FAULT, with the reason in plain words."""
-    bench = Bench().running()
-    bench.run(3.0)
-    bench.host_alive = False
-    bench.run(4.0)
-    later = Bench()
-    later.board = bench.board
+    rig = ControllerRig().running()
+    rig.run(3.0)
+    rig.host_alive = False
+    rig.run(4.0)
+    later = ControllerRig()
+    later.board = rig.board
     later.replug()
     later.run(1.0)
     assert later.control.interlock.latched is not None
@@ -239,210 +239,210 @@ def test_vent_is_obeyed_in_every_state() -> None:
         lambda b: (b.running(), b.control.vent()),
         lambda b: (b.running(), b.fault("estop", 1.0), b.run(1.0)),
     ):
-        bench = Bench().connected()
-        prepare(bench)
-        bench.flush()
-        before = len(bench.sent_of(Vent))
-        bench.do(bench.control.vent)
-        assert len(bench.sent_of(Vent)) == before + 1
-        bench.run(3.0)
-        assert vented(bench) and len(bench.ends) <= 1
+        rig = ControllerRig().connected()
+        prepare(rig)
+        rig.flush()
+        before = len(rig.sent_of(Vent))
+        rig.do(rig.control.vent)
+        assert len(rig.sent_of(Vent)) == before + 1
+        rig.run(3.0)
+        assert vented(rig) and len(rig.ends) <= 1
 
 
-def test_a_pressure_by_hand() -> None:
+def test_manual_pressure() -> None:
     """Within limits it is reached and held; outside, or while a run goes on, it is refused; stop vents it."""
-    bench = Bench().connected()
-    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
-    assert bench.run(5.0, lambda: abs(bench.pressure_kpa - 20) < 0.5)
+    rig = ControllerRig().connected()
+    rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
+    assert rig.run(5.0, lambda: abs(rig.pressure_kpa - 20) < 0.5)
     with pytest.raises(OperatorError, match="limit"):
-        bench.control.set_pressure(56.0)
-    bench.do(bench.control.stop)
-    bench.run(2.0)
-    assert vented(bench)
-    bench.running()
+        rig.control.set_pressure(56.0)
+    rig.do(rig.control.stop)
+    rig.run(2.0)
+    assert vented(rig)
+    rig.running()
     with pytest.raises(OperatorError, match="while the run"):
-        bench.control.set_pressure(10.0)
+        rig.control.set_pressure(10.0)
 
 
-def test_the_zero_of_the_pressure_sensor_is_looked_at() -> None:
+def test_the_zero_of_the_pressure_sensor_is_checked() -> None:
     """A vented unit that reads 10 kPa is not started."""
-    bench = Bench().connected()
-    bench.control.preflight.take([10.0] * ZERO_SAMPLES)
-    bench.control.arm(QUICK)
+    rig = ControllerRig().connected()
+    rig.control.preflight.take([10.0] * ZERO_SAMPLES)
+    rig.control.arm(QUICK)
     with pytest.raises(OperatorError, match="on a vented unit"):
-        bench.control.start()
+        rig.control.start()
 
 
 @pytest.mark.parametrize(("speed", "timeout_ms"), [(1.0, 1000), (100.0, 5000)])
 def test_the_watchdog_is_fed_through_a_run_at_any_speed(speed: float, timeout_ms: int) -> None:
     """At 1x with 1 s and at 100x with 5 s of the board's time, a healthy host never trips it."""
-    bench = Bench(speed=speed).running(dataclasses.replace(QUICK, cycles=3))
-    assert bench.control.board.feeder.armed_ms == timeout_ms
-    assert bench.run(300, lambda: bench.state is SessionState.IDLE)
-    assert bench.ends == [RunEnding(RunEnd.FINISHED)]
+    rig = ControllerRig(speed=speed).running(dataclasses.replace(QUICK, cycles=3))
+    assert rig.control.board.feeder.armed_ms == timeout_ms
+    assert rig.run(300, lambda: rig.state is SessionState.IDLE)
+    assert rig.ends == [RunEnding(RunEnd.FINISHED)]
 
 
 @pytest.mark.fault(26, how="the host stands still for 0.5 s and 5 s", times=2)
 def test_a_stall_of_the_host_is_survived_or_vented() -> None:
     """Half a second costs nothing; five seconds, and the board has vented by itself."""
     for stall_s, survives in ((0.5, True), (5.0, False)):
-        bench = Bench().running(dataclasses.replace(QUICK, cycles=3))
-        bench.run(2.0)
-        bench.stalled = True
-        bench.run(stall_s)
-        assert vented(bench) is not survives
-        bench.stalled = False
-        bench.run(1.0)
-        assert (bench.state is SessionState.RUNNING) is survives
+        rig = ControllerRig().running(dataclasses.replace(QUICK, cycles=3))
+        rig.run(2.0)
+        rig.stalled = True
+        rig.run(stall_s)
+        assert vented(rig) is not survives
+        rig.stalled = False
+        rig.run(1.0)
+        assert (rig.state is SessionState.RUNNING) is survives
 
 
 @pytest.mark.fault(16, how="virtual board's `frozen_channel` in a run", times=1)
-def test_a_frozen_channel_is_told_and_the_run_resumed() -> None:
+def test_a_frozen_channel_is_reported_and_the_run_continues() -> None:
     """An alarm, not a vent: the pressure is safe, the operator decides."""
-    bench = Bench("frozen_channel@2:1").running()
-    bench.run(30, lambda: bool(bench.said(["flat_line"])))
-    assert [note.value for note in bench.said(["flat_line"])] == [1]
-    assert bench.state is SessionState.RUNNING
+    rig = ControllerRig("frozen_channel@2:1").running()
+    rig.run(30, lambda: bool(rig.reports(["flat_line"])))
+    assert [note.value for note in rig.reports(["flat_line"])] == [1]
+    assert rig.state is SessionState.RUNNING
 
 
 def test_goodbye_leaves_the_board_at_rest() -> None:
     """Leaving vents, disarms the watchdog and stops the samples: the board does not end in FAULT afterwards."""
-    bench = Bench().running()
-    bench.run(3.0)
-    bench.do(bench.control.leave)
-    bench.run(10.0)
-    assert vented(bench)
-    assert bench.board._control.state is BoardState.VENTED
-    assert bench.ends == [RunEnding(RunEnd.STOPPED)]
+    rig = ControllerRig().running()
+    rig.run(3.0)
+    rig.do(rig.control.leave)
+    rig.run(10.0)
+    assert vented(rig)
+    assert rig.board._control.state is BoardState.VENTED
+    assert rig.ends == [RunEnding(RunEnd.STOPPED)]
 
 
 def test_a_listener_sends_nothing_but_start() -> None:
     """A link that cannot command is refused a plan with the reason, and vents nobody."""
-    bench = Bench()
-    bench.control.board.can_command = False
-    bench.connected()
+    rig = ControllerRig()
+    rig.control.board.can_command = False
+    rig.connected()
     with pytest.raises(OperatorError, match="read only"):
-        bench.control.arm(QUICK)
-    bench.do(bench.control.vent, bench.control.leave)
-    assert not bench.sent_of(Vent) and not bench.sent_of(Heartbeat) and not bench.sent_of(SetLimits)
+        rig.control.arm(QUICK)
+    rig.do(rig.control.vent, rig.control.leave)
+    assert not rig.sent_of(Vent) and not rig.sent_of(Heartbeat) and not rig.sent_of(SetLimits)
 
 
 @pytest.mark.parametrize("commands", [True, False])
-def test_only_a_board_that_takes_commands_is_asked_for_limits(commands: bool) -> None:
+def test_only_a_board_that_takes_commands_needs_limits(commands: bool) -> None:
     """A pasted RX8 line, which knows no commands, was told that its board's limits are 0 to 0 kPa."""
-    bench = Bench()
-    bench.control.board.can_command = commands
-    bench.do(lambda: bench.control.preflight.take_limits(0.0, 0.0))
-    assert [note.kind for note in bench.notes] == ["limits"] * commands
+    rig = ControllerRig()
+    rig.control.board.can_command = commands
+    rig.do(lambda: rig.control.preflight.take_limits(0.0, 0.0))
+    assert [note.kind for note in rig.notes] == ["limits"] * commands
 
 
 def test_a_board_that_resets_after_its_first_hello_is_introduced_again() -> None:
     """It answers, boots for a second, says HELLO once more: limits and START are sent again, and samples come."""
-    bench = Bench()
-    bench.step()
-    bench.board._boot_at_us = bench.board.now_us + 1_000_000
-    bench.board._sampler.stop()
-    bench.connected()
-    assert len(bench.sent_of(SetLimits)) == 2 and bench.state is SessionState.IDLE
+    rig = ControllerRig()
+    rig.step()
+    rig.board._boot_at_us = rig.board.now_us + 1_000_000
+    rig.board._sampler.stop()
+    rig.connected()
+    assert len(rig.sent_of(SetLimits)) == 2 and rig.state is SessionState.IDLE
 
 
-def test_a_vent_between_start_and_its_acknowledgements_is_the_last_word() -> None:
+def test_a_vent_between_start_and_its_acknowledgements_cancels_the_run() -> None:
     """Start, then vent before limits and watchdog are acknowledged: no pressure ever leaves."""
-    bench = Bench().connected()
-    bench.do(lambda: bench.control.arm(QUICK), bench.control.start, bench.control.vent)
-    bench.run(2.0)
-    assert not bench.sent_of(SetPressure) and bench.state is SessionState.IDLE
+    rig = ControllerRig().connected()
+    rig.do(lambda: rig.control.arm(QUICK), rig.control.start, rig.control.vent)
+    rig.run(2.0)
+    assert not rig.sent_of(SetPressure) and rig.state is SessionState.IDLE
 
 
 @pytest.mark.fault(4, how="an untrue sample while a pressure set by hand stands", times=1)
-def test_a_trip_vents_a_pressure_set_by_hand() -> None:
+def test_a_trip_vents_a_manual_pressure() -> None:
     """Without a run as well: an untrue sample, and the vent leaves although the board sees nothing wrong."""
-    bench = Bench().connected()
-    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
-    bench.run(3.0)
-    bench.fault("absurd_value", 1)
-    bench.run(2.0)
-    assert bench.state is SessionState.FAULT and bench.sent_of(Vent) and vented(bench)
+    rig = ControllerRig().connected()
+    rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
+    rig.run(3.0)
+    rig.fault("absurd_value", 1)
+    rig.run(2.0)
+    assert rig.state is SessionState.FAULT and rig.sent_of(Vent) and vented(rig)
 
 
 @pytest.mark.fault(17, how="every answer lost for five seconds", times=1)
 def test_a_vent_is_repeated_until_it_is_acknowledged() -> None:
     """Five seconds in which every answer is lost: the vent goes out again and again, and then no more."""
-    bench = Bench().connected()
-    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
-    bench.run(3.0)
-    bench.fault("ack_lost", 12)
-    bench.do(bench.control.vent)
-    bench.run(10.0)
-    sent = len(bench.sent_of(Vent))
-    assert sent > 1 and not bench.control.board.venting
-    bench.run(5.0)
-    assert len(bench.sent_of(Vent)) == sent
+    rig = ControllerRig().connected()
+    rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
+    rig.run(3.0)
+    rig.fault("ack_lost", 12)
+    rig.do(rig.control.vent)
+    rig.run(10.0)
+    sent = len(rig.sent_of(Vent))
+    assert sent > 1 and not rig.control.board.venting
+    rig.run(5.0)
+    assert len(rig.sent_of(Vent)) == sent
 
 
 def test_a_restart_not_yet_seen_leaves_no_unwatched_pressure() -> None:
     """The board restarts, a pressure is already on its way, and then the host dies: vented all the same."""
-    bench = Bench().connected()
-    bench.do(lambda: bench.control.set_pressure(20.0, 20.0))
-    bench.run(3.0)
-    bench.fault("reset", 0)
-    bench.do(lambda: bench.control.set_pressure(40.0, 40.0))
-    bench.host_alive = False
-    bench.run(1.0 + 1.5)
-    assert vented(bench)
+    rig = ControllerRig().connected()
+    rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
+    rig.run(3.0)
+    rig.fault("reset", 0)
+    rig.do(lambda: rig.control.set_pressure(40.0, 40.0))
+    rig.host_alive = False
+    rig.run(1.0 + 1.5)
+    assert vented(rig)
 
 
-def answer(bench: Bench, command: object, status: AckStatus) -> None:
+def answer(rig: ControllerRig, command: object, status: AckStatus) -> None:
     """The board's answer, as the link tells it."""
-    bench.control.events([CommandDone(command, 0, status)], bench.now_ns)
-    bench.flush()
+    rig.control.events([CommandDone(command, 0, status)], rig.now_ns)
+    rig.flush()
 
 
 def test_a_refused_start_is_named_with_its_remedy() -> None:
     """Why no samples come: the refusal and what to do, ready for whoever waits for them; none once they flow."""
-    bench = Bench()
-    bench.control.hold_samples = True
-    bench.run(0.5)
-    answer(bench, Start(100), AckStatus.OUT_OF_LIMITS)
-    assert bench.control.no_samples is not None
-    cause, remedy = bench.control.no_samples
+    rig = ControllerRig()
+    rig.control.hold_samples = True
+    rig.run(0.5)
+    answer(rig, Start(100), AckStatus.OUT_OF_LIMITS)
+    assert rig.control.no_samples is not None
+    cause, remedy = rig.control.no_samples
     assert "refused START" in cause and "100 Hz" in cause and "rate" in remedy
-    bench.do(bench.control.release_samples)
-    bench.connected()
-    assert bench.control.no_samples is None
+    rig.do(rig.control.release_samples)
+    rig.connected()
+    assert rig.control.no_samples is None
 
 
 @pytest.mark.parametrize("command", [Heartbeat(1000), SetLimits(-1, 1)])
 def test_a_refused_guard_is_an_error_once_it_matters(command: Heartbeat | SetLimits) -> None:
     """At the greeting it forbids nothing yet; before a pressure it is an error, once, with its remedy."""
-    bench = Bench().connected()
-    answer(bench, command, AckStatus.OUT_OF_LIMITS)
-    assert [note.level for note in bench.said({"refused"})] == ["info"]
-    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
-    answer(bench, command, AckStatus.OUT_OF_LIMITS)
-    assert [note.level for note in bench.said({"refused"})] == ["info", "error"]
-    assert bench.said({"refused"})[-1].remedy
+    rig = ControllerRig().connected()
+    answer(rig, command, AckStatus.OUT_OF_LIMITS)
+    assert [note.level for note in rig.reports({"refused"})] == ["info"]
+    rig.do(lambda: rig.control.arm(QUICK), rig.control.start)
+    answer(rig, command, AckStatus.OUT_OF_LIMITS)
+    assert [note.level for note in rig.reports({"refused"})] == ["info", "error"]
+    assert rig.reports({"refused"})[-1].remedy
 
 
 @pytest.mark.parametrize("by", ["the operator", "`record` before its run"])
 def test_who_cleared_a_fault_is_in_the_recording(by: str) -> None:
     """A program that clears a fault by itself does not put it down to the operator."""
-    bench = Bench("estop@4:3").running()
-    bench.run(RUN_S, lambda: bench.state is SessionState.FAULT)
-    bench.run(5.0)
-    bench.do(lambda: bench.control.clear_fault(by))
-    bench.run(1.0)
-    assert [note.text for note in bench.said({"fault_cleared"})] == [f"fault cleared by {by}"]
+    rig = ControllerRig("estop@4:3").running()
+    rig.run(RUN_S, lambda: rig.state is SessionState.FAULT)
+    rig.run(5.0)
+    rig.do(lambda: rig.control.clear_fault(by))
+    rig.run(1.0)
+    assert [note.text for note in rig.reports({"fault_cleared"})] == [f"fault cleared by {by}"]
 
 
 def test_a_goodbye_answered_late_leaves_the_watchdog_off() -> None:
     """While the disarming waits for its turn, no heartbeat arms the watchdog again."""
-    bench = Bench("ack_late@3:200").connected()
-    bench.do(lambda: bench.control.arm(QUICK), bench.control.start)
-    bench.run(RUN_S, lambda: bench.state is SessionState.IDLE)
-    bench.do(bench.control.leave)
-    bench.run(3.0)
-    assert bench.sent_of(Heartbeat)[-1] == Heartbeat(0)
-    assert bench.board._control.watchdog_us is None
-    bench.run(6.0)
-    assert bench.board._control.state is BoardState.VENTED
+    rig = ControllerRig("ack_late@3:200").connected()
+    rig.do(lambda: rig.control.arm(QUICK), rig.control.start)
+    rig.run(RUN_S, lambda: rig.state is SessionState.IDLE)
+    rig.do(rig.control.leave)
+    rig.run(3.0)
+    assert rig.sent_of(Heartbeat)[-1] == Heartbeat(0)
+    assert rig.board._control.watchdog_us is None
+    rig.run(6.0)
+    assert rig.board._control.state is BoardState.VENTED

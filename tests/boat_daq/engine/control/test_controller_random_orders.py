@@ -12,7 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from protocol.link.messages import BootReason, Heartbeat, SetPressure
-from tests.boat_daq.engine.bench import QUICK, Bench
+from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
 LIMITS_KPA = (-40.0, 50.0)
 BEYOND_KPA = 2.5  # the contract lets go 2 kPa beyond a limit; the valve needs a tick
@@ -31,178 +31,178 @@ class Operators(RuleBasedStateMachine):
         going=st.booleans(),
     )
     def begin(self, speed: float, seed: int, board_s: float, going: bool) -> None:
-        self.bench = Bench(speed=speed, seed=seed)
-        self.bench.control.interlock.set_limits("unit", LIMITS_KPA)
+        self.rig = ControllerRig(speed=speed, seed=seed)
+        self.rig.control.interlock.set_limits("unit", LIMITS_KPA)
         self.unheard_s = 0.0  # board time since the host could last be heard
         self.spoiled = False  # a fault pushed the pressure, not we
-        self.bench.run(0.5 * speed)
+        self.rig.run(0.5 * speed)
         if going:
             self.get_going(board_s)
 
     def press(self, button: Any, *arguments: Any, **options: Any) -> None:
         """Press a button; a refusal is an answer as well."""
         try:
-            self.bench.do(lambda: button(*arguments, **options))
+            self.rig.do(lambda: button(*arguments, **options))
         except OperatorError as refusal:
             assert refusal.cause
-            self.bench.flush()
+            self.rig.flush()
 
     def pass_time(self, host_s: float, steps: int) -> None:
-        bench = self.bench
+        rig = self.rig
         for _ in range(steps):
-            bench.step(host_s / steps)
-            heard = bench.plugged and bench.host_alive and not bench.stalled
-            self.unheard_s = 0.0 if heard else self.unheard_s + host_s / steps * bench.speed
+            rig.step(host_s / steps)
+            heard = rig.plugged and rig.host_alive and not rig.stalled
+            self.unheard_s = 0.0 if heard else self.unheard_s + host_s / steps * rig.speed
             self.look()
 
     def look(self) -> None:
         """What must hold at every instant."""
-        bench = self.bench
+        rig = self.rig
         if not self.spoiled:
-            assert LIMITS_KPA[0] - BEYOND_KPA <= bench.pressure_kpa <= LIMITS_KPA[1] + BEYOND_KPA
+            assert LIMITS_KPA[0] - BEYOND_KPA <= rig.pressure_kpa <= LIMITS_KPA[1] + BEYOND_KPA
         if not self.spoiled and self.unheard_s > WATCHDOG_S + VENT_S:
-            assert abs(bench.pressure_kpa) < 2.0, f"{bench.pressure_kpa} kPa, and nobody there"
+            assert abs(rig.pressure_kpa) < 2.0, f"{rig.pressure_kpa} kPa, and nobody there"
 
     # ---- the operator ----------------------------------------------------------------------------------------------
 
     @rule(wait=st.booleans())
     def arm(self, wait: bool) -> None:
-        self.press(self.bench.control.arm, QUICK, wait_for_reading=wait)
+        self.press(self.rig.control.arm, QUICK, wait_for_reading=wait)
 
     @rule()
     def start(self) -> None:
-        self.press(self.bench.control.start)
+        self.press(self.rig.control.start)
 
     @rule(board_s=st.floats(1.0, 12.0))
     def get_going(self, board_s: float) -> None:
         """What an operator does most of the time: clear, arm, start, and watch."""
-        for button in (self.bench.control.clear_fault, self.bench.control.vent):
+        for button in (self.rig.control.clear_fault, self.rig.control.vent):
             self.press(button)
-        self.pass_time(1.5 / self.bench.speed + 0.1, 10)
+        self.pass_time(1.5 / self.rig.speed + 0.1, 10)
         self.arm(wait=False)
         self.start()
         self.wait(board_s)
 
     @rule()
     def pause(self) -> None:
-        self.press(self.bench.control.pause)
+        self.press(self.rig.control.pause)
 
     @rule()
     def resume(self) -> None:
-        self.press(self.bench.control.resume)
+        self.press(self.rig.control.resume)
 
     @rule()
     def stop(self) -> None:
-        self.press(self.bench.control.stop)
-        self.press(self.bench.control.stop)
+        self.press(self.rig.control.stop)
+        self.press(self.rig.control.stop)
 
     @rule()
     def vent(self) -> None:
-        self.press(self.bench.control.vent)
+        self.press(self.rig.control.vent)
 
     @rule()
     def clear(self) -> None:
-        self.press(self.bench.control.clear_fault)
+        self.press(self.rig.control.clear_fault)
 
     @rule(kpa=st.floats(-100, 100), ramp=st.floats(0.5, 100))
     def set_pressure(self, kpa: float, ramp: float) -> None:
-        self.press(self.bench.control.set_pressure, kpa, ramp)
+        self.press(self.rig.control.set_pressure, kpa, ramp)
 
     @rule()
     def skip_reading(self) -> None:
-        waiting = self.bench.control.sequencer.waiting()
+        waiting = self.rig.control.sequencer.waiting()
         if waiting is not None:
-            self.bench.control.sequencer.reading_given(waiting.step_id)
+            self.rig.control.sequencer.reading_given(waiting.step_id)
 
     # ---- time ------------------------------------------------------------------------------------------------------
 
     @rule(board_s=st.floats(0.01, 4.0))
     def wait(self, board_s: float) -> None:
-        self.pass_time(board_s / self.bench.speed, max(2, round(board_s / self.bench.speed / STEP_S)))
+        self.pass_time(board_s / self.rig.speed, max(2, round(board_s / self.rig.speed / STEP_S)))
 
     @rule(board_s=st.floats(0.5, 8.0))
     def stall(self, board_s: float) -> None:
         """The host does nothing for a while: one long gap, then all that was buffered at once."""
-        self.bench.stalled = True
-        self.pass_time(board_s / self.bench.speed, 10)
-        self.bench.stalled = False
+        self.rig.stalled = True
+        self.pass_time(board_s / self.rig.speed, 10)
+        self.rig.stalled = False
 
     # ---- the world -------------------------------------------------------------------------------------------------
 
     @rule()
     def unplug(self) -> None:
-        if self.bench.plugged:
-            self.bench.plugged = False
-            self.bench.control.link_lost("the port is gone")
-            self.bench.flush()
+        if self.rig.plugged:
+            self.rig.plugged = False
+            self.rig.control.link_lost("the port is gone")
+            self.rig.flush()
 
-    @precondition(lambda self: not self.bench.plugged)
+    @precondition(lambda self: not self.rig.plugged)
     @rule()
     def replug(self) -> None:
-        self.bench.replug()
+        self.rig.replug()
         self.unheard_s = 0.0  # the first words on the fresh link are heard at once
 
     @rule()
     def estop(self) -> None:
-        control = self.bench.board._control
+        control = self.rig.board._control
         control.set_estop(not control.estop)
 
     @rule(reason=st.sampled_from(BootReason))
     def reset(self, reason: BootReason) -> None:
-        self.bench.fault("reset", int(reason))
+        self.rig.fault("reset", int(reason))
 
     @rule(status=st.integers(1, 6))
     def refuse_next(self, status: int) -> None:
-        self.bench.fault("ack_refused", status)
+        self.rig.fault("ack_refused", status)
 
     @rule(answers=st.integers(1, 4))
     def lose_answers(self, answers: int) -> None:
-        self.bench.fault("ack_lost", answers)
+        self.rig.fault("ack_lost", answers)
 
     @rule(pressure=st.sampled_from([-60.0, 70.0]))
     def push(self, pressure: float) -> None:
         """Something outside pushes the pressure beyond a limit."""
         self.spoiled = True
-        self.bench.fault("beyond_limit", pressure)
-        self.pass_time(2.5 / self.bench.speed, 10)
-        if not self.bench.board._pneumatics.regulated:
-            self.spoiled = abs(self.bench.pressure_kpa) > 2.0
+        self.rig.fault("beyond_limit", pressure)
+        self.pass_time(2.5 / self.rig.speed, 10)
+        if not self.rig.board._pneumatics.regulated:
+            self.spoiled = abs(self.rig.pressure_kpa) > 2.0
         assert not self.spoiled, "the unit was not vented"
 
     # ---- what must hold --------------------------------------------------------------------------------------------
 
     @invariant()
     def one_end_for_each_run(self) -> None:
-        if not hasattr(self, "bench"):
+        if not hasattr(self, "rig"):
             return
-        going = self.bench.state in (SessionState.RUNNING, SessionState.PAUSED)
-        assert len(self.bench.ends) == len(self.bench.said(["run_started"])) - going
-        assert len(self.bench.said(["run_ended"])) == len(self.bench.ends)
+        going = self.rig.state in (SessionState.RUNNING, SessionState.PAUSED)
+        assert len(self.rig.ends) == len(self.rig.reports(["run_started"])) - going
+        assert len(self.rig.reports(["run_ended"])) == len(self.rig.ends)
 
     @invariant()
     def latched_means_fault(self) -> None:
-        if hasattr(self, "bench") and self.bench.control.interlock.latched is not None:
-            assert self.bench.state is SessionState.FAULT
+        if hasattr(self, "rig") and self.rig.control.interlock.latched is not None:
+            assert self.rig.state is SessionState.FAULT
 
     @invariant()
     def a_mark_has_an_end(self) -> None:
         """At most the newest step is open, and only while it goes on."""
-        if hasattr(self, "bench"):
-            open_marks = [m for m in self.bench.marks.values() if m.status == "running"]
-            assert len(open_marks) <= (self.bench.state in (SessionState.RUNNING, SessionState.FINISHING))
+        if hasattr(self, "rig"):
+            open_marks = [m for m in self.rig.marks.values() if m.status == "running"]
+            assert len(open_marks) <= (self.rig.state in (SessionState.RUNNING, SessionState.FINISHING))
 
     def teardown(self) -> None:
         """The host dies: the unit is at rest soon after, however it was left."""
-        if not hasattr(self, "bench"):
+        if not hasattr(self, "rig"):
             return
-        bench = self.bench
-        for at, command in enumerate(bench.sent):
+        rig = self.rig
+        for at, command in enumerate(rig.sent):
             if isinstance(command, SetPressure):
-                arming = [c for c in bench.sent[:at] if isinstance(c, Heartbeat)]
+                arming = [c for c in rig.sent[:at] if isinstance(c, Heartbeat)]
                 assert arming and arming[-1].timeout_ms, "a pressure without the board's watchdog"
-        bench.host_alive = False
-        self.pass_time((WATCHDOG_S + VENT_S + 0.5) / bench.speed, 20)
-        assert abs(bench.pressure_kpa) < 2.0
+        rig.host_alive = False
+        self.pass_time((WATCHDOG_S + VENT_S + 0.5) / rig.speed, 20)
+        assert abs(rig.pressure_kpa) < 2.0
 
 
 ORDERS = settings(

@@ -110,7 +110,7 @@ def test_the_earliest_sample_is_the_reason() -> None:
     assert (found.kind, found.time_us, found.value) == ("over_pressure", 20_000, 60.0)
 
 
-def test_a_level_that_stands_cannot_be_cleared() -> None:
+def test_a_level_that_is_still_present_cannot_be_cleared() -> None:
     """The newest sample decides: gone, it can be cleared; standing, it cannot, and says so."""
     lock = interlock()
     lock.inspect(block(0, flags=SampleFlag.ESTOP))

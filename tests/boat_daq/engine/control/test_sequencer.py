@@ -43,7 +43,7 @@ def watch(plan: Plan = PLAN, target: float = 50.0, *, plateau: bool = True, wait
     return found
 
 
-def test_times_of_a_plateau_by_hand() -> None:
+def test_times_of_a_plateau_equal_the_calculated_ones() -> None:
     """A ramp of 2 s to 50: within 1 kPa at 98 %, settled 1 s later, ended when 2 s of steady samples follow."""
     step = watch()
     step.feed(samples(ramp_and_hold(50.0, 10.0)))
@@ -73,7 +73,7 @@ def test_the_cut_into_blocks_changes_nothing(lengths: list[int], overshoot: bool
     assert whole.detail()["drift"] == cut.detail()["drift"]
 
 
-def test_a_drifting_signal_is_waited_for_and_then_said() -> None:
+def test_a_drifting_signal_ends_at_the_longest_hold_as_not_steady() -> None:
     """5 mV/s is never steady: the hold lasts to its longest dwell and keeps its drift."""
     step = watch()
     step.feed(samples(ramp_and_hold(50.0, 30.0), drift_mv_per_s=5.0))
@@ -202,7 +202,7 @@ def test_a_whole_run() -> None:
     assert [m.number for m in marks] == list(range(1, 11))
 
 
-def test_pause_leaves_the_cycle_out_and_the_count_goes_on() -> None:
+def test_pause_leaves_the_cycle_out_and_continues_the_count() -> None:
     """Paused in cycle 1 of 2: vented, the cycle left out; resumed with cycle 2, and ended with two complete cycles."""
     rig = Rig()
     rig.run(15)
@@ -244,7 +244,7 @@ def test_stop_during_abort_adds_nothing() -> None:
     assert rig.ended == [RunEnding(RunEnd.FAULT, "x")] and rig.sequencer.state is SessionState.FAULT
 
 
-def test_a_unit_that_does_not_vent_is_said() -> None:
+def test_a_unit_that_does_not_vent_is_reported() -> None:
     """A valve that stays shut after the end: aborted with a word, not waited for for ever."""
     rig = Rig()
     rig.run(8)

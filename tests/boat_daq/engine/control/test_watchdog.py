@@ -23,7 +23,7 @@ def test_speed_is_the_ratio_of_the_clocks(speed: float, gaps_ms: list[int]) -> N
         assert meter.speed == 1.0
 
 
-def test_a_clock_that_goes_back_begins_anew() -> None:
+def test_a_clock_that_goes_back_restarts_the_measurement() -> None:
     """After a restart of the board nothing is known, instead of something wrong."""
     meter = SpeedMeter()
     for n in range(100):

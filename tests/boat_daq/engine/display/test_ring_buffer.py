@@ -84,7 +84,7 @@ def test_few_samples_are_drawn_as_they_are():
     assert np.array_equal(pyramid.draw(-np.inf, np.inf, 4_000), everything)
 
 
-def test_what_the_ring_has_forgotten_is_still_drawn():
+def test_samples_that_left_the_ring_are_still_drawn():
     """A day behind an hour's ring: its extremes are there, though its samples are not."""
     everything = entries_of(400_000)
     everything[1, 1_234] = 1e6
@@ -165,7 +165,7 @@ def test_columns_are_in_the_units_of_their_names():
     assert len(ring.view(0.015, last=10)["time_s"]) == 3
 
 
-def test_time_goes_on_where_the_boards_clock_begins_again():
+def test_time_continues_where_the_boards_clock_restarts():
     """After a restart the screen's time continues by the host time that passed; it never falls."""
     ring = RingBuffer(2, mv_per_count=1.0, capacity=100)
     ring.append(samples_of(3, first_us=90_000_000, host_ns=0))

@@ -89,7 +89,7 @@ def test_asking_presses_nothing():
 
 
 @pytest.mark.fault(14, how="a silent port, another device, another version, while boards are looked for", times=3)
-def test_a_silent_port_another_device_and_another_version_are_told_apart():
+def test_a_silent_port_another_device_and_another_version_are_distinguished():
     """Each has its own remark, within little more than a second."""
     cases = [
         (lambda _came: b"", "no answer"),
@@ -105,7 +105,7 @@ def test_a_silent_port_another_device_and_another_version_are_told_apart():
             assert says in told.problem
 
 
-def test_a_port_that_cannot_be_opened_says_why():
+def test_a_port_that_cannot_be_opened_has_a_reason():
     """Listing ports never fails because one of them is busy or gone."""
     with served(Board()) as port:
         mine = open_transport(port)

@@ -77,7 +77,7 @@ def test_the_effective_rate_is_shown_and_warned_of():
     assert [w for w in snapshot.warnings if w.code is LinkWarningCode.RATE and "62.0 samples/s" in w.text]
 
 
-def test_a_restart_of_the_boards_clock_begins_the_fit_anew():
+def test_a_restart_of_the_boards_clock_restarts_the_fit():
     """Two streams are never spliced into one line."""
     health = health_of()
     feed(health, seconds=30, rate_hz=50, first_us=900_000_000)
@@ -94,7 +94,7 @@ def test_a_board_at_another_speed_has_no_drift():
     assert snapshot.warnings == ()
 
 
-def test_silence_losses_and_lag_are_told():
+def test_silence_losses_and_lag_are_reported():
     """What the counters and the clock say stands in words for the operator."""
     now_ns = 0
     health = health_of(LinkStatistics(lost=7), clock_ns=lambda: now_ns, lag_ms=lambda: 42.0)

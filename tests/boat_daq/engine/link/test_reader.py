@@ -48,7 +48,7 @@ def test_blocks_are_the_bytes_and_what_they_tell():
     )
 
 
-def test_a_sink_that_raises_is_told_of_once_and_the_others_go_on():
+def test_a_sink_that_raises_is_reported_once_and_the_others_continue():
     """A page's fault is an event in the stream; recorder and plots see every block."""
     transport = BoardTransport(VirtualBoard(), end_us=3_000_000)
     acquisition = PortReader(transport, Connection())
@@ -87,7 +87,7 @@ def test_an_unplugged_port_ends_the_reading_with_one_event():
 
 
 @pytest.mark.fault(12, how="a port that stays open and sends nothing", times=1)
-def test_silence_is_told_once_and_again_after_data():
+def test_silence_is_reported_once_and_again_after_data():
     """An open port without data for a second is a state to be said, not an endless alarm."""
     board = VirtualBoard()
     transport = BoardTransport(board, end_us=0)
@@ -164,7 +164,7 @@ def test_an_answer_that_waits_in_the_port_through_a_stall_is_read_before_the_com
     assert not seen.events(CommandLost)
 
 
-def test_an_answer_behind_a_backlog_that_is_read_slowly_is_waited_for():
+def test_an_answer_behind_a_slowly_read_backlog_counts():
     """Answered at once, behind fifty reads of 20 ms each: no stall, but a program that is behind the port all along."""
 
     class Clock:
@@ -196,7 +196,7 @@ def test_an_answer_behind_a_backlog_that_is_read_slowly_is_waited_for():
     assert not seen.events(CommandLost)
 
 
-def test_commands_from_many_threads_are_all_sent_and_told_in_the_order_sent():
+def test_commands_from_many_threads_reach_the_sinks_in_the_order_sent():
     """`send` is thread-safe; what the sinks hear as sent is what the port got."""
     transport = BoardTransport(VirtualBoard())
     written, plain_write = [], transport.write

@@ -82,7 +82,7 @@ def test_a_frame_that_comes_while_the_reader_waits_is_one_read(terminal):
     port.close()
 
 
-def test_a_second_opener_is_told_that_the_port_is_in_use(terminal):
+def test_a_second_opener_gets_port_in_use(terminal):
     """Two programs on one port would steal each other's bytes."""
     port = open_transport(terminal[1])
     with pytest.raises(DeviceError, match="in use") as refusal:
@@ -119,7 +119,7 @@ def test_a_file_is_not_a_port(tmp_path):
         (ValueError("Not a valid baudrate: 0"), "cannot be opened: Not a valid baudrate"),
     ],
 )  # fmt: skip
-def test_the_reasons_a_port_does_not_open_are_told_apart(error, says):
+def test_the_reasons_a_port_does_not_open_are_distinguished(error, says):
     """Busy, forbidden, absent: each has its own words and a remedy, whatever type pyserial raises."""
     told = open_error("x", error)
     assert says in told.cause
@@ -127,7 +127,7 @@ def test_the_reasons_a_port_does_not_open_are_told_apart(error, says):
 
 
 @pytest.mark.fault(11, how="the other end of a pseudo-terminal closed", times=1)
-def test_an_unplugged_port_is_noticed(terminal):
+def test_an_unplugged_port_is_detected(terminal):
     """The other end gone: an error of ours within two seconds, not a silent end of data."""
     master, name = terminal
     port = open_transport(name)

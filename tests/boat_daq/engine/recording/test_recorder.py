@@ -90,7 +90,7 @@ def test_the_log_is_on_and_safe(path, source):
     recorder.close(RunEnd.STOPPED)
 
 
-def test_segments_begin_with_the_link_at_start_and_by_hand(recorder, source, path):
+def test_segments_begin_with_the_link_at_start_and_on_request(recorder, source, path):
     """Each segment says why it began; steps and events carry the segment they belong to."""
     source._say(Start(100))
     recorder(source.next())

@@ -26,7 +26,7 @@ def limit_pages(recorder: Recorder, pages: int) -> None:
 
 @pytest.mark.fault(28, how="SQLite's page limit reached at several pages, then lifted", times=5)
 @pytest.mark.parametrize("pages", [14, 15, 17, 20, 30])
-def test_a_full_disk_is_told_once_and_loses_nothing_when_room_is_made(path, source, pages):
+def test_a_full_disk_is_reported_once_and_loses_nothing_once_freed(path, source, pages):
     """Full at any write: said once, what is written stays sound, and what waits is written when there is room."""
     errors = []
     recorder = begin(path, source, on_error=errors.append)
@@ -88,7 +88,7 @@ def test_memory_is_bounded_and_the_file_an_unbroken_beginning(path, source, monk
     assert verify_recording(path).identical
 
 
-def test_a_fault_of_the_program_is_told_and_ends_the_taking(path, source, monkeypatch):
+def test_a_fault_of_the_program_is_reported_and_ends_the_recording(path, source, monkeypatch):
     """The writing thread never dies without a word, and writes no later byte behind a hole."""
     errors = []
     recorder = begin(path, source, on_error=errors.append)
@@ -109,7 +109,7 @@ def test_a_fault_of_the_program_is_told_and_ends_the_taking(path, source, monkey
 
 
 @pytest.mark.fault(29, how="the file removed while it is recorded", times=1)
-def test_a_folder_that_vanishes_is_noticed(path, source):
+def test_a_removed_folder_is_detected(path, source):
     """No write would tell: the file's name is looked up every second."""
     folder = path.parent / "stick"
     folder.mkdir()
@@ -127,7 +127,7 @@ def test_a_folder_that_vanishes_is_noticed(path, source):
         recorder.close(RunEnd.ABORTED)
 
 
-def test_a_nearly_full_disk_is_told_while_there_is_room_to_close(path, source, monkeypatch):
+def test_a_nearly_full_disk_is_reported_while_closing_is_possible(path, source, monkeypatch):
     """Below the floor of free bytes the session is told, and the recording still closes well."""
     monkeypatch.setattr("boat_daq.engine.recording.file.SPACE_FLOOR_BYTES", 1 << 60)
     errors = []

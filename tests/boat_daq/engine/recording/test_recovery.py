@@ -196,7 +196,7 @@ def test_a_second_rescue_gets_a_name_of_its_own(closed, tmp_path):
 
 @pytest.mark.fault(36, how="0 bytes, a text, a header alone, NULs", times=4)
 @pytest.mark.parametrize("content", [b"", b"hello", b"SQLite format 3\0" + bytes(200), bytes(5000)])
-def test_what_is_no_recording_is_said_to_be_none(tmp_path, content):
+def test_a_file_that_is_not_a_recording_is_refused(tmp_path, content):
     """An empty file, a text, a header without a database: refused by what they are, and left as they are."""
     path = tmp_path / "run.boat"
     path.write_bytes(content)

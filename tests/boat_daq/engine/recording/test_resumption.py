@@ -96,7 +96,7 @@ def test_nothing_recorded_is_altered_and_everything_is_appended(left: Path) -> N
     assert summarise(left).cycles.complete == 4
 
 
-def test_a_run_may_break_again_and_again(left: Path) -> None:
+def test_a_run_may_break_more_than_once(left: Path) -> None:
     """Twice broken, twice gone on with: two breaks in order, all cycles, identical."""
     gone_on(left, [4], broken=True)
     assert read_broken_run(left).first_cycle == 6
@@ -108,7 +108,7 @@ def test_a_run_may_break_again_and_again(left: Path) -> None:
         read_broken_run(left)
 
 
-def test_a_result_of_a_part_is_not_held_against_the_whole(left: Path) -> None:
+def test_a_result_of_a_part_is_not_compared_with_the_whole(left: Path) -> None:
     """A result stored before the run went on is of fewer cycles: verify leaves it, and still derives later ones."""
     recover(left)
     options = {"options": {"plateau": {}}}
@@ -139,7 +139,7 @@ def test_a_break_in_a_recording_that_stayed_open_is_kept_too(tmp_path: Path) -> 
     assert verify_recording(path).difference == ""
 
 
-def test_the_end_is_told_by_the_last_breaks_own_clock(left: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_end_is_computed_by_the_last_breaks_own_clock(left: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The computer was restarted over the break: its monotonic clock began anew, and the end is still within a minute
     of now, not days away.
     """
@@ -180,7 +180,7 @@ def test_what_is_not_the_same_is_refused_by_name(left: Path, change: dict[str, A
         broken.check_same(broken.meta, can_command=False)
 
 
-def test_what_cannot_be_gone_on_with_is_refused_and_not_touched(left: Path, tmp_path: Path) -> None:
+def test_a_run_that_cannot_resume_is_refused_and_not_changed(left: Path, tmp_path: Path) -> None:
     """Under way in another program, without a plan, damaged, or with breaks that are none."""
     source = Source()
     recorder = Recorder(tmp_path / "live.boat", meta(source))

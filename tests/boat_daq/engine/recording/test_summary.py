@@ -115,7 +115,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes")
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+def test_a_pipe_is_refused_without_waiting(tmp_path):
     """What is no plain file is not opened: a pipe without a writer would hold the reader for ever."""
     os.mkfifo(tmp_path / "run.boat")
     with pytest.raises(RecordingError, match="not a regular file"):

@@ -176,7 +176,7 @@ def test_a_changed_sample_is_named_with_both_values(copy):
     assert verdict.difference.startswith(f"sample {n_before + 6}: lit is [")
 
 
-def test_changed_bytes_with_a_mended_checksum_are_found_in_the_samples(copy):
+def test_changed_bytes_with_a_forged_checksum_are_found_in_the_samples(copy):
     """A forger who mends the chunk's checksum meets the frame's own, and then the samples."""
     sql = "SELECT id, raw FROM chunk WHERE direction = 0 AND id > 1000 AND length(raw) > 100 LIMIT 5"
     for number, raw in rows(copy, sql):  # five, because one might be in a frame that was damaged already
@@ -196,7 +196,7 @@ def test_stored_results_are_derived_again(copy):
     assert "result 1 (mean)" in other.difference
 
 
-def test_a_recording_without_bytes_says_so(copy):
+def test_a_recording_without_bytes_is_not_identical(copy):
     """An imported recording has nothing to be derived from, and is not called identical."""
     change(copy, "DELETE FROM chunk")
     assert "no raw bytes" in verify_recording(copy).difference
@@ -245,7 +245,7 @@ def run(command, *arguments: str):
     return CliRunner().invoke(app, list(arguments))
 
 
-def test_the_command_says_identical_and_exits_0_or_1(copy):
+def test_the_command_prints_identical_and_exits_0_or_1(copy):
     """`verify` is for scripts: one word, one JSON object, one exit code."""
     from boat_daq.commands.verify import verify
 
@@ -277,7 +277,7 @@ def test_info_sums_a_recording_up(recording):
     assert f"{samples} in " in text
 
 
-def test_recover_tells_what_it_did(recording):
+def test_recover_prints_what_it_did(recording):
     """A closed recording: nothing to do, exit 0."""
     from boat_daq.commands.recover import recover
 

@@ -78,7 +78,7 @@ def test_by_cycle_and_branch_in_any_order() -> None:
         ([FileReading(6, 25.0, 1.0, 1, "loading")], "line 6"),
     ],
 )
-def test_a_file_that_does_not_fit_says_where(given: list[FileReading], word: str) -> None:
+def test_a_file_that_does_not_fit_names_the_line(given: list[FileReading], word: str) -> None:
     """The first row that does not fit is named, and nothing is matched by luck."""
     with pytest.raises(OperatorError) as refusal:
         match_readings(given, STEPS)
@@ -167,7 +167,7 @@ def test_truth_is_taken_over_the_settled_plateau(tmp_path: Path) -> None:
     assert truth_at_plateaus(path, [mark, *left_out]) == {4: pytest.approx(3.0)}
 
 
-def test_no_truth_file_is_said(tmp_path: Path) -> None:
+def test_a_file_that_is_no_truth_is_refused(tmp_path: Path) -> None:
     """Another file is refused."""
     with pytest.raises(OperatorError, match="no truth file"):
         truth_at_plateaus(write(tmp_path, "a\nb\n"), STEPS)

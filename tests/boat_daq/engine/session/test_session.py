@@ -119,7 +119,7 @@ def test_buttons_from_many_threads(session: Session, tmp_path: Path) -> None:
     assert read(path, "SELECT count(*) FROM event WHERE kind = 'run_ended'") == [(begun,)]
 
 
-def test_vent_waits_for_nobody(session: Session) -> None:
+def test_vent_does_not_wait_for_the_lock(session: Session) -> None:
     """While another thread holds the session's lock the vent leaves all the same."""
     with serve(BoardSettings(speed=1.0)) as board:
         session.connect(board.url)
@@ -175,7 +175,7 @@ def test_pause_makes_segments(session: Session, tmp_path: Path) -> None:
     assert {row[0] for row in read(path, "SELECT DISTINCT cycle FROM step WHERE status = 'reached'")} >= {0, 2}
 
 
-def test_a_reading_is_waited_for(session: Session) -> None:
+def test_a_plateau_waits_for_its_reading(session: Session) -> None:
     """The run holds at the plateau until the reading is there; skipped, it goes on without."""
     with serve(BoardSettings(speed=50.0)) as board:
         begin(session, board.url, wait_for_reading=True)
@@ -329,7 +329,7 @@ def test_no_such_port_is_one_line(session: Session) -> None:
 
 
 @pytest.mark.fault(15, how="virtual board's `reset_on_open` on a pseudo-terminal", times=1)
-def test_a_board_that_boots_when_its_port_opens_is_waited_for(session: Session) -> None:
+def test_a_board_that_boots_when_its_port_opens_is_connected(session: Session) -> None:
     """Opening resets it and it boots for a second: connected all the same."""
     with serve(BoardSettings(faults=("reset_on_open@0:1",))) as board:
         session.connect(board.url)
@@ -389,7 +389,7 @@ def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, 
 
 
 @pytest.mark.fault(28, how="a recorder that cannot write, in a run over a pseudo-terminal", times=1)
-def test_the_disk_that_fails_stops_the_run(session: Session, tmp_path: Path) -> None:
+def test_a_failing_disk_aborts_the_run(session: Session, tmp_path: Path) -> None:
     """The recorder cannot write: the run is aborted and vented, and the reason said."""
     with serve(BoardSettings(speed=5.0)) as board:
         begin(session, board.url, tmp_path / "a.boat")

@@ -209,7 +209,7 @@ def test_a_board_that_stood_still_itself_does_not_count_that_against_its_host():
 
 
 @pytest.mark.parametrize("port", PORTS)
-def test_last_words_are_heard(port):
+def test_bytes_sent_before_closing_are_read(port):
     """A VENT written just before closing the port is obeyed."""
     with served(port) as board:
         with Host(board.url) as host:

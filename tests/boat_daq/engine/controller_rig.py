@@ -1,4 +1,4 @@
-"""A bench without threads, ports or clocks: the virtual board, the link and the controller, moved on by hand."""
+"""A rig without threads, ports or clocks: the virtual board, the link and the controller, moved on by hand."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ QUICK = Plan(
 )  # fmt: skip
 
 
-class Bench:
+class ControllerRig:
     """One board on a table, at `speed` times real time; `step` moves both clocks on.
 
     Attributes
@@ -124,12 +124,12 @@ class Bench:
             self.step(step_s)
         return until()
 
-    def connected(self) -> Bench:
+    def connected(self) -> ControllerRig:
         """Step on until samples come and their pace is known."""
         assert self.run(5.0 * self.speed, lambda: self.control.up)
         return self
 
-    def running(self, plan: Plan = QUICK, **options: object) -> Bench:
+    def running(self, plan: Plan = QUICK, **options: object) -> ControllerRig:
         """Connect, arm and start."""
         self.connected()
         self.do(lambda: self.control.arm(plan, **options), self.control.start)
@@ -139,5 +139,5 @@ class Bench:
     def sent_of(self, kind: type[Command]) -> list[Command]:
         return [command for command in self.sent if isinstance(command, kind)]
 
-    def said(self, kinds: Iterable[str]) -> list[ControlEvent]:
+    def reports(self, kinds: Iterable[str]) -> list[ControlEvent]:
         return [note for note in self.notes if note.kind in kinds]

@@ -1,4 +1,4 @@
-"""What several tests of the engine stand on: a virtual board as a port without a clock, and recordings made with it."""
+"""What several tests of the engine use: a virtual board as a port without a clock, and recordings made with it."""
 
 from __future__ import annotations
 
@@ -92,12 +92,12 @@ def meta_of(link: Connection, **more: object) -> dict[str, object]:
 def identified(transport: BoardTransport) -> tuple[PortReader, Connection, Seen]:
     """Return a running acquisition that has the board's HELLO."""
     link, seen = Connection(), Seen()
-    acquisition = PortReader(transport, link)
-    acquisition.add_sink(seen)
-    acquisition.start()
-    acquisition.send(Identify())
+    reader = PortReader(transport, link)
+    reader.add_sink(seen)
+    reader.start()
+    reader.send(Identify())
     assert seen.wait(CommandDone)
-    return acquisition, link, seen
+    return reader, link, seen
 
 
 def record_run(
@@ -105,18 +105,18 @@ def record_run(
 ) -> Recorder:
     """Record `seconds` of board time into `path` and close it; `before_s` of the stream pass before it begins."""
     transport = BoardTransport(board)
-    acquisition, link, _ = identified(transport)
+    reader, link, _ = identified(transport)
     if before_s:
-        acquisition.send(Start(rate_hz))
+        reader.send(Start(rate_hz))
         _wait_until(board, board.now_us + int(before_s * 1e6))
     recorder = Recorder(path, meta_of(link, rate_hz=rate_hz))
-    acquisition.add_recorder(recorder)
+    reader.add_recorder(recorder)
     if not before_s:
-        acquisition.send(Start(rate_hz))
-    acquisition.send(SetPressure(20_000))
+        reader.send(Start(rate_hz))
+    reader.send(SetPressure(20_000))
     transport.end_us = board.now_us + int(seconds * 1e6)
     _wait_until(board, transport.end_us)
-    acquisition.stop()
+    reader.stop()
     recorder.close(RunEnd.FINISHED)
     return recorder
 

@@ -8,7 +8,7 @@ import tty
 
 
 class Chatter:
-    """A thermometer that prints text, whatever it is asked."""
+    """A thermometer that prints text, whatever it receives."""
 
     def __init__(self) -> None:
         self._master, self._slave = os.openpty()

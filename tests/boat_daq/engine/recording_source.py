@@ -1,4 +1,4 @@
-"""Blocks of a virtual board without thread, port or clock, a recording of them, and what stands in the file."""
+"""Blocks of a virtual board without thread, port or clock, a recording of them, and what the file holds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.boat_daq.engine.board_link import meta_of
 
 
 class Source:
-    """Blocks of a virtual board, made as they are asked for; no thread, no port."""
+    """Blocks of a virtual board, made on request; no thread, no port."""
 
     def __init__(self, seed: int = 0, rate_hz: int = 100) -> None:
         self.board = VirtualBoard(seed=seed)
@@ -47,7 +47,7 @@ class Source:
 
 
 def begin(path: Path, source: Source, **options: Any) -> Recorder:
-    """Begin a recording at the source's present state; what the source gave before is forgotten."""
+    """Begin a recording at the source's present state; what the source gave before is discarded."""
     recorder = Recorder(path, meta_of(source.link), **options)
     recorder.attached(source.link.decoder_state())
     source.samples.clear()

@@ -1,4 +1,4 @@
-"""The log and the bug report: lines once a second, bounded size, nobody waits, nothing personal leaves."""
+"""The log and the bug report: lines once a second, bounded size, no waiting, no personal data."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def test_a_session_is_logged_and_its_report_has_nothing_personal(place: Path, tm
     log.stop_log()
     lines = [line for line in logged(place).splitlines() if "health link=up" in line]
     assert len(lines) >= 2
-    for word in ("rate_hz=", "lost=0", "crc=0", "lag_ms=", "queue=", "disk_free_mb=", "memory_mb="):
-        assert word in lines[-1]
+    for text in ("rate_hz=", "lost=0", "crc=0", "lag_ms=", "queue=", "disk_free_mb=", "memory_mb="):
+        assert text in lines[-1]
 
     out = write_bug_report(tmp_path / "bug.zip")
     assert {"versions.json", "settings.toml", "recording.json"} < set(contents(out))
@@ -71,8 +71,8 @@ def test_a_session_is_logged_and_its_report_has_nothing_personal(place: Path, tm
     assert sum(len(text) for text in texts.values()) < run.stat().st_size
     with pytest.raises(OperatorError, match="exists already"):
         write_bug_report(tmp_path / "bug.zip")
-    told = write_bug_report(tmp_path / "all.zip", personal=True)
-    with zipfile.ZipFile(told) as archive:
+    shown = write_bug_report(tmp_path / "all.zip", personal=True)
+    with zipfile.ZipFile(shown) as archive:
         assert OPERATOR in archive.read("settings.toml").decode()
         assert NOTE in archive.read("recording.json").decode()
 
@@ -191,7 +191,7 @@ def _held_up(emit, go_on):  # type: ignore[no-untyped-def]
 
 
 def test_a_traceback_is_in_the_log_and_nowhere_else(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """An error that nobody foresaw is one line for its reader; the log has the traceback."""
+    """An unforeseen error is one line for the user; the log has the traceback."""
     from boat_daq.cli import explain_fault
 
     try:
@@ -221,8 +221,8 @@ def test_the_command_lists_the_contents(place: Path, tmp_path: Path) -> None:
 
     run = CliRunner().invoke(app, ["bugreport", "--out", str(tmp_path / "bug.zip"), "--json"])
     assert run.exit_code == 0
-    told = json.loads(run.stdout)
-    assert told["contents"] == list(contents(tmp_path / "bug.zip"))
-    assert told["personal"] is False
+    shown = json.loads(run.stdout)
+    assert shown["contents"] == list(contents(tmp_path / "bug.zip"))
+    assert shown["personal"] is False
     again = CliRunner().invoke(app, ["bugreport", "--out", str(tmp_path / "bug.zip")])
     assert isinstance(again.exception, OperatorError)

@@ -1,4 +1,4 @@
-"""Plans: what they say, and what they refuse."""
+"""Plans: their steps, and what they refuse."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_toml_round_trip(cycles: int, steps: int, ramp: float, dwell: float, kin
 
 @pytest.mark.fault(53, how="plans with each kind of mistake", times=18)
 @pytest.mark.parametrize(
-    ("key", "value", "word"),
+    ("key", "value", "text"),
     [
         ("colour", "3", "not a known key"),
         ("cycles", "5.0", "type int"),
@@ -88,12 +88,12 @@ def test_toml_round_trip(cycles: int, steps: int, ramp: float, dwell: float, kin
         ("max_dwell_s", "1", "shorter"),
     ],
 )
-def test_a_bad_plan_is_refused_by_key(key: str, value: str, word: str) -> None:
+def test_a_bad_plan_is_refused_by_key(key: str, value: str, text: str) -> None:
     """Whatever makes no plan is named by its key, with the reason."""
     table = {"name": '"x"', "kind": '"staircase"', "cycles": "5", key: value}
     with pytest.raises(OperatorError) as refusal:
         plan_from_toml("\n".join(f"{k} = {v}" for k, v in table.items()))
-    assert word in refusal.value.cause
+    assert text in refusal.value.cause
     assert f"'{key}'" in refusal.value.cause
 
 
@@ -104,7 +104,7 @@ def test_a_missing_key_is_refused() -> None:
 
 
 def test_a_short_dwell_shortens_what_must_fit_into_it() -> None:
-    """Settling and window fit into the dwell that was asked for; a long one leaves them alone."""
+    """Settling and window fit into the given dwell; a long one leaves them unchanged."""
     assert CALIBRATION.with_dwell(1.0).settling_s + CALIBRATION.with_dwell(1.0).window_s == 1.0
     assert CALIBRATION.with_dwell(30.0).max_dwell_s == 90.0
     assert CALIBRATION.with_dwell(30.0).settling_s == CALIBRATION.settling_s

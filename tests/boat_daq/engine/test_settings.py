@@ -1,4 +1,4 @@
-"""Settings and the unit library: nothing half written, nothing half believed, no calibration lost."""
+"""Settings and the unit library: nothing half written, no error ignored, no calibration lost."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_save_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.fault(53, how="settings with an unknown key, a wrong type, an impossible value, a newer version", times=8)
 @pytest.mark.parametrize(
-    ("line", "word"),
+    ("line", "part"),
     [
         ("colour = 3", "'colour' is not a known key"),
         ('rate_hz = "fast"', "'rate_hz' must be of type int"),
@@ -61,12 +61,12 @@ def test_a_save_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pytes
         ("rate_hz = ", "not a readable TOML"),
     ],
 )
-def test_a_hand_edited_file_is_refused_by_key(tmp_path: Path, line: str, word: str) -> None:
+def test_a_hand_edited_file_is_refused_by_key(tmp_path: Path, line: str, part: str) -> None:
     """Unknown key, wrong type, impossible value, newer version: named, never guessed."""
     (tmp_path / "settings.toml").write_text(line)
     with pytest.raises(OperatorError) as refusal:
         load_settings(tmp_path)
-    assert word in refusal.value.cause
+    assert part in refusal.value.cause
 
 
 @pytest.mark.fault(53, how="a unit's limits swapped", times=3)
@@ -129,7 +129,7 @@ def test_a_name_cannot_leave_its_folder(tmp_path: Path, name: str) -> None:
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_refused_or_read(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
-    """Whatever stands in the file: settings, or an error of ours."""
+    """Whatever the file holds: settings, or an OperatorError."""
     folder = tmp_path_factory.mktemp("s")
     (folder / "settings.toml").write_bytes(content)
     try:
@@ -150,7 +150,7 @@ def test_home_can_be_put_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_a_file_that_a_disk_destroyed_is_replaced_by_its_backup_with_a_warning(
     tmp_path: Path, left: bytes | None
 ) -> None:
-    """Settings and limits are the backup's, no default; a session tells it; the next save leaves a good backup."""
+    """Settings and limits are the backup's, no default; a session warns; the next save leaves a good backup."""
     library = UnitLibrary(tmp_path / "units")
     for limit in (20.0, 30.0):  # the backup is the one before: a unit stored twice
         library.save(Unit("SA1", min_kpa=-10.0, max_kpa=limit))
@@ -162,9 +162,9 @@ def test_a_file_that_a_disk_destroyed_is_replaced_by_its_backup_with_a_warning(
     assert library.load("SA1").max_kpa == 20.0
     assert library.names() == ["SA1"]
     session = Session(load_settings(tmp_path), library)
-    said = [message.cause for message in session.snapshot().messages if message.level == "warning"]
+    causes = [message.cause for message in session.snapshot().messages if message.level == "warning"]
     session.close()
-    assert [text.endswith("its backup is used") for text in said] == [True, True]
+    assert [text.endswith("its backup is used") for text in causes] == [True, True]
     save_settings(Settings(rate_hz=44), tmp_path)
     assert load_settings(tmp_path).rate_hz == 44
     assert "rate_hz = 20\n" in (tmp_path / "settings.toml.bak").read_text()
@@ -172,7 +172,7 @@ def test_a_file_that_a_disk_destroyed_is_replaced_by_its_backup_with_a_warning(
 
 
 def test_an_edit_that_broke_a_unit_is_refused_and_its_backup_not_used(tmp_path: Path) -> None:
-    """Whoever tightened a limit and forgot a quote must not run with the older, wider one."""
+    """An edit that tightened a limit and lacks a quote must not run with the older, wider one."""
     library = UnitLibrary(tmp_path)
     for limit in (50.0, 40.0):
         library.save(Unit("SA1", max_kpa=limit))

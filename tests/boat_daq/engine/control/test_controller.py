@@ -60,7 +60,7 @@ def test_a_second_press_of_start_is_one_start() -> None:
 
 
 def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
-    """Ten seconds of a link that tells of each lost vent only 1.2 s later: one in each 0.75 s all the same."""
+    """Ten seconds of a link that reports each lost vent only 1.2 s later: one in each 0.75 s all the same."""
     sent_ms: list[int] = []
     dialogue = BoardCommands(lambda _: sent_ms.append(dialogue.now_ns // 1_000_000))
     dialogue.vent()
@@ -94,7 +94,7 @@ def test_a_heartbeat_lost_over_a_pause_of_the_board_is_no_broken_link(starved_s:
 
 @pytest.mark.fault(21, how="virtual board's faults in a run, stalled and dead pumps among them", times=9)
 @pytest.mark.parametrize(
-    ("fault", "word"),
+    ("fault", "text"),
     [
         ("estop@4:3", "e-stop"),
         ("pressure_invalid@4:3", "pressure sensor"),
@@ -107,13 +107,13 @@ def test_a_heartbeat_lost_over_a_pause_of_the_board_is_no_broken_link(starved_s:
         ("absurd_value@4:3", "5000 kPa"),
     ],
 )
-def test_a_fault_of_the_board_vents_and_latches(fault: str, word: str) -> None:
+def test_a_fault_of_the_board_vents_and_latches(fault: str, text: str) -> None:
     """Whatever breaks: vented, latched with its reason, one end, and no pressure until it is cleared."""
     rig = ControllerRig(fault, rate_hz=100).running(dataclasses.replace(QUICK, cycles=5))
     assert rig.run(RUN_S, lambda: rig.state is SessionState.FAULT)
     rig.run(3.0)
     latched = rig.control.interlock.latched
-    assert latched is not None and word in latched.cause
+    assert latched is not None and text in latched.cause
     assert rig.ends == [RunEnding(RunEnd.FAULT, latched.cause)]
     assert vented(rig) and rig.sent_of(Vent)
     with pytest.raises(OperatorError):
@@ -147,7 +147,7 @@ def test_a_level_at_the_start_is_found(fault: str) -> None:
 
 @pytest.mark.fault(17, how="SET_PRESSURE refused with status 3", times=1)
 def test_a_refused_pressure_is_not_done() -> None:
-    """The board answers 3: vent and latch, not a run at another pressure than it thinks."""
+    """The board answers 3: vent and latch, not a run at another pressure than commanded."""
     rig = ControllerRig().connected()
     rig.do(lambda: rig.control.arm(QUICK), rig.control.start)
     rig.fault("ack_refused", 3)
@@ -212,7 +212,7 @@ def test_a_dead_host_leaves_no_pressure() -> None:
 
 @pytest.mark.fault(18, how="a board found vented by its watchdog", times=1)
 def test_the_next_start_reports_what_happened() -> None:
-    """A board that vented when its host died is found in FAULT, with the reason in plain words."""
+    """A board that vented when its host died is found in FAULT, with its reason."""
     rig = ControllerRig().running()
     rig.run(3.0)
     rig.host_alive = False
@@ -250,7 +250,7 @@ def test_vent_is_obeyed_in_every_state() -> None:
 
 
 def test_manual_pressure() -> None:
-    """Within limits it is reached and held; outside, or while a run goes on, it is refused; stop vents it."""
+    """Within limits it is reached and held; outside, or during a run, it is refused; stop vents it."""
     rig = ControllerRig().connected()
     rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
     assert rig.run(5.0, lambda: abs(rig.pressure_kpa - 20) < 0.5)
@@ -282,7 +282,7 @@ def test_the_watchdog_is_fed_through_a_run_at_any_speed(speed: float, timeout_ms
     assert rig.ends == [RunEnding(RunEnd.FINISHED)]
 
 
-@pytest.mark.fault(26, how="the host stands still for 0.5 s and 5 s", times=2)
+@pytest.mark.fault(26, how="the host stalls for 0.5 s and 5 s", times=2)
 def test_a_stall_of_the_host_is_survived_or_vented() -> None:
     """Half a second costs nothing; five seconds, and the board has vented by itself."""
     for stall_s, survives in ((0.5, True), (5.0, False)):
@@ -317,7 +317,7 @@ def test_goodbye_leaves_the_board_at_rest() -> None:
 
 
 def test_a_listener_sends_nothing_but_start() -> None:
-    """A link that cannot command is refused a plan with the reason, and vents nobody."""
+    """A link that cannot command is refused a plan with the reason, and sends no vent."""
     rig = ControllerRig()
     rig.control.board.can_command = False
     rig.connected()
@@ -329,7 +329,7 @@ def test_a_listener_sends_nothing_but_start() -> None:
 
 @pytest.mark.parametrize("commands", [True, False])
 def test_only_a_board_that_takes_commands_needs_limits(commands: bool) -> None:
-    """A pasted RX8 line, which knows no commands, was told that its board's limits are 0 to 0 kPa."""
+    """A pasted RX8 line, which takes no commands, was refused because its board's limits are 0 to 0 kPa."""
     rig = ControllerRig()
     rig.control.board.can_command = commands
     rig.do(lambda: rig.control.preflight.take_limits(0.0, 0.0))
@@ -337,7 +337,7 @@ def test_only_a_board_that_takes_commands_needs_limits(commands: bool) -> None:
 
 
 def test_a_board_that_resets_after_its_first_hello_is_introduced_again() -> None:
-    """It answers, boots for a second, says HELLO once more: limits and START are sent again, and samples come."""
+    """It answers, boots for a second, sends HELLO again: limits and START are sent again, and samples arrive."""
     rig = ControllerRig()
     rig.step()
     rig.board._boot_at_us = rig.board.now_us + 1_000_000
@@ -367,7 +367,7 @@ def test_a_trip_vents_a_manual_pressure() -> None:
 
 @pytest.mark.fault(17, how="every answer lost for five seconds", times=1)
 def test_a_vent_is_repeated_until_it_is_acknowledged() -> None:
-    """Five seconds in which every answer is lost: the vent goes out again and again, and then no more."""
+    """Five seconds in which every answer is lost: the vent is repeated until it is acknowledged."""
     rig = ControllerRig().connected()
     rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
     rig.run(3.0)
@@ -381,7 +381,7 @@ def test_a_vent_is_repeated_until_it_is_acknowledged() -> None:
 
 
 def test_a_restart_not_yet_seen_leaves_no_unwatched_pressure() -> None:
-    """The board restarts, a pressure is already on its way, and then the host dies: vented all the same."""
+    """The board restarts, a pressure was already sent, and then the host dies: vented all the same."""
     rig = ControllerRig().connected()
     rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
     rig.run(3.0)
@@ -393,13 +393,13 @@ def test_a_restart_not_yet_seen_leaves_no_unwatched_pressure() -> None:
 
 
 def answer(rig: ControllerRig, command: object, status: AckStatus) -> None:
-    """The board's answer, as the link tells it."""
+    """The board's answer, as the link reports it."""
     rig.control.events([CommandDone(command, 0, status)], rig.now_ns)
     rig.flush()
 
 
 def test_a_refused_start_is_named_with_its_remedy() -> None:
-    """Why no samples come: the refusal and what to do, ready for whoever waits for them; none once they flow."""
+    """Why no samples arrive: cause and remedy of the refusal; none once they do."""
     rig = ControllerRig()
     rig.control.hold_samples = True
     rig.run(0.5)

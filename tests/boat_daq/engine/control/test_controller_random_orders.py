@@ -1,4 +1,4 @@
-"""Random orders of buttons, faults and timings against the virtual board, no threads: is anybody ever in danger?"""
+"""Random orders of actions, faults and timings on the virtual board, no threads: no pressure without control."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Operators(RuleBasedStateMachine):
         if not self.spoiled:
             assert LIMITS_KPA[0] - BEYOND_KPA <= rig.pressure_kpa <= LIMITS_KPA[1] + BEYOND_KPA
         if not self.spoiled and self.unheard_s > WATCHDOG_S + VENT_S:
-            assert abs(rig.pressure_kpa) < 2.0, f"{rig.pressure_kpa} kPa, and nobody there"
+            assert abs(rig.pressure_kpa) < 2.0, f"{rig.pressure_kpa} kPa without a host"
 
     # ---- the operator ----------------------------------------------------------------------------------------------
 
@@ -140,7 +140,7 @@ class Operators(RuleBasedStateMachine):
     @rule()
     def replug(self) -> None:
         self.rig.replug()
-        self.unheard_s = 0.0  # the first words on the fresh link are heard at once
+        self.unheard_s = 0.0  # the first commands on the fresh link arrive at once
 
     @rule()
     def estop(self) -> None:
@@ -186,7 +186,7 @@ class Operators(RuleBasedStateMachine):
 
     @invariant()
     def a_mark_has_an_end(self) -> None:
-        """At most the newest step is open, and only while it goes on."""
+        """At most the newest step is open, and only while it runs."""
         if hasattr(self, "rig"):
             open_marks = [m for m in self.rig.marks.values() if m.status == "running"]
             assert len(open_marks) <= (self.rig.state in (SessionState.RUNNING, SessionState.FINISHING))
@@ -213,14 +213,14 @@ ORDERS = settings(
 )
 
 
-@pytest.mark.fault(24, how="random orders of buttons, faults and timings", times=100)
+@pytest.mark.fault(24, how="random orders of actions, faults and timings", times=100)
 class TestRandomOrders(Operators.TestCase):  # type: ignore[misc, name-defined]
     """What every change must pass."""
 
     settings = ORDERS
 
 
-@pytest.mark.fault(24, how="random orders of buttons, faults and timings", times=10000)
+@pytest.mark.fault(24, how="random orders of actions, faults and timings", times=10000)
 @pytest.mark.nightly
 @pytest.mark.timeout(3 * 3600)
 class TestTenThousandRandomOrders(Operators.TestCase):  # type: ignore[misc, name-defined]

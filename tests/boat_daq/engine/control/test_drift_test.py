@@ -1,4 +1,4 @@
-"""The test of a plateau: does it say steady when it is, and only then?"""
+"""The drift test: steady is found where it is true, and only there."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_slope_and_error_against_the_textbook() -> None:
 
 
 def test_the_error_is_true_for_autocorrelated_noise() -> None:
-    """Over 400 first-order autoregressive windows slopes scatter as their errors say; the plain one fails."""
+    """Over 400 first-order autoregressive windows slopes scatter as their errors predict; the plain one fails."""
     rng = np.random.default_rng(2)
     slopes, errors = [], []
     for _ in range(400):
@@ -69,5 +69,5 @@ def test_a_constant_is_steady_and_a_line_is_its_slope() -> None:
 
 
 def test_samples_of_one_instant_say_nothing() -> None:
-    """A clock that stands still gives no slope."""
+    """A clock that does not advance gives no slope."""
     assert not drift(np.zeros(50), np.arange(50.0)).within(1e9)

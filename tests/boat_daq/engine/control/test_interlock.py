@@ -37,7 +37,7 @@ def interlock() -> Interlock:
 
 
 def test_the_tightest_limits_and_whose_they_are() -> None:
-    """Each side takes the tightest of board, unit and plan, and says whose it is."""
+    """Each side takes the tightest of board, unit and plan, and names its source."""
     limits = interlock().limits
     assert limits is not None
     assert (limits.min_kpa, limits.min_source, limits.max_kpa, limits.max_source) == (-40, "plan", 55, "unit")
@@ -45,7 +45,7 @@ def test_the_tightest_limits_and_whose_they_are() -> None:
 
 @given(st.floats(allow_nan=True, allow_infinity=True))
 def test_a_pressure_is_authorised_inside_the_limits_only(target: float) -> None:
-    """Whatever is asked, a command leaves only for a target inside the tightest limits."""
+    """Whatever is requested, a command leaves only for a target inside the tightest limits."""
     try:
         command = interlock().authorise(target, 10.0)
     except OperatorError as refusal:
@@ -57,7 +57,7 @@ def test_a_pressure_is_authorised_inside_the_limits_only(target: float) -> None:
 
 @pytest.mark.parametrize("ramp", [0.0, -1.0, math.inf, math.nan])
 def test_a_ramp_that_is_none_is_refused(ramp: float) -> None:
-    """On the wire a ramp of 0 means as fast as the pumps go; nobody asks for that by accident."""
+    """On the wire a ramp of 0 means as fast as the pumps go; it cannot be requested by accident."""
     with pytest.raises(OperatorError, match="ramp"):
         interlock().authorise(10.0, ramp)
 
@@ -70,7 +70,7 @@ def test_limits_that_cannot_be_kept_are_refused(limits: tuple[float, float]) -> 
 
 
 def test_no_limits_no_pressure() -> None:
-    """Before a board has said its limits nothing is authorised."""
+    """Before a board has sent its limits nothing is authorised."""
     with pytest.raises(OperatorError, match="no pressure limits"):
         Interlock().authorise(0.0, 10.0)
 
@@ -89,7 +89,7 @@ def test_no_limits_no_pressure() -> None:
     ],
 )
 def test_levels_trip_and_latch(kind: str, samples: Columns) -> None:
-    """Each level trips at once, latches, and is told once; no pressure is authorised until it is cleared."""
+    """Each level trips at once, latches, and is reported once; no pressure is authorised until it is cleared."""
     lock = interlock()
     found = lock.inspect(samples)
     assert found is not None and found.kind == kind
@@ -104,14 +104,14 @@ def test_within_the_margin_nothing_trips() -> None:
 
 
 def test_the_earliest_sample_is_the_reason() -> None:
-    """Of many bad samples in one block the first is told, with its time and value."""
+    """Of many bad samples in one block the first is reported, with its time and value."""
     found = interlock().inspect(block([0, 0, 60, 70, -60]))
     assert found is not None
     assert (found.kind, found.time_us, found.value) == ("over_pressure", 20_000, 60.0)
 
 
 def test_a_level_that_is_still_present_cannot_be_cleared() -> None:
-    """The newest sample decides: gone, it can be cleared; standing, it cannot, and says so."""
+    """The newest sample decides: gone, it can be cleared; still present, it is refused."""
     lock = interlock()
     lock.inspect(block(0, flags=SampleFlag.ESTOP))
     with pytest.raises(OperatorError, match="e-stop"):
@@ -152,10 +152,10 @@ def test_a_frozen_channel_is_found_while_the_pressure_moves() -> None:
     watch = FlatLine()
     pressure = np.linspace(0, 25, 100)
     raw = np.column_stack([np.full(100, 2000.0), 2000.0 + np.arange(100)])
-    told = [
+    shown = [
         sensor for i in range(0, 100, 7) for sensor in watch.inspect(block(pressure[i : i + 7], raw=raw[i : i + 7]))
     ]
-    assert told == [1]
+    assert shown == [1]
     assert watch.frozen == (1,)
     watch.inspect(block([25.0], raw=[[2001.0, 2100.0]]))
     assert watch.frozen == ()

@@ -104,7 +104,7 @@ def test_a_leak_under_the_hold_times_out_too() -> None:
 
 @pytest.mark.fault(19, how="53 kPa on the way to 50", times=1)
 def test_an_overshoot_is_kept_as_the_peak_and_ends_the_stay() -> None:
-    """53 kPa on the way in: arrived only after it came back, and the peak stands in the detail."""
+    """53 kPa on the way in: arrived only after it came back, and the detail holds the peak."""
     pressure = ramp_and_hold(50.0, 10.0)
     pressure[210:260] = 53.0
     step = watch()
@@ -137,7 +137,7 @@ def test_saturated_samples_are_no_evidence() -> None:
 
 
 def test_a_plateau_waits_for_its_reading() -> None:
-    """Steady, it waits; given, it ends at once; not given, it ends after the plan's timeout and says so."""
+    """Steady, it waits; given, it ends at once; not given, it ends after the plan's timeout with a warning."""
     given_one, not_given = watch(wait=True), watch(wait=True)
     data = samples(ramp_and_hold(50.0, 20.0))
     for step in (given_one, not_given):
@@ -245,7 +245,7 @@ def test_stop_during_abort_adds_nothing() -> None:
 
 
 def test_a_unit_that_does_not_vent_is_reported() -> None:
-    """A valve that stays shut after the end: aborted with a word, not waited for for ever."""
+    """A valve that stays shut after the end: aborted with a message, not waited for indefinitely."""
     rig = Rig()
     rig.run(8)
     rig.sequencer.stop()
@@ -270,7 +270,7 @@ def test_a_unit_that_does_not_vent_is_reported() -> None:
     ],
 )
 def test_buttons_that_make_no_sense_are_refused(state: SessionState, refused: tuple[str, ...]) -> None:
-    """In every state: what is not possible says so, and changes nothing."""
+    """In every state: what is not possible is refused, and changes nothing."""
     for button in refused:
         sequencer = Sequencer()
         sequencer.state = state

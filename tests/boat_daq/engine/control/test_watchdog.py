@@ -61,7 +61,7 @@ def test_a_watchdog_that_is_not_armed_is_not_fed() -> None:
 
 
 def test_silence_of_the_board_does_not_starve_it() -> None:
-    """Where board time stands still, host time feeds."""
+    """While board time does not advance, host time feeds."""
     feeder = Feeder()
     feeder.sent(Heartbeat(1000), 0, 0)
     assert not feeder.due(200_000_000, 0, 1.0)

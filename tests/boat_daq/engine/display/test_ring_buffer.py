@@ -45,7 +45,7 @@ def test_a_ring_is_the_tail_of_all_that_was_written(cuts, capacity, start, stop)
 
 @given(st.integers(1, 300), st.integers(1, 100), st.floats(-1, 4))
 def test_a_time_is_found_where_a_search_of_everything_finds_it(n, capacity, time_s):
-    """The bisection knows that the ring turns."""
+    """The bisection allows for the turn of the ring."""
     everything = entries_of(n)
     ring = ColumnRing(3, capacity)
     ring.append(everything)
@@ -57,7 +57,7 @@ def test_a_time_is_found_where_a_search_of_everything_finds_it(n, capacity, time
 @settings(max_examples=60, deadline=None)
 @given(st.integers(1, 30_000), st.lists(st.integers(1, 3_000), max_size=20), st.integers(64, 4_000), st.data())
 def test_a_drawing_has_the_extremes_of_its_span_and_few_points(n, cuts, max_points, data):
-    """Never more points than asked for, times in order, newest sample there, and no peak lost."""
+    """Never more points than requested, times in order, newest sample there, and no peak lost."""
     everything = entries_of(n, seed=n)
     pyramid = MinMaxPyramid(3, 30_000)
     for piece in pieces(everything, cuts):

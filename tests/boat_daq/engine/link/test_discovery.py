@@ -1,4 +1,4 @@
-"""Who is on a port: a board, something else, or nobody; asked without moving anything."""
+"""Identification of what is on a port: a board, another device, or nothing; nothing moves."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def served(answer: Callable[[bytes], bytes]) -> Iterator[str]:
 
 
 class Board:
-    """A virtual board behind `served`, that keeps what it was asked."""
+    """A virtual board behind `served`, that keeps what it received."""
 
     def __init__(self, *faults: str) -> None:
         self.board = VirtualBoard(faults=[parse_fault(fault) for fault in faults])
@@ -96,13 +96,13 @@ def test_a_silent_port_another_device_and_another_version_are_distinguished():
         (lambda _came: b"$GPGGA,1,2\r\n", "not a BOAT board"),
         (Board("wrong_protocol@0"), "protocol version 2"),
     ]
-    for answer, says in cases:
+    for answer, text in cases:
         with served(answer) as port:
             began = time.monotonic()
-            told = identify_port(port)
+            shown = identify_port(port)
             assert time.monotonic() - began < 1.5
-            assert told.hello is None
-            assert says in told.problem
+            assert shown.hello is None
+            assert text in shown.problem
 
 
 def test_a_port_that_cannot_be_opened_has_a_reason():

@@ -21,7 +21,7 @@ def feed(
     jitter_ms: float = 0.0,
     first_us: int = 0,
 ) -> int:
-    """Hand over one sample a block; return the host time of the last, ns."""
+    """Pass one sample a block; return the host time of the last, ns."""
     rng = np.random.default_rng(1)
     host_ns = 0
     for number in range(int(seconds * rate_hz)):
@@ -42,7 +42,7 @@ def health_of(statistics: LinkStatistics | None = None, **more) -> LinkHealth:
 @pytest.mark.fault(8, how="clock off by 0, +-200 ppm and 1 %, reads up to 4 ms late", times=4)
 @pytest.mark.parametrize("drift_ppm", [0.0, 200.0, -200.0, 10_000.0])
 def test_drift_is_found_under_jitter(drift_ppm):
-    """200 ppm and 1 % are told from nothing within a minute, with reads up to 4 ms late."""
+    """200 ppm and 1 % are distinguished from zero within a minute, with reads up to 4 ms late."""
     health = health_of(asked_hz=100)
     feed(health, seconds=60, rate_hz=100, drift_ppm=drift_ppm, jitter_ms=2.0)
     snapshot = health.snapshot()
@@ -67,9 +67,9 @@ def test_the_fit_is_that_of_a_least_squares_solver():
     assert fit.jitter_ms == pytest.approx(1e3 * np.sqrt((residuals**2).sum() / (len(x) - 2)), rel=1e-6)
 
 
-@pytest.mark.fault(9, how="62 Hz where 100 were asked for", times=1)
+@pytest.mark.fault(9, how="62 Hz where 100 were requested", times=1)
 def test_the_effective_rate_is_shown_and_warned_of():
-    """62 Hz where 100 were asked for: the board's own clock tells it."""
+    """62 Hz where 100 were requested: found by the board's own clock."""
     health = health_of(asked_hz=100)
     feed(health, seconds=20, rate_hz=62)
     snapshot = health.snapshot()
@@ -95,7 +95,7 @@ def test_a_board_at_another_speed_has_no_drift():
 
 
 def test_silence_losses_and_lag_are_reported():
-    """What the counters and the clock say stands in words for the operator."""
+    """Counters and clock are warnings for the operator."""
     now_ns = 0
     health = health_of(LinkStatistics(lost=7), clock_ns=lambda: now_ns, lag_ms=lambda: 42.0)
     now_ns = feed(health, seconds=1, rate_hz=100) + 3_000_000_000

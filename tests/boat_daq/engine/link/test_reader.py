@@ -29,10 +29,10 @@ class FakeClock:
 def test_blocks_are_the_bytes_and_what_they_tell():
     """The blocks joined are the bytes that came, and their samples those of a link fed with the same bytes."""
     transport = BoardTransport(VirtualBoard(seed=3), end_us=10_000_000)
-    acquisition, _, seen = identified(transport)
-    acquisition.send(Start(200))
+    reader, _, seen = identified(transport)
+    reader.send(Start(200))
     assert seen.wait(PortSilent)
-    acquisition.stop()
+    reader.stop()
     came = [block for block in seen.blocks if block.raw and not block.sent]
     assert b"".join(block.raw for block in came) == b"".join(transport.received)
     plain = Connection()
@@ -51,21 +51,21 @@ def test_blocks_are_the_bytes_and_what_they_tell():
 def test_a_sink_that_raises_is_reported_once_and_the_others_continue():
     """A page's fault is an event in the stream; recorder and plots see every block."""
     transport = BoardTransport(VirtualBoard(), end_us=3_000_000)
-    acquisition = PortReader(transport, Connection())
+    reader = PortReader(transport, Connection())
     calls, seen = [], Seen()
 
     def bad(block: Block) -> None:
         calls.append(block)
         raise ZeroDivisionError
 
-    acquisition.add_sink(bad)
-    acquisition.add_sink(seen)
-    acquisition.start()
-    acquisition.send(Identify())
+    reader.add_sink(bad)
+    reader.add_sink(seen)
+    reader.start()
+    reader.send(Identify())
     assert seen.wait(CommandDone)
-    acquisition.send(Start(100))
+    reader.send(Start(100))
     assert seen.wait(PortSilent)
-    acquisition.stop()
+    reader.stop()
     failures = seen.events(SinkFailed)
     assert [failure.sink for failure in failures] == [bad.__qualname__]
     assert isinstance(failures[0].error, ZeroDivisionError)
@@ -76,30 +76,30 @@ def test_a_sink_that_raises_is_reported_once_and_the_others_continue():
 def test_an_unplugged_port_ends_the_reading_with_one_event():
     """PortLost carries the reason, nothing follows it, and the port is closed by its reader."""
     transport = BoardTransport(VirtualBoard())
-    acquisition, _, seen = identified(transport)
+    reader, _, seen = identified(transport)
     transport.unplug = True
     assert seen.wait(PortLost)
-    acquisition.stop()
+    reader.stop()
     assert isinstance(seen.blocks[-1].events[0].error, DeviceError)
     assert len(seen.events(PortLost)) == 1
     assert transport.closed
-    assert not acquisition._thread.is_alive()
+    assert not reader._thread.is_alive()
 
 
 @pytest.mark.fault(12, how="a port that stays open and sends nothing", times=1)
 def test_silence_is_reported_once_and_again_after_data():
-    """An open port without data for a second is a state to be said, not an endless alarm."""
+    """An open port without data for a second is reported once, not an endless alarm."""
     board = VirtualBoard()
     transport = BoardTransport(board, end_us=0)
-    seen, acquisition = Seen(), PortReader(transport, Connection(), clock_ns=FakeClock())
-    acquisition.add_sink(seen)
-    acquisition.start()
+    seen, reader = Seen(), PortReader(transport, Connection(), clock_ns=FakeClock())
+    reader.add_sink(seen)
+    reader.start()
     assert seen.wait(PortSilent)
     assert not seen.wait(PortSilent, 2, timeout_s=0.3)
-    acquisition.send(Identify())
+    reader.send(Identify())
     transport.end_us = board.now_us + 200_000
     assert seen.wait(PortSilent, 2)
-    acquisition.stop()
+    reader.stop()
     assert all(event.silent_s > 1.0 for event in seen.events(PortSilent))
 
 
@@ -113,12 +113,12 @@ def test_a_command_without_an_answer_goes_out_three_times_and_is_lost():
             self.written.append(data)
 
     transport = Deaf(VirtualBoard(), end_us=0)
-    seen, acquisition = Seen(), PortReader(transport, Connection(), clock_ns=FakeClock())
-    acquisition.add_sink(seen)
-    acquisition.start()
-    acquisition.send(Vent())
+    seen, reader = Seen(), PortReader(transport, Connection(), clock_ns=FakeClock())
+    reader.add_sink(seen)
+    reader.start()
+    reader.send(Vent())
     assert seen.wait(CommandLost)
-    acquisition.stop()
+    reader.stop()
     assert len(transport.written) == 3
     assert len(set(transport.written)) == 1
     sent = [block.raw for block in seen.blocks if block.sent]
@@ -155,12 +155,12 @@ def test_an_answer_that_waits_in_the_port_through_a_stall_is_read_before_the_com
                 super().write(data)
 
     transport = Stalled(VirtualBoard())
-    seen, acquisition = Seen(), PortReader(transport, Connection(in_turn=True), clock_ns=clock)
-    acquisition.add_sink(seen)
-    acquisition.send(Heartbeat(5000))
-    acquisition.start()
+    seen, reader = Seen(), PortReader(transport, Connection(in_turn=True), clock_ns=clock)
+    reader.add_sink(seen)
+    reader.send(Heartbeat(5000))
+    reader.start()
     assert seen.wait(CommandDone)
-    acquisition.stop()
+    reader.stop()
     assert not seen.events(CommandLost)
 
 
@@ -187,12 +187,12 @@ def test_an_answer_behind_a_slowly_read_backlog_counts():
             self.backlog -= 1
             return super().read() if self.backlog < 0 else b"\0"
 
-    seen, acquisition = Seen(), PortReader(Behind(VirtualBoard()), Connection(in_turn=True), clock_ns=clock)
-    acquisition.add_sink(seen)
-    acquisition.send(Heartbeat(5000))
-    acquisition.start()
+    seen, reader = Seen(), PortReader(Behind(VirtualBoard()), Connection(in_turn=True), clock_ns=clock)
+    reader.add_sink(seen)
+    reader.send(Heartbeat(5000))
+    reader.start()
     assert seen.wait(CommandDone)
-    acquisition.stop()
+    reader.stop()
     assert not seen.events(CommandLost)
 
 
@@ -206,23 +206,21 @@ def test_commands_from_many_threads_reach_the_sinks_in_the_order_sent():
         plain_write(data)
 
     transport.write = write
-    acquisition, _, seen = identified(transport)
-    threads = [
-        threading.Thread(target=lambda: [acquisition.send(Heartbeat(1000)) for _ in range(20)]) for _ in range(5)
-    ]
+    reader, _, seen = identified(transport)
+    threads = [threading.Thread(target=lambda: [reader.send(Heartbeat(1000)) for _ in range(20)]) for _ in range(5)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
     assert seen.wait(CommandDone, 101)
-    acquisition.stop()
+    reader.stop()
     assert [block.raw for block in seen.blocks if block.sent] == written
 
 
 def test_a_recorder_gets_the_decoder_at_the_instant_it_is_added():
     """State and following blocks together decode to exactly the samples that follow."""
 
-    class Keeper(Seen):
+    class DecodingSink(Seen):
         state = None
 
         def attached(self, decoder_state):
@@ -230,45 +228,45 @@ def test_a_recorder_gets_the_decoder_at_the_instant_it_is_added():
 
     board = VirtualBoard(seed=5)
     transport = BoardTransport(board, step_us=3_333)
-    acquisition, _, seen = identified(transport)
-    acquisition.send(Start(1000))
+    reader, _, seen = identified(transport)
+    reader.send(Start(1000))
     assert seen.wait(Samples, 50)
-    keeper = Keeper()
-    acquisition.add_recorder(keeper)
-    assert keeper.wait(Samples, 50)
-    acquisition.stop()
-    link = Connection(decoder_state=keeper.state)
-    again = [event for block in keeper.blocks if not block.sent for event in link.receive(block.raw, block.host_ns)]
+    sink = DecodingSink()
+    reader.add_recorder(sink)
+    assert sink.wait(Samples, 50)
+    reader.stop()
+    link = Connection(decoder_state=sink.state)
+    again = [event for block in sink.blocks if not block.sent for event in link.receive(block.raw, block.host_ns)]
     derived = np.concatenate([event.array for event in again if isinstance(event, Samples)])
-    assert derived.tobytes() == np.concatenate([event.array for event in keeper.events(Samples)]).tobytes()
+    assert derived.tobytes() == np.concatenate([event.array for event in sink.events(Samples)]).tobytes()
     assert derived["index"][0] > 0
 
 
 def test_a_removed_sink_hears_no_more_and_stop_may_come_twice():
     """Sinks come and go while the thread reads; stopping is idempotent, even before the start."""
     transport = BoardTransport(VirtualBoard())
-    acquisition, _, seen = identified(transport)
-    acquisition.remove_sink(seen)
+    reader, _, seen = identified(transport)
+    reader.remove_sink(seen)
     other = Seen()
-    acquisition.add_sink(other)
-    acquisition.send(Start(100))
+    reader.add_sink(other)
+    reader.send(Start(100))
     assert other.wait(Samples)
     assert not seen.events(Samples)
-    acquisition.stop()
-    acquisition.stop()
+    reader.stop()
+    reader.stop()
     unused = BoardTransport(VirtualBoard())
     PortReader(unused, Connection()).stop()
     assert unused.closed
 
 
 def test_a_command_to_a_port_that_is_gone_raises_at_the_caller():
-    """Whoever sends learns at once that nothing was sent."""
+    """The sender learns at once that nothing was sent."""
 
     class Gone(BoardTransport):
         def write(self, data: bytes) -> None:
             raise DeviceError("virtual is gone", "Plug it in.")
 
-    acquisition = PortReader(Gone(VirtualBoard()), Connection())
+    reader = PortReader(Gone(VirtualBoard()), Connection())
     with pytest.raises(DeviceError, match="gone"):
-        acquisition.send(Vent())
-    acquisition.stop()
+        reader.send(Vent())
+    reader.stop()

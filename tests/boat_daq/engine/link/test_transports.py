@@ -107,9 +107,9 @@ def test_a_file_is_not_a_port(tmp_path):
         open_transport(str(file))
 
 
-@pytest.mark.fault(13, how="busy, forbidden and absent, as the system says them", times=6)
+@pytest.mark.fault(13, how="busy, forbidden and absent, as the system reports them", times=6)
 @pytest.mark.parametrize(
-    ("error", "says"),
+    ("error", "text"),
     [
         (serial.SerialException(errno.EACCES, "could not open port x: Permission denied"), "no permission"),
         (serial.SerialException("could not open 'COM3': PermissionError(13, 'Access is denied.')"), "no permission"),
@@ -119,16 +119,16 @@ def test_a_file_is_not_a_port(tmp_path):
         (ValueError("Not a valid baudrate: 0"), "cannot be opened: Not a valid baudrate"),
     ],
 )  # fmt: skip
-def test_the_reasons_a_port_does_not_open_are_distinguished(error, says):
-    """Busy, forbidden, absent: each has its own words and a remedy, whatever type pyserial raises."""
-    told = open_error("x", error)
-    assert says in told.cause
-    assert told.remedy
+def test_the_reasons_a_port_does_not_open_are_distinguished(error, text):
+    """Busy, forbidden, absent: each has its own cause and remedy, whatever type pyserial raises."""
+    shown = open_error("x", error)
+    assert text in shown.cause
+    assert shown.remedy
 
 
 @pytest.mark.fault(11, how="the other end of a pseudo-terminal closed", times=1)
 def test_an_unplugged_port_is_detected(terminal):
-    """The other end gone: an error of ours within two seconds, not a silent end of data."""
+    """The other end gone: a DeviceError within two seconds, not a silent end of data."""
     master, name = terminal
     port = open_transport(name)
     master.close()
@@ -176,7 +176,7 @@ def test_a_port_that_is_ready_and_has_nothing_is_not_gone(terminal, monkeypatch)
 
 
 def test_a_stall_behind_a_frame_is_no_port_that_takes_nothing(terminal, monkeypatch):
-    """This program stands still for longer than a write may take, just after its bytes have left: they have left."""
+    """This program stalls for longer than a write may take, just after its bytes have left: they have left."""
     master, name = terminal
     port, plain = open_transport(name), os.write
 
@@ -231,7 +231,7 @@ def test_a_socket_carries_a_megabyte_in_few_reads():
 
 
 @pytest.mark.parametrize(
-    ("url", "says"),
+    ("url", "text"),
     [
         ("socket://192.0.2.1:7777", "another machine"),
         ("socket://127.0.0.1:1", "no answer"),
@@ -239,9 +239,9 @@ def test_a_socket_carries_a_megabyte_in_few_reads():
         ("socket://localhost:port", "not an address"),
     ],
 )
-def test_socket_addresses_are_checked(url, says):
-    """Nothing leaves this machine unasked, and a wrong address says so."""
-    with pytest.raises(DeviceError, match=says):
+def test_socket_addresses_are_checked(url, text):
+    """No connection leaves this machine unless allowed, and a wrong address is refused."""
+    with pytest.raises(DeviceError, match=text):
         open_transport(url)
 
 
@@ -312,9 +312,9 @@ def test_a_fast_board_is_replayed_without_heaps(recording, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("tail", "says"), [("@0", "never moves"), ("@-1", "never moves"), ("@fast", "not a speed"), ("@nan", "never moves")]
+    ("tail", "text"), [("@0", "never moves"), ("@-1", "never moves"), ("@fast", "not a speed"), ("@nan", "never moves")]
 )
-def test_a_replay_at_no_speed_is_refused(recording, tail, says):
+def test_a_replay_at_no_speed_is_refused(recording, tail, text):
     """The speed is a positive number or max."""
-    with pytest.raises(DeviceError, match=says):
+    with pytest.raises(DeviceError, match=text):
         open_transport(f"replay:{recording}{tail}")

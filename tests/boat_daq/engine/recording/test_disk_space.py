@@ -1,4 +1,4 @@
-"""Space asked for before the first pressure, against what recordings really take."""
+"""The disk space required before the first pressure, compared with what recordings take."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_the_estimate_covers_a_real_recording_and_not_many(tmp_path, rate_hz):
     assert size / 60.0 < bytes_per_second(rate_hz, 2) < 3 * size / 60.0
 
 
-@pytest.mark.fault(28, how="less room than the plan's rate needs", times=1)
+@pytest.mark.fault(28, how="less disk space than the plan's rate needs", times=1)
 def test_a_plan_that_does_not_fit_is_refused_with_both_figures(tmp_path, monkeypatch):
     """The reader learns how much is needed and how much is there."""
     assert check_space(tmp_path, rate_hz=100, duration_s=60, n_sensors=2).times > 1
@@ -31,7 +31,7 @@ def test_a_plan_that_does_not_fit_is_refused_with_both_figures(tmp_path, monkeyp
 
 @pytest.mark.fault(29, how="a folder that is absent, or read-only", times=2)
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
-    """Absent or read-only: said before the start."""
+    """Absent or read-only: refused before the start."""
     with pytest.raises(StorageError, match="no folder"):
         check_space(tmp_path / "none", rate_hz=100, duration_s=1, n_sensors=2)
     monkeypatch.setattr(disk_space.os, "access", lambda *_: False)

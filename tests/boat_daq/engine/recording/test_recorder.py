@@ -33,7 +33,7 @@ def test_samples_and_bytes_are_in_the_file_as_they_came(recorder, source, path):
 
 
 def test_a_closed_recording_is_one_plain_file_that_names_itself(recorder, source, path):
-    """No -wal, no lock; SQLite's own header says whose it is; every key of the session is there."""
+    """No -wal, no lock; SQLite's own header identifies it; every key of the session is there."""
     recorder(source.next())
     recorder.close(RunEnd.FINISHED)
     assert [entry.name for entry in path.parent.iterdir()] == ["run.boat"]
@@ -91,7 +91,7 @@ def test_the_log_is_on_and_safe(path, source):
 
 
 def test_segments_begin_with_the_link_at_start_and_on_request(recorder, source, path):
-    """Each segment says why it began; steps and events carry the segment they belong to."""
+    """Each segment has the reason it began; steps and events carry the segment they belong to."""
     source._say(Start(100))
     recorder(source.next())
     recorder.event("user", "mark", text="before")
@@ -168,7 +168,7 @@ def test_a_closed_recording_takes_later_readings(recorder, source, path):
 
 
 def test_health_is_kept_each_second(path, source):
-    """The link's counters stand in the file as they grew."""
+    """The file holds the link's counters as they grew."""
     from boat_daq.engine.link.link_health import LinkHealth
 
     health = LinkHealth(lambda: source.link.statistics, asked_hz=100)

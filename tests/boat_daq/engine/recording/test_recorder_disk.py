@@ -1,4 +1,4 @@
-"""The recorder on a disk that is full, gone or slow: told once, the file an unbroken beginning."""
+"""The recorder on a disk that is full, gone or slow: reported once, the file an unbroken beginning."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tests.boat_daq.engine.recording_source import begin, rows, stored_samples
 
 
 def limit_pages(recorder: Recorder, pages: int) -> None:
-    """Make SQLite say "disk full" beyond so many pages: what a full disk says, at a chosen write."""
+    """Make SQLite report a full disk beyond so many pages, at a chosen write."""
     recorder._file._connection.execute(f"PRAGMA max_page_count = {pages}")
 
 
 @pytest.mark.fault(28, how="SQLite's page limit reached at several pages, then lifted", times=5)
 @pytest.mark.parametrize("pages", [14, 15, 17, 20, 30])
 def test_a_full_disk_is_reported_once_and_loses_nothing_once_freed(path, source, pages):
-    """Full at any write: said once, what is written stays sound, and what waits is written when there is room."""
+    """Full at any write: reported once, what is written stays sound, and the rest is written once space is free."""
     errors = []
     recorder = begin(path, source, on_error=errors.append)
     limit_pages(recorder, pages)
@@ -50,7 +50,7 @@ def test_a_full_disk_is_reported_once_and_loses_nothing_once_freed(path, source,
 
 @pytest.mark.fault(28, how="SQLite's page limit reached for good", times=1)
 def test_a_disk_that_stays_full_ends_in_an_error_and_a_readable_beginning(path, source):
-    """Closing says that the rest was not taken; what is there opens, verifies, and can be recovered."""
+    """Closing reports that the rest was not written; what is there opens, verifies, and can be recovered."""
     errors = []
     recorder = begin(path, source, on_error=errors.append)
     for _ in range(10):
@@ -68,9 +68,9 @@ def test_a_disk_that_stays_full_ends_in_an_error_and_a_readable_beginning(path, 
     assert verify_recording(path).identical
 
 
-@pytest.mark.fault(35, how="a disk that takes nothing while samples come", times=1)
+@pytest.mark.fault(35, how="a disk that takes nothing while samples arrive", times=1)
 def test_memory_is_bounded_and_the_file_an_unbroken_beginning(path, source, monkeypatch):
-    """Once what waits would outgrow its bound no later byte is taken, also when the disk has room again."""
+    """Once what waits would outgrow its bound no later byte is taken, also when the disk has space again."""
     monkeypatch.setattr(recorder_module, "MEMORY_BYTES_MAX", 50_000)
     errors = []
     recorder = begin(path, source, on_error=errors.append)
@@ -89,7 +89,7 @@ def test_memory_is_bounded_and_the_file_an_unbroken_beginning(path, source, monk
 
 
 def test_a_fault_of_the_program_is_reported_and_ends_the_recording(path, source, monkeypatch):
-    """The writing thread never dies without a word, and writes no later byte behind a hole."""
+    """The writing thread never ends silently, and writes no later byte behind a hole."""
     errors = []
     recorder = begin(path, source, on_error=errors.append)
     recorder(source.next())
@@ -128,7 +128,7 @@ def test_a_removed_folder_is_detected(path, source):
 
 
 def test_a_nearly_full_disk_is_reported_while_closing_is_possible(path, source, monkeypatch):
-    """Below the floor of free bytes the session is told, and the recording still closes well."""
+    """Below the floor of free bytes the session is notified, and the recording still closes properly."""
     monkeypatch.setattr("boat_daq.engine.recording.file.SPACE_FLOOR_BYTES", 1 << 60)
     errors = []
     recorder = Recorder(path, meta_of(source.link), on_error=errors.append)

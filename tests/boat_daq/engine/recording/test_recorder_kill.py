@@ -60,8 +60,10 @@ def kill_once(forks: subprocess.Popen[str], path: Path, after_s: float, rate_hz:
     child = int(forks.stdout.readline())
     time.sleep(after_s)
     os.kill(child, signal.SIGKILL)
-    said = [line.split() for line in iter(forks.stdout.readline, "end\n")]
-    whole = [line for line in said if len(line) == 3 and len(line[2]) == len(said[0][2])]  # the last may be torn
+    reported = [line.split() for line in iter(forks.stdout.readline, "end\n")]
+    whole = [
+        line for line in reported if len(line) == 3 and len(line[2]) == len(reported[0][2])
+    ]  # the last may be torn
     _, acknowledged, last_ns = map(int, whole[-1])
     recovery = recover(path)
     assert recovery.status == "recovered"

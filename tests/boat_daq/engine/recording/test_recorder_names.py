@@ -49,7 +49,7 @@ def test_an_existing_file_is_never_overwritten(path, source):
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path, source):
-    """Before the start, with words."""
+    """Before the start, with a reason."""
     with pytest.raises(StorageError, match="no folder"):
         Recorder(tmp_path / "none" / "run.boat", meta_of(source.link))
 
@@ -66,7 +66,7 @@ def test_a_second_writer_is_refused_and_may_read(recorder, source, path):
 
 
 def test_a_reader_left_open_does_not_keep_a_recording_from_closing(recorder, source, path):
-    """The file is whole and says closed; only its log stays beside it until the reader is gone."""
+    """The file is whole and marked closed; only its log stays beside it until the reader is gone."""
     recorder(source.next())
     recorder.flush()
     reader = open_recording(path)

@@ -116,9 +116,9 @@ def test_a_torn_log_opens_on_its_last_good_state(killed, tmp_path, damage, step)
     assert 0 < counts[0] < counts[-1]
 
 
-@pytest.mark.fault(33, how="`recover` on a recording under way", times=1)
+@pytest.mark.fault(33, how="`recover` on a recording in progress", times=1)
 def test_a_writer_that_lives_is_left_alone(tmp_path):
-    """Nothing is recovered under the hands of the program that records."""
+    """Nothing is recovered while a program records."""
     source = Source()
     recorder = Recorder(tmp_path / "run.boat", meta_of(source.link))
     with pytest.raises(StorageError, match="being written"):
@@ -218,7 +218,7 @@ def test_another_programs_database_is_not_ours(tmp_path):
 
 
 def test_a_forged_count_is_named_and_not_believed(closed, tmp_path):
-    """A block that says it holds 4e14 samples: the number told is of the samples that are there."""
+    """A block that claims 4e14 samples: the number reported is of the samples that are there."""
     path = tmp_path / "forged.boat"
     shutil.copy(closed, path)
     with closing(sqlite3.connect(path)) as db, db:
@@ -227,7 +227,7 @@ def test_a_forged_count_is_named_and_not_believed(closed, tmp_path):
         db.execute("UPDATE overview SET n = 400000000000000 WHERE id = 1")
     found = recover(path)
     assert found.samples == there
-    assert any("block 2 says" in text for text in found.damaged)
+    assert any("block 2 is for" in text for text in found.damaged)
     with pytest.raises(RecordingError, match="more samples than"):
         summarise(path)
 

@@ -1,4 +1,4 @@
-"""Going on in the recording of a broken run, without ports: keys, clocks, refusals, and what is left of the file."""
+"""Resuming the recording of a broken run, without ports: keys, clocks, refusals, and the file after each."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def tables(path: Path) -> dict[str, list[tuple[Any, ...]]]:
 
 
 def gone_on(path: Path, cycles: list[int], *, broken: bool = False) -> None:
-    """Go on in a recording with another link."""
+    """Resume a recording with another link."""
     source = Source(seed=1)
     run = prepare_resumption(path)
     recorder = Recorder(path, {**meta(source), "operator": "Ada", "note": "n"}, resumes=run)
@@ -78,7 +78,7 @@ def gone_on(path: Path, cycles: list[int], *, broken: bool = False) -> None:
 
 
 def test_nothing_recorded_is_altered_and_everything_is_appended(left: Path) -> None:
-    """Each table begins with exactly what it held; the whole is identical to its bytes; the break is told."""
+    """Each table begins with exactly what it held; the whole is identical to its bytes; the break is recorded."""
     broken = read_broken_run(left)
     assert (broken.cause, broken.first_cycle, broken.complete_cycles) == ("interrupted", 4, 2)
     recover(left)
@@ -109,7 +109,7 @@ def test_a_run_may_break_more_than_once(left: Path) -> None:
 
 
 def test_a_result_of_a_part_is_not_compared_with_the_whole(left: Path) -> None:
-    """A result stored before the run went on is of fewer cycles: verify leaves it, and still derives later ones."""
+    """A result stored before the run resumed is of fewer cycles: verify omits it, and derives later ones."""
     recover(left)
     options = {"options": {"plateau": {}}}
     add_result(left, "analysis", options, {"cycles": 2})
@@ -140,7 +140,7 @@ def test_a_break_in_a_recording_that_stayed_open_is_kept_too(tmp_path: Path) -> 
 
 
 def test_the_end_is_computed_by_the_last_breaks_own_clock(left: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The computer was restarted over the break: its monotonic clock began anew, and the end is still within a minute
+    """The computer was restarted over the break: its monotonic clock restarted, and the end is still within a minute
     of now, not days away.
     """
     real = time.monotonic_ns
@@ -161,7 +161,7 @@ def test_the_end_is_computed_by_the_last_breaks_own_clock(left: Path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "text"),
     [
         ({"board_id": "SIMULATED-SA2"}, "board SIMULATED-SA1; now it is SIMULATED-SA2"),
         ({"unit": "SA2"}, "unit SA1; now it is SA2"),
@@ -170,18 +170,18 @@ def test_the_end_is_computed_by_the_last_breaks_own_clock(left: Path, monkeypatc
         ({"profile": "x = 1"}, "profile"),
     ],
 )
-def test_what_is_not_the_same_is_refused_by_name(left: Path, change: dict[str, Any], words: str) -> None:
+def test_what_is_not_the_same_is_refused_by_name(left: Path, change: dict[str, Any], text: str) -> None:
     """Board, unit, firmware and rate; the same again is not refused."""
     broken = read_broken_run(left)
     broken.check_same(broken.meta)
-    with pytest.raises(OperatorError, match=words):
+    with pytest.raises(OperatorError, match=text):
         broken.check_same({**broken.meta, **change})
     with pytest.raises(OperatorError, match="read-only link"):
         broken.check_same(broken.meta, can_command=False)
 
 
 def test_a_run_that_cannot_resume_is_refused_and_not_changed(left: Path, tmp_path: Path) -> None:
-    """Under way in another program, without a plan, damaged, or with breaks that are none."""
+    """In progress in another program, without a plan, damaged, or with unusable breaks."""
     source = Source()
     recorder = Recorder(tmp_path / "live.boat", meta(source))
     with pytest.raises(StorageError, match="being written"):
@@ -191,11 +191,11 @@ def test_a_run_that_cannot_resume_is_refused_and_not_changed(left: Path, tmp_pat
     with pytest.raises(OperatorError, match="no run to resume"):
         read_broken_run(tmp_path / "live.boat")
     recover(left)
-    for version, refused, words in ((1, OperatorError, "older program"), (99, RecordingError, "layout 99")):
+    for version, refused, text in ((1, OperatorError, "older program"), (99, RecordingError, "layout 99")):
         other = shutil.copy(left, tmp_path / f"version{version}.boat")
         with closing(sqlite3.connect(other)) as db:
             db.execute(f"PRAGMA user_version={version}")
-        with pytest.raises(refused, match=words):
+        with pytest.raises(refused, match=text):
             prepare_resumption(Path(other))
     content = bytearray(left.read_bytes())
     with closing(open_recording(left)) as db:

@@ -49,7 +49,7 @@ def test_segments_are_summed_one_by_one(tmp_path):
 
 
 def test_an_unclosed_recording_is_counted_beyond_its_overview(tmp_path):
-    """Live or killed, the samples that no overview row holds yet are there too; which of the two, the lock tells."""
+    """Live or killed, the samples that no overview row holds yet are there too; the lock distinguishes the two."""
     recorder, source = begun(tmp_path / "run.boat")
     for _ in range(25):
         recorder(source.next(1_000_000))
@@ -98,7 +98,7 @@ def test_damaged_frames_are_those_of_every_link(tmp_path):
 
 
 def test_a_recording_without_a_sample_has_no_rate(tmp_path):
-    """Zero samples, no rate, no pressure: said as unknown, not as an error."""
+    """Zero samples, no rate, no pressure: unknown, not an error."""
     recorder, _ = begun(tmp_path / "run.boat")
     recorder.close(RunEnd.STOPPED)
     summary = summarise(tmp_path / "run.boat")
@@ -106,7 +106,7 @@ def test_a_recording_without_a_sample_has_no_rate(tmp_path):
 
 
 def test_what_is_no_recording_is_refused(tmp_path):
-    """An absent file and another file, in words."""
+    """An absent file and another file are refused."""
     with pytest.raises(RecordingError, match="no file"):
         summarise(tmp_path / "none.boat")
     (tmp_path / "text.boat").write_text("hello")
@@ -146,6 +146,6 @@ def test_no_name_in_a_file_steers_the_terminal(tmp_path):
     recorder, source = begun(tmp_path / "run.boat", operator="Zoë\x1b[31m\r\nstatus", unit="SA2", note="")
     recorder(source.next(1_000_000))
     recorder.close(RunEnd.FINISHED)
-    told = CliRunner().invoke(app, ["info", str(tmp_path / "run.boat")]).stdout
-    assert "operator    Zoë?[31m??status\n" in told
-    assert "\x1b" not in told
+    shown = CliRunner().invoke(app, ["info", str(tmp_path / "run.boat")]).stdout
+    assert "operator    Zoë?[31m??status\n" in shown
+    assert "\x1b" not in shown

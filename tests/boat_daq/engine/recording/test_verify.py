@@ -83,17 +83,17 @@ def test_a_board_that_restarts_makes_a_segment_that_verifies(tmp_path):
     path = tmp_path / "run.boat"
     board = VirtualBoard(seed=1, faults=[parse_fault("reset@3")])
     transport = BoardTransport(board)
-    acquisition, link, seen = identified(transport)
+    reader, link, seen = identified(transport)
     recorder = Recorder(path, meta_of(link))
-    acquisition.add_recorder(recorder)
-    acquisition.send(Start(100))
+    reader.add_recorder(recorder)
+    reader.send(Start(100))
     while board.now_us < 6_000_000:
-        assert acquisition._thread.is_alive()
-    acquisition.send(Start(100))
+        assert reader._thread.is_alive()
+    reader.send(Start(100))
     transport.end_us = board.now_us + 2_000_000
     while board.now_us < transport.end_us:
-        assert acquisition._thread.is_alive()
-    acquisition.stop()
+        assert reader._thread.is_alive()
+    reader.stop()
     recorder.close(RunEnd.FINISHED)
     assert [reason for (reason,) in rows(path, "SELECT reason FROM segment")] == [
         "opened",
@@ -112,16 +112,16 @@ def test_a_reconnection_verifies(tmp_path):
     recorder = None
     for seed in (1, 2):
         transport = BoardTransport(VirtualBoard(seed=seed))
-        acquisition, link, _ = identified(transport)
+        reader, link, _ = identified(transport)
         recorder = recorder or Recorder(path, meta_of(link))
         seen = Seen()
-        acquisition.add_recorder(recorder)
-        acquisition.add_sink(seen)
-        acquisition.send(Start(100))
+        reader.add_recorder(recorder)
+        reader.add_sink(seen)
+        reader.send(Start(100))
         transport.end_us = transport.board.now_us + 2_000_000
         while transport.board.now_us < transport.end_us:
-            assert acquisition._thread.is_alive()
-        acquisition.stop()
+            assert reader._thread.is_alive()
+        reader.stop()
     recorder.close(RunEnd.FINISHED)
     assert [row[0] for row in rows(path, "SELECT reason FROM segment")] == [
         "opened",
@@ -148,24 +148,24 @@ def tampered_sample(path: Path) -> None:
 
 @pytest.mark.fault(32, how="bytes, samples, times, gaps and overview changed", times=8)
 @pytest.mark.parametrize(
-    ("sql", "says"),
+    ("sql", "text"),
     [
         ("UPDATE chunk SET crc32 = crc32 + 1 WHERE id = 40", "raw bytes of chunk 40 do not match"),
         ("DELETE FROM chunk WHERE id = 50", "chunk 50 is missing"),
         ("DELETE FROM block WHERE id = (SELECT max(id) FROM block)", "the bytes hold more samples than the file"),
-        ("UPDATE block SET n = n + 1 WHERE id = 3", "block 3 says"),
+        ("UPDATE block SET n = n + 1 WHERE id = 3", "block 3 is for"),
         ("UPDATE block SET last_time_us = 0 WHERE id = 3", "block 3 names other times"),
         ("UPDATE overview SET pressure_max_kpa = 99 WHERE id = 2", "row 2 of the overview"),
         ("DELETE FROM event WHERE kind = 'gap' AND id = (SELECT max(id) FROM event WHERE kind = 'gap')", "gap"),
         ("UPDATE chunk SET host_ns = host_ns + 1 WHERE id = 60", "host_ns is"),
     ],
 )
-def test_every_tampering_is_named(copy, sql, says):
+def test_every_tampering_is_named(copy, sql, text):
     """Bytes, samples, times, gaps, overview: whatever was changed, the verdict names the first difference."""
     change(copy, sql)
     verdict = verify_recording(copy)
     assert not verdict.identical
-    assert says in verdict.difference
+    assert text in verdict.difference
 
 
 def test_a_changed_sample_is_named_with_both_values(copy):
@@ -217,7 +217,7 @@ def test_memory_and_progress_are_bounded(recording):
 
 
 def test_a_text_profile_recording_verifies(tmp_path):
-    """Lines of text are derived again with the profile that stands in the recording, from mid-stream too."""
+    """Lines of text are derived again with the recording's profile, from mid-stream too."""
     profile = PROFILE.read_text()
     link = TextConnection(load_profile(profile))
     text = b"".join(b"%d,%d,%.2f,2107,41,1988,37,23.4\n" % (10 * n, n, 0.1 * n) for n in range(400))
@@ -246,7 +246,7 @@ def run(command, *arguments: str):
 
 
 def test_the_command_prints_identical_and_exits_0_or_1(copy):
-    """`verify` is for scripts: one word, one JSON object, one exit code."""
+    """`verify` suits scripts: one line, one JSON object, one exit code."""
     from boat_daq.commands.verify import verify
 
     assert run(verify, str(copy)).stdout.strip() == "identical"
@@ -261,17 +261,17 @@ def test_the_command_prints_identical_and_exits_0_or_1(copy):
 
 
 def test_info_sums_a_recording_up(recording):
-    """Times, rate, gaps and segments as they stand in the file."""
+    """Times, rate, gaps and segments as the file holds them."""
     from boat_daq.commands.info import info
 
-    told = json.loads(run(info, str(recording), "--json").stdout)
+    shown = json.loads(run(info, str(recording), "--json").stdout)
     samples = rows(recording, "SELECT sum(n) FROM block")[0][0]
-    assert told["samples"] == samples
-    assert told["lost_samples"] == rows(recording, "SELECT sum(value) FROM event WHERE kind = 'gap'")[0][0]
-    assert told["rate_hz"] == pytest.approx((samples - 1) / told["duration_s"])
-    assert told["rate_asked_hz"] == 200
-    assert told["status"] == "closed"
-    assert told["simulated"] is True
+    assert shown["samples"] == samples
+    assert shown["lost_samples"] == rows(recording, "SELECT sum(value) FROM event WHERE kind = 'gap'")[0][0]
+    assert shown["rate_hz"] == pytest.approx((samples - 1) / shown["duration_s"])
+    assert shown["rate_asked_hz"] == 200
+    assert shown["status"] == "closed"
+    assert shown["simulated"] is True
     text = run(info, str(recording)).stdout
     assert "SIMULATED" in text
     assert f"{samples} in " in text
@@ -288,7 +288,7 @@ def test_recover_prints_what_it_did(recording):
 
 
 def test_a_recording_without_a_decoder_state_is_opened_by_its_description(recording):
-    """The link for a recording's bytes knows its sensors even where no HELLO is among them."""
+    """The link for a recording's bytes has its number of sensors without a HELLO among them."""
     db = open_recording(recording)
     meta = read_session(db)
     db.close()

@@ -34,7 +34,7 @@ class Clock:
 
 @contextmanager
 def port_of(kind: str) -> Iterator[str]:
-    """A port with something on it that is no board of ours."""
+    """A port with something on it that is not a BOAT board."""
     if kind == "chatter":
         with closing(Chatter()) as device:
             yield device.url
@@ -47,7 +47,7 @@ def port_of(kind: str) -> Iterator[str]:
     14, how="wrong baud rate, another device, another version and silence, on the supervisor's clock", times=4
 )
 @pytest.mark.parametrize(
-    ("kind", "word"),
+    ("kind", "text"),
     [
         ("wrong_baud@0:0", "not a BOAT board"),
         ("chatter", "not a BOAT board"),
@@ -56,9 +56,9 @@ def port_of(kind: str) -> Iterator[str]:
     ],
 )
 def test_what_is_no_board_is_refused_within_three_seconds(
-    monkeypatch: pytest.MonkeyPatch, kind: str, word: str
+    monkeypatch: pytest.MonkeyPatch, kind: str, text: str
 ) -> None:
-    """Within 3 s of opening, with half a second to spare; neither samples nor a pressure were asked for."""
+    """Within 3 s of opening, with half a second to spare; neither samples nor a pressure were requested."""
     clock, sent = Clock(), []
     session = Session(Settings(), UnitLibrary())
     link = session._link
@@ -77,6 +77,6 @@ def test_what_is_no_board_is_refused_within_three_seconds(
             link._turn()
         assert link.state is LinkState.FAILED
         assert clock.now_s - 100.0 <= ASKED_S - 0.4
-        assert link.error is not None and word in link.error[0] and link.error[1]
+        assert link.error is not None and text in link.error[0] and link.error[1]
         assert not [command for command in sent if isinstance(command, SetPressure | Start)]
         session.close()

@@ -69,20 +69,20 @@ def test_by_cycle_and_branch_in_any_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "word"),
+    ("given", "part"),
     [
         ([], "no readings"),
         (rows([50.0, 40.0]), "2 rows for 37 plateaus"),
-        (rows([*[s.target_kpa for s in STEPS[:-1]], 0.0]), "line 38 says 0 kPa where the run holds 50 kPa"),
+        (rows([*[s.target_kpa for s in STEPS[:-1]], 0.0]), "line 38 has 0 kPa where the run has 50 kPa"),
         ([FileReading(5, 20.0, 1.0, 7, "loading")], "line 5: no plateau at 20 kPa, cycle 7"),
         ([FileReading(6, 25.0, 1.0, 1, "loading")], "line 6"),
     ],
 )
-def test_a_file_that_does_not_fit_names_the_line(given: list[FileReading], word: str) -> None:
+def test_a_file_that_does_not_fit_names_the_line(given: list[FileReading], part: str) -> None:
     """The first row that does not fit is named, and nothing is matched by luck."""
     with pytest.raises(OperatorError) as refusal:
         match_readings(given, STEPS)
-    assert word in refusal.value.cause
+    assert part in refusal.value.cause
 
 
 def test_a_file_is_checked_before_anything_moves() -> None:
@@ -125,7 +125,7 @@ def test_record_and_analyze_read_the_same_files_alike(tmp_path: Path, encoding: 
 
 
 @pytest.mark.parametrize(
-    ("text", "word"),
+    ("text", "part"),
     [
         ("", "is empty"),
         ("pressure_kpa,elongation_mm\n", "has no rows"),
@@ -137,11 +137,11 @@ def test_record_and_analyze_read_the_same_files_alike(tmp_path: Path, encoding: 
         ("pressure_kpa,elongation_mm,cycle,branch\n50,3.8,1,sideways\n", "'sideways'"),
     ],
 )
-def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, text: str, word: str) -> None:
+def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, text: str, part: str) -> None:
     """Empty, wrong header, no number, not finite, no such branch."""
     with pytest.raises(OperatorError) as refusal:
         read_elongation_csv(write(tmp_path, text))
-    assert word in refusal.value.cause
+    assert part in refusal.value.cause
 
 
 def test_a_simulated_reading_lies_on_the_grid_with_the_stated_error() -> None:

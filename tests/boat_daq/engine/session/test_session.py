@@ -62,7 +62,7 @@ def meta(path: Path) -> dict[str, Any]:
 
 @pytest.mark.fault(54, how="a session on the virtual board", times=1)
 def test_a_whole_session_ends_in_one_closed_file(session: Session, tmp_path: Path) -> None:
-    """Connect, record, run, read, stop at 50x: every step and reading in the file, one end, simulated and said so."""
+    """Connect, record, run, read, stop at 50x: every step and reading in the file, one end, marked as simulated."""
     path, truth = tmp_path / "run.boat", tmp_path / "truth.csv"
     with serve(BoardSettings(speed=50.0, truth=str(truth))) as board:
         begin(session, board.url, path)
@@ -176,7 +176,7 @@ def test_pause_makes_segments(session: Session, tmp_path: Path) -> None:
 
 
 def test_a_plateau_waits_for_its_reading(session: Session) -> None:
-    """The run holds at the plateau until the reading is there; skipped, it goes on without."""
+    """The run holds at the plateau until the reading is there; skipped, it continues without."""
     with serve(BoardSettings(speed=50.0)) as board:
         begin(session, board.url, wait_for_reading=True)
         seen = session.wait(lambda s: s.waiting_for_reading is not None, 10)
@@ -210,21 +210,21 @@ def test_the_unit_s_limits_hold(session: Session) -> None:
 
 @pytest.mark.fault(14, how="another version and silence on a pseudo-terminal", times=2)
 @pytest.mark.parametrize(
-    ("fault", "word"),
+    ("fault", "text"),
     [("wrong_protocol@0:2", "version 2"), ("silent@0:0", "no data")],
 )
-def test_what_is_no_board_is_refused(session: Session, fault: str, word: str) -> None:
+def test_what_is_no_board_is_refused(session: Session, fault: str, text: str) -> None:
     """Another version, silence: refused with the reason (how soon: `test_keeper`)."""
     with serve(BoardSettings(faults=(fault,))) as board:
         session.connect(board.url)
         with pytest.raises(DeviceError) as refusal:
             session.wait_connected()
-        assert word in refusal.value.cause and refusal.value.remedy
+        assert text in refusal.value.cause and refusal.value.remedy
         assert session.snapshot().link is LinkState.FAILED
 
 
 def test_another_device_is_refused(session: Session) -> None:
-    """A device that prints something else is told apart from silence."""
+    """A device that prints something else is distinguished from silence."""
     with contextlib.closing(Chatter()) as device:
         session.connect(device.url)
         with pytest.raises(DeviceError, match="not a BOAT board"):
@@ -251,13 +251,13 @@ vent = "V\\n"
 
 
 class PrintingDevice:
-    """Firmware that prints lines and knows two commands; it never says whether it holds. 20 times real time."""
+    """Firmware that prints lines and takes two commands; it never reports whether it holds. 20 times real time."""
 
     def __init__(self) -> None:
         self.master, self.slave = os.openpty()
         tty.setraw(self.slave)
         os.set_blocking(self.master, False)
-        self.heard = b""
+        self.received = b""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -267,8 +267,8 @@ class PrintingDevice:
         time_ms = 0
         while not self._stop.wait(0.005):
             with contextlib.suppress(BlockingIOError):
-                self.heard += os.read(self.master, 1000)
-            lines = self.heard.split(b"\n")[:-1]
+                self.received += os.read(self.master, 1000)
+            lines = self.received.split(b"\n")[:-1]
             target = 0.0 if not lines or lines[-1] == b"V" else float(lines[-1][1:])
             for _ in range(10):
                 time_ms += 10
@@ -305,11 +305,11 @@ def test_firmware_that_prints_runs_a_plan(session: Session, printing: PrintingDe
     session.stop_recording()
     assert read(path, "SELECT DISTINCT status FROM step") == [("reached",)]
     assert meta(path)["sample_kind"] == "signal" and "Printing firmware" in meta(path)["profile"]
-    assert printing.heard.split(b"\n")[-2] == b"V"
+    assert printing.received.split(b"\n")[-2] == b"V"
 
 
 def test_a_profile_without_commands_only_listens(session: Session, printing: PrintingDevice) -> None:
-    """It records and plots; the sequence is off and says why; nothing is ever sent."""
+    """It records and plots; the sequence is off with a reason; nothing is ever sent."""
     session.connect(os.ttyname(printing.slave), PROFILE)
     seen = session.wait_connected()
     assert not seen.can_command and seen.why_read_only
@@ -318,7 +318,7 @@ def test_a_profile_without_commands_only_listens(session: Session, printing: Pri
     session.vent()
     session.disconnect()
     session.wait(lambda s: s.link is LinkState.CLOSED, 5)
-    assert printing.heard == b""
+    assert printing.received == b""
 
 
 def test_no_such_port_is_one_line(session: Session) -> None:
@@ -390,7 +390,7 @@ def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, 
 
 @pytest.mark.fault(28, how="a recorder that cannot write, in a run over a pseudo-terminal", times=1)
 def test_a_failing_disk_aborts_the_run(session: Session, tmp_path: Path) -> None:
-    """The recorder cannot write: the run is aborted and vented, and the reason said."""
+    """The recorder cannot write: the run is aborted and vented, with the reason."""
     with serve(BoardSettings(speed=5.0)) as board:
         begin(session, board.url, tmp_path / "a.boat")
         session._recording._storage_failed(StorageError("the disk is full", "make room"))

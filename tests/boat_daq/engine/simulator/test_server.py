@@ -80,7 +80,7 @@ class Host:
             messages += self.read()
             if any(wanted(message) for message in messages):
                 return messages
-        raise AssertionError(f"not said in {patience_s} s: {messages[-3:]}")
+        raise AssertionError(f"not reported in {patience_s} s: {messages[-3:]}")
 
     def hello(self) -> Hello:
         self.send(Identify())
@@ -140,7 +140,7 @@ def test_ten_thousand_samples_a_second(port):
 
 @pytest.mark.parametrize("port", PORTS)
 def test_board_outlives_its_hosts(port):
-    """A host that leaves without a word: the board goes on, its watchdog vents, the next host is welcome."""
+    """A host that leaves without a command: the board continues, its watchdog vents, the next host connects."""
     with served(port, speed=50.0) as board:
         with Host(board.url) as host:
             host.hello()
@@ -159,7 +159,7 @@ def test_board_outlives_its_hosts(port):
 
 @needs_pty
 def test_a_busy_computer_is_not_a_dead_host():
-    """At 100x a connected host that stands still for 0.2 s (20 s of board time) is waited for; for 2 s it is not."""
+    """At 100x the board waits for a connected host that stalls for 0.2 s (20 s of board time); for 2 s it does not."""
     with served("pty", speed=100.0) as board, Host(board.url) as host:
         host.hello()
         host.send(Start(100))
@@ -174,8 +174,8 @@ def test_a_busy_computer_is_not_a_dead_host():
         assert any(isinstance(m, Sample) for m in seen)
         assert not any(isinstance(m, BoardEvent) for m in seen)
         time.sleep(2.0)
-        told = host.until(lambda m: isinstance(m, BoardEvent))
-        assert told and next(m for m in told if isinstance(m, BoardEvent)).code == EventCode.HEARTBEAT_LOST
+        shown = host.until(lambda m: isinstance(m, BoardEvent))
+        assert shown and next(m for m in shown if isinstance(m, BoardEvent)).code == EventCode.HEARTBEAT_LOST
 
 
 @needs_pty
@@ -226,7 +226,7 @@ def test_bytes_sent_before_closing_are_read(port):
 @pytest.mark.fault(26, how="a host that does not read, on each kind of port", times=2)
 @pytest.mark.parametrize("port", PORTS)
 def test_host_that_does_not_read_gets_an_exact_gap(port):
-    """Beyond the transmit buffer samples are dropped, the board's clock is not held up, EVENT 9 and the flag tell."""
+    """Beyond the transmit buffer samples are dropped and reported (EVENT 9, flag); the board's clock continues."""
     with served(port, speed=100.0, buffer_bytes=20_000) as board, Host(board.url) as host:
         host.hello()
         host.send(Start(2000))
@@ -234,10 +234,10 @@ def test_host_that_does_not_read_gets_an_exact_gap(port):
         messages = host.until(lambda m: isinstance(m, BoardEvent) and m.code == EventCode.SAMPLES_DROPPED)
         messages += host.until(lambda m: isinstance(m, Sample))
         samples = [m for m in messages if isinstance(m, Sample)]
-        told = [m.value for m in messages if isinstance(m, BoardEvent)]
+        shown = [m.value for m in messages if isinstance(m, BoardEvent)]
         steps = np.diff([s.index for s in samples])
         flagged = [row for row, s in enumerate(samples) if s.flags & SampleFlag.DROPPED_BEFORE]
-        assert (steps[steps > 1] - 1).tolist() == told[: len(flagged)]
+        assert (steps[steps > 1] - 1).tolist() == shown[: len(flagged)]
         assert (np.flatnonzero(steps > 1) + 1).tolist() == flagged
         assert host.reader.crc_errors == host.reader.malformed == 0
 
@@ -258,7 +258,7 @@ def test_next_host_does_not_read_the_past():
 
 @needs_pty
 def test_an_answer_does_not_stand_behind_seconds_of_samples():
-    """At 100x a host that has stood still for 0.5 s is answered behind what the port holds, not 5,000 samples."""
+    """At 100x a host that has stalled for 0.5 s is answered behind what the port holds, not 5,000 samples."""
     with served("pty", speed=100.0) as board, Host(board.url) as host:
         host.hello()
         host.send(Start(100))
@@ -309,7 +309,7 @@ def test_unplug_and_replug(tmp_path: Path):
 
 @pytest.mark.parametrize("port", PORTS)
 def test_board_that_resets_when_opened(port):
-    """HELLO comes without being asked, after the boot."""
+    """HELLO comes without IDENTIFY, after the boot."""
     with served(port, speed=10.0, faults=("reset_on_open@0:1",)) as board, Host(board.url) as host:
         messages = host.until(lambda m: isinstance(m, BoardEvent))
         assert [type(m) for m in messages] == [Hello, BoardEvent]
@@ -345,7 +345,7 @@ def test_truth_file(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "error", "word"),
+    ("settings", "error", "text"),
     [
         (BoardSettings(port="127.0.0.1"), OperatorError, "HOST:PORT"),
         (BoardSettings(port="127.0.0.1:99999"), OperatorError, "HOST:PORT"),
@@ -358,9 +358,9 @@ def test_truth_file(tmp_path: Path):
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_what_cannot_be_served_is_refused(settings, error, word):
+def test_what_cannot_be_served_is_refused(settings, error, text):
     """With cause and remedy, before anything is served; from a process of its own, too."""
-    with pytest.raises(error, match=word) as refusal:
+    with pytest.raises(error, match=text) as refusal:
         BoardServer(settings)
     assert refusal.value.remedy
 

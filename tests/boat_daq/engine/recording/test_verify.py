@@ -154,7 +154,7 @@ def tampered_sample(path: Path) -> None:
         ("DELETE FROM chunk WHERE id = 50", "chunk 50 is missing"),
         ("DELETE FROM block WHERE id = (SELECT max(id) FROM block)", "the bytes hold more samples than the file"),
         ("UPDATE block SET n = n + 1 WHERE id = 3", "block 3 is for"),
-        ("UPDATE block SET last_time_us = 0 WHERE id = 3", "block 3 names other times"),
+        ("UPDATE block SET last_time_us = 0 WHERE id = 3", "times of block 3 differ"),
         ("UPDATE overview SET pressure_max_kpa = 99 WHERE id = 2", "row 2 of the overview"),
         ("DELETE FROM event WHERE kind = 'gap' AND id = (SELECT max(id) FROM event WHERE kind = 'gap')", "gap"),
         ("UPDATE chunk SET host_ns = host_ns + 1 WHERE id = 60", "host_ns is"),

@@ -169,5 +169,5 @@ def test_truth_is_taken_over_the_settled_plateau(tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_truth_is_refused(tmp_path: Path) -> None:
     """Another file is refused."""
-    with pytest.raises(OperatorError, match="no truth file"):
+    with pytest.raises(OperatorError, match="not a truth file"):
         truth_at_plateaus(write(tmp_path, "a\nb\n"), STEPS)

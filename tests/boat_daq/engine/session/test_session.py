@@ -362,7 +362,7 @@ def test_a_recording_replayed_is_read_only(session: Session, tmp_path: Path) -> 
         session.wait(lambda s: s.link is LinkState.CLOSED, 10)
     session.connect(f"replay:{path}@5")
     seen = session.wait_connected()
-    assert not seen.can_command and "replayed" in seen.why_read_only and seen.simulated
+    assert not seen.can_command and "replay" in seen.why_read_only and seen.simulated
     with pytest.raises(OperatorError, match="read only"):
         session.arm(built_in_plans()["calibration"])
     last = session.wait(lambda s: s.link is LinkState.CLOSED, 20).last

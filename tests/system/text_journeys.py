@@ -26,11 +26,11 @@ FAULTS = (
 def controller() -> dict[str, Any]:
     """A run under each fault: its state, how it ended, the kind of every message, whether pressure is forbidden."""
     from boat_daq.engine.snapshot import SessionState
-    from tests.boat_daq.engine.bench import QUICK, Bench
+    from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
     ended: dict[str, Any] = {}
     for fault in ("none@0", *FAULTS):
-        rig = Bench(*[fault] * (fault != "none@0"))
+        rig = ControllerRig(*[fault] * (fault != "none@0"))
         rig.run(5.0, lambda rig=rig: rig.control.up)
         if rig.control.up:
             rig.do(lambda rig=rig: rig.control.arm(QUICK), rig.control.start)

@@ -62,6 +62,8 @@ class WarningCode(StrEnum):
     CLOCK_COLUMN = "clock_column"
     UNIT_GUESSED = "unit_guessed"
     TIME_GUESSED = "time_guessed"
+    # of the full model
+    COARSE_MESH = "coarse_mesh"
 
 
 _OF_CALIBRATION = (

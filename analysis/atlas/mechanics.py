@@ -94,7 +94,9 @@ def coarse(axial: float, across: float) -> StudyResult:
     wall = max(1, round(across / 2))
     model = actuator(axial_elements=int(axial), wall_elements=wall, lattice_elements=int(across))
     found = _tracked(model)
-    return StudyResult(float(np.linalg.norm(found - _fine(), axis=-1).max()), joined(model.reservations))
+    return StudyResult(
+        float(np.linalg.norm(found - _fine(), axis=-1).max()), joined([warning.text for warning in model.warnings])
+    )
 
 
 def _tracked(model: FullModel) -> FloatArray:

@@ -1,9 +1,8 @@
-"""One picture a method: what is paid for the next digit, which setting is the default, what its consumer notices.
+"""One chart per method: time against error of its settings, the default, and the consumer's tolerance.
 
-Rules: time to the right, error upwards, both logarithmic; lower left is better. Bars reach over the repeats. The
-default has a ring, the rule's choice a square; the tolerance is a dashed line, and below the dotted one lies what the
-rule counts as good enough. A setting that gives no answer stands as a cross above the picture's line of refusal; an
-error of zero lies on the lower edge.
+Rules: time to the right, error upwards, both logarithmic; lower left is better. Bars are the range of the repeats. The
+default has a ring, the rule's choice a square; the tolerance is a dashed line, and settings below the dotted one are
+sufficient. A setting without result is a cross at the top; an error of zero is on the lower edge.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from analysis.tradeoff.measure import MARGIN, CostPoint, Measured
 DATA, DEFAULT, CHOSEN, REFUSED = style.SENSORS[0], style.SENSORS[1], style.PRESSURE, style.SOFT
 COLUMNS = 3
 MOST_NAMES = 16
-"""Of more settings only those are named that the front, the code or the rule holds."""
+"""Of more settings only those are named that are on the front, in the code or chosen by the rule."""
 NAME_PX, LINE_PX, ABOVE_PX = 110.0, 11.0, 4.0
-"""Room of a setting's name on the picture: length, height, distance above its point."""
+"""Size of a setting's name: length, height, distance above its point."""
 DECADES_BELOW = 4.5
-"""Errors more than this far below the tolerance are drawn on the lower edge: no consumer tells them apart."""
+"""Errors further below the tolerance are drawn on the lower edge."""
 
 
 def method_chart(measured: Measured, where: str) -> Figure:
@@ -65,17 +64,17 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
     floor = max(min(smallest, method.tolerance / MARGIN) / 3, method.tolerance / 10**DECADES_BELOW)
     at = {name: (p.cpu_seconds, max(p.error, floor)) for name, p in answered.items()}
     top = 3.0 * max([method.tolerance, *(y for _, y in at.values())])
-    axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="what the consumer notices")
-    axes.axhline(method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label="good enough")
+    axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="noticeable above")
+    axes.axhline(method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label="sufficient below")
     for name, (x, y) in at.items():
         _bars(axes, points[name], x, y, floor)
     if at:
         axes.plot(*zip(*at.values(), strict=True), "o", color=DATA, ms=5, ls="", label="setting")
     refused = {name: (p.cpu_seconds, top) for name, p in points.items() if name not in answered}
     if refused:
-        axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=6, ls="", label="no answer")
+        axes.plot(*zip(*refused.values(), strict=True), "x", color=REFUSED, ms=6, ls="", label="no result")
     front = [at[name] for name in measured.front if name in at]
-    axes.plot(*zip(*front, strict=True), "-", color=DATA, lw=1.2, label="front")
+    axes.plot(*zip(*front, strict=True), "-", color=DATA, lw=1.2, label="Pareto front")
     if method.default in at:
         axes.plot(*at[method.default], "o", ms=12, mfc="none", mec=DEFAULT, mew=1.8, ls="", label="default")
     if measured.chosen in at:
@@ -84,20 +83,20 @@ def _draw(axes: Axes, measured: Measured, *, labels: bool) -> None:
     axes.set_yscale("log")
     axes.margins(0.24 if labels else 0.14, 0.14)
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-        # a decade at least: noise of the clock looks as small as it is
+        # a decade at least, so that noise of the clock is not magnified
         widen = max(1.0, 12.0 / (high / low)) ** 0.5
         axis.set_view_interval(low / widen, high * widen, ignore=True)
         axis.set_minor_formatter(NullFormatter())
     axes.set(title=method.title, xlabel=f"processor time {method.per}, s", ylabel=f"error, {method.unit}")
     if labels:
-        told = {method.default, measured.chosen, *measured.front, *method.in_code.values(), *refused}
-        shown = {name: place for name, place in (at | refused).items() if name in told or len(points) <= MOST_NAMES}
+        named = {method.default, measured.chosen, *measured.front, *method.in_code.values(), *refused}
+        shown = {name: place for name, place in (at | refused).items() if name in named or len(points) <= MOST_NAMES}
         levels = {name: level for level, name in method.in_code.items() if name != method.default}
         _name(axes, shown, levels, measured.front)
 
 
 def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> None:
-    """Draw how far the repeats lie apart, half of it to each side."""
+    """Draw the range of the repeats, half of it to each side."""
     half_x, half_y = min(point.cpu_spread / 2, 0.9 * x), min(point.error_spread / 2, 0.9 * y)
     if y <= floor:
         half_y = 0.0
@@ -105,7 +104,7 @@ def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> Non
 
 
 def _name(axes: Axes, at: Mapping[str, tuple[float, float]], levels: Mapping[str, str], front: Sequence[str]) -> None:
-    """Write the settings beside their points: the front's to the left, where nothing is, all others to the right."""
+    """Write the settings beside their points: those of the front to the left, all others to the right."""
     figure = axes.get_figure(root=True)
     if figure is None:  # axes without a figure have nowhere to be drawn
         return

@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray
 from analysis.shadow.fem.parameters import ActuatorParameters
-from analysis.shadow.fem.solver import Solution, Solver
+from analysis.shadow.fem.solver import Solver
 from analysis.shadow.model.full import FullModel, actuator_problem
 from analysis.shadow.model.reduced import ReducedModel, TableSettings
 from analysis.shadow.model.table import CRITICAL_SHARE, build_table
@@ -19,9 +19,9 @@ from analysis.tradeoff.references import load
 
 Elements = tuple[int, int, int]
 READING_MM = 0.5 / 12**0.5
-"""Standard uncertainty of an elongation that is read on the scale, as METHODS.md of the analysis has it."""
+"""Standard uncertainty of an elongation read on the scale (METHODS.md of the analysis)."""
 TRACKED_MM = 3.8e-3
-"""0.1 % of the greatest way of a tracked point: what the reduced model promises."""
+"""0.1 % of the greatest displacement of a tracked point, the reduced model's guarantee."""
 MESHES: tuple[Elements, ...] = (
     (4, 1, 2), (6, 1, 3), (6, 2, 3), (8, 2, 4), (10, 2, 5), (12, 2, 5), (12, 3, 6), (16, 4, 8),
 )  # fmt: skip
@@ -48,20 +48,20 @@ def actuator_on(mesh: Elements) -> ActuatorParameters:
 
 
 def mesh_settings(quick: bool) -> list[Setting]:
-    """One call walks from rest to both ends of the pressure range in steps of 10 kPa, each from the one before.
+    """Return meshes; a call solves from rest to both ends of the pressure range in steps of 10 kPa.
 
-    The error is that of the elongation, root mean square over the states that the fit does not hold. A mesh that loses
-    its stability so early that the shadow's table does not hold the whole range has no answer at its lower end.
+    The error is that of the elongation, root mean square over the states that the fit does not use. A mesh that loses
+    its stability so early that the shadow's table does not cover the whole range has no result at its lower end.
     """
     truth = load("calculix")
     pressures, elongations = np.array(truth["pressures_kpa"]), np.array(truth["elongations_mm"])
     free = ~np.isin(pressures, (pressures.min(), pressures.max()))
 
     def setting(name: str, mesh: Elements, points_a_side: int = 2) -> Setting:
-        holds = CRITICAL_SHARE * _critical_kpa(mesh) <= pressures.min()
+        covers = CRITICAL_SHARE * _critical_kpa(mesh) <= pressures.min()
 
         def error(found: FloatArray) -> float:
-            return float(np.sqrt(np.mean((found - elongations)[free] ** 2))) if holds else float("inf")
+            return float(np.sqrt(np.mean((found - elongations)[free] ** 2))) if covers else float("inf")
 
         return Setting(name, _walk(mesh, pressures, points_a_side), error, work=len(pressures))
 
@@ -95,32 +95,27 @@ def _walk(mesh: Elements, pressures: FloatArray, points_a_side: int) -> Callable
     return call
 
 
-class Held:
-    """Full solutions, the plate held, at states of the table's rectangle that no table is made from."""
+@cache
+def held_out(count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return full solutions with prescribed elongation at states of the rectangle that no table is built from.
 
-    def __init__(self, count: int) -> None:
-        self.count = count
-
-    @cache  # noqa: B019 - one instance a run of the method
-    def truth(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return pressures, elongations (n,) and tracked points (n, 7, 2)."""
-        table, model = _table(5, 2), FullModel()
-        rng = np.random.default_rng(20260101)
-        p = np.sort(_between(rng, table.pressure_range_kpa, self.count))
-        x = _between(rng, table.elongation_range_mm, self.count)
-        tracked, state = [], None
-        for pressure, elongation in zip(p, x, strict=True):
-            state = _held(model, float(pressure), float(elongation), state)
-            tracked.append(model.tracked(state))
-        return p, x, np.array(tracked)
+    Returns
+    -------
+    pressures and elongations (n,), tracked points (n, 7, 2).
+    """
+    table, model = _table(5, 2), FullModel()
+    rng = np.random.default_rng(20260101)
+    p = np.sort(_between(rng, table.pressure_range_kpa, count))
+    x = _between(rng, table.elongation_range_mm, count)
+    tracked, state = [], None
+    for pressure, elongation in zip(p, x, strict=True):
+        state = model.solver.solve(pressure_kpa=float(pressure), elongation_mm=float(elongation), start=state)
+        tracked.append(model.tracked(state))
+    return p, x, np.array(tracked)
 
 
 def _between(rng: np.random.Generator, ends: FloatArray, count: int) -> FloatArray:
     return rng.uniform(float(ends[0]), float(ends[1]), count)
-
-
-def _held(model: FullModel, pressure: float, elongation: float, start: Solution | None) -> Solution:
-    return model.solver.solve(pressure_kpa=pressure, elongation_mm=elongation, start=start)
 
 
 @cache
@@ -129,14 +124,14 @@ def _table(side: int, held_out: int) -> ReducedModel:
 
 
 def basis_settings(quick: bool) -> list[Setting]:
-    """One call is a batch of states; the error is the greatest of a tracked point."""
-    held = Held(QUICK_HELD_OUT if quick else 64)
+    """Return tables; a call is a batch of states, the error the greatest of a tracked point."""
+    count = QUICK_HELD_OUT if quick else 64
     settings = []
     for side in (5, 7) if quick else (3, 5, 7, 9):
         for modes in (1, 2, 4, 8) if quick else (1, 2, 3, 4, 6, 8):
             made = cache(partial(_truncated, side, modes))
             name = _basis_name(side, modes)
-            settings.append(Setting(name, _batch(made), partial(_farthest, made, held), work=STATES))
+            settings.append(Setting(name, _batch(made), partial(_farthest, made, count), work=STATES))
     return settings
 
 
@@ -157,8 +152,8 @@ def _batch(made: Callable[[], ReducedModel]) -> Callable[[int], ReducedModel]:
     return call
 
 
-def _farthest(made: Callable[[], ReducedModel], held: Held, _: ReducedModel) -> float:
-    p, x, truth = held.truth()
+def _farthest(made: Callable[[], ReducedModel], count: int, _: ReducedModel) -> float:
+    p, x, truth = held_out(count)
     return float(np.linalg.norm(made().tracked(p, x) - truth, axis=2).max())
 
 
@@ -174,7 +169,7 @@ MESH = Method(
 )  # fmt: skip
 BASIS = Method(
     "reduced-fem", "Reduced model: grid and shapes",
-    "full solutions, the plate held, at random states that no table is made from", True,
-    "the replay's promise of 0.1 % of the full model's tracked points", TRACKED_MM, "mm", "a state",
+    "full solutions with prescribed elongation, at random states that no table is built from", True,
+    "the replay, which guarantees 0.1 % of the full model's tracked points", TRACKED_MM, "mm", "a state",
     lambda level: _basis_name(level.table[0], level.table[2]), basis_settings,
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The inverse, the segmentation and the bootstrap, each on made data whose truth is known."""
+"""The inverse, the segmentation and the bootstrap, each on simulated data whose truth is known."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.special import gammaln
 
+from analysis import published
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import Calibration, fit_calibration
 from analysis.calibration.inverse import NODES, Inverse
 from analysis.data.recording import Recording
-from analysis.published import SENSORS
+from analysis.published import RANGE_MM, SENSORS
 from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.plateaus import Plateau, find_plateaus
 from analysis.statistics import bootstrap_interval, resampling_weights
 from analysis.tradeoff.measure import Method, Setting
 
-CUBIC = Polynomial(SENSORS[0].coefficients)
-NOISE_MV, RANGE_MM = 1.49, (-2.70, 3.80)
-"""The paper's first sensor."""
+CUBIC, NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
 ROUND_TRIP_MM = 1e-10
-"""What mV -> mm promises: replay and export give back what was measured."""
+"""Guaranteed for mV -> mm, so that replay and export return what was measured."""
 NEWTON = "Newton"
 CYCLES = 8
 SIGNALS = 20_000
@@ -37,7 +36,7 @@ def _calibration(degree: int) -> Calibration:
 
 
 def inverse_settings(quick: bool) -> list[Setting]:
-    """Newton, the cubic's closed form, tables and companion matrices, for signals whose x is known.
+    """Return Newton, the cubic's closed form, tables and companion matrices, for signals whose x is known.
 
     One call inverts a cubic and a quintic, since calibrations of either degree are fitted; the error is the greatest.
     """
@@ -106,7 +105,7 @@ def _roots(fit: Calibration, y: FloatArray) -> FloatArray:
 
 
 def segmentation_settings(quick: bool) -> list[Setting]:
-    """Every sample or every k-th of a staircase of 5 cycles: the plateaus' means against the noise-free truth."""
+    """Return every sample, or every k-th, of a staircase of 5 cycles: plateau means against the noise-free truth."""
     levels, pressure = _staircase()
     x = np.interp(pressure, (-40.0, 50.0), RANGE_MM)
     rng = np.random.default_rng(2)
@@ -146,7 +145,7 @@ def _staircase() -> tuple[FloatArray, FloatArray]:
 
 
 def bootstrap_settings(quick: bool) -> list[Setting]:
-    """Resamples: the interval of a mean over cycles against that of all possible resamples, each with its weight."""
+    """Return numbers of resamples: the interval of a mean over cycles against that of all possible resamples."""
     values = np.random.default_rng(6).standard_normal(CYCLES)
     estimate = float(values.mean())
 
@@ -172,14 +171,14 @@ def bootstrap_settings(quick: bool) -> list[Setting]:
 
 
 def exact_interval(values: FloatArray) -> tuple[float, float]:
-    """Return `bootstrap_interval` of the mean over all multisets of the n values, weighted by how often each comes."""
+    """Return `bootstrap_interval` of the mean over all multisets of the n values, weighted by its probability."""
     n = values.size
     counts = np.array(list(_compositions(n, n)))
     weights = np.exp(gammaln(n + 1) - gammaln(counts + 1.0).sum(axis=1) - n * np.log(n))
     means = counts @ values / n
     order = np.argsort(means)
     low, high = np.interp([0.025, 0.975], np.cumsum(weights[order]) - 0.5 * weights[order], means[order])
-    # the widening of the interval is a function of both ends alone: let it see just these
+    # the widening of the interval is a function of both ends alone
     return bootstrap_interval(float(values.mean()), np.repeat([low, high], 100), n)
 
 
@@ -199,7 +198,7 @@ def _resamples(count: int) -> str:
 INVERSE = Method(
     "inverse", "Inverse: mV to mm",
     "the x that the signals of a cubic and a quintic were made from, in extended precision", True,
-    "replay and export, to which a round trip to 1e-10 mm is promised", ROUND_TRIP_MM, "mm", "a value",
+    "replay and export, which guarantee a round trip to 1e-10 mm", ROUND_TRIP_MM, "mm", "a value",
     lambda level: NEWTON, inverse_settings,
 )  # fmt: skip
 SEGMENTATION = Method(
@@ -209,6 +208,6 @@ SEGMENTATION = Method(
 )  # fmt: skip
 BOOTSTRAP = Method(
     "bootstrap", "Bootstrap: resamples", "all 6,435 possible resamples of 8 cycles, each with its probability", True,
-    "who reads the width of the interval, printed with two digits: 5 %", 5.0, "% of the width", "an interval",
+    "the reader of the interval's width, printed with two digits: 5 %", 5.0, "% of the width", "an interval",
     lambda level: _resamples(level.resamples), bootstrap_settings,
 )  # fmt: skip

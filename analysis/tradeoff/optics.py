@@ -1,9 +1,8 @@
 """The ray tracer and the ranking of designs: rays and secondaries against counts by a second tracer.
 
-The paper's budget of 100 secondaries is for 250 rays. A finer fan with the same 100 is another model, so the rays
-grow with a budget in proportion; what a smaller budget leaves out is measured by settings of its own. Each repeat turns
-the fan by another phase: an independent sample. The scene is the reference's own, so that a change of the default
-curves does not part the two.
+The paper's budget of 100 secondaries is for 250 rays. A finer fan with the same 100 is another model, so the budget is
+in proportion to the rays; settings of their own measure the effect of a smaller budget. Each repeat turns the fan by
+another phase: an independent sample. The scene is that of the reference, independent of the default curves.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ MOST_FOR_ALL_STATES = 100_000
 
 @cache
 def _frames() -> tuple[SceneFrame, ...]:
-    """The 15 states, built once: a sweep does so too."""
+    """Return the 15 states, built once, as in a sweep."""
     return tuple(frames_of(np.array(load("tracer")["curves_mm"]), Waveguide()))
 
 
@@ -78,7 +77,7 @@ def _rays(count: int) -> str:
 
 
 def ranking_settings(quick: bool) -> list[Setting]:
-    """Rays against the rank correlation of P with the second tracer's; one call sweeps a part of the paper's grid."""
+    """Return numbers of rays: rank correlation of P with the second tracer's; a call sweeps a part of the grid."""
     table = load("tracer")
     part = slice(None, None, 2 if quick else 1)
     truth = merit(np.array(table["ranking_ndr"])[part], resolution(table["ranking_rays"])).p
@@ -104,7 +103,7 @@ def _p(patterns: FloatArray, light: Light) -> FloatArray:
 TRACER = Method(
     "tracer", "Ray tracer",
     "a second tracer that tries every segment of the outline (1,000,000 rays, secondaries in proportion)", True,
-    "who holds a count beside the paper's, of 250 rays: 95 % of its counting statistics, 1.96 sqrt(250 p (1 - p))",
+    "the counting error of the paper's 250 rays: 95 % of its statistics, 1.96 sqrt(250 p (1 - p))",
     counting_limit(), "rays of 250", "a simulation", lambda level: _rays(level.rays), tracer_settings,
 )  # fmt: skip
 RANKING = Method(

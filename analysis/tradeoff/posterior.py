@@ -1,7 +1,7 @@
 """The posterior: walkers and steps, and the closed form, where elongations are read on a grid.
 
-The sampler's own flag is part of its answer: a run that says "not converged" gives no number, however near the truth
-it may happen to be, and its error is infinite.
+The sampler's own warning is part of its result: a run that has not converged has no number, however near the truth it
+may happen to be, and its error is infinite.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from analysis import published
 from analysis.arrays import FloatArray
 from analysis.calibration.fit import fit_calibration
 from analysis.calibration.posterior import MAX_STEPS, WALKERS, sample_posterior
@@ -20,9 +21,7 @@ from analysis.published import SENSORS
 from analysis.tradeoff.measure import Method, Setting
 from analysis.tradeoff.references import load
 
-CUBIC = Polynomial(SENSORS[0].coefficients)
-NOISE_MV, RANGE_MM = 1.49, (-2.70, 3.80)
-"""The paper's first sensor."""
+CUBIC, NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
 GRID_MM = 0.5
 READING_MM = GRID_MM / 12**0.5
 RANGE_OF_READINGS_MM = (-2.5, 3.5)
@@ -53,7 +52,7 @@ def _read(x: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
 
 
 def posterior_settings(quick: bool) -> list[Setting]:
-    """The closed form, and walkers and steps. One call is two posteriors, of a usual run and of one with few readings.
+    """Return the closed form, then walkers and steps. One call is two posteriors: a usual run, and few readings.
 
     The error is that of the width of the usual run's band, root mean square over its range.
     """
@@ -91,7 +90,7 @@ def _sampler(walkers: int, steps: int) -> Callable[[int], FloatArray | None]:
 
 
 def _closed_form(_: int) -> FloatArray:
-    """Student's t of the least-squares fit."""
+    """Return the covariance of Student's t of the least-squares fit."""
     fit = fit_calibration(*readings())
     return np.asarray(fit.covariance * fit.dof / (fit.dof - 2))
 
@@ -107,6 +106,6 @@ def _at(level: Fidelity) -> str:
 POSTERIOR = Method(
     "posterior", "Posterior: walkers and steps",
     "importance sampling of a likelihood that quadrature integrates over the reading error", True,
-    "who reads the width of the band, printed with two digits: 5 %", 5.0, "% of the width", "a posterior", _at,
+    "the reader of the band's width, printed with two digits: 5 %", 5.0, "% of the width", "a posterior", _at,
     posterior_settings,
 )  # fmt: skip

@@ -68,7 +68,7 @@ def solve(
         "tip_force_mn": solution.tip_force_mn,
         "critical_pressure_kpa": limit.pressure_kpa,
     }
-    result["notes"] = notes = [*full.reservations, *_instability(result["lowest_eigenvalue"])]
+    result["notes"] = notes = [*(warning.text for warning in full.warnings), *_instability(result["lowest_eigenvalue"])]
     for note in notes:
         notify(note)
     if plot is not None:
@@ -106,7 +106,7 @@ def _solved(
 
     if model == "full":
         full = chosen_model(parameters, mesh, level)
-        full.refuse_beyond_limits(pressure, elongation)  # finds the limits, once for all states: not timed
+        full.check_limits(pressure, elongation)  # finds the limits, once for all states: not timed
         begun = time.perf_counter()
         return full, full.solve(pressure_kpa=pressure, elongation_mm=elongation), "full", time.perf_counter() - begun
     shadow = chosen_shadow(parameters, level)

@@ -7,6 +7,7 @@ have found to be new (stored in FOLDER). A finding ends its process; the input s
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,10 +17,10 @@ import platformdirs
 FOLDER = Path(os.environ.get("BOAT_FUZZ") or platformdirs.user_cache_path("boat-daq", appauthor=False) / "fuzz")
 INPUT_MAX = {"recording": 150_000, "sweep": 40_000, "mesh": 60_000, "shadow table": 20_000}
 COMPILED = [  # numba cannot compile what is instrumented
-    "analysis.segmentation.cycles", "analysis.calibration.inverse",
-    *(f"analysis.optics.{name}" for name in ("compiled", "geometry", "simulation", "tracer")),
-    *(f"analysis.shadow.{name}" for name in ("harmonics", "element", "shadow", "pressure", "band", "material")),
-]  # fmt: skip
+    ".".join(file.with_suffix("").parts)
+    for file in sorted(Path("analysis").rglob("*.py"))
+    if re.search(r"^@(compiled|inner)", file.read_text(encoding="utf-8"), re.MULTILINE)
+]
 SECONDS_FOR_ONE_INPUT = 20
 
 

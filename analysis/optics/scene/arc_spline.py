@@ -1,8 +1,8 @@
 """A smooth curve through points, made of circular arcs: its offsets are arcs again, exactly.
 
-Rules: an arc is held as start point, unit tangent, curvature and length; a straight line is an arc of curvature 0, so
-nothing is a special case. Joints share one point and one tangent, bit for bit. Positions along a curve are
-measured by arc length s, offsets u to the left of the way are positive.
+Rules: an arc is its start point, unit tangent, curvature and length; a straight line is an arc of curvature 0, not a
+special case. Joints share one point and one tangent, bit for bit. Positions along a curve are measured by arc length s;
+offsets u to the left of its direction are positive.
 """
 
 from __future__ import annotations
@@ -31,13 +31,11 @@ class ArcSpline:
 
     @property
     def length(self) -> float:
-        """Arc length of the whole curve, mm."""
+        """Return the arc length of the whole curve, mm."""
         return float(self.nodes[-1, 4])
 
     def frame(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Points (n, 2) in mm and unit tangents (n, 2) at arc lengths `s` (n,), mm; beyond the ends the last arc goes
-        on.
-        """
+        """Return points (n, 2) in mm and unit tangents (n, 2) at arc lengths `s` (n,); the end arcs are extended."""
         s = np.asarray(s, dtype=float)
         i = np.clip(np.searchsorted(self.nodes[:, 4], s, side="right") - 1, 0, len(self.curvature) - 1)
         step = s - self.nodes[i, 4]
@@ -51,12 +49,12 @@ class ArcSpline:
         return point, turned
 
     def offset(self, s: FloatArray, u: float) -> FloatArray:
-        """Points (n, 2) at arc lengths `s`, `u` mm to the left of the curve."""
+        """Return points (n, 2) at arc lengths `s`, `u` mm to the left of the curve."""
         point, tangent = self.frame(s)
         return point + u * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
 
     def reversed(self) -> ArcSpline:
-        """Return the same curve run the other way."""
+        """Return the same curve in the opposite direction."""
         nodes = self.nodes[::-1].copy()
         nodes[:, 2:4] *= -1
         nodes[:, 4] = self.length - nodes[:, 4]
@@ -64,17 +62,16 @@ class ArcSpline:
 
 
 def smooth(points: FloatArray, knots: int = 10) -> tuple[FloatArray, FloatArray]:
-    """Points and unit tangents of the cubic spline through `points`, at `knots` even steps or at the points if they
-    are more.
+    """Return points and unit tangents of the cubic spline through `points`, at `knots` even steps or at the points.
 
     Parameters
     ----------
     points : (n, 2) in mm, n >= 4, no two neighbours equal.
-    knots : how many to return at the least.
+    knots : least number to return.
 
     Returns
     -------
-    knot points (k, 2) in mm and unit tangents (k, 2).
+    points (k, 2) in mm and unit tangents (k, 2).
 
     Raises
     ------
@@ -83,15 +80,15 @@ def smooth(points: FloatArray, knots: int = 10) -> tuple[FloatArray, FloatArray]
     chord = np.hypot(*np.diff(points, axis=0).T)
     if not np.all(chord > 1e-9 * chord.sum()):
         raise DataError("two neighbouring points of a guide coincide", "remove the repeated point from the curve file")
-    way = np.concatenate([[0.0], np.cumsum(chord)])
-    spline = CubicSpline(way, points)
-    at = way if len(points) >= knots else np.linspace(0.0, way[-1], knots)
+    length = np.concatenate([[0.0], np.cumsum(chord)])
+    spline = CubicSpline(length, points)
+    at = length if len(points) >= knots else np.linspace(0.0, length[-1], knots)
     velocity = spline(at, 1)
     return spline(at), velocity / np.hypot(velocity[:, 0], velocity[:, 1])[:, None]
 
 
 def biarcs(points: FloatArray, tangents: FloatArray) -> ArcSpline:
-    """Join points with given tangents by biarcs: two arcs a span with equal control lengths.
+    """Join points (n, 2) with given unit tangents (n, 2) by biarcs: two arcs a span with equal control lengths.
 
     With v the chord and T0, T1 the tangents, the control length d solves |v - d (T0 + T1)| = 2 d; the joint lies midway
     between the control points and its tangent along them.
@@ -135,16 +132,17 @@ def _from_joints(xy: FloatArray, tangent: FloatArray) -> ArcSpline:
 
 
 def straight(start: tuple[float, float], end: tuple[float, float]) -> ArcSpline:
-    """A straight line as an arc spline of one arc, mm."""
+    """Return a straight line as an arc spline of one arc, mm."""
     xy = np.array([start, end], dtype=float)
-    way = xy[1] - xy[0]
-    tangent = way / np.hypot(*way)
-    nodes = np.column_stack([xy, [tangent, tangent], [0.0, np.hypot(*way)]])
+    span = xy[1] - xy[0]
+    length = np.hypot(*span)
+    tangent = span / length
+    nodes = np.column_stack([xy, [tangent, tangent], [0.0, length]])
     return ArcSpline(nodes, np.zeros(1))
 
 
 def ring(radius_mm: float, angle_rad: float, arcs: int = 2) -> ArcSpline:
-    """A ring's sector about the origin from the positive x axis to the left, exact, in `arcs` equal arcs."""
+    """Return a sector of a ring about the origin, from the positive x axis to the left, in `arcs` equal arcs."""
     at = np.linspace(0.0, angle_rad, arcs + 1)
     nodes = np.column_stack([radius_mm * np.cos(at), radius_mm * np.sin(at), -np.sin(at), np.cos(at), radius_mm * at])
     return ArcSpline(nodes, np.full(arcs, 1.0 / radius_mm))

@@ -1,16 +1,15 @@
 """Deformation curves from CSV: x and z in mm, 7 points or more a guide, two guides a state, 1 or 15 states.
 
-Accepted, in this order of preference (README of the format: METHODS.md, "Curve files"):
+Accepted, in this order of preference (METHODS.md, "Curve files"):
 
 1. **Named columns**: `x` and `z` (or x_mm, z_mm), with a column for the guide (guide, waveguide, curve, side; any two
-labels) and
-   one for the state (state, frame, step, elongation_mm, pressure_kpa; any 15 numbers, sorted upwards: compressed
-   first).
+   labels) and one for the state (state, frame, step, elongation_mm, pressure_kpa; any 15 numbers, sorted upwards:
+   compressed first).
 2. **Side by side**: x1, z1, x2, z2 (also x1_mm, ...), with or without a state column.
-3. **Plain**: two columns x, z, with or without a header. Guides follow one another, separated by a blank line or seen
-by the
-   jump from the end of one to the start of the next; 2 runs are one state, 30 runs are 15 states, the two guides of a
-   state together. One run alone is one guide, and the other is its mirror image in the line through its ends.
+3. **Plain**: two columns x, z, with or without a header. Guides follow one another, separated by a blank line or
+   recognised by the jump from the end of one to the start of the next; 2 runs are one state, 30 runs are 15 states, the
+   two guides of a state together. A single run is one guide, and the other is its mirror image in the line through its
+   ends.
 4. **A folder** of 15 such files with one state each, in the order of their names.
 
 Separators: comma, semicolon, tab or spaces; decimal commas where the separator is not a comma; `#` begins a comment.
@@ -35,8 +34,6 @@ _JUMP = 3.0
 _MAX_BYTES = 64 << 20  # 15 states of two guides with a thousand points take 2 MB
 _MIRROR_FLAT = 1e-6
 
-Row = list[str]
-
 
 def read_curves(path: Path) -> FloatArray:
     """Read the curves of 1 or 15 states.
@@ -47,11 +44,11 @@ def read_curves(path: Path) -> FloatArray:
 
     Returns
     -------
-    [states][2][points][2] in mm; guides with fewer points than the longest are refused, not padded.
+    (states, 2, points, 2) in mm; guides with fewer points than the longest are rejected, not padded.
 
     Raises
     ------
-    FileError : not found, empty, not numbers, too few points, or guides and states that cannot be told apart.
+    FileError : not found, empty, not numbers, too few points, or guides and states that cannot be separated.
     """
     if path.is_dir():
         files = sorted(path.glob("*.csv"), key=_natural)
@@ -97,11 +94,11 @@ def _states(path: Path) -> list[list[FloatArray]]:
     raise FileError(f"{path} has the columns {', '.join(head)}, but no x and z", _FORM)
 
 
-def _rows(path: Path) -> list[Row]:
-    """Cells of every line; an empty list for a blank line."""
+def _rows(path: Path) -> list[list[str]]:
+    """Return the cells of every line; an empty list for a blank line."""
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise FileError(f"{path} is larger than {_MAX_BYTES >> 20} MB", "name the right file")
+            raise FileError(f"{path} is larger than {_MAX_BYTES >> 20} MB", "choose the file with the curves")
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise FileError(f"there is no curve file {path}", "check its name and folder") from error
@@ -119,7 +116,7 @@ def _rows(path: Path) -> list[Row]:
     ]
 
 
-def _check_units(head: Row, path: Path) -> None:
+def _check_units(head: list[str], path: Path) -> None:
     other = [cell for cell in head if re.fullmatch(r"[xz][12]?[_ \[(]+(m|cm|um|µm|in|inch)[\])]?", cell)]
     if other:
         raise FileError(f"{path}: column '{other[0]}' is not in mm", "convert the curves to mm")
@@ -132,8 +129,8 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _table(rows: Sequence[Row], path: Path, width: int = 2) -> FloatArray:
-    """Numbers of all rows; a blank line becomes a row of NaN."""
+def _table(rows: Sequence[list[str]], path: Path, width: int = 2) -> FloatArray:
+    """Return the numbers of all rows; a blank line becomes a row of NaN."""
     out = []
     for line, row in enumerate(rows, start=1):
         values = [_number(cell) for cell in row]
@@ -145,7 +142,7 @@ def _table(rows: Sequence[Row], path: Path, width: int = 2) -> FloatArray:
     return np.array(out, dtype=float)
 
 
-def _named(head: Row, body: list[Row], path: Path) -> list[list[FloatArray]]:
+def _named(head: list[str], body: list[list[str]], path: Path) -> list[list[FloatArray]]:
     guide = next((head.index(name) for name in _GUIDE if name in head), None)
     state = next((head.index(name) for name in _STATE if name in head), None)
     wanted = [head.index("x"), head.index("z"), *([state] if state is not None else [])]
@@ -156,21 +153,10 @@ def _named(head: Row, body: list[Row], path: Path) -> list[list[FloatArray]]:
     labels = np.array([row[guide] if row and guide is not None else "" for row in body])
     if state is None and guide is None:
         return _plain(table, path)
-    groups = (
-        [table[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])]
-        if state is not None
-        else [table[kept]]
-    )
-    names = (
-        [labels[kept & (table[:, 2] == value)] for value in np.unique(table[kept, 2])]
-        if state is not None
-        else [labels[kept]]
-    )
+    states = [kept & (table[:, 2] == value) for value in np.unique(table[kept, 2])] if state is not None else [kept]
     if guide is None:
-        return [_pair(_runs(group[:, :2], path), path) for group in groups]
-    return [
-        [group[name == label][:, :2] for label in _two(name, path)] for group, name in zip(groups, names, strict=True)
-    ]
+        return [_pair(_runs(table[rows, :2], path), path) for rows in states]
+    return [[table[rows & (labels == label), :2] for label in _two(labels[rows], path)] for rows in states]
 
 
 def _two(labels: np.ndarray[tuple[int], np.dtype[np.str_]], path: Path) -> list[str]:
@@ -182,7 +168,7 @@ def _two(labels: np.ndarray[tuple[int], np.dtype[np.str_]], path: Path) -> list[
     return found
 
 
-def _side_by_side(head: Row, table: FloatArray, path: Path) -> list[list[FloatArray]]:
+def _side_by_side(head: list[str], table: FloatArray, path: Path) -> list[list[FloatArray]]:
     table = table[np.isfinite(table[:, 0])]
     columns = [[head.index(f"x{n}"), head.index(f"z{n}")] for n in (1, 2)]
     state = next((head.index(name) for name in _STATE if name in head), None)
@@ -217,7 +203,7 @@ def _pair(runs: list[FloatArray], path: Path) -> list[FloatArray]:
 
 
 def _runs(xz: FloatArray, path: Path) -> list[FloatArray]:
-    """Split points into guides: at blank lines, else where the way jumps, stands still or turns back."""
+    """Split points into guides: at blank lines, else where the points jump, repeat or turn back."""
     blank = ~np.isfinite(xz[:, 0])
     if np.any(blank[1:-1] & ~blank[2:]) and np.any(~blank):
         parts = np.split(xz, np.flatnonzero(blank))
@@ -239,12 +225,12 @@ def _runs(xz: FloatArray, path: Path) -> list[FloatArray]:
 
 
 def mirrored(guide: FloatArray, path: Path) -> FloatArray:
-    """The mirror image of a guide (n, 2) in the line through its two ends."""
-    way = guide[-1] - guide[0]
-    span = float(np.hypot(*way))
+    """Return the mirror image of a guide (n, 2) in the line through its two ends."""
+    chord = guide[-1] - guide[0]
+    span = float(np.hypot(*chord))
     if span == 0.0:
         raise FileError(f"{path}: the only guide ends where it begins", "give two guides, separated by a blank line")
-    normal = np.array([-way[1], way[0]]) / span
+    normal = np.array([-chord[1], chord[0]]) / span
     height = (guide - guide[0]) @ normal
     if np.max(np.abs(height)) < _MIRROR_FLAT * span:
         raise FileError(f"{path}: the only guide is straight, so that its mirror image is itself", "give both guides")

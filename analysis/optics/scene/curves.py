@@ -1,9 +1,9 @@
-"""The deformed centrelines: 15 states of two guides, from any source, through one door.
+"""The deformed centrelines: 15 states of two guides, from any source.
 
-`curves` is an array [states][2][points][2] in mm, state 0 the most compressed. The shadow, a file and the parametric
-set all give it; `frames_of` is the only way from there to a scene. Coordinates are (x, z), z along the actuator by
-habit; nothing depends on it, a scene may be moved and turned as one likes. The default are the shadow's fifteen states,
-read from `shadow_states.csv`, which `boat-daq shadow states --out FILE` writes; nothing of the shadow is imported here.
+`curves` is an array (states, 2, points, 2) in mm, state 0 the most compressed. The shadow, a file and the parametric
+set return it; `frames_of` makes scenes of it. Coordinates are (x, z), z along the actuator by convention; a scene may
+be moved and turned. The default are the shadow's fifteen states, read from `shadow_states.csv`, which `boat-daq shadow
+states --out FILE` writes; nothing of the shadow is imported here.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ POINTS = 7
 LENGTH_MM = 75.0
 """Six unit cells of 12.5 mm (paper)."""
 COMPRESSION_MM, ELONGATION_MM = -2.70, 3.80
-"""Elongation at -40 and +50 kPa (definitions: derived from the paper's figures)."""
+"""Elongation at -40 and +50 kPa, derived from the paper's figures."""
 BOW_MM = 12.5
 """Assumed in the parametric set: at rest the middle of a guide is one unit cell off the axis."""
 BOW_PER_ELONGATION = 0.925
@@ -35,28 +35,28 @@ compression, more bent in elongation): 10.0 mm at the most compressed state, 16.
 
 @cache
 def _shadow_states() -> FloatArray:
-    """Rows of the packaged file: state, guide, point, x, z, pressure, elongation."""
+    """Return the rows of the packaged file: state, guide, point, x, z, pressure, elongation."""
     path = Path(__file__).with_name("shadow_states.csv")
     return np.loadtxt(path, delimiter=",", comments=("#", "state"), encoding="utf-8")
 
 
 def default_curves() -> FloatArray:
-    """The shadow's fifteen states of the paper's actuator, [15][2][7][2] mm."""
+    """Return the shadow's fifteen states of the paper's actuator, (15, 2, 7, 2), mm."""
     return _shadow_states()[:, 3:5].reshape(STATES, 2, -1, 2).copy()
 
 
 def elongations() -> FloatArray:
-    """Elongation of the fifteen default states, mm: even steps of pressure from -40 to 0 and from 0 to +50 kPa."""
+    """Return the elongations of the default states, mm: even steps of pressure from -40 to 0 and from 0 to +50 kPa."""
     return _shadow_states()[:, 6].reshape(STATES, -1)[:, 0].copy()
 
 
 def parametric_elongations() -> FloatArray:
-    """Elongation of the parametric states, mm: 7 even steps of compression, rest, 7 of elongation."""
+    """Return the elongations of the parametric states, mm: 7 even steps of compression, rest, 7 of elongation."""
     return np.concatenate([np.linspace(COMPRESSION_MM, 0.0, REST + 1), np.linspace(0.0, ELONGATION_MM, REST + 1)[1:]])
 
 
 def parametric_curves(states: FloatArray | None = None) -> FloatArray:
-    """Two guides bowed like a boat's sides: half a sine over the actuator's length, points even along it.
+    """Return two guides bowed like a boat's sides: half a sine over the actuator's length, points even along it.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def parametric_curves(states: FloatArray | None = None) -> FloatArray:
 
     Returns
     -------
-    [states][2][7][2], mm: x = +-bow sin(pi z / length).
+    (states, 2, 7, 2), mm: x = +-bow sin(pi z / length).
     """
     e = parametric_elongations() if states is None else np.asarray(states, dtype=float)
     part = np.linspace(0.0, 1.0, POINTS)
@@ -75,7 +75,7 @@ def parametric_curves(states: FloatArray | None = None) -> FloatArray:
 
 
 def checked_curves(curves: FloatArray) -> FloatArray:
-    """Return `curves` as float64 [states][2][points][2] or say what is wrong with it.
+    """Return `curves` as float64 (states, 2, points, 2), checked.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def checked_curves(curves: FloatArray) -> FloatArray:
     curves = np.asarray(curves, dtype=np.float64)
     if curves.ndim != 4 or curves.shape[1] != 2 or curves.shape[3] != 2:
         raise DataError(
-            f"curves of shape {curves.shape} are not [states][2 guides][points][2 coordinates]",
+            f"curves of shape {curves.shape} are not (states, 2 guides, points, 2 coordinates)",
             "give x and z of two guides for each state",
         )
     if curves.shape[0] not in (1, STATES):
@@ -100,22 +100,31 @@ def checked_curves(curves: FloatArray) -> FloatArray:
         )
     extent = float(np.max(np.ptp(curves, axis=2)))
     if not 1.0 <= extent <= 10_000.0:
-        raise DataError(f"guides {extent:.3g} mm long are not an actuator's", "give the curves in mm")
+        raise DataError(f"guides {extent:.3g} mm long are not those of an actuator", "give the curves in mm")
     return curves
 
 
 def frames_of(curves: FloatArray, guide: Waveguide) -> list[SceneFrame]:
-    """One frame for each state.
+    """Return one frame for each state.
 
     Raises
     ------
-    DataError : a state's guides touch, cross, bend too tightly or do not make a pair; the cause names the state.
+    DataError : a state's guides touch, cross, bend too tightly or are not a pair; the cause names the state.
     """
     return [_frame(pair, guide, f"state {state}") for state, pair in enumerate(checked_curves(curves))]
 
 
 def frame_of(curves: FloatArray, state: int, guide: Waveguide) -> SceneFrame:
-    """The frame of one state."""
+    """Return the frame of one state.
+
+    Parameters
+    ----------
+    curves : (states, 2, points, 2), mm. state : its number. guide : thickness, stems, receiver.
+
+    Raises
+    ------
+    DataError : as `frames_of`.
+    """
     return _frame(checked_curves(curves)[state], guide, f"state {state}")
 
 
@@ -126,8 +135,8 @@ def _frame(pair: FloatArray, guide: Waveguide, name: str) -> SceneFrame:
     a, b = _joined(a, b, guide.thickness_mm / 2)
     left, right = (biarcs(*smooth(points, guide.knots)) for points in (a, b))
     middle_a, middle_b = (c.frame(np.array([c.length / 2]))[0][0] for c in (left, right))
-    way = a[-1] - a[0]
-    if way[0] * (middle_b - middle_a)[1] - way[1] * (middle_b - middle_a)[0] > 0:
+    along, across = a[-1] - a[0], middle_b - middle_a
+    if along[0] * across[1] - along[1] * across[0] > 0:
         left, right = right, left
     return two_guides(left, right, guide, name)
 
@@ -137,10 +146,10 @@ def _squares(*vectors: FloatArray) -> float:
 
 
 def _joined(a: FloatArray, b: FloatArray, reach: float) -> tuple[FloatArray, FloatArray]:
-    """Let both guides begin and end in a common junction.
+    """Extend both guides to a common junction at each end.
 
-    Ends closer than half a thickness are moved to their midpoint; ends further apart (a shadow's tracked points stop
-    where the lattice stops) get a junction half their gap further out, so that both guides run into it at 45 degrees.
+    Ends closer than half a thickness are moved to their midpoint; ends further apart (a shadow's tracked points end
+    with the lattice) get a junction half their gap further out, so that both guides enter it at 45 degrees.
     """
     for end, inner in ((0, 1), (-1, -2)):
         gap = float(np.hypot(*(a[end] - b[end])))

@@ -1,8 +1,8 @@
 """From the detected rays of 15 states to one figure: aNDR, Delta, n_sign, RMSE, P, with their uncertainty.
 
-Rules: all functions take arrays whose last axis is the states, from the most compressed to the most elongated, and work
-on any number of designs at once. P is given as the paper prints it and repaired; the two part only where the printed
-one has no value or stands on noise.
+Rules: all functions take arrays whose last axis is the states, from the most compressed to the most elongated, for any
+number of designs. P is computed as printed in the paper and repaired; the two differ only where the printed one is
+undefined or dominated by noise.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PARTING = (
 
 @dataclass(frozen=True, slots=True)
 class Merit:
-    """Figures of any number of designs, (n,) unless said otherwise.
+    """Figures of any number of designs, (n,) unless stated otherwise.
 
     Parameters
     ----------
@@ -53,16 +53,16 @@ class Merit:
 
     @property
     def p_normalised(self) -> FloatArray:
-        """P over its maximum, as in the paper's figure 3D."""
+        """Return P over its maximum, as in the paper's figure 3D."""
         return self.p / np.max(self.p)
 
 
 def cubic_projector(states: int) -> FloatArray:
-    """Matrix (states, states) from NDR to aNDR: least squares on orthonormal cubics in the state's number.
+    """Return the matrix (states, states) from NDR to aNDR: least squares on orthonormal cubics in the state's number.
 
     Raises
     ------
-    DataError : 4 states or fewer leave nothing to judge a cubic by.
+    DataError : 4 states or fewer leave no residuals of a cubic.
     """
     if states <= DEGREE + 1:
         raise DataError(f"{states} states are too few for a cubic and its residuals", "give the curves of 15 states")
@@ -71,16 +71,17 @@ def cubic_projector(states: int) -> FloatArray:
 
 
 def resolution(rays: int) -> float:
-    """RMSE that rounding to whole rays alone leaves: one ray's step, scaled to 250, over sqrt(12)."""
+    """Return the RMSE of rounding to whole rays alone: one ray's step, scaled to 250, over sqrt(12)."""
     return 250.0 / rays / math.sqrt(12.0)
 
 
 def merit(ndr: FloatArray, floor: float) -> Merit:
-    """Figures of merit of NDR (..., states), rays scaled to 250.
+    """Return the figures of merit of NDR.
 
     Parameters
     ----------
-    floor : smallest RMSE that is believed, from `resolution`.
+    ndr : (..., states), rays scaled to 250.
+    floor : smallest significant RMSE, from `resolution`.
 
     Notes
     -----
@@ -106,12 +107,12 @@ def merit(ndr: FloatArray, floor: float) -> Merit:
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """What a finite number of rays leaves open.
+    """What a finite number of rays leaves uncertain.
 
     Parameters
     ----------
     p_ci : (n, 2) 95 % interval of each design's P.
-    tied : (n,) whether a design cannot be told from the best.
+    tied : (n,) whether a design equals the best within noise.
     """
 
     p_ci: FloatArray
@@ -119,7 +120,7 @@ class Uncertainty:
 
 
 def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = DRAWS, seed: int = 0) -> Uncertainty:
-    """Draw NDR anew about its value with its standard deviation, and see what becomes of P.
+    """Return the uncertainty of P from draws of NDR about its value with its standard deviation.
 
     Parameters
     ----------
@@ -129,7 +130,7 @@ def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = D
 
     Notes
     -----
-    The interval is the central 95 % of the draws, widened to hold P itself: scatter can only add rises, so that the
+    The interval is the central 95 % of the draws, widened to contain P itself: scatter can only add rises, so that the
     draws lie below the P of a design that owes its rank to luck. A design is tied with the best if it is at least as
     good in 2.5 % of the draws. Both take the states as independent.
     """
@@ -145,7 +146,12 @@ def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = D
 
 
 def pareto(delta: FloatArray, rmse: FloatArray, n_sign: FloatArray) -> FloatArray:
-    """(n,) True where no other design is as good in Delta, RMSE and n_sign and better in one of them."""
+    """Return (n,) where no other design is as good in Delta, RMSE and n_sign and better in one of them.
+
+    Parameters
+    ----------
+    delta, rmse, n_sign : (n,) of `Merit`.
+    """
     cost = np.stack([-delta, rmse, n_sign], axis=1)
     no_worse = np.all(cost[None] <= cost[:, None], axis=2)
     better = np.any(cost[None] < cost[:, None], axis=2)

@@ -1,11 +1,11 @@
 """Beyond the grid: width, depth, spacing, count and face searched together, on detected power.
 
 Strategy: power converges where a count of rays does not, so the search uses power with practically every reflection
-followed. The grid is looked through with half of the rays; its best designs, looked at again, are the first population
-of scipy's differential evolution (count and face as integers), each generation's candidates running side by side. The
-search has settled when eight generations in a row have found nothing better by a hundredth. The best of the grid and
-the best that was searched are then judged alike with ten times the rays, and both winners again with the fan turned
-twice, so that luck at few rays is not reported as gain.
+followed. The grid is scanned with half of the rays; its best designs, evaluated again, are the first population of
+scipy's differential evolution (count and face as integers), each generation's candidates running side by side. The
+search has converged when eight generations in a row have improved by less than a hundredth. The best of the grid and
+of the search are then evaluated alike with ten times the rays, and both winners again with the fan turned twice, so
+that chance at few rays is not reported as gain.
 """
 
 from __future__ import annotations
@@ -36,29 +36,29 @@ FOLLOWED = 4
 """Budget of secondaries for each released ray: with this many practically none is refused."""
 FAINTEST = 1e-3
 FLOOR = float(resolution(PAPER_RAYS))
-"""RMSE below what the paper's 250 rays resolve wins nothing."""
+"""RMSE below what the paper's 250 rays resolve counts as this."""
 BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
 PATIENCE, BETTER = 8, 0.01
-"""Generations without a design better by that part, after which the search has settled."""
+"""Generations without a design better by that part, after which the search has converged."""
 PHASES = (-0.31, 0.27)
-"""Turns of the fan, in its own steps, at which the winners are judged again."""
-_CHECK, _GLANCE, _FINALISTS, _FEW = 10, 2, 6, 2
-_LOOK, _SEARCH = 0.45, 0.8
-"""Parts of the time after which the look through the grid and the search itself are cut short."""
+"""Turns of the fan, in its own steps, at which the winners are evaluated again."""
+_CHECK, _SCAN, _FINALISTS, _FEW = 10, 2, 6, 2
+_SCAN_PART, _SEARCH_PART = 0.45, 0.8
+"""Parts of the time after which the scan of the grid and the search are stopped."""
 
 Scored = tuple[float, Design]
 
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """What the search found.
+    """Result of the search.
 
     Parameters
     ----------
     start, best : the grid's best design and the one found; start_p, best_p, paper_p : P on power at `checked_rays`.
     start_power, power : (15,) detected power of both.
-    evaluations, seconds : what it took; rays, checked_rays : released in the search and in the last judgement.
-    finished : False if the time ran out before the search had settled.
+    evaluations, seconds : its cost; rays, checked_rays : released in the search and in the final evaluation.
+    finished : False if the time ran out before the search converged.
     start_range, best_range : least and greatest P of both over three turns of the fan.
     """
 
@@ -79,7 +79,7 @@ class Optimum:
 
     @property
     def gain(self) -> float:
-        """How many times the grid's best P the found one is."""
+        """Return the found P over the grid's best."""
         return self.best_p / self.start_p
 
 
@@ -93,21 +93,21 @@ class PowerMerit:
         self._free = min(f.free_mm for f in frames)
 
     def fits(self, design: Design) -> bool:
-        """Whether the design can be built in every state."""
+        """Return whether the design can be built in every state."""
         return design.row_mm < self._free and design.depth_mm < self.thickness_mm * (1 - 1e-6)
 
     def power(self, design: Design) -> FloatArray:
-        """Detected power over the states, emitted = 1."""
+        """Return the detected power over the states, emitted = 1."""
         _, energy, _ = run_item(self._common, pattern_of(design)[None])
         return np.asarray(energy[0, :, 0])
 
     def p(self, design: Design) -> float:
-        """P on power scaled to 250 rays; -inf for a design that cannot be built."""
+        """Return P on power scaled to 250 rays; -inf for a design that cannot be built."""
         return float(merit(PAPER_RAYS * self.power(design), FLOOR).p) if self.fits(design) else -np.inf
 
 
 def design_at(x: FloatArray) -> Design:
-    """The design at a point of the search space: count, width, depth, spacing (mm), face (0 outer, 1 inner)."""
+    """Return the design at a point of the search space: count, width, depth, spacing (mm), face (0 outer, 1 inner)."""
     face: Face = "inner" if round(float(x[4])) else "outer"
     return Design(round(float(x[0])), float(x[1]), float(x[2]), float(x[3]), face)
 
@@ -131,9 +131,9 @@ def optimise(
     Parameters
     ----------
     guide, curves : the guide and the states.
-    rays : released in each evaluation; ten times as many judge the result.
-    seconds : the search stops about then, settled or not; it is repeatable if it settles.
-    first_face : face of the grid that the search starts from.
+    rays : released in each evaluation, ten times as many in the final one.
+    seconds : time after which the search stops; it is repeatable if it converges before.
+    first_face : face of the grid from which the search starts. seed : of its random numbers.
     progress : called with (seconds gone, seconds allowed); raising from it cancels.
 
     Raises
@@ -141,21 +141,21 @@ def optimise(
     RequestError : no design of the grid can be built in these states, or no time is allowed.
     """
     if not 0 < seconds < np.inf:
-        raise RequestError(f"a search of {seconds:g} s", "allow some seconds, 50 are enough")
+        raise RequestError(f"a search of {seconds:g} s", "allow more than 0 s, 50 s are enough")
     began = time.perf_counter()
     frames = frames_of(curves, guide)
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
         search = _Search(frames, guide, rays, pool, _watch(began, seconds, progress))
-        ranked = search.through_grid(first_face, seed)
-        found = search.beyond([design for _, design in ranked[:POPULATION]], seed)
-        return _judged(search, ranked, found, began)
+        ranked = search.scan_grid(first_face, seed)
+        found = search.evolve([design for _, design in ranked[:POPULATION]], seed)
+        return _evaluated(search, ranked, found, began)
     finally:
         pool.shutdown(cancel_futures=True)
 
 
 def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[[float], bool]:
-    """A clock that reports progress and says whether a part of the time has gone."""
+    """Return a clock that reports progress and returns whether a part of the time has passed."""
 
     def late(part: float) -> bool:
         gone = time.perf_counter() - began
@@ -167,7 +167,7 @@ def _watch(began: float, allowed: float, progress: Progress | None) -> Callable[
 
 
 class _Search:
-    """What the two stages share: frames, rays, threads, the clock, and the designs that were seen."""
+    """What the two stages share: frames, rays, threads, the clock, and the designs evaluated."""
 
     def __init__(
         self,
@@ -178,37 +178,37 @@ class _Search:
         late: Callable[[float], bool],
     ) -> None:
         self.frames, self.guide, self.rays, self.pool, self.late = frames, guide, rays, pool, late
-        self.judge = PowerMerit(frames, guide, rays)
+        self.merit = PowerMerit(frames, guide, rays)
         self.seen: dict[Design, float] = {}
         self.evaluations, self.finished = 0, False
 
-    def scored(self, judge: PowerMerit, designs: Sequence[Design]) -> list[Scored]:
-        """P and design of some designs, side by side."""
+    def scored(self, merit_of: PowerMerit, designs: Sequence[Design]) -> list[Scored]:
+        """Return P and design of some designs, evaluated side by side."""
         self.evaluations += len(designs)
-        return list(zip(self.pool.map(judge.p, designs), designs, strict=True))
+        return list(zip(self.pool.map(merit_of.p, designs), designs, strict=True))
 
-    def through_grid(self, face: Face, seed: int) -> list[Scored]:
-        """The grid's likeliest designs, best first; in random order, as time may end the look."""
-        every = [design for design in paper_grid(face=face) if self.judge.fits(design)]
+    def scan_grid(self, face: Face, seed: int) -> list[Scored]:
+        """Return the grid's best designs, best first; it is scanned in random order, as time may end the scan."""
+        every = [design for design in paper_grid(face=face) if self.merit.fits(design)]
         if not every:
             raise RequestError("no design of the grid fits these states", "use longer or thicker guides")
         grid = [every[i] for i in np.random.default_rng(seed).permutation(len(every))]
-        glance = PowerMerit(self.frames, self.guide, max(self.rays // _GLANCE, 50))
+        coarse = PowerMerit(self.frames, self.guide, max(self.rays // _SCAN, 50))
         rough: list[Scored] = []
         for first in range(0, len(grid), 2 * POPULATION):
-            rough += self.scored(glance, grid[first : first + 2 * POPULATION])
-            if self.late(_LOOK):
+            rough += self.scored(coarse, grid[first : first + 2 * POPULATION])
+            if self.late(_SCAN_PART):
                 break
-        return _best(self.scored(self.judge, [design for _, design in _best(rough)[: 3 * POPULATION]]))
+        return _best(self.scored(self.merit, [design for _, design in _best(rough)[: 3 * POPULATION]]))
 
-    def beyond(self, first: Sequence[Design], seed: int) -> OptimizeResult:
-        """Differential evolution from some designs, until nothing better turns up or the time is over."""
+    def evolve(self, first: Sequence[Design], seed: int) -> OptimizeResult:
+        """Run differential evolution from some designs, until it converges or the time is over."""
         low, high = np.array(BOUNDS).T
-        high[2] = min(BOUNDS[2][1], 0.9 * self.judge.thickness_mm)
+        high[2] = min(BOUNDS[2][1], 0.9 * self.merit.thickness_mm)
         population = np.array([_point(design) for design in first])
         if len(population) < 5:
             population = np.concatenate([population, low + (high - low) * np.random.default_rng(seed).random((5, 5))])
-        best, waited = np.inf, 0
+        best, unimproved = np.inf, 0
 
         def spread(function: Callable[[Any], float], points: Iterable[Any]) -> list[float]:
             return list(self.pool.map(function, points))
@@ -216,16 +216,16 @@ class _Search:
         def loss(x: FloatArray) -> float:
             design = design_at(x)
             if design not in self.seen:
-                self.seen[design] = self.judge.p(design)
+                self.seen[design] = self.merit.p(design)
             return -self.seen[design]
 
-        def settled(intermediate_result: Any) -> Any:
-            nonlocal best, waited
+        def converged(intermediate_result: Any) -> Any:
+            nonlocal best, unimproved
             now = float(intermediate_result.fun)
-            waited = 0 if now < best - BETTER * abs(best) or not np.isfinite(best) else waited + 1
+            unimproved = 0 if now < best - BETTER * abs(best) or not np.isfinite(best) else unimproved + 1
             best = min(best, now)
-            self.finished = waited >= PATIENCE
-            return self.finished or self.late(_SEARCH)
+            self.finished = unimproved >= PATIENCE
+            return self.finished or self.late(_SEARCH_PART)
 
         found = differential_evolution(
             loss,
@@ -238,7 +238,7 @@ class _Search:
             polish=False,
             maxiter=1_000,
             tol=0.0,
-            callback=settled,
+            callback=converged,
         )
         self.evaluations += int(found.nfev)
         return found
@@ -248,16 +248,16 @@ def _best(scored: Sequence[Scored]) -> list[Scored]:
     return sorted(scored, key=lambda pair: -pair[0])
 
 
-def _judged(search: _Search, grid: Sequence[Scored], found: OptimizeResult, began: float) -> Optimum:
-    """The grid's and the search's best with ten times the rays, and again with the fan turned; few if it is late."""
+def _evaluated(search: _Search, grid: Sequence[Scored], found: OptimizeResult, began: float) -> Optimum:
+    """Return both winners with ten times the rays, and again with the fan turned; fewer finalists if it is late."""
     rays, most = _CHECK * search.rays, _FEW if search.late(1.0) else _FINALISTS
     grid = grid[:most]
-    careful = PowerMerit(search.frames, search.guide, rays)
+    final = PowerMerit(search.frames, search.guide, rays)
     searched = _best([(p, design) for design, p in list(search.seen.items())])[:most]
     last = design_at(found.x)
     finalists = dict.fromkeys([*(d for _, d in grid), *(d for _, d in searched), last, PAPER_OPTIMUM])
-    able = [design for design in finalists if careful.fits(design)]
-    power = dict(zip(able, search.pool.map(careful.power, able), strict=True))
+    able = [design for design in finalists if final.fits(design)]
+    power = dict(zip(able, search.pool.map(final.power, able), strict=True))
     p = {design: float(merit(PAPER_RAYS * each, FLOOR).p) for design, each in power.items()}
     start = max((design for _, design in grid), key=lambda design: p[design])
     best = max((design for design in able if design != PAPER_OPTIMUM or design == start), key=lambda design: p[design])

@@ -1,7 +1,7 @@
 """Polynomials through Chebyshev points of an interval or a rectangle.
 
 Strategy: values at the Gauss points of the first kind determine the coefficients by a discrete orthogonality, without
-solving a system; evaluation is a product of two small matrices, which numpy does for thousands of states at once.
+solving a system; evaluation is a product of two small matrices for thousands of states at once.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a fidelity means for the shadow: mesh with its own fit, and size of the table."""
+"""The shadow at a fidelity: mesh with its own fit, and size of the table."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ def actuator(level: Fidelity, base: ActuatorParameters | None = None) -> Actuato
 
     Parameters
     ----------
+    level : of fidelity.
     base : a caller's own actuator, of which only the mesh is changed; by default the program's, whose two fitted
         numbers are those of the mesh.
     """
@@ -38,7 +39,7 @@ def shadow_at(level: Fidelity, base: ActuatorParameters | None = None, progress:
 
     Parameters
     ----------
-    base : as in `actuator`. progress : called as (done, total) while a table is built; raising from it cancels.
+    level, base : as in `actuator`. progress : called as (done, total) while a table is built; raising from it cancels.
     """
     parameters = actuator(level, base)
     return Shadow(parameters, load_table(parameters, table_settings(level), progress=progress))

@@ -1,10 +1,10 @@
-"""The digital shadow: measured pressure and elongation in, everything that the pane draws out.
+"""The digital shadow: from measured pressure and elongation to everything that is drawn.
 
-Strategy: the reduced model answers inside its rectangle, the full model outside it, and the answer says which. A frame
-is plain arrays: deformed nodes, a colour value for each, guides, tracked points, nominal and measured tip, deviation
-with its band. What never changes (triangles, outline, rest) is in `ShadowTopology`, so a pane uploads it once.
+Strategy: the reduced model is used inside its rectangle, the full model outside it, and the frame names the model. A
+frame is plain arrays: deformed nodes, a colour value for each, guides, tracked points, nominal and measured tip,
+deviation with its band. What never changes (triangles, outline, rest) is in `ShadowTopology`, which is uploaded once.
 
-Rules: NaN in elongation or pressure is refused, never drawn. Lengths in mm; z along the axis from the base, x across.
+Rules: NaN in elongation or pressure is rejected, never drawn. Lengths in mm; z along the axis from the base, x across.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Model = Literal["full", "reduced"]
 
 @dataclass(frozen=True, slots=True)
 class ShadowTopology:
-    """What stays the same from frame to frame.
+    """What is the same in all frames.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ class ShadowState:
     deviation_mm : elongation minus nominal elongation.
     pressure_residual_kpa : pressure minus p_nom(elongation); NaN outside the table.
     tip_force_mn : the force at the plate that the model needs to hold this state, mN.
-    model : which model answered.
-    seconds : what it cost.
+    model : full or reduced.
+    seconds : of computation.
     """
 
     pressure_kpa: float
@@ -99,7 +99,7 @@ class Shadow:
     ----------
     parameters : the actuator; the paper's by default.
     table : its reduced model; from the cache, or built (about 3 s), by default.
-    progress : follows the building.
+    progress : called as (done, total) while a table is built.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Shadow:
 
     @cached_property
     def topology(self) -> ShadowTopology:
-        """What stays the same from frame to frame."""
+        """Return what is the same in all frames."""
         mesh = self.model.mesh
         outer = np.isclose(mesh.nodes[:, 0], self.parameters.envelope_radius_mm)
         envelope = np.flatnonzero(outer)[np.argsort(mesh.nodes[outer, 1])]
@@ -147,7 +147,7 @@ class Shadow:
 
         Parameters
         ----------
-        elongation_mm, pressure_kpa : what is measured; the one that is not follows from the nominal actuator.
+        elongation_mm, pressure_kpa : measured; a missing one follows from the nominal actuator.
         model : 'reduced' (falls back to the full model outside its rectangle) or 'full'.
 
         Raises
@@ -164,7 +164,7 @@ class Shadow:
     def solution(
         self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None, model: Model = "reduced"
     ) -> tuple[Solution, Model]:
-        """Return the state as nodal displacements, and which model answered; arguments and errors as `state`."""
+        """Return the state as nodal displacements, and the model used; arguments and errors as `state`."""
         q, p = self._complete(elongation_mm, pressure_kpa)
         if model == "reduced" and q is not None and p is not None and bool(self.table.holds(np.array(p), np.array(q))):
             u, force = self.table.displacement(p, q)
@@ -173,12 +173,12 @@ class Shadow:
         return self._last, "full"
 
     def _complete(self, q: float | None, p: float | None) -> tuple[float | None, float | None]:
-        """Fill in what is not measured from the nominal curve; None where the table does not reach."""
+        """Complete what is not measured from the nominal curve; None outside the table."""
         for name, value in (("elongation", q), ("pressure", p)):
             if value is not None and not math.isfinite(value):
                 raise DataError(
                     f"the {name} is {value}, not a number",
-                    "the calibration gives NaN outside its range: check the reading, or leave it out",
+                    "the calibration is NaN outside its range: check the reading, or leave it out",
                 )
         if q is None and p is None:
             raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
@@ -223,6 +223,6 @@ class Shadow:
 
 
 def triangles(quads: IntArray) -> IntArray:
-    """Cut each eight-node quadrilateral into six triangles over its eight nodes, shape (6 m, 3)."""
+    """Cut each eight-node quadrilateral into six triangles over its nodes, shape (6 m, 3)."""
     corners = [(0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 7), (5, 6, 7)]
     return np.concatenate([quads[:, list(c)] for c in corners])

@@ -1,8 +1,7 @@
 """The full model of the actuator: parameters in, states of equilibrium out.
 
-Strategy: one object holds mesh, problem, guides and the warm solver of one set of parameters; every question is
-answered by `solve`, which first refuses what has no answer: a number that is none, a pressure or an elongation beyond
-the point where the actuator loses its stability.
+Strategy: one object has mesh, problem, guides and the warm solver of one set of parameters; `solve` first rejects what
+has no solution: a value that is not finite, a pressure or an elongation beyond the limit of stability.
 """
 
 from __future__ import annotations
@@ -21,10 +20,11 @@ from analysis.shadow.fem.problem import Problem, make_problem
 from analysis.shadow.fem.solver import TOLERANCE, Solution, Solver
 from analysis.shadow.fem.stability import CriticalState, Stability, find_limit
 from analysis.shadow.model.guides import Guides, make_guides
+from analysis.warning import Warning, WarningCode
 
 VACUUM_KPA = -101.325
 FINE_ENOUGH = (8, 1, 3)
-"""Elements along a cell, across the wall and across the lattice from which on points are known to 0.05 mm."""
+"""Least elements along a cell, across the wall and across the lattice for points within 0.05 mm."""
 
 
 def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: int = 2) -> Problem:
@@ -44,13 +44,13 @@ class FullModel:
     Parameters
     ----------
     parameters : geometry, materials, mesh density.
-    mesh : a mesh from elsewhere in place of the parametric one, its base at 0 (see `mesh_files.read_mesh`).
-    tolerance : relative residual at which a state counts as found.
+    mesh : a foreign mesh in place of the parametric one, its base at 0 (see `mesh_files.read_mesh`).
+    tolerance : relative residual of a solution.
 
     Raises
     ------
     RequestError
-        If the parameters make no mesh.
+        If the parameters cannot be meshed.
     """
 
     def __init__(
@@ -64,38 +64,39 @@ class FullModel:
         self.solver = Solver(self.problem, tolerance)
 
     @property
-    def reservations(self) -> tuple[str, ...]:
-        """What a reader of the numbers alone would not see, one sentence each; none where all is well."""
+    def warnings(self) -> tuple[Warning, ...]:
+        """Return what a reader of the numbers has to know besides."""
         p = self.parameters
         elements = (p.axial_elements, p.wall_elements, p.lattice_elements)
-        if not self.parametric or all(has >= wants for has, wants in zip(elements, FINE_ENOUGH, strict=True)):
+        if not self.parametric or all(has >= least for has, least in zip(elements, FINE_ENOUGH, strict=True)):
             return ()
         along, wall, lattice = elements
-        return (
+        text = (
             f"the mesh is coarse ({along} elements along a cell, {wall} in the wall, {lattice} in the lattice): "
-            "points may be off by more than 0.05 mm",
+            "points may be off by more than 0.05 mm"
         )
+        return (Warning(WarningCode.COARSE_MESH, "", text),)
 
     @cached_property
     def guides(self) -> Guides:
-        """The waveguides, embedded in the mesh."""
+        """Return the waveguides, embedded in the mesh."""
         return make_guides(self.parameters, self.mesh)
 
     @cached_property
     def stability(self) -> Stability:
-        """The tangents that decide whether a state is stable."""
+        """Return the tangents that decide whether a state is stable."""
         clamped = np.zeros(len(self.mesh.nodes), dtype=bool)
         clamped[self.mesh.base] = clamped[self.mesh.tip] = True
         return Stability(self.problem, make_harmonics(self.problem, clamped))
 
     @cached_property
     def vacuum_limit(self) -> CriticalState:
-        """The state in which the actuator loses its stability under vacuum."""
+        """Return the last stable state under vacuum."""
         return find_limit(Solver(self.problem), self.stability, self.length_mm, -1)
 
     @cached_property
     def inflation_limit(self) -> CriticalState:
-        """The state in which the actuator loses its stability under pressure."""
+        """Return the last stable state under pressure."""
         return find_limit(Solver(self.problem), self.stability, self.length_mm, 1)
 
     def solve(
@@ -124,13 +125,13 @@ class FullModel:
             if value is not None and not math.isfinite(value):
                 raise DataError(
                     f"the {name} is {value}, not a number",
-                    "the calibration gives NaN outside its range: check the reading, or leave it out",
+                    "the calibration is NaN outside its range: check the reading, or leave it out",
                 )
-        self.refuse_beyond_limits(pressure_kpa, elongation_mm)
+        self.check_limits(pressure_kpa, elongation_mm)
         return self.solver.solve(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm, start=start)
 
-    def refuse_beyond_limits(self, pressure_kpa: float | None, elongation_mm: float | None) -> None:
-        """Raise where the actuator is not stable; an elongation is judged only where the plate is free.
+    def check_limits(self, pressure_kpa: float | None, elongation_mm: float | None) -> None:
+        """Reject a state beyond the limits of stability; an elongation is checked only where the plate is free.
 
         Raises
         ------
@@ -151,7 +152,7 @@ class FullModel:
                 f"{asked} lies beyond the critical pressure of {where}, where the actuator loses its stability: "
                 f"{limit.mode}"
                 if limit.wave_number >= 0
-                else f"{asked} lies beyond {where}, as far as the model was walked and found stable"
+                else f"{asked} lies beyond {where}, the last state computed and found stable"
             )
             raise RequestError(cause, f"stay on this side of {limit.pressure_kpa:.1f} kPa")
         if p is not None and p < VACUUM_KPA:

@@ -1,8 +1,8 @@
-"""The two waveguides: their centrelines at rest, and how the mesh carries them along.
+"""The two waveguides: their centrelines at rest, and their motion with the mesh.
 
 Strategy: a guide is a parabola from junction to junction, like one side of a boat; its points are embedded in the
-elements that hold them, so a deformed centreline is one sparse product with the nodal displacements. The junctions and
-a short piece of each guide lie in the rigid end pieces below the base and above the tip plate and move with them.
+elements that contain them, so a deformed centreline is one sparse product with the nodal displacements. The junctions
+and a short piece of each guide lie in the rigid end pieces below the base and above the tip plate and move with them.
 
 Rules: z runs along the actuator's axis from the base (z = 0) to the tip, x across it; guide 1 is at x > 0, guide 2 its
 mirror image. Points go from the base's junction to the tip's. The guides add no stiffness of their own.
@@ -82,11 +82,12 @@ def locate(mesh: Mesh, points: FloatArray) -> tuple[IntArray, FloatArray]:
 
     Parameters
     ----------
+    mesh : of the actuator.
     points : shape (n, 2), (r, z) in mm.
 
     Returns
     -------
-    element (n,) with -1 where no element holds the point; shape functions' values (n, 8).
+    element (n,) with -1 where no element contains the point; shape functions' values (n, 8).
     """
     corners = mesh.nodes[mesh.quads]
     low, high = corners.min(axis=1), corners.max(axis=1)
@@ -121,6 +122,10 @@ def invert(corners: FloatArray, point: FloatArray) -> FloatArray:
 
 def embed(mesh: Mesh, points: FloatArray, length_mm: float) -> Embedding:
     """Tie points to the mesh, or to the rigid pieces beyond base and tip.
+
+    Parameters
+    ----------
+    mesh : of the actuator. points : shape (n, 2), (r, z) in mm. length_mm : between base and tip plate.
 
     Raises
     ------

@@ -1,13 +1,13 @@
 """The lattice's effective modulus from uniaxial compression tests, with its uncertainty.
 
-Strategy: each specimen's force over displacement becomes engineering stress over strain; the modulus is the slope of a
-straight line through the loading branch between two strains, counted from where contact begins (the toe of a soft
-specimen is not the material). Specimens differ more than any single slope is uncertain, so the uncertainty is between
-specimens: sd of the moduli, standard error of their mean, and Student's t interval.
+Strategy: each specimen's force over displacement is converted to engineering stress over strain; the modulus is the
+slope of a straight line through the loading branch between two strains, counted from contact (the toe of a soft
+specimen is not the material). Specimens differ by more than the uncertainty of a single slope, so the uncertainty is
+between specimens: sd of the moduli, standard error of their mean, and Student's t interval.
 
-Rules: signs are free (compression may be recorded negative), order in time is not: the loading branch is what comes
-before the greatest displacement. What is not a compression test is refused: a force that does not rise with the way, a
-curve that is no line within the window, a window without points.
+Rules: signs are free (compression may be recorded negative), order in time is not: the loading branch is what precedes
+the greatest displacement. What is not a compression test is rejected: a force that does not rise with displacement, a
+curve that is not a line within the window, a window without points.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ STRAIGHT_R2 = 0.95
 FORCE_N = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
 LENGTH_MM = {"mm": 1.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "cm": 10.0}
 FORCE_NAMES = ("force_n", "force", "load", "load_n", "f", "standard force", "load_cell")
-WAY_NAMES = (
+DISPLACEMENT_NAMES = (
     "displacement_mm",
     "displacement",
     "extension",
@@ -58,14 +58,13 @@ class CompressionTest:
 
 @dataclass(frozen=True, slots=True)
 class SpecimenModulus:
-    """One specimen's modulus: slope, kPa, its own standard error, R2, points used, strain where contact begins."""
+    """One specimen's modulus: slope, kPa, its standard error, R2, points used."""
 
     name: str
     modulus_kpa: float
     standard_error_kpa: float
     r2: float
     points: int
-    contact_strain: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,28 +97,35 @@ def read_compression_test(
 
     Parameters
     ----------
+    path : of the CSV.
     height_mm, area_mm2 : the specimen at rest.
     force_column, displacement_column : name or number of a column; common names are tried by default.
 
     Raises
     ------
     FileError
-        If the file is no table, or has no such columns.
+        If the file is not a table, or has no such columns.
     """
     table = read_table(path)
     force, force_unit = find_column(table, FORCE_NAMES, path, force_column)
-    way, way_unit = find_column(table, WAY_NAMES, path, displacement_column)
+    travel, travel_unit = find_column(table, DISPLACEMENT_NAMES, path, displacement_column)
     return CompressionTest(
         path.stem,
         force * factor(FORCE_N, force_unit, path),
-        way * factor(LENGTH_MM, way_unit, path),
+        travel * factor(LENGTH_MM, travel_unit, path),
         height_mm,
         area_mm2,
     )
 
 
 def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | None = None) -> tuple[FloatArray, str]:
-    """Return the wanted column, or the first with one of the names, and its unit ('' if none is given)."""
+    """Return a column and its unit ('' if it has none).
+
+    Parameters
+    ----------
+    table, path : read, and its file for messages.
+    names : of which the first present is taken. wanted : name or number of the column instead.
+    """
     if wanted is not None:
         at = table.position(wanted)
         return table.columns[at], table.units[at].strip().lower()
@@ -134,9 +140,9 @@ def find_column(table: Table, names: Sequence[str], path: Path, wanted: str | No
 
 
 def factor(units: dict[str, float], unit: str, path: Path) -> float:
-    """Return what to multiply a unit by; a column without a unit is in N or mm."""
+    """Return the factor of a unit; a column without a unit is in N or mm."""
     if unit and unit not in units:
-        raise FileError(f"{path.name} has the unit '{unit}', which is not known here", f"use one of {', '.join(units)}")
+        raise FileError(f"{path.name} has the unknown unit '{unit}'", f"use one of {', '.join(units)}")
     return units.get(unit, 1.0)
 
 
@@ -153,7 +159,7 @@ def specimen_modulus(test: CompressionTest, window: tuple[float, float] = (0.02,
     DataError
         If the data are not a compression test.
     RequestError
-        If the specimen's size or the window is not one.
+        If the specimen's size or the window is impossible.
     """
     check_request(test, window)
     strain, stress, contact = loading_branch(test)
@@ -172,43 +178,43 @@ def specimen_modulus(test: CompressionTest, window: tuple[float, float] = (0.02,
             f"{100 * window[0]:g} and {100 * window[1]:g} % strain (slope {slope:.3g} kPa, R2 {r2:.2f})",
             "check the columns, or choose a window before the lattice buckles",
         )
-    return SpecimenModulus(test.name, slope, float(fit.stderr), r2, int(inside.sum()), contact)
+    return SpecimenModulus(test.name, slope, float(fit.stderr), r2, int(inside.sum()))
 
 
 def check_request(test: CompressionTest, window: tuple[float, float]) -> None:
-    """Refuse a size or a window that is none."""
+    """Reject an impossible size or window."""
     for name, value in (("height", test.height_mm), ("area", test.area_mm2)):
         if not (np.isfinite(value) and value > 0.0):
-            raise RequestError(f"a specimen's {name} of {value} is none", f"give the {name} at rest, above zero")
+            raise RequestError(f"the specimen's {name} is {value}", f"give the {name} at rest, above zero")
     if not 0.0 <= window[0] < window[1] <= 0.8:
-        raise RequestError(f"a window from {window[0]} to {window[1]} strain is none", "give 0 <= from < to <= 0.8")
+        raise RequestError(f"the window is from {window[0]} to {window[1]} strain", "give 0 <= from < to <= 0.8")
 
 
 def loading_branch(test: CompressionTest) -> tuple[FloatArray, FloatArray, float]:
     """Return strain, stress in kPa up to the greatest displacement, both positive, and the strain at contact."""
     known = np.isfinite(test.force_n) & np.isfinite(test.displacement_mm)
-    force, way = test.force_n[known], test.displacement_mm[known]
+    force, travel = test.force_n[known], test.displacement_mm[known]
     if len(force) < FEWEST_POINTS:
         raise DataError(f"{test.name} has {len(force)} usable points", f"give {FEWEST_POINTS} or more")
-    way = way - way[0]
-    turn = int(np.argmax(np.abs(way)))
-    force, way = force[: turn + 1], way[: turn + 1]
-    if len(way) < FEWEST_POINTS or way[-1] == 0.0:
+    travel = travel - travel[0]
+    turn = int(np.argmax(np.abs(travel)))
+    force, travel = force[: turn + 1], travel[: turn + 1]
+    if len(travel) < FEWEST_POINTS or travel[-1] == 0.0:
         raise DataError(
             f"{test.name} is not a compression test: the displacement does not grow",
             "check which column is the displacement",
         )
-    way, force = way * np.sign(way[-1]), force * np.sign(force[np.argmax(np.abs(force))] or 1.0)
+    travel, force = travel * np.sign(travel[-1]), force * np.sign(force[np.argmax(np.abs(force))] or 1.0)
     height = float(np.ptp(force))
     if height == 0.0:
         raise DataError(
             f"{test.name} is not a compression test: the force never changes", "check which column is the force"
         )
     touched = int(np.argmax(force - force[: max(3, len(force) // 50)].mean() >= CONTACT_SHARE * height))
-    strain = way / test.height_mm
+    strain = travel / test.height_mm
     if strain[-1] >= 1.0:
         raise DataError(
-            f"{test.name} was compressed by {way[-1]:.1f} mm, more than its height of {test.height_mm:g} mm",
+            f"{test.name} was compressed by {travel[-1]:.1f} mm, more than its height of {test.height_mm:g} mm",
             "check height and units",
         )
     return strain, 1e3 * force / test.area_mm2, float(strain[touched])

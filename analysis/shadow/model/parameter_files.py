@@ -1,6 +1,6 @@
 """An actuator's parameters from a TOML file: the names of `ActuatorParameters`, each optional.
 
-Rule: an unknown name is refused, with the nearest known one; no default is used quietly for a misspelt value.
+Rule: an unknown name is rejected, with the nearest known one; no default replaces a misspelt name.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ def read_parameters(path: Path) -> ActuatorParameters:
     FileError
         If the file cannot be read as TOML.
     RequestError
-        If a name is unknown or a value makes no actuator.
+        If a name is unknown or a value impossible.
     """
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise FileError(f"{path} is larger than {MAX_BYTES // 1000} kB", "name the right file")
+            raise FileError(f"{path} is larger than {MAX_BYTES // 1000} kB", "choose the file with the parameters")
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}", "check the name") from error
@@ -39,7 +39,7 @@ def read_parameters(path: Path) -> ActuatorParameters:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
             raise RequestError(
-                f"{path.name} has '{name:.60}', which is no parameter of the actuator",
+                f"{path.name} has '{name:.60}', which is not a parameter of the actuator",
                 f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}",
             )
     return ActuatorParameters(**values)

@@ -3,10 +3,10 @@
 Strategy: full solutions at Chebyshev points of a rectangle of pressure and elongation, the plate held, are compressed
 by a singular value decomposition (POD): displacement = mean + sum of a few shapes times amplitudes, and the amplitudes
 are polynomials of (pressure, elongation). The nominal curve, its inverse and the band that the lattice's modulus
-leaves are polynomials too. What this costs in truth is measured on full solutions that were not used, never assumed.
+causes are polynomials too. The error is measured on full solutions that were not used for the table.
 
-Rule: `error_bound_mm` is twice the greatest error of any tracked point over those held-out states. Outside its
-rectangle the table refuses; `Shadow` in shadow.py then asks the full model.
+Rule: `error_bound_mm` is twice the greatest error of any tracked point over those held-out states. A state outside the
+rectangle is rejected; `Shadow` in frames.py then uses the full model.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from analysis.shadow.model import chebyshev
 
 @dataclass(frozen=True, slots=True)
 class TableSettings:
-    """How fine the table is; every value has its chart in METHODS.md.
+    """How fine the table is.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ class ReducedModel:
     Parameters
     ----------
     pressure_range_kpa, elongation_range_mm : shape (2,), the rectangle.
-    mean : shape (2 nodes,); shapes : (2 nodes, modes), mm per unit amplitude.
-    amplitudes : (pressures, elongations, modes), Chebyshev coefficients; the last entry of `force` likewise, mN.
+    mean, shapes : shape (2 nodes,), mm, and (2 nodes, modes), mm per unit amplitude.
+    amplitudes, force : (pressures, elongations, modes) and (pressures, elongations), Chebyshev coefficients, mm and mN.
     tracked_mean, tracked_shapes : the same for the seven points, (14,) and (14, modes).
     nominal_mm, nominal_sd_mm : Chebyshev coefficients of x_nom(p) and of its standard uncertainty.
     nominal_kpa : Chebyshev coefficients of p_nom(x).
@@ -74,11 +74,11 @@ class ReducedModel:
 
     @property
     def error_bound_mm(self) -> float:
-        """Twice the greatest error of a tracked point found on held-out states, mm."""
+        """Return twice the greatest error of a tracked point on held-out states, mm."""
         return 2.0 * float(self.errors_mm[-1])
 
     def holds(self, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> BoolArray:
-        """Whether each state lies in the rectangle (NaN does not)."""
+        """Return whether each state lies in the rectangle (NaN does not)."""
         (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
         p, q = np.asarray(pressure_kpa), np.asarray(elongation_mm)
         return np.asarray((p >= p0) & (p <= p1) & (q >= q0) & (q <= q1))
@@ -151,7 +151,7 @@ class ReducedModel:
 
     @property
     def nominal_range_mm(self) -> FloatArray:
-        """The nominal elongations at both ends of the range of pressures, shape (2,), mm."""
+        """Return the nominal elongations at both ends of the range of pressures, shape (2,), mm."""
         return self.nominal_elongation(self.pressure_range_kpa)[0]
 
     def states_per_second(self, states: int = 20_000) -> float:

@@ -49,8 +49,8 @@ def test_a_softer_lattice_moves_more() -> None:
 
 
 def test_a_coarse_mesh_is_told_where_it_is_used() -> None:
-    """The default mesh has no reservation; a coarse one has, in Python and on the command line."""
-    assert FullModel().reservations == ()
-    assert "2 in the lattice" in FullModel(ActuatorParameters(cells=2, lattice_elements=2)).reservations[0]
+    """The default mesh has no warning; a coarse one has, in Python and on the command line."""
+    assert FullModel().warnings == ()
+    assert "2 in the lattice" in FullModel(ActuatorParameters(cells=2, lattice_elements=2)).warnings[0].text
     solved = CliRunner().invoke(app, ["shadow", "solve", "--pressure", "10", "--json"])
     assert json.loads(solved.stdout)["notes"] == []

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
-from typing import Any
 
 from PySide6.QtWidgets import QApplication
 
@@ -14,235 +13,254 @@ from boat_daq.gui.main_window import MainWindow
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.registry import Command
+from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
 from boat_daq.viewmodels.live.shadow_live import SCALES
 
+CONTENTS = {  # what an operator types to find a page
+    Page.CALIBRATE: "fit curve hysteresis",
+    Page.REPEAT: "repeatability drift hysteresis",
+    Page.RUNS: "recordings units export replay compare recover report",
+}
+
 
 def register(window: MainWindow) -> None:
     """Add every command of `window`."""
-    makers = (session, edit, view, sequence, calibration, recordings, models, pages, help_)
-    for command in (command for make in makers for command in make(window)):
+    menus = (session, edit, view, sequence, calibration, recordings, models, pages, help_)
+    for command in (command for menu in menus for command in menu(window)):
         window.commands.add(command)
 
 
 def session(window: MainWindow) -> list[Command]:
     """Return the commands of the link and the recording."""
-    model = window.model
+    model, strip = window.model, window.strip
     run, connection, attempt = model.run, model.connection, model.notices.attempt
+    add = partial(Command, "Session")
 
     def has_port() -> bool:
         return model.snapshot.port is not None
 
+    start = partial(attempt, connection.start_virtual_board)
     return [
-        Command("Session", "Vent now", "Esc", window.vent),
-        Command("Session", "Connect …", "Ctrl+K", partial(model.services.show, Panel.CONNECT), apart=True),
-        Command("Session", "Start the virtual board", "Ctrl+Shift+B", partial(attempt, connection.start_virtual_board)),
-        Command("Session", "Disconnect", "Ctrl+Shift+K", partial(attempt, connection.disconnect), has_port),
-        Command("Session", "Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),
-        Command("Session", "Mark this moment …", "M", window.live.ask_marker, model.connected),
-        Command(
-            "Session", "Do what the message proposes", "Ctrl+J", window.strip.do_it, window.strip.offers, apart=True
-        ),
-        Command("Session", "Dismiss the message", "Ctrl+D", window.strip.dismiss, window.strip.stands),
-        Command("Session", "Cancel the work under way", "Ctrl+.", window.strip.cancel_work, window.strip.works),
-        Command("Session", "Close the window", "Ctrl+Q", window.leave, apart=True),
+        add("Vent now", "Esc", window.vent, also="emergency release deflate"),
+        add("Connect …", "Ctrl+K", partial(model.services.show, Panel.CONNECT), apart=True, also="port serial board"),
+        add("Start the virtual board", "Ctrl+Shift+B", start, also="demo simulate simulation"),
+        add("Disconnect", "Ctrl+Shift+K", partial(attempt, connection.disconnect), has_port),
+        add("Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),
+        add("Add marker …", "M", window.live.ask_marker, model.connected, also="mark note comment moment"),
+        add("Apply suggested action", "Ctrl+J", strip.apply, strip.has_action, apart=True, also="message do"),
+        add("Dismiss message", "Ctrl+D", strip.dismiss, strip.has_notice),
+        add("Cancel task", "Ctrl+.", strip.cancel_job, strip.has_job, also="work job stop"),
+        add("Close the window", "Ctrl+Q", window.leave, apart=True, also="quit exit leave"),
     ]
 
 
 def edit(window: MainWindow) -> list[Command]:
     """Return the commands of undo and of the readings."""
-    undo, attempt = window.model.undo, window.model.notices.attempt
+    undo, attempt, live = window.model.undo, window.model.notices.attempt, window.live
+    add = partial(Command, "Edit")
     return [
-        Command("Edit", "Undo", "Ctrl+Z", partial(attempt, undo.undo), lambda: bool(undo.done)),
-        Command("Edit", "Redo", "Ctrl+Shift+Z", partial(attempt, undo.redo), lambda: bool(undo.undone)),
-        Command("Edit", "Read from a photograph …", "Ctrl+P", window.live.open_photograph, apart=True),
-        Command("Edit", "Paste readings", "Ctrl+Shift+V", window.live.paste_readings),
-        Command("Edit", "Import readings …", "Ctrl+Shift+I", window.live.import_readings),
-        Command("Edit", "Go on without a reading", "Ctrl+Shift+N", window.live.reading.go_without, window.live.asks),
+        add("Undo", "Ctrl+Z", partial(attempt, undo.undo), lambda: bool(undo.done)),
+        add("Redo", "Ctrl+Shift+Z", partial(attempt, undo.redo), lambda: bool(undo.undone)),
+        add("Read from a photograph …", "Ctrl+P", live.open_photograph, apart=True),
+        add("Paste readings", "Ctrl+Shift+V", live.paste_readings),
+        add("Import readings …", "Ctrl+Shift+I", live.import_readings),
+        add("Skip this reading", "Ctrl+Shift+N", window.model.run.skip_reading, live.reading_is_due, also="without"),
     ]
 
 
 def view(window: MainWindow) -> list[Command]:
-    """Return the commands of the picture and the look."""
+    """Return the commands of the plots and the theme."""
     live = window.live
+    add = partial(Command, "View")
 
-    def plot(deed: str) -> None:
-        """Take away the plot that has the focus, else the page's first."""
+    def export_plot(kind: str) -> None:
+        """Copy or save the plot that has the focus, else the first of the page."""
         cards: list[PlotCard | ShadowPane] = [*window.findChildren(PlotCard), *window.findChildren(ShadowPane)]
-        shown = [card for card in cards if card.isVisible()]
+        visible = [card for card in cards if card.isVisible()]
         focus = QApplication.focusWidget() or window.focusWidget()
-        chosen = next((card for card in shown if focus is not None and card.isAncestorOf(focus)), None)
-        if not any(isinstance(card, PlotCard) for card in shown):
-            window.model.notices.say(Severity.WARNING, "no plot is shown", "Go to a page that shows one.")
-        elif deed == "copy":
-            window.copy_plot(chosen or shown[0])
+        chosen = next((card for card in visible if focus is not None and card.isAncestorOf(focus)), None)
+        if not any(isinstance(card, PlotCard) for card in visible):
+            window.model.notices.add(Severity.WARNING, "no plot is shown", "Go to a page that shows one.")
+        elif kind == "copy":
+            window.copy_plot(chosen or visible[0])
         else:
-            window.save_plot(chosen or shown[0], deed)
+            window.save_plot(chosen or visible[0], kind)
 
     return [
-        Command("View", "Hold or follow the picture", "Space", live.toggle_hold),
-        Command("View", "Zoom in on time", "Ctrl+=", lambda: live.zoom(0.5)),
-        Command("View", "Zoom out on time", "Ctrl+-", lambda: live.zoom(2.0)),
-        Command("View", "Show the last 10 s", "Ctrl+0", lambda: live.set_window(10.0)),
-        Command("View", "Show the whole session", "Ctrl+9", live.show_all),
-        Command("View", "Cursor A", "A", lambda: live.plots.place_cursor("a"), apart=True),
-        Command("View", "Cursor B", "B", lambda: live.plots.place_cursor("b")),
-        Command("View", "Both signals on one axis", "T", live.toggle_together),
-        Command("View", "Overlay the last cycles", "O", live.toggle_overlay),
-        Command("View", "Copy the plot", "Ctrl+Shift+C", lambda: plot("copy"), apart=True),
-        Command("View", "Save the plot as PNG …", "Ctrl+S", lambda: plot("png")),
-        Command("View", "Save the plot as SVG …", "Ctrl+Shift+S", lambda: plot("svg")),
-        Command("View", "Save the plot's data as CSV …", "Ctrl+E", lambda: plot("csv")),
-        Command("View", "Follow the system's theme", "Ctrl+Alt+S", lambda: window.choose_theme("system"), apart=True),
-        Command("View", "Light", "Ctrl+Alt+L", lambda: window.choose_theme("light")),
-        Command("View", "Dark", "Ctrl+Alt+D", lambda: window.choose_theme("dark")),
-        Command("View", "Full screen", "F11", window.toggle_full_screen),
+        add("Freeze or follow the plot", "Space", live.toggle_freeze, also="hold pause picture"),
+        add("Zoom in on time", "Ctrl+=", partial(live.zoom, 0.5)),
+        add("Zoom out on time", "Ctrl+-", partial(live.zoom, 2.0)),
+        add("Show the last 10 s", "Ctrl+0", partial(live.set_window, 10.0)),
+        add("Show the whole session", "Ctrl+9", live.show_all),
+        add("Cursor A", "A", partial(live.plots.place_cursor, "a"), apart=True, also="statistics measure"),
+        add("Cursor B", "B", partial(live.plots.place_cursor, "b"), also="statistics measure"),
+        add("Both signals on one axis", "T", live.toggle_together),
+        add("Overlay the last cycles", "O", live.toggle_overlay),
+        add("Copy the plot", "Ctrl+Shift+C", partial(export_plot, "copy"), apart=True, also="screenshot clipboard"),
+        add("Save the plot as PNG …", "Ctrl+S", partial(export_plot, "png"), also="screenshot picture image export"),
+        add("Save the plot as SVG …", "Ctrl+Shift+S", partial(export_plot, "svg")),
+        add("Save the plot's data as CSV …", "Ctrl+E", partial(export_plot, "csv"), also="export"),
+        add("Follow the system's theme", "Ctrl+Alt+S", partial(window.choose_theme, "system"), apart=True),
+        add("Light", "Ctrl+Alt+L", partial(window.choose_theme, "light"), also="day theme"),
+        add("Dark", "Ctrl+Alt+D", partial(window.choose_theme, "dark"), also="night theme"),
+        add("Full screen", "F11", window.toggle_full_screen),
     ]
 
 
 def sequence(window: MainWindow) -> list[Command]:
     """Return the commands of the run."""
-    model = window.model
+    model, live = window.model, window.live
+    add = partial(Command, "Sequence")
 
-    def button(text: str, keys: str, key: str, *, apart: bool = False) -> Command:
+    def button(text: str, keys: str, key: str, also: str = "") -> Command:
         def allowed() -> bool:
             return key in model.sequence.allowed(model.snapshot)
 
-        return Command("Sequence", text, keys, partial(model.run.press, key), allowed, apart)
+        return add(text, keys, partial(model.run.press, key), allowed, also=also)
 
     return [
         button("Arm the plan", "F5", "arm"),
-        button("Start", "F6", "start"),
+        button("Start", "F6", "start", "begin run"),
         button("Pause", "F7", "pause"),
         button("Resume", "Shift+F7", "resume"),
-        button("Stop", "F8", "stop"),
-        button("Put the armed plan away", "Shift+F5", "disarm"),
+        button("Stop", "F8", "stop", "abort end"),
+        button("Disarm", "Shift+F5", "disarm"),
         button("Clear the fault", "Shift+F8", "clear"),
-        Command("Sequence", "Edit the plan", "P", window.live.show_plan, apart=True),
-        Command("Sequence", "Open a plan …", "Ctrl+Alt+O", window.live.plan.open),
-        Command("Sequence", "Save the plan …", "Ctrl+Alt+W", window.live.plan.save),
-        Command("Sequence", "Set the pressure by hand", "Ctrl+G", window.live.show_manual),
-        Command("Sequence", "Show the readings", "R", window.live.show_readings),
+        add("Edit the plan", "P", live.show_plan, apart=True),
+        add("Open a plan …", "Ctrl+Alt+O", live.plan.open),
+        add("Save the plan …", "Ctrl+Alt+W", live.plan.save),
+        add("Manual pressure", "Ctrl+G", live.show_manual, also="set by hand"),
+        add("Show the readings", "R", live.show_readings),
     ]
 
 
 def calibration(window: MainWindow) -> list[Command]:
     """Return the commands of the calibration: analyse, sample, accept, report."""
-    model = window.model.calibration
+    app_model, model = window.model, window.model.calibration
+    add = partial(Command, "Runs")
+
+    def on_page(run: Callable[[], object]) -> Callable[[], None]:
+        return partial(_on_page, window, Page.CALIBRATE, run)
 
     def open_recording() -> None:
-        window.go(Page.CALIBRATE)
-        ask_open(window, window.model.services, "Open a recording", "boat csv", model.analyse)
-
-    def sample() -> None:
-        window.go(Page.CALIBRATE)
-        window.model.notices.attempt(model.sample)
+        ask_open(window, app_model.services, "Open a recording", "boat csv", model.analyse)
 
     def acceptable() -> bool:
         return window.page is Page.CALIBRATE and not model.obstacle() and model.accepted is None
 
-    def analyse() -> None:
-        window.go(Page.CALIBRATE)
-        window.model.notices.attempt(model.analyse_current)
+    def has_report() -> bool:
+        return app_model.analysed_path(window.page) is not None
 
+    def has_result() -> bool:
+        return model.result is not None
+
+    bands = "Compute uncertainty bands (emcee)"
     return [
-        Command("Runs", "Calibrate with the last run", "Ctrl+Shift+A", analyse),
-        Command("Runs", "Open a recording …", "Ctrl+O", open_recording),
-        Command("Runs", "Compute uncertainty bands (emcee)", "Ctrl+Shift+M", sample, lambda: model.result is not None),
-        Command("Runs", "Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable),
-        Command(
-            "Runs", "Report of the run shown …", "Ctrl+Shift+R", window.ask_report,
-            lambda: window.model.analysed_path(window.page) is not None,
-        ),
-    ]  # fmt: skip
-
-
-def recordings(window: MainWindow) -> list[Command]:
-    """Return the commands for the recordings that are chosen on the Runs page."""
-
-    def page() -> Any:
-        return window.pages.get(Page.RUNS)
-
-    def able(key: str) -> bool:
-        return window.page is Page.RUNS and page() is not None and page().offers(key)
-
-    def why(key: str) -> str:
-        if window.page is not Page.RUNS or page() is None:
-            return "Go to the Runs page (Ctrl+4) and choose a recording."
-        said: str = page().buttons[key].accessibleDescription()
-        return said or "The chosen recording does not need it."
-
-    def command(text: str, keys: str, key: str, deed: Callable[[], object], *, apart: bool = False) -> Command:
-        return Command("Runs", text, keys, deed, partial(able, key), apart, partial(why, key))
-
-    return [
-        command("Calibrate with the chosen recording", "Ctrl+Alt+C", "open", lambda: page().open(), apart=True),
-        command("Repeatability of the chosen recording", "Ctrl+Alt+R", "repeat", lambda: page().repeat()),
-        command("Correct its readings …", "Ctrl+Alt+E", "readings", lambda: page().edit_readings()),
-        command("Resume this run", "Ctrl+Alt+G", "resume", lambda: page().resume()),
-        command("Replay it in real time", "Ctrl+Alt+P", "replay", lambda: page().replay(1)),
-        command("Export it as CSV …", "Ctrl+Alt+X", "export", lambda: page().export("csv")),
-        command("Export it as Parquet …", "Ctrl+Alt+Q", "export", lambda: page().export("parquet")),
-        command("Report of the chosen runs …", "Ctrl+Alt+T", "report", lambda: page().ask_report()),
-        command("Compare the chosen runs", "Ctrl+Alt+M", "compare", lambda: page().compare()),
-        command("Recover the chosen recordings", "Ctrl+Alt+V", "recover", lambda: page().recover()),
+        add("Calibrate with the last run", "Ctrl+Shift+A", on_page(model.analyse_current)),
+        add("Open a recording …", "Ctrl+O", on_page(open_recording)),
+        add(bands, "Ctrl+Shift+M", on_page(model.sample), has_result, also="mcmc posterior sample"),
+        add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable),
+        add("Report of the run shown …", "Ctrl+Shift+R", window.ask_report, has_report, also="pdf html print"),
     ]
 
 
-def bug_report(window: MainWindow) -> None:
-    """Ask where to put a bug report."""
-    name = f"boat-daq-report-{datetime.now(UTC).astimezone():%Y%m%d-%H%M%S}"
-    ask_save(window, window.model.services, name, "zip", window.model.save_bug_report, done="")
+def recordings(window: MainWindow) -> list[Command]:
+    """Return the commands for the recordings that are selected on the Runs page."""
+
+    def page() -> RunsPage | None:
+        return window.pages.get(Page.RUNS) if window.page is Page.RUNS else None
+
+    def command(
+        text: str, keys: str, key: str, run: Callable[[RunsPage], object], *, apart: bool = False, also: str = ""
+    ) -> Command:
+        def run_on_page() -> None:
+            shown = page()
+            if shown is not None:
+                run(shown)
+
+        def available() -> bool:
+            shown = page()
+            return shown is not None and shown.offers(key)
+
+        def why() -> str:
+            shown = page()
+            if shown is None:
+                return "Go to the Runs page (Ctrl+4) and select a recording."
+            return shown.buttons[key].accessibleDescription() or "The selected recording does not need it."
+
+        return Command("Runs", text, keys, run_on_page, available, apart, why, also)
+
+    return [
+        command("Calibrate with the selected recording", "Ctrl+Alt+C", "open", RunsPage.open, apart=True),
+        command("Repeatability of the selected recording", "Ctrl+Alt+R", "repeat", RunsPage.repeat),
+        command("Correct its readings …", "Ctrl+Alt+E", "readings", RunsPage.edit_readings),
+        command("Resume this run", "Ctrl+Alt+G", "resume", RunsPage.resume),
+        command("Replay it in real time", "Ctrl+Alt+P", "replay", lambda page: page.replay(1)),
+        command("Export it as CSV …", "Ctrl+Alt+X", "export", lambda page: page.export("csv")),
+        command("Export it as Parquet …", "Ctrl+Alt+Q", "export", lambda page: page.export("parquet")),
+        command("Report of the selected runs …", "Ctrl+Alt+T", "report", RunsPage.ask_report, also="pdf html print"),
+        command("Compare the selected runs", "Ctrl+Alt+M", "compare", RunsPage.compare),
+        command("Recover the selected recordings", "Ctrl+Alt+V", "recover", RunsPage.recover),
+    ]
 
 
 def models(window: MainWindow) -> list[Command]:
     """Return the commands of the pages Optics, Shadow and Trade-off."""
     m = window.model
+    add = partial(Command, "Models")
 
-    def on(page: Page, deed: Callable[[], object]) -> Callable[[], None]:
-        def run() -> None:
-            window.go(page)
-            m.notices.attempt(deed)
+    def on(page: Page, run: Callable[[], object]) -> Callable[[], None]:
+        return partial(_on_page, window, page, run)
 
-        return run
-
-    def next_colour() -> None:
+    def next_colouring() -> None:
         names = list(SCALES)
         m.shadow.quantity = names[(names.index(m.shadow.quantity) + 1) % len(names)]
 
-    def show_cost() -> None:
+    def show_frame_time() -> None:
         m.shadow.show_cost = not m.shadow.show_cost
 
-    def sweep_map() -> None:
+    def map_method() -> None:
         m.atlas.toggle(m.tradeoff.shown)
 
-    fidelities = [
-        Command("Models", f"Compute: {level}", f"Ctrl+Alt+{i}", partial(m.precision.choose, level))
-        for i, level in enumerate(LEVELS, 1)
-    ]
     return [
-        *fidelities,
-        Command("Models", "Sweep all designs, or stop", "F9", on(Page.OPTICS, m.optics.toggle_sweep), apart=True),
-        Command("Models", "Optimise beyond the grid, or stop", "Shift+F9", on(Page.OPTICS, m.optics.toggle_search)),
-        Command("Models", "Colour the shadow by the next quantity", "Ctrl+F9", next_colour, apart=True),
-        Command("Models", "Show what a frame of the shadow costs", "Ctrl+Shift+F9", show_cost),
-        Command("Models", "Measure the trade-off, or stop", "F12", on(Page.TRADE_OFF, m.tradeoff.toggle), apart=True),
-        Command("Models", "Map where the method fails, or stop", "Shift+F12", on(Page.TRADE_OFF, sweep_map)),
+        *(add(f"Compute: {n}", f"Ctrl+Alt+{i}", partial(m.precision.choose, n)) for i, n in enumerate(LEVELS, 1)),
+        add("Sweep all designs, or stop", "F9", on(Page.OPTICS, m.optics.toggle_sweep), apart=True),
+        add("Optimise beyond the grid, or stop", "Shift+F9", on(Page.OPTICS, m.optics.toggle_search)),
+        add("Next shadow colouring", "Ctrl+F9", next_colouring, apart=True),
+        add("Show frame time", "Ctrl+Shift+F9", show_frame_time, also="cost shadow"),
+        add("Measure the trade-off, or stop", "F12", on(Page.TRADE_OFF, m.tradeoff.toggle), apart=True),
+        add("Map where the method fails, or stop", "Shift+F12", on(Page.TRADE_OFF, map_method)),
     ]
 
 
 def pages(window: MainWindow) -> list[Command]:
-    """Return the commands that go to a page."""
-    return [Command("Go", name, f"Ctrl+{i}", partial(window.go_by_key, name)) for i, name in enumerate(Page, 1)]
+    """Return the commands that show a page."""
+    return [
+        Command("Go", str(page), f"Ctrl+{i}", partial(window.go_by_key, page), also=CONTENTS.get(page, ""))
+        for i, page in enumerate(Page, 1)
+    ]
 
 
 def help_(window: MainWindow) -> list[Command]:
-    """Return the commands that help."""
+    """Return the commands of the help menu."""
+    add = partial(Command, "Help")
+
+    def save_bug_report() -> None:
+        name = f"boat-daq-report-{datetime.now(UTC).astimezone():%Y%m%d-%H%M%S}"
+        ask_save(window, window.model.services, name, "zip", window.model.save_bug_report, done="")
+
     return [
-        Command("Help", "Find a command …", "Ctrl+Shift+P", window.show_palette),
-        Command("Help", "Keys", "?", window.show_keys),
-        Command("Help", "First steps", "F1", window.show_first_steps),
-        Command("Help", "Save a bug report …", "Ctrl+Shift+F1", partial(bug_report, window)),
+        add("Find a command …", "Ctrl+Shift+P", window.show_palette),
+        add("Keys", "?", window.show_keys, also="shortcuts help"),
+        add("First steps", "F1", window.show_first_steps),
+        add("Save a bug report …", "Ctrl+Shift+F1", save_bug_report),
     ]
+
+
+def _on_page(window: MainWindow, page: Page, run: Callable[[], object]) -> None:
+    """Show a page, then run one of its actions."""
+    window.go(page)
+    window.model.notices.attempt(run)

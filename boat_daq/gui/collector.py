@@ -1,8 +1,8 @@
-"""Python's garbage collector, while the window is open: on the window's thread alone, and never for long.
+"""Python's garbage collection while the window is open: on the window's thread only, in short steps.
 
-Left to itself it runs on whichever thread allocates next, the reading thread more than any other; a widget or a timer
-that is garbage then dies on a thread that is not its own, and Qt may still call it. And each full collection looks at
-the million objects that live as long as the window: the picture stopped for 130 ms.
+By default it runs on whichever thread allocates next, mostly the reading thread; a widget or a timer that is garbage
+is then deleted on a foreign thread, and Qt may still call it. A full collection also visits the million objects that
+live as long as the window, which froze the plots for 130 ms.
 """
 
 from __future__ import annotations
@@ -16,12 +16,18 @@ SETTLED_MS = 3000  # after which a new page has loaded what it needs
 
 
 class Collector(QObject):
-    """Collects on the thread of `parent`, leaving out what window and libraries have loaded, page by page."""
+    """Collects on the thread of `parent`, leaving out what window and libraries have loaded, page by page.
+
+    Parameters
+    ----------
+    parent : is destroyed with the window; collection is then automatic again.
+    page_made : is emitted when a new page has loaded its libraries.
+    """
 
     def __init__(self, parent: QObject, page_made: SignalInstance) -> None:
         super().__init__(parent)
         gc.disable()
-        self.destroyed.connect(_by_itself_again)
+        self.destroyed.connect(_restore)
         self.due = QTimer(self)
         self.due.timeout.connect(self.collect)
         self.due.start(EVERY_MS)
@@ -40,10 +46,10 @@ class Collector(QObject):
                 return
 
     def settle(self) -> None:
-        """Collect all, and look at what is left no more."""
+        """Collect all, and exempt what is left from later collections."""
         gc.collect()
         gc.freeze()
 
 
-def _by_itself_again() -> None:
+def _restore() -> None:
     gc.enable()

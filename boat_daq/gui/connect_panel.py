@@ -1,4 +1,4 @@
-"""The ways to connect: a board at a port, another firmware through a profile, the virtual board. Not modal."""
+"""The connect panel: a board at a port, another firmware through a profile, the virtual board. Not modal."""
 
 from __future__ import annotations
 
@@ -7,22 +7,26 @@ from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, Q
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.status_strip import sentence
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.connection import VIRTUAL_UNITS, ConnectionModel
 
-SPEEDS = (("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0))
+SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
+PROFILE_HINT = (
+    "Empty for a BOAT board. Otherwise paste an RX8 line of Bridge Control Panel, or a profile: its TOML text, or the "
+    "path of its file."
+)
 
 
 class ConnectPanel(QDialog):
-    """Choose a port and connect."""
+    """Chooses a port and connects."""
 
     def __init__(self, parent: QWidget, connection: ConnectionModel, services: Services) -> None:
         super().__init__(parent)
         self.connection, self.services = connection, services
+        self._refusal: Notice | None = None
         self.setWindowTitle("Connect")
         self.setModal(False)
         self.setMinimumWidth(style.FORM_WIDTH)
@@ -35,15 +39,12 @@ class ConnectPanel(QDialog):
         self.unit = widgets.field("Unit on the bench", connection.unit, width=3 * style.CONTROL_HEIGHT)
         self.profile = QPlainTextEdit()
         self.profile.setAccessibleName("Profile of another firmware")
-        self.profile.setPlaceholderText(
-            "Empty for a BOAT board. Else paste an RX8 line of Bridge Control Panel here, "
-            "or a profile: its TOML text, or the path of its file."
-        )
+        self.profile.setPlaceholderText(PROFILE_HINT)
         self.profile.setTabChangesFocus(True)
-        self.profile.setProperty("role", "paste")  # its height is the sheet's, which knows no other
+        self.profile.setProperty("role", "paste")  # its height is set in the style sheet
         self.profile.setPlainText(connection.profile)
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
-        self.speed = widgets.choice("Speed of the virtual board", list(SPEEDS))
+        self.speed = widgets.choice("Speed of the virtual board", SPEEDS)
         layout = QVBoxLayout(self)
         layout.setSpacing(style.CARD_PADDING)
         layout.addWidget(self._board())
@@ -51,69 +52,59 @@ class ConnectPanel(QDialog):
 
     def _board(self) -> QWidget:
         frame, inside = widgets.card()
-        inside.addWidget(widgets.label("A board", "subtitle"))
-        inside.addWidget(
-            widgets.label(
-                "It is recognised by what it says of itself, whatever its port is called.", "muted", wrap=True
-            )
-        )
-        self.none = widgets.label("\u25b2 No port is there. Plug in the board, then look again.", "muted", wrap=True)
-        inside.addWidget(self.none)
+        identity = "The board identifies itself; the port name does not matter."
+        self.none = widgets.label("\u25b2 No port found. Plug in the board, then rescan.", "muted", wrap=True)
         grid = QGridLayout()
+        top = Qt.AlignmentFlag.AlignTop
         grid.addWidget(widgets.label("Port"), 0, 0)
         grid.addWidget(self.port, 0, 1)
-        grid.addWidget(widgets.button("Look again", self.look_again), 0, 2)
+        grid.addWidget(widgets.button("Rescan", self.rescan), 0, 2)
         grid.addWidget(widgets.label("Unit"), 1, 0)
         grid.addWidget(self.unit, 1, 1)
-        grid.addWidget(widgets.label("Other firmware"), 2, 0, Qt.AlignmentFlag.AlignTop)
+        grid.addWidget(widgets.label("Other firmware"), 2, 0, top)
         grid.addWidget(self.profile, 2, 1)
-        grid.addWidget(widgets.button("Open …", self._open_profile), 2, 2, Qt.AlignmentFlag.AlignTop)
+        grid.addWidget(widgets.button("Open …", self._open_profile), 2, 2, top)
         grid.setColumnStretch(1, 1)
-        inside.addLayout(grid)
         self.connect_button = widgets.button("Connect", self.connect_board, "primary")
         self.disconnect_button = widgets.button("Disconnect", self.disconnect_board)
-        self._complaint: Notice | None = None
-        self.refused = widgets.label("", "", wrap=True, name="Why it was not connected")
+        self.refused = widgets.label("", "", wrap=True, name="Why it is not connected")
         widgets.set_state(self.refused, "fault")
         self.refused.hide()
+        for widget in (widgets.label("A board", "subtitle"), widgets.label(identity, "muted", wrap=True), self.none):
+            inside.addWidget(widget)
+        inside.addLayout(grid)
         inside.addWidget(self.refused)
         inside.addLayout(widgets.row(None, self.disconnect_button, self.connect_button))
         return frame
 
     def _virtual(self) -> QWidget:
         frame, inside = widgets.card()
+        explanation = "A simulated unit, pump and board for practice. All its data are marked SIMULATED."
         inside.addWidget(widgets.label("The virtual board", "subtitle"))
-        inside.addWidget(
-            widgets.label(
-                "A simulated unit, pump and board, to learn and to try. All it gives is marked SIMULATED.",
-                "muted",
-                wrap=True,
-            )
-        )
+        inside.addWidget(widgets.label(explanation, "muted", wrap=True))
         self.virtual_button = widgets.button("Start the virtual board", self.start_virtual)
         inside.addLayout(widgets.row(self.virtual_unit, self.speed, None, self.virtual_button))
         return frame
 
     def open_fresh(self) -> None:
-        """Look for ports and show the panel."""
-        self.look()
-        self.connection.ask_boards()
+        """Scan the ports and show the panel."""
+        self.rescan()
         self.unit.setText(self.connection.unit)
         self.refused.hide()
         self.show()
         self.raise_()
         self.port.setFocus()
 
-    def look_again(self) -> None:
-        """Look for ports, and ask them who they are."""
-        self.look()
-        self.connection.ask_boards()
+    def rescan(self) -> None:
+        """List the ports, and query each for its identity in the background."""
+        self.list_ports()
+        self.connection.query_boards()
 
-    def look(self) -> None:
-        """Look for ports again."""
+    def list_ports(self) -> None:
+        """List the ports; what was typed stays."""
         typed = self.port.currentText() or self.connection.last_port
-        self.port.clear()
         ports = self.connection.ports()
+        self.port.clear()
         for found in ports:
             self.port.addItem(found.text, found.port)
         self.none.setVisible(not ports)
@@ -121,32 +112,33 @@ class ConnectPanel(QDialog):
         self.port.setEditText(typed)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show which ports have said that they are boards, and whether there is a link to close."""
+        """Show the boards that have answered, and whether there is a link to close."""
         widgets.allow(self.disconnect_button, "" if snapshot.port is not None else "Nothing is connected.")
-        if self.isVisible() and self.connection.heard_boards():
-            self.look()
+        if self.isVisible() and self.connection.take_answers():
+            self.list_ports()
 
     def connect_board(self) -> None:
-        """Connect to the port that is chosen or typed."""
+        """Connect to the port that is selected or typed; what was typed stays here if it is refused."""
         text = self.port.currentText()
         known = self.port.findText(text)
         port = str(self.port.itemData(known)) if known >= 0 else text
 
-        def deed() -> None:
+        def connect() -> None:
             self.connection.set_unit(self.unit.text())
             self.connection.connect(port, self.profile.toPlainText().strip())
 
-        if self._complaint is not None:  # what was wrong is mended, or said anew
-            self.services.notices.dismiss(self._complaint)
-        if self.services.notices.attempt(deed):
-            self._complaint = None
-            self.refused.hide()
+        notices = self.services.notices
+        if self._refusal is not None:
+            notices.dismiss(self._refusal)
+            self._refusal = None
+        connected = notices.attempt(connect)
+        if not connected:
+            self._refusal = notices.history[-1]
+            self.refused.setText(f"\u25b2 {self._refusal.sentences}")
+        self.refused.setVisible(not connected)
+        self.adjustSize()
+        if connected:
             self.hide()
-        else:  # what was typed stays here, with what is wrong with it
-            notice = self._complaint = self.services.notices.history[-1]
-            self.refused.setText("\u25b2 " + " ".join(map(sentence, filter(None, (notice.cause, notice.remedy)))))
-            self.refused.show()
-            self.adjustSize()
 
     def disconnect_board(self) -> None:
         """Vent and close the link."""

@@ -1,4 +1,4 @@
-"""The head of the window: who is connected and how well, which unit, and VENT. Always there, on every page."""
+"""The header: link and its quality, unit and calibration, VENT. Shown on every page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CHOOSE = "Choose the port (Ctrl+K)"
 
 
 class Header(QWidget):
-    """The head of the window; `refresh` shows a snapshot."""
+    """The header; `refresh` shows a snapshot."""
 
     def __init__(
         self, connection: ConnectionModel, unit: UnitInUse, vent: Callable[[], None], services: Services
@@ -41,7 +41,7 @@ class Header(QWidget):
             name="Unit and calibration",
             tip="Unit on the bench and its calibration",
         )
-        self._unit_words = ""
+        self._unit_text = ""
         self._lengths: tuple[object, ...] = ()
         self.vent = vent_button(vent)
         layout = self.line = QHBoxLayout(self)
@@ -55,41 +55,41 @@ class Header(QWidget):
         layout.addWidget(self.vent)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Leave out what a narrow window has no room for: VENT must be whole."""
+        """Leave out what does not fit a narrow window: VENT is never cut."""
         self.line.setSpacing(style.GAP if self.width() < style.NARROW_BELOW else style.CARD_PADDING)
         super().resizeEvent(event)
         self._fit()
 
     def _fit(self) -> None:
-        """Leave out by weight what has no room; the hover of link and unit still tells it all.
+        """Leave out what does not fit; the tooltips of link and unit still show it.
 
-        The order: the program's name (it stands in the title), the calibration's date, figures that are well, from
-        the last on, the calibration.
+        The order: the program's name (it is in the title), the date of the calibration, link figures without a
+        warning from the last on, the calibration.
         """
         wide = self.width() >= style.NARROW_BELOW
-        told = [label for label in self.figures if label.text()]
-        left = [label for label in reversed(told) if not label.property("state")]
-        unit, _, calibration = self._unit_words.partition(SEPARATOR)
-        names = [self._unit_words, SEPARATOR.join((unit, calibration.rpartition(" ")[0] or calibration)), unit]
+        shown = [label for label in self.figures if label.text()]
+        left = [label for label in reversed(shown) if not label.property("state")]
+        unit, _, calibration = self._unit_text.partition(SEPARATOR)
+        names = [self._unit_text, SEPARATOR.join((unit, calibration.rpartition(" ")[0] or calibration)), unit]
         widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
         around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())
         fixed = (self.simulated, self.link, self.vent, *([self.brand] if wide else []))
         needed = self._needed([w for w in fixed if w is self.brand or not w.isHidden()]) + around
 
         def too_wide() -> bool:
-            return needed + self._needed(told, 0) + widths[names[0]] > self.width()
+            return needed + self._needed(shown, 0) + widths[names[0]] > self.width()
 
         names = names[too_wide() :]
         while left and too_wide():
-            told.remove(left.pop(0))
+            shown.remove(left.pop(0))
         names = names[-1:] if too_wide() else names
         self.brand.setVisible(wide)
         for label in self.figures:
-            label.setVisible(label in told)
+            label.setVisible(label in shown)
         widgets.set_text(self.unit, names[0])
 
     def _needed(self, shown: Sequence[QWidget], around: int = 1) -> int:
-        """Return the width of these with a space behind each, and `around` times the margins and one space."""
+        """Return the width of `shown`, a space after each, and `around` times the margins and one space."""
         margins, space = self.line.contentsMargins(), self.line.spacing()
         ends = around * (margins.left() + margins.right() + space)
         return sum(widget.sizeHint().width() + space for widget in shown) + ends
@@ -108,22 +108,22 @@ class Header(QWidget):
             figure, state = text.figures[i] if i < len(text.figures) else ("", "")
             widgets.set_text(label, figure)
             widgets.set_state(label, state)
-        self._unit_words = self.unit_in_use.text(snapshot)
+        self._unit_text = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
-        self.unit.setToolTip(f"{self._unit_words}\nThe unit on the bench and its calibration")
+        self.unit.setToolTip(f"{self._unit_text}\nThe unit on the bench and its calibration")
         lengths = (
             words,
             snapshot.simulated,
-            self._unit_words,
+            self._unit_text,
             *((len(figure), state) for figure, state in text.figures),
         )
-        if lengths != self._lengths:  # figures are of one width: where none is longer, nothing is measured again
+        if lengths != self._lengths:  # digits have one width: where no figure is longer, nothing is measured again
             self._lengths = lengths
             self._fit()
 
 
 def vent_button(vent: Callable[[], None]) -> QPushButton:
-    """Return the big red button; it acts on the press, not on the release."""
+    """Return the VENT button; it acts on press, not on release."""
     button = QPushButton("VENT   Esc")
     button.setObjectName("vent")
     button.setAccessibleName("Vent the actuator now")

@@ -218,7 +218,7 @@ class MainWindow(QMainWindow):
 
     def _report_refused(self, what: str, why: str) -> None:
         """Report why a key had no effect."""
-        self.model.notices.say(Severity.INFORMATION, f"\u201c{what}\u201d: not now", why)
+        self.model.notices.add(Severity.INFORMATION, f"\u201c{what}\u201d: not now", why)
 
     def vent(self) -> None:
         """Vent, whatever has the keyboard; the same key closes a dialog in front."""
@@ -326,7 +326,7 @@ class MainWindow(QMainWindow):
             return True
         self._leave_until = monotonic() + LEAVE_S
         remedy = f"Press Close again within {LEAVE_S:.0f} s to stop it, vent and save."
-        self.model.notices.say(Severity.WARNING, "a run is in progress", remedy)
+        self.model.notices.add(Severity.WARNING, "a run is in progress", remedy)
         return False
 
     def closeEvent(self, event: QCloseEvent) -> None:

@@ -1,4 +1,4 @@
-"""The pages' names at the left; Ctrl+1 to Ctrl+7 go there too."""
+"""The names of the pages at the left."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ from boat_daq.viewmodels.common.services import Page
 
 
 class Navigation(QWidget):
-    """Buttons for the pages; `go(name)` is called with the one chosen."""
+    """A button for each page.
+
+    Parameters
+    ----------
+    pages : in order; their shortcuts are Ctrl+1 and so on.
+    go : shows a page.
+    show_keys : shows the shortcut sheet.
+    """
 
     def __init__(self, pages: Sequence[Page], go: Callable[[Page], None], show_keys: Callable[[], None]) -> None:
         super().__init__()
@@ -37,7 +44,7 @@ class Navigation(QWidget):
         layout.addWidget(widgets.button("?  Keys", show_keys, "nav", name="Show the keys"))
 
     def mark(self, name: Page, why: str) -> None:
-        """Say at a page's name that it waits for somebody; an empty `why` takes it back."""
+        """Mark a page that needs the operator, and why; an empty `why` removes the mark."""
         button = self.buttons[name]
         text = f"{name}  \u25c0" if why else name
         if button.text() != text:

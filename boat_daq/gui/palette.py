@@ -1,4 +1,4 @@
-"""The command palette (type what you want) and the shortcut sheet (?): both read the one list of commands."""
+"""The command palette and the shortcut sheet, both made from the list of commands."""
 
 from __future__ import annotations
 
@@ -24,41 +24,16 @@ from boat_daq.viewmodels.common.matching import ranked
 SHEET = (("Session", "Edit", "Go", "Help"), ("View", "Models"), ("Sequence", "Runs"))  # the menus in columns
 NARROW_SHEET = (("Session", "Edit", "Sequence", "Go", "Help"), ("View", "Runs", "Models"))
 
-ALSO = {  # what people type for a command that says it in other words
-    "Vent now": "emergency release deflate",
-    "Close the window": "quit exit leave",
-    "Mark this moment \u2026": "marker note comment",
-    "Connect \u2026": "port serial board",
-    "Start the virtual board": "demo simulate simulation",
-    "Start": "begin run",
-    "Stop": "abort end",
-    "Set the pressure by hand": "manual",
-    "Cursor A": "statistics measure",
-    "Cursor B": "statistics measure",
-    "Copy the plot": "screenshot picture clipboard",
-    "Save the plot as PNG \u2026": "screenshot picture image export",
-    "Save the plot's data as CSV \u2026": "export",
-    "Dark": "night theme",
-    "Light": "day theme",
-    "Compute uncertainty bands (emcee)": "mcmc posterior sample",
-    "Report of the run shown \u2026": "pdf html print",
-    "Report of the chosen runs \u2026": "pdf html print",
-    "Calibrate": "fit curve hysteresis",
-    "Repeat": "repeatability drift hysteresis",
-    "Runs": "recordings units export replay compare recover report",
-    "Keys": "shortcuts help",
-}
-
 
 class Palette(QDialog):
-    """A field and the commands that match it; Enter does the first."""
+    """A field and the commands that match it; Enter runs the selected one."""
 
     def __init__(self, parent: QWidget, registry: Registry) -> None:
         super().__init__(parent, Qt.WindowType.Popup)
         self.over, self.registry = parent, registry
         self.setAccessibleName("Command palette")
         self.setFixedWidth(style.FORM_WIDTH)
-        self.field = widgets.field("Command", placeholder="What do you want to do?")
+        self.field = widgets.field("Command", placeholder="Type a command")
         self.list = QTreeWidget()
         self.list.setAccessibleName("Matching commands")
         self.list.setColumnCount(2)
@@ -86,7 +61,7 @@ class Palette(QDialog):
         self.field.setFocus()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Let the arrow keys of the field move in the list."""
+        """Pass the arrow keys of the field to the list."""
         if (
             isinstance(event, QKeyEvent)
             and event.type() is QEvent.Type.KeyPress
@@ -99,8 +74,8 @@ class Palette(QDialog):
     def _match(self, text: str) -> None:
         self.list.clear()
         able = [c for c in self.registry.commands if c.available()]
-        found = ranked(text, able, lambda c: f"{c.menu} {c.text} {ALSO.get(c.text, '')}")
-        for command in sorted(found, key=lambda c: c.text.lower() != text.strip().lower()):  # its own name goes first
+        found = ranked(text, able, lambda c: f"{c.menu} {c.text} {c.also}")
+        for command in sorted(found, key=lambda c: c.text.lower() != text.strip().lower()):  # an exact name first
             item = QTreeWidgetItem([command.text, shown(command)])
             item.setData(0, Qt.ItemDataRole.UserRole, command)
             self.list.addTopLevelItem(item)
@@ -143,23 +118,23 @@ class ShortcutSheet(QDialog):
         self._body = body
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Be as large as all the keys are, where the window has the room."""
+        """Take the size of all keys, but not more than the window's."""
         super().showEvent(event)
         self._arrange(SHEET if self.over.width() >= style.NARROW_BELOW else NARROW_SHEET)
-        wanted, room = self._body.sizeHint(), self.over.size()
+        wanted, most = self._body.sizeHint(), self.over.size()
         margin = 2 * style.STRIP_HEIGHT
-        self.resize(min(wanted.width() + margin, room.width()), min(wanted.height() + margin, room.height()))
-        self.move(self.over.geometry().center() - self.rect().center())  # Qt has placed it by its size before
+        self.resize(min(wanted.width() + margin, most.width()), min(wanted.height() + margin, most.height()))
+        self.move(self.over.geometry().center() - self.rect().center())  # Qt has placed it by its former size
 
     def _arrange(self, menus_of: tuple[tuple[str, ...], ...]) -> None:
-        """Stand the menus in so many columns."""
+        """Distribute the menus over columns."""
         for place, column in enumerate(self._columns):
             menus = menus_of[place] if place < len(menus_of) else ()
             while column.takeAt(0) is not None:
                 pass
             for menu in menus:
                 column.addWidget(self._blocks[menu])
-                self._blocks[menu].show()  # a layout asks nothing for what is only about to be shown
+                self._blocks[menu].show()  # a layout ignores hidden widgets
             column.addStretch(1)
 
     @staticmethod

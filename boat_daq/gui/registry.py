@@ -1,4 +1,4 @@
-"""Every deed of the window, once: menus, shortcuts, the palette and the shortcut sheet are made of this list."""
+"""The commands of the window: menus, shortcuts, palette and shortcut sheet are made of this one list."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Models", "Go", "Help")
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One deed.
+    """One command.
 
     Parameters
     ----------
     menu : one of `MENUS`.
     text : what it does, a verb first.
     shortcut : as Qt writes it, e.g. "Ctrl+K"; every command has one.
-    run : the deed.
-    available : whether it can be done now.
-    apart : whether a line stands above it in its menu.
-    why : what stands against it now; said where it is greyed, and where its key is pressed all the same.
+    run : the action.
+    available : whether it can run now.
+    apart : whether a separator precedes it in its menu.
+    why : why it cannot run now; shown on hover, and as a notice when its key is pressed.
+    also : other words by which the palette finds it.
     """
 
     menu: str
@@ -36,6 +37,7 @@ class Command:
     available: Callable[[], bool] = lambda: True
     apart: bool = False
     why: Callable[[], str] = lambda: ""
+    also: str = ""
 
 
 class Registry:
@@ -45,14 +47,15 @@ class Registry:
         self._window = window
         self.commands: list[Command] = []
         self._actions: list[tuple[Command, QAction]] = []
-        self.refused: Callable[[str, str], object] = lambda what, why: None
+        self.refused: Callable[[str, str], object] = lambda text, why: None
         self._menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
         for menu in self._menus.values():
             menu.aboutToShow.connect(self.refresh)
+            menu.aboutToHide.connect(self.enable_all)
             menu.setToolTipsVisible(True)
 
     def add(self, command: Command) -> QAction:
-        """Add a command to its menu; returns its action."""
+        """Add a command to its menu; return its action."""
         menu = self._menus[command.menu]
         if command.apart:
             menu.addSeparator()
@@ -66,27 +69,27 @@ class Registry:
         return action
 
     def _pressed(self, command: Command) -> None:
-        """Do a command by its key; what stands open over the window (palette, menu, list) has had its turn."""
+        """Close a popup that is open over the window (palette, menu, list), then run the command."""
         popup = QApplication.activePopupWidget()
         if popup is not None:
             popup.close()
         self.run(command)
 
     def run(self, command: Command) -> None:
-        """Do a command if it can be done now."""
+        """Run a command if it is available, else report why not."""
         if command.available():
             command.run()
         elif why := command.why():
             self.refused(command.text, why)
 
     def refresh(self) -> None:
-        """Grey out what cannot be done now; the shortcut of a greyed command asks again when it is pressed."""
+        """Disable what cannot run now, while a menu is open."""
         for command, action in self._actions:
             able = command.available()
             action.setEnabled(able)
             action.setToolTip("" if able else as_words(command.why()))
 
-    def wake(self) -> None:
-        """Let every shortcut be heard again after a menu has closed."""
+    def enable_all(self) -> None:
+        """Enable every action once the menu is closed: the shortcut of a disabled one would have no effect."""
         for _, action in self._actions:
             action.setEnabled(True)

@@ -1,22 +1,20 @@
-"""The strip at the foot: the one thing that needs attention, its remedy, its button; long work and its cancel."""
+"""The status strip at the foot: the most severe notice, its remedy and action; the running job and its cancel."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QPlainTextEdit, QProgressBar, QSizePolicy, QVBoxLayout, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.tooltips import as_words
 from boat_daq.viewmodels.common.jobs import JobRunner
-from boat_daq.viewmodels.common.notices import SHAPES, WORDS, Notice, Notices, Severity
-
-LEVELS = {Severity.INFORMATION: "information", Severity.WARNING: "warning", Severity.FAULT: "fault"}
+from boat_daq.viewmodels.common.notices import TITLES, Notice, Notices, Severity
 
 
 class Strip(QWidget):
-    """The strip; `refresh` shows what stands."""
+    """The strip; `refresh` shows the current notice and the newest job."""
 
     def __init__(self, notices: Notices, jobs: JobRunner) -> None:
         super().__init__()
@@ -26,34 +24,32 @@ class Strip(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.mark = widgets.label()
         self.text = widgets.label(name="What needs attention")
-        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons keep their room
+        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are never cut
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.act = widgets.button("", self.do_it, name="Do what the message proposes")
+        self.act = widgets.button("", self.apply, name="Apply suggested action")
         self.more = widgets.button("Details", self._toggle_details, "link")
-        self.copy = widgets.button("Copy", self._copy, "link", name="Copy the message")
-        self.close_ = widgets.button("Dismiss", self.dismiss, "link", name="Dismiss the message")
+        self.copy = widgets.button("Copy", self._copy, "link", name="Copy message")
+        self.close_ = widgets.button("Dismiss", self.dismiss, "link", name="Dismiss message")
         self.behind = widgets.label("", "small")
         self.work = widgets.label("", "muted")
         self.bar = QProgressBar()
         self.bar.setFixedWidth(style.VENT_WIDTH)
         self.bar.setAccessibleName("Progress")
-        self.cancel = widgets.button("Cancel", self.cancel_work, name="Cancel the work under way")
+        self.cancel = widgets.button("Cancel", self.cancel_job, name="Cancel task")
         self.details = QPlainTextEdit()
         self.details.setReadOnly(True)
         self.details.setAccessibleName("Details of the message")
         self.details.setFixedHeight(4 * style.STRIP_HEIGHT)
-        self.details.hide()
         self._lay_out()
         self._show(None)
 
     def _lay_out(self) -> None:
-        line = QHBoxLayout()
+        line = widgets.row(
+            self.mark, self.text, self.behind, self.act, self.more, self.copy, self.close_, self.work, self.bar,
+            self.cancel,
+        )  # fmt: skip
+        line.setStretchFactor(self.text, 1)
         line.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
-        line.setSpacing(style.GAP)
-        line.addWidget(self.mark)
-        line.addWidget(self.text, 1)
-        for widget in (self.behind, self.act, self.more, self.copy, self.close_, self.work, self.bar, self.cancel):
-            line.addWidget(widget)
         head = QWidget()
         head.setFixedHeight(style.STRIP_HEIGHT)
         head.setLayout(line)
@@ -64,63 +60,58 @@ class Strip(QWidget):
         whole.addWidget(self.details)
 
     def refresh(self) -> None:
-        """Show the weightiest notice and the work under way."""
+        """Show the most severe notice and the newest job."""
         notice = self.notices.current()
         if notice is not self._shown:
             self._show(notice)
         waiting = self.notices.waiting()
         widgets.set_text(self.behind, f"{waiting} more" if waiting else "")
-        self._show_work()
-
-    def _show(self, notice: Notice | None) -> None:
-        self._shown = notice
-        self.details.hide()
-        level = LEVELS[notice.level] if notice else ""
-        widgets.set_state(self, level, "level")
-        self.mark.setText(f"{SHAPES[notice.level]}  {WORDS[notice.level]}" if notice else "")
-        widgets.set_state(self.mark, {"warning": "warning", "fault": "fault"}.get(level, "ok"))
-        self.text.setText(" ".join(sentence(part) for part in (notice.cause, notice.remedy) if part) if notice else "")
-        self.text.setToolTip(as_words(notice.text) if notice else "")
-        self.act.setText(notice.action_text if notice else "")
-        self.act.setVisible(bool(notice and notice.action))
-        self.more.setVisible(bool(notice and notice.details))
-        standing = bool(notice and notice.level is not Severity.INFORMATION)
-        self.copy.setVisible(standing)
-        self.close_.setVisible(notice is not None and notice.stays)
-        self.details.setPlainText(notice.text if notice else "")
-
-    def _show_work(self) -> None:
         running = self.jobs.running()
         for widget in (self.work, self.bar, self.cancel):
             widget.setVisible(bool(running))
         if running:
-            work = running[-1]
-            widgets.set_text(self.work, work.label)
-            self.bar.setRange(0, 0 if work.fraction is None else 1000)
-            if work.fraction is not None:
-                self.bar.setValue(work.permille)
+            job = running[-1]
+            widgets.set_text(self.work, job.label)
+            self.bar.setRange(0, 0 if job.fraction is None else 1000)
+            self.bar.setValue(job.permille)
 
-    def offers(self) -> bool:
-        """Whether the message proposes a deed."""
+    def _show(self, notice: Notice | None) -> None:
+        self._shown = notice
+        severity = notice.severity.name.lower() if notice else ""
+        widgets.set_state(self, severity, "level")
+        widgets.set_state(self.mark, severity if severity in ("warning", "fault") else "ok")
+        self.mark.setText(TITLES[notice.severity] if notice else "")
+        self.text.setText(notice.sentences if notice else "")
+        self.text.setToolTip(as_words(notice.text) if notice else "")
+        self.act.setText(notice.action_text if notice else "")
+        self.details.setPlainText(notice.text if notice else "")
+        self.details.hide()
+        self.act.setVisible(self.has_action())
+        self.more.setVisible(bool(notice and notice.details))
+        self.copy.setVisible(bool(notice and notice.severity is not Severity.INFORMATION))
+        self.close_.setVisible(bool(notice and notice.stays))
+
+    def has_action(self) -> bool:
+        """Return whether the notice suggests an action."""
         return self._shown is not None and self._shown.action is not None
 
-    def stands(self) -> bool:
-        """Whether a message stands."""
+    def has_notice(self) -> bool:
+        """Return whether a notice is shown."""
         return self._shown is not None
 
-    def works(self) -> bool:
-        """Whether work is under way."""
+    def has_job(self) -> bool:
+        """Return whether a job runs."""
         return bool(self.jobs.running())
 
-    def do_it(self) -> None:
-        """Do what the message proposes."""
+    def apply(self) -> None:
+        """Run the action that the notice suggests."""
         notice = self._shown
         if notice is not None and notice.action is not None:
             self.notices.dismiss(notice)
             self.notices.attempt(notice.action)
 
     def dismiss(self) -> None:
-        """Take the message away."""
+        """Dismiss the notice."""
         if self._shown is not None:
             self.notices.dismiss(self._shown)
         self.refresh()
@@ -132,16 +123,7 @@ class Strip(QWidget):
     def _toggle_details(self) -> None:
         self.details.setVisible(not self.details.isVisible())
 
-    def cancel_work(self) -> None:
-        """Cancel the newest piece of work."""
-        running = self.jobs.running()
-        if running:
-            running[-1].cancel()
-
-
-def sentence(text: str) -> str:
-    """Return `text` as a sentence."""
-    text = text.strip()
-    place = "/" in text.partition(" ")[0]  # a port or a file is written as it is
-    head = text if place else text[:1].upper() + text[1:]
-    return head if head.endswith((".", "!", "?", "\u2026")) else f"{head}."
+    def cancel_job(self) -> None:
+        """Cancel the newest job."""
+        for job in self.jobs.running()[-1:]:
+            job.cancel()

@@ -1,4 +1,4 @@
-"""Keys that a window hears before its shortcuts do: Esc under an open menu, Space and Enter on a focused button."""
+"""Keys handled before the window's shortcuts: Esc under an open menu, Space and Enter on a focused button."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class WindowKeys(QObject):
-    """Watches the windows of the program.
+    """Event filter of the program's windows.
 
-    Esc vents where no shortcut is heard: while a menu, a list or a dialog is open. Space is a shortcut of the plots,
-    but belongs to a button or a choice that has the focus; Enter presses a focused button too. Undo and redo belong to
-    a field while it has typing to take back, and to the window's history else: the reading's field has the focus for a
-    whole run.
+    Esc vents where shortcuts have no effect: while a menu, a list or a dialog is open. Space is a shortcut of the
+    plots, but goes to a button or a choice that has the focus; Enter presses a focused button too. Undo and redo go to
+    a field while it has edits to undo, else to the window's history: the reading field has the focus for a whole run.
     """
 
     def __init__(self, vent: Callable[[], None]) -> None:
@@ -25,19 +24,19 @@ class WindowKeys(QObject):
         self.vent = vent
 
     def watch(self, window: QWindow | None) -> None:
-        """Watch a window from now on."""
+        """Install the filter on a window."""
         if window is not None:
             window.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Return whether the key was taken here; Esc goes its way all the same."""
+        """Return whether the key was handled here; Esc is passed on in any case."""
         if not isinstance(event, QKeyEvent):
             return False
         focus = QApplication.focusWidget()
         if event.type() is QEvent.Type.ShortcutOverride and event.key() == Qt.Key.Key_Space:
-            return _kept(event) if isinstance(focus, QAbstractButton | QComboBox) else False
+            return _keep(event) if isinstance(focus, QAbstractButton | QComboBox) else False
         if event.type() is QEvent.Type.ShortcutOverride and isinstance(focus, QLineEdit):
-            return _leaves(event, focus)
+            return _leave_to_shortcuts(event, focus)
         if event.type() is not QEvent.Type.KeyPress:
             return False
         over = QApplication.activePopupWidget() or QApplication.activeModalWidget()
@@ -49,14 +48,14 @@ class WindowKeys(QObject):
         return False
 
 
-def _kept(event: QKeyEvent) -> bool:
-    """Keep a key from the shortcuts, so that it comes as a press."""
+def _keep(event: QKeyEvent) -> bool:
+    """Keep a key from the shortcuts, so that it arrives as a key press."""
     event.accept()
     return True
 
 
-def _leaves(event: QKeyEvent, field: QLineEdit) -> bool:
-    """Leave undo and redo to the shortcuts where a field has nothing of its own to take back."""
+def _leave_to_shortcuts(event: QKeyEvent, field: QLineEdit) -> bool:
+    """Leave undo and redo to the shortcuts where the field has no edit to undo."""
     undo, redo = (event.matches(key) for key in (QKeySequence.StandardKey.Undo, QKeySequence.StandardKey.Redo))
     if (undo and not field.isUndoAvailable()) or (redo and not field.isRedoAvailable()):
         event.ignore()
@@ -65,5 +64,5 @@ def _leaves(event: QKeyEvent, field: QLineEdit) -> bool:
 
 
 def _has_enter(button: QAbstractButton) -> bool:
-    """Whether Qt itself presses this button on Enter."""
+    """Return whether Qt itself presses this button on Enter."""
     return isinstance(button, QPushButton) and button.autoDefault()

@@ -54,7 +54,7 @@ class AppModel:
     def __init__(self, session: Session, folder: Path, recordings: Path, units: UnitLibrary | None = None) -> None:
         self.session, self.folder, self.units = session, folder, units or UnitLibrary()
         self.notices = Notices()
-        self.preferences = Preferences(folder, partial(self.notices.say, Severity.WARNING))
+        self.preferences = Preferences(folder, partial(self.notices.add, Severity.WARNING))
         self.undo = UndoHistory()
         self.jobs = JobRunner()
         self.services = Services(self.notices, self.preferences, self.undo, recordings)
@@ -122,7 +122,7 @@ class AppModel:
 
     def _report_alarms(self) -> None:
         for sentence in self.monitor.poll():
-            self.notices.say(Severity.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
+            self.notices.add(Severity.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
 
     def connected(self) -> bool:
         """Return whether samples arrived at the last tick."""
@@ -148,7 +148,7 @@ class AppModel:
     def offer_recovery(self) -> None:
         """Offer to recover each recording that a killed session left open."""
         for path in self.runs.interrupted():
-            self.notices.say(
+            self.notices.add(
                 Severity.WARNING,
                 f"{path.name} was not closed: its session was killed",
                 "Nothing that was recorded is lost; recovering closes the file properly.",

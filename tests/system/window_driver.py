@@ -100,7 +100,7 @@ def by_mouse(scenario) -> None:
     bar, last_step, read = window.live.reading, None, 0
     while scenario.state() in (SessionState.RUNNING, SessionState.FINISHING):
         waiting = model.session.snapshot().waiting_for_reading
-        if waiting is None or waiting.step_id == last_step or bar.asked != waiting.step_id:
+        if waiting is None or waiting.step_id == last_step or bar.step_id != waiting.step_id:
             QTest.qWait(10)
             continue
         user.type(f"{model.connection.simulated_mm():.1f}")  # the field has the focus already

@@ -145,7 +145,7 @@ class Scenario:
             if waiting is None or waiting.step_id == last_step:
                 QTest.qWait(10)
                 continue
-            self.until(lambda w=waiting: bar.isVisible() and bar.asked == w.step_id, "the reading field", 5)
+            self.until(lambda w=waiting: bar.isVisible() and bar.step_id == w.step_id, "the reading field", 5)
             if read == picture_at:
                 self.keep("2-running")
             millimetres = model.connection.simulated_mm()

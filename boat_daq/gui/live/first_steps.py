@@ -1,4 +1,4 @@
-"""The live page before the first sample: what to do, in three steps, with the virtual board as one of the ways."""
+"""The live page before the first sample: what to do, in three steps."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ from boat_daq.viewmodels.live.connection import ConnectionModel
 STEPS = (
     (
         "Connect",
-        "Plug in the board and choose its port, or begin with the virtual board: a simulated unit that behaves like "
-        "SA1, to learn on.",
+        "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for practice.",
     ),
     (
         "Run the plan",
-        "Arm checks the limits, Start records and runs the cycles. At each plateau the window asks for the elongation "
-        "on the millimetre grid; Enter goes on.",
+        "Arm checks the limits, Start records and runs the cycles. At each plateau, type the elongation on the "
+        "millimetre grid and press Enter.",
     ),
     (
         "Accept the calibration",
-        "The Calibrate page fits the run and shows its bands and figures. Accept it, and the elongation is shown live "
+        "The Calibrate page fits the run and shows its bands and figures. Once accepted, the elongation is shown live "
         "in millimetres.",
     ),
 )
 
 
 class FirstSteps(QScrollArea):
-    """Three steps; the one that comes next is marked."""
+    """Three steps from a board to a calibration."""
 
     def __init__(self, connection: ConnectionModel, services: Services) -> None:
         super().__init__()
@@ -43,13 +42,13 @@ class FirstSteps(QScrollArea):
         self.board = widgets.button("Connect a board …", partial(services.show, Panel.CONNECT))
         start = partial(services.notices.attempt, connection.start_virtual_board)
         self.virtual = widgets.button("Start the virtual board", start, "primary")
-        self.plan = widgets.button("Look at the plan", partial(services.show, Panel.PLAN))
-        for number, (title, words) in enumerate(STEPS, 1):
+        self.plan = widgets.button("Show the plan", partial(services.show, Panel.PLAN))
+        for number, (title, text) in enumerate(STEPS, 1):
             buttons = {1: (self.virtual, self.board), 2: (self.plan,)}.get(number, ())
-            inside.addWidget(self._step(str(number), title, words, *buttons))
+            inside.addWidget(self._step(str(number), title, text, *buttons))
         body = QWidget()
         layout = QVBoxLayout(body)
-        across = widgets.row(None, frame, None)  # no alignment: a frame that is aligned does not wrap its words
+        across = widgets.row(None, frame, None)  # no alignment: an aligned frame does not wrap its text
         across.setStretchFactor(frame, 100)
         layout.addStretch(1)
         layout.addLayout(across)
@@ -57,7 +56,7 @@ class FirstSteps(QScrollArea):
         self.setWidgetResizable(True)
         self.setWidget(body)
 
-    def _step(self, number: str, title: str, words: str, *buttons: QWidget) -> QFrame:
+    def _step(self, number: str, title: str, text: str, *buttons: QWidget) -> QFrame:
         frame, inside = widgets.card()
         grid = QGridLayout()
         grid.setColumnStretch(1, 1)
@@ -66,7 +65,7 @@ class FirstSteps(QScrollArea):
         digit.setFixedWidth(6 * style.STEP)
         grid.addWidget(digit, 0, 0)
         grid.addWidget(widgets.label(title, "subtitle"), 0, 1)
-        grid.addWidget(widgets.label(words, "muted", wrap=True), 1, 1)
+        grid.addWidget(widgets.label(text, "muted", wrap=True), 1, 1)
         if buttons:
             grid.addLayout(widgets.row(*buttons, None), 2, 1)
         inside.addLayout(grid)

@@ -1,4 +1,4 @@
-"""The live page: the large figures, the plots, the run's line, the question of the moment, and the pane beside them."""
+"""The live page: measured values, plots, the line of the run, the reading bar, and the pane beside them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from boat_daq.viewmodels.live.shadow_live import ShadowLive
 
 
 class ValueDisplay(QWidget):
-    """One measured value: what it is, small; the value, large and still; its unit, smaller."""
+    """One measured value: its name, the value in large digits, its unit."""
 
     def __init__(self, title: str, unit: str, example: str) -> None:
         super().__init__()
@@ -42,7 +42,7 @@ class ValueDisplay(QWidget):
         self.name = widgets.label(title, "muted")
         self.value = QLabel(formatting.NOTHING)
         self.value.setTextFormat(Qt.TextFormat.PlainText)
-        self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # the decimal point stands still
+        self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # keeps the decimal point in place
         self.unit = widgets.label(unit, "set")
         self.note = widgets.label("", "small", elide=True)
         head = widgets.row(self.swatch, self.name, self.note, None, spacing=6)
@@ -57,7 +57,7 @@ class ValueDisplay(QWidget):
         self.resize_text(style.FONT_MEASURED)
 
     def resize_text(self, pixels: int) -> None:
-        """Set the size of the value, and room for the longest one so that nothing moves."""
+        """Set the size of the value, and a width for the longest one so that nothing moves."""
         font = style.measured_font(pixels)
         self.value.setFont(font)
         self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
@@ -70,13 +70,13 @@ class ValueDisplay(QWidget):
         self.value.setAccessibleName(f"{self.title}: {text} {self.unit.text()} {note}".strip())
 
     def tint(self, colour: str) -> None:
-        """Take the colour that the plots give this value."""
+        """Show the colour of this value in the plots."""
         self.swatch.setStyleSheet(f"background: {colour}; border-radius: 2px;")
 
 
-def table(rows: Sequence[Sequence[str]], apart: int) -> str:
-    """Return rows of cells as rich text, aligned at the right, `apart` pixels between the columns."""
-    between = f"</td><td align='right' style='padding-left: {apart}px'>"
+def table(rows: Sequence[Sequence[str]], spacing: int) -> str:
+    """Return rows of cells as rich text, aligned right, `spacing` pixels between the columns."""
+    between = f"</td><td align='right' style='padding-left: {spacing}px'>"
     lines = (f"<tr><td align='right'>{between.join(cells)}</td></tr>" for cells in rows)
     return f"<table cellspacing='0' cellpadding='0'>{''.join(lines)}</table>"
 
@@ -93,7 +93,7 @@ class LivePage(QWidget):
         self.spans.setTextFormat(Qt.TextFormat.RichText)
         self.spans.hide()
         self.between = widgets.label("", "small", name="Statistics between the cursors")
-        self._before = 0  # the tab that stood there before the statistics
+        self._before = 0  # the tab shown before the statistics
         self.between.setTextFormat(Qt.TextFormat.RichText)
         self.between.setStyleSheet(f"font-size: {style.FONT_NARROW}px;")
         self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
@@ -112,8 +112,8 @@ class LivePage(QWidget):
         )
         left.setStretchFactor(self.middle, 1)
         self.sides = Divided("live", services.preferences, widgets.holder(left), self.pane, style.PANE_WIDTH)
-        self.room, self.left = widgets.page_layout(self), left
-        self.room.addWidget(self.sides)
+        self.page, self.left = widgets.page_layout(self), left
+        self.page.addWidget(self.sides)
 
     def _figures(self) -> dict[str, ValueDisplay]:
         return {
@@ -134,29 +134,31 @@ class LivePage(QWidget):
         )
         self.window_choice.setCurrentIndex(WINDOWS_S.index(self.model.window_s))
         self.window_choice.activated.connect(lambda _: self.set_window(self.window_choice.currentData()))
-        self.hold = widgets.button("Hold picture", self.toggle_hold, tip="Hold the picture; data go on (Space)")
-        self.hold.setCheckable(True)
-        for widget in (widgets.label("Show", "muted"), self.window_choice, self.hold):
+        self.freeze = widgets.button(
+            "Freeze plot", self.toggle_freeze, tip="Freeze the plots; recording continues (Space)"
+        )
+        self.freeze.setCheckable(True)
+        for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         return frame
 
     def _marker(self) -> QFrame:
         frame, layout = widgets.card()
-        self.note = widgets.field("Note for this moment", placeholder="What happens at this moment?")
+        self.note = widgets.field("Note of the marker", placeholder="What happened?")
         self.note.returnPressed.connect(self._mark)
         layout.addLayout(
             widgets.row(
                 widgets.label("Marker", "subtitle"),
                 self.note,
-                widgets.button("Mark", self._mark),
-                widgets.button("Cancel", self._marked),
+                widgets.button("Add", self._mark, name="Add marker"),
+                widgets.button("Cancel", self._close_marker, name="Cancel marker"),
             )
         )
         frame.hide()
         return frame
 
     def ask_marker(self) -> None:
-        """Ask for the note of a marker."""
+        """Show the field for the note of a marker."""
         self.services.show(Page.LIVE)
         self.note.clear()
         self.marker.show()
@@ -164,30 +166,30 @@ class LivePage(QWidget):
 
     def _mark(self) -> None:
         self.run.mark(self.note.text().strip())
-        self._marked()
+        self._close_marker()
 
-    def _marked(self) -> None:
+    def _close_marker(self) -> None:
         self.marker.hide()
-        self.back_to_the_question()
+        self.focus_reading()
 
-    def back_to_the_question(self) -> None:
-        """Give the keyboard back to the reading's field where a plateau waits."""
-        if self.asks() and self.reading.isVisible():
+    def focus_reading(self) -> None:
+        """Give the keyboard to the reading field while a plateau waits."""
+        if self.reading_is_due() and self.reading.isVisible():
             self.reading.field.setFocus()
 
     def open_photograph(self) -> None:
-        """Show the panel that reads from a picture, nearly as large as the window: the grid is fine."""
+        """Show the panel for a photograph, nearly as large as the window: the grid is fine."""
         if self.photograph.isHidden():
             self.photograph.resize(self.window().size() * style.PANEL_SHARE)
         self.photograph.show()
         self.photograph.raise_()
 
     def toggle_overlay(self) -> None:
-        """Show the last cycles over each other, or the plots again."""
+        """Show the last cycles overlaid, or the plots again."""
         self.overlaid = not self.overlaid
 
     def show_first_steps(self, wanted: bool) -> None:
-        """Show the three first steps until something is connected."""
+        """Show the first steps until a board is connected."""
         self.middle.setCurrentWidget(self.first_steps if wanted else self.plots)
 
     def _choose_middle(self) -> None:
@@ -203,7 +205,7 @@ class LivePage(QWidget):
         tabs.tabBar().setDrawBase(False)
         self.shadow = ShadowPane(shadow, self.services)
         self.table = ReadingsTable(self.run.readings, self.services)
-        self.table.model.corrected.connect(self.back_to_the_question, Qt.ConnectionType.QueuedConnection)
+        self.table.model.corrected.connect(self.focus_reading, Qt.ConnectionType.QueuedConnection)
         self.plan = PlanForm(self.run.sequence, self.services)
         tabs.addTab(self.shadow, "Shadow")
         tabs.addTab(self.plan, "Plan")
@@ -213,32 +215,35 @@ class LivePage(QWidget):
         return tabs
 
     def set_window(self, seconds: float) -> None:
-        """Show so many seconds."""
+        """Show the last `seconds`."""
         self.model.set_window(seconds)
+        self._show_window()
+
+    def _show_window(self) -> None:
+        seconds = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
 
-    def toggle_hold(self) -> None:
-        """Hold the picture, or follow again."""
+    def toggle_freeze(self) -> None:
+        """Freeze the plots, or follow the data again."""
         if self.model.following:
-            self.model.pause()
+            self.model.freeze()
         else:
             self.model.follow()
 
     def zoom(self, factor: float) -> None:
         """Show `factor` times the present length."""
         self.model.zoom(factor)
-        seconds = self.model.window_s
-        self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
+        self._show_window()
 
     def remember(self) -> None:
-        """Keep the zoom, the arrangement of the plots and what stands beside them for the next start."""
+        """Store zoom, arrangement of the plots and selected tab for the next start."""
         seconds = self.model.window_s
         self.services.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
         self.services.preferences.set("together", self.model.together)
         self.services.preferences.set("pane", self.pane.currentIndex())
 
     def restore(self) -> None:
-        """Take what was kept the last time."""
+        """Restore what was stored."""
         seconds = float(self.services.preferences.get("window_s", 60.0))
         self.set_window(seconds if seconds > 0 else math.inf)
         self.model.together = bool(self.services.preferences.get("together", False))
@@ -249,7 +254,7 @@ class LivePage(QWidget):
         self.set_window(math.inf)
 
     def toggle_together(self) -> None:
-        """Put both signals on one axis, or part them."""
+        """Show both signals on one axis, or on one each."""
         self.model.together = not self.model.together
         self.plots.arrange()
 
@@ -260,14 +265,14 @@ class LivePage(QWidget):
         self.plan.choice.setFocus()
 
     def show_manual(self) -> None:
-        """Show the field for a pressure by hand."""
+        """Show the field for a manual pressure."""
         self.show_plan()
         self.plan.ensureWidgetVisible(self.plan.target)
         self.plan.target.setFocus()
         self.plan.target.selectAll()
 
-    def asks(self) -> bool:
-        """Whether a plateau waits for its reading."""
+    def reading_is_due(self) -> bool:
+        """Return whether a plateau waits for its reading."""
         return self.run.snapshot.waiting_for_reading is not None
 
     def import_readings(self) -> None:
@@ -279,7 +284,7 @@ class LivePage(QWidget):
         """Show the table of readings."""
         self.services.show(Page.LIVE)
         self.pane.setCurrentWidget(self.table)
-        self.table.refresh(self.run.snapshot)  # hidden, it knows no plateau to paste to
+        self.table.refresh(self.run.snapshot)  # while hidden it is not refreshed
         self.table.view.setFocus()
 
     def paste_readings(self) -> None:
@@ -294,7 +299,7 @@ class LivePage(QWidget):
         self.shadow.draw()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show figures, run and readings; a few times a second."""
+        """Show values, run and readings; called a few times a second."""
         head = self.model.headline(snapshot)
         self.figures["s1"].set(head.signals[0])
         self.figures["s2"].set(head.signals[1] if len(head.signals) > 1 else formatting.NOTHING)
@@ -304,7 +309,7 @@ class LivePage(QWidget):
         self._choose_middle()
         if self.overlay.isVisible():
             self.overlay.draw()
-        self.hold.setChecked(not self.model.following)
+        self.freeze.setChecked(not self.model.following)
         limits = snapshot.limits
         self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
         self.plots.arrange()
@@ -327,7 +332,7 @@ class LivePage(QWidget):
             self.shadow.refresh(snapshot)
 
     def _show_spans(self, spans: list[Span]) -> None:
-        """Show the statistics between the cursors under the plots; in a small window beside them, standing upright."""
+        """Show the statistics between the cursors under the plots; in a small window in a tab beside them."""
         rows = [(self.model.difference(), *HEADINGS[1:]), *(span.cells for span in spans)]
         beside = self.narrow or self.low
         self.spans.setVisible(bool(spans) and not beside)
@@ -355,7 +360,7 @@ class LivePage(QWidget):
             figure.tint(colour)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Fit figures and pane to the window's width."""
+        """Fit values and pane to the width of the window."""
         width = self.window().width()
         pane, figure = style.PANE_WIDTH, style.FONT_MEASURED
         if width >= style.WIDE_FROM:
@@ -364,12 +369,12 @@ class LivePage(QWidget):
             pane, figure = style.PANE_WIDTH_NARROW, style.FONT_MEASURED_NARROW
         self.narrow = width < style.NARROW_BELOW
         self.sides.prefer(pane)
-        self.figures["target"].setVisible(not self.narrow)  # it stands beside the pressure then
+        self.figures["target"].setVisible(not self.narrow)  # else it is shown beside the pressure
         self.figure_line.setSpacing(style.GAP if self.narrow else 5 * style.STEP)
         low = self.low = self.window().height() < style.LOW_BELOW
         self.sequence.picture.setVisible(not low)
         margin = style.STEP if low else style.PAGE_MARGIN
-        self.room.setContentsMargins(margin, margin, margin, margin)
+        self.page.setContentsMargins(margin, margin, margin, margin)
         self.left.setSpacing(style.STEP if low else style.GAP)
         self.reading.fold(self.narrow)
         for value in self.figures.values():

@@ -1,4 +1,4 @@
-"""The last cycles over each other: each signal over the time since its cycle began, the newest strongest."""
+"""The last cycles overlaid: each signal over the time since its cycle began, the newest in colour."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class OverlayPlots(PlotCard):
     """Two plots: sensor 1 and sensor 2 over the time in the cycle."""
 
     def __init__(self, model: OverlayModel) -> None:
-        super().__init__("Last cycles, over each other")
+        super().__init__("Last cycles overlaid")
         self.model = model
         self.curves: list[list[Curve]] = []
         for number in (1, 2):
@@ -28,8 +28,8 @@ class OverlayPlots(PlotCard):
     def draw(self) -> None:
         """Draw the cycles there are."""
         cycles = self.model.cycles()
-        widget_text = f"{len(cycles)} of the last {KEPT} cycles" if cycles else "appears once a cycle has begun"
-        self.readout.setText(widget_text)
+        text = f"{len(cycles)} of the last {KEPT} cycles" if cycles else "shown once a cycle has begun"
+        self.readout.setText(text)
         for sensor, curves in enumerate(self.curves):
             for place, curve in enumerate(reversed(curves)):
                 if place < len(cycles):

@@ -1,4 +1,4 @@
-"""A reading from a picture: load or paste it; two clicks for the scale, one for the tip at rest, one for it now."""
+"""A reading from a picture: two clicks for the scale, one for the tip at rest, one for the tip now."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.photograph import Photograph
 from boat_daq.viewmodels.live.run_model import RunModel
 
-NOBODY_WAITS = "Read. No plateau waits for a reading now: it can be taken when one does, or typed."
+NO_PLATEAU = "Measured. No plateau needs a reading now: take it when one does, or type it."
 MARKS = ("scale 1", "scale 2", "rest", "tip")
 
 
@@ -42,7 +42,7 @@ class PictureView(QGraphicsView):
         self.setAccessibleName("Picture of the millimetre grid")
         self.setScene(QGraphicsScene(self))
         self.picture = QGraphicsPixmapItem()
-        self.picture.setTransformationMode(Qt.TransformationMode.SmoothTransformation)  # else lines of the grid vanish
+        self.picture.setTransformationMode(Qt.TransformationMode.SmoothTransformation)  # keeps the lines of the grid
         self.scene().addItem(self.picture)
         self.marks: tuple[tuple[float, float], ...] = ()
         self.colour = QColor(style.LIGHT.elongation)
@@ -84,17 +84,17 @@ class PictureView(QGraphicsView):
         self.viewport().update()
 
     def drawForeground(self, painter: QPainter, rect: object) -> None:
-        """Draw a cross and a word at every click, of one size on the screen."""
+        """Draw a labelled cross at every click, of one size on the screen."""
         painter.resetTransform()
         arm, ground = style.POINT_SIZE, style.colour(style.LIGHT.surface)
         for (x, y), word in zip(self.marks, MARKS, strict=False):
             at = self.mapFromScene(QPointF(x, y))
-            for colour, width in ((ground, 4), (self.colour, 2)):  # light about dark, on whatever picture
+            for colour, width in ((ground, 4), (self.colour, 2)):  # light around dark, for any picture
                 painter.setPen(QPen(colour, width))
                 painter.drawLine(at.x() - arm, at.y(), at.x() + arm, at.y())
                 painter.drawLine(at.x(), at.y() - arm, at.x(), at.y() + arm)
-            room = painter.fontMetrics().boundingRect(word).adjusted(-style.STEP, 0, style.STEP, 0)
-            painter.fillRect(room.translated(at.x() + arm + style.STEP, at.y() - arm), ground)
+            box = painter.fontMetrics().boundingRect(word).adjusted(-style.STEP, 0, style.STEP, 0)
+            painter.fillRect(box.translated(at.x() + arm + style.STEP, at.y() - arm), ground)
             painter.setPen(style.colour(style.LIGHT.text))
             painter.drawText(at.x() + arm + style.STEP, at.y() - arm, word)
 
@@ -112,11 +112,11 @@ class PhotographPanel(QDialog):
         self.view = PictureView()
         self.view.clicked.connect(self.click)
         self.instruction = widgets.label(
-            "Load or paste (Ctrl+V) a picture of the millimetre grid. The wheel zooms, the right button moves it.",
+            "Load or paste (Ctrl+V) a picture of the millimetre grid. Wheel: zoom; right button: move.",
             "set",
             name="What to do next",
         )
-        self.distance = widgets.field("Millimetres between the two scale clicks", "10", width=2 * style.CONTROL_HEIGHT)
+        self.distance = widgets.field("Distance between scale marks in mm", "10", width=2 * style.CONTROL_HEIGHT)
         self.distance.textChanged.connect(lambda _: self._scale())
         self.value = widgets.label(NOTHING, "title", name="Elongation read")
         self.take = widgets.button("Take the reading", self.accept_reading, "primary")
@@ -124,7 +124,7 @@ class PhotographPanel(QDialog):
         self.take.setEnabled(False)
         head = widgets.row(
             widgets.button("Load …", lambda: ask_open(self, services, "Open a picture", " ".join(KINDS), self.load)),
-            widgets.button("Paste", self.paste), widgets.label("scale clicks are apart by", "muted"), self.distance,
+            widgets.button("Paste", self.paste), widgets.label("Distance between scale marks:", "muted"), self.distance,
             widgets.label("mm", "muted"), None, self.value, widgets.button("Back", self.back), self.take,
         )  # fmt: skip
         layout = QVBoxLayout(self)
@@ -159,7 +159,7 @@ class PhotographPanel(QDialog):
         self._refresh()
 
     def back(self) -> None:
-        """Take the last click back."""
+        """Undo the last click."""
         self.state = self.state.back()
         self._refresh()
 
@@ -173,22 +173,22 @@ class PhotographPanel(QDialog):
         self._refresh()
 
     def refresh(self) -> None:
-        """Follow the run: a plateau may begin or cease to wait while the picture is looked at."""
+        """Follow the run: a plateau may begin or cease to wait meanwhile."""
         if self.isVisible() and not self.view.picture.pixmap().isNull():
             self._refresh()
 
     def _refresh(self) -> None:
         x = self.state.elongation_mm
         waits = self.run.snapshot.waiting_for_reading is not None
-        words = self.state.instruction if waits or x is None else NOBODY_WAITS
-        asked = f"   {self.run.readings.question(self.run.snapshot)}" if waits else ""
-        widgets.set_text(self.instruction, words + asked)
+        text = self.state.instruction if waits or x is None else NO_PLATEAU
+        question = f"   {self.run.readings.question(self.run.snapshot)}" if waits else ""
+        widgets.set_text(self.instruction, text + question)
         self.value.setText(f"{number(x, 2, sign=True)} mm" if x is not None else NOTHING)
         self.take.setEnabled(x is not None and waits)
         self.view.show_marks(self.state.clicks)
 
     def accept_reading(self) -> None:
-        """Keep the reading for the plateau that waits."""
+        """Enter the reading for the plateau that waits."""
         waiting, x = self.run.snapshot.waiting_for_reading, self.state.elongation_mm
         if (
             waiting is not None

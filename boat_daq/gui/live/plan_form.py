@@ -1,4 +1,4 @@
-"""The plan in a form, checked as it is typed, and the manual pressure under it."""
+"""The plan in a form, checked as it is typed, and the manual pressure."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class PlanForm(QScrollArea):
         self.sequence, self.services = sequence, services
         self._revision = -1
         self.setWidgetResizable(True)
-        self.setAccessibleName("Plan, and pressure by hand")
+        self.setAccessibleName("Plan, and manual pressure")
         self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans])
         self.choice.activated.connect(lambda _: self._choose())
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
-        self.refused = widgets.label("", wrap=True, name="Why the plan is refused")
+        self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
         self.estimate = widgets.label("", "muted", wrap=True)
         self.limits = widgets.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
@@ -36,7 +36,7 @@ class PlanForm(QScrollArea):
         self.ask_readings.toggled.connect(self._set_wait)
         self.target = widgets.field("Target pressure in kPa", "0")
         self.ramp = widgets.field("Ramp in kPa per second", "5")
-        self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, while no run goes on")
+        self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
         self.target.returnPressed.connect(self._set_pressure)
         self.setWidget(self._body())
 
@@ -65,7 +65,7 @@ class PlanForm(QScrollArea):
 
     def _manual(self) -> QWidget:
         frame, inside = widgets.card()
-        inside.addWidget(widgets.label("Pressure by hand", "subtitle"))
+        inside.addWidget(widgets.label("Manual pressure", "subtitle"))
         grid = QGridLayout()
         grid.setVerticalSpacing(style.STEP)
         for i, (text, field, unit) in enumerate((("Target", self.target, "kPa"), ("Ramp", self.ramp, "kPa/s"))):
@@ -90,7 +90,7 @@ class PlanForm(QScrollArea):
         self._show_refused()
 
     def _show_refused(self) -> None:
-        """Mark the fields whose entry is not in the plan, and say why of the last one."""
+        """Mark the fields with invalid entries, and show why the last one is."""
         refused = self.sequence.refused
         for key, field in self.fields.items():
             widgets.set_state(field, "true" if key in refused else "", "wrong")
@@ -102,10 +102,10 @@ class PlanForm(QScrollArea):
         self.sequence.choose(str(self.choice.currentData()))
 
     def _set_wait(self, on: bool) -> None:
-        self.sequence.ask_readings(on)
+        self.sequence.require_readings(on)
 
     def open(self) -> None:
-        """Ask for a plan's file."""
+        """Open a plan from a file."""
         ask_open(self, self.services, "Open a plan", "toml", self._opened)
 
     def _opened(self, path: Path) -> None:
@@ -115,14 +115,14 @@ class PlanForm(QScrollArea):
             self.choice.addItem(name, name)
 
     def save(self) -> None:
-        """Ask where to put the plan."""
+        """Save the plan to a file."""
         ask_save(self, self.services, self.sequence.plan.name, "toml", self.sequence.save)
 
     def _set_pressure(self) -> None:
         self.services.notices.attempt(lambda: self.sequence.set_pressure(self.target.text(), self.ramp.text()))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the plan where it has changed, and what a run locks."""
+        """Show the plan where it has changed; lock it during a run."""
         model = self.sequence
         idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
         for field in (*self.fields.values(), self.choice, self.ask_readings):

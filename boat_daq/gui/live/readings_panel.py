@@ -1,4 +1,4 @@
-"""The question of the moment with its field, and the table of all readings."""
+"""The reading bar with its field, and the table of all readings."""
 
 from __future__ import annotations
 
@@ -25,27 +25,25 @@ Index = QModelIndex | QPersistentModelIndex
 
 
 class ReadingBar(QFrame):
-    """Asks for the elongation of the plateau that waits; its field has the focus, Enter goes on.
+    """Takes the elongation of the plateau that waits; its field has the focus, Enter continues the run.
 
-    It stays in its place for the whole run, so that the plots do not jump at every plateau.
+    It keeps its place for the whole run, so that the plots do not move at every plateau.
     """
 
     def __init__(self, run: RunModel, services: Services) -> None:
         super().__init__()
         self.run, self.notices = run, services.notices
-        self.asked: int | None = None
+        self.step_id: int | None = None
         self.setObjectName("card")
-        self.question = widgets.label("", "set", name="Reading asked for", elide=True, least=style.QUESTION_LEAST)
+        self.question = widgets.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
         self.field = widgets.field("Elongation in mm", width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         self.field.returnPressed.connect(self.enter)
         self.photo = widgets.button(
             "Photograph …", partial(services.show, Panel.PHOTOGRAPH), tip="Read it from a picture of the grid (Ctrl+P)"
         )
-        self.simulated = widgets.button(
-            "Read the grid", self._simulated, tip="What an eye would read on the simulated unit"
-        )
-        self.skip = widgets.button("Skip", self.go_without, tip="Go on without a reading")
+        self.simulated = widgets.button("Read the grid", self._simulated, tip="Read the grid of the simulated unit")
+        self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
         answer = widgets.row(
             self.field, widgets.label("mm, Enter", "muted"), None, self.simulated, self.photo, self.skip
         )
@@ -56,58 +54,54 @@ class ReadingBar(QFrame):
         self.hide()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the question where a plateau waits, and take the focus once; else what will be asked for next."""
+        """Show the plateau that waits and take the focus once; else show the next one."""
         waiting = snapshot.waiting_for_reading
-        self.setVisible(waiting is not None or self.run.sequence.asks(snapshot))
+        self.setVisible(waiting is not None or self.run.sequence.needs_readings(snapshot))
         if not self.isVisible():
-            self.asked = None
+            self.step_id = None
             return
         widgets.set_text(self.question, self.run.readings.question(snapshot))
         step = waiting.step_id if waiting else None
         self.simulated.setVisible(self.run.can_read_simulated())
-        if step == self.asked and self.field.isReadOnly() is (step is None):
+        if step == self.step_id and self.field.isReadOnly() is (step is None):
             return
-        self.asked = step
-        self.field.setText("")  # not clear(): undo would bring the last plateau's reading into this one's field
-        self._open(step is not None)
+        self.step_id = step
+        self.field.setText("")  # not clear(): undo would put the last plateau's reading into this field
+        self._enable(step is not None)
         if step is not None and (
             not isinstance(QGuiApplication.focusObject(), QWidget) or self.window().isActiveWindow()
         ):
             self.field.setFocus()
 
-    def _open(self, asking: bool) -> None:
-        """Take an answer, or none; the focus stays in the field, it would else wander to the next button."""
-        widgets.set_state(self, "true" if asking else "false", "attention")
-        if not asking and self.isAncestorOf(QApplication.focusWidget() or self):
+    def _enable(self, due: bool) -> None:
+        """Allow an entry, or none; the focus stays in the field instead of moving to the next button."""
+        widgets.set_state(self, "true" if due else "false", "attention")
+        if not due and self.isAncestorOf(QApplication.focusWidget() or self):
             self.field.setFocus()
-        self.field.setReadOnly(not asking)
+        self.field.setReadOnly(not due)
         for button in (self.simulated, self.photo, self.skip):
-            button.setEnabled(asking)
+            button.setEnabled(due)
 
     def fold(self, narrow: bool) -> None:
-        """Put question and answer over each other where the window is narrow."""
+        """Stack question and answer in a narrow window."""
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
         self.lines.setDirection(way)
 
     def enter(self) -> None:
-        """Keep what was typed."""
-        text, step = self.field.text(), self.asked
+        """Enter what was typed."""
+        text, step = self.field.text(), self.step_id
         if step is None or not text.strip():
             return
         kept = self.notices.attempt(lambda: self.run.readings.enter(step, text))
         widgets.set_state(self.field, "" if kept else "true", "wrong")
 
     def _simulated(self) -> None:
-        if self.asked is not None:
-            self.run.read_simulated(self.asked)
-
-    def go_without(self) -> None:
-        """Let the plateau that waits go on without a reading."""
-        self.run.skip_reading()
+        if self.step_id is not None:
+            self.run.read_simulated(self.step_id)
 
 
 def side(column: int) -> Qt.AlignmentFlag:
-    """Return how a column of the table is aligned: numbers at the right, words at the left."""
+    """Return the alignment of a column: numbers right, text left."""
     across = Qt.AlignmentFlag.AlignRight if column in (0, 2, 3) else Qt.AlignmentFlag.AlignLeft
     return across | Qt.AlignmentFlag.AlignVCenter
 
@@ -115,7 +109,7 @@ def side(column: int) -> Qt.AlignmentFlag:
 class ReadingsTableModel(QAbstractTableModel):
     """Qt's view of the rows of `ReadingsModel`."""
 
-    corrected = Signal()  # a reading was typed into its line
+    corrected = Signal()  # a reading was edited
 
     def __init__(self, readings: ReadingsModel, notices: Notices) -> None:
         super().__init__()
@@ -123,7 +117,7 @@ class ReadingsTableModel(QAbstractTableModel):
         self.rows: list[Row] = []
 
     def show_rows(self, rows: list[Row]) -> None:
-        """Show other rows; those that are there are updated in place, so that an edit is not lost."""
+        """Show other rows; present ones are updated in place, so that an edit is not lost."""
         if rows == self.rows:
             return
         grown = len(rows) - len(self.rows)
@@ -167,11 +161,11 @@ class ReadingsTableModel(QAbstractTableModel):
             font.setBold(True)
             return font
         if role == Qt.ItemDataRole.ToolTipRole:
-            return row.hover or None
+            return row.tip or None
         return None
 
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
-        """Keep an edited reading."""
+        """Enter an edited reading."""
         step = self.rows[index.row()].step_id
         kept = self.notices.attempt(lambda: self.readings.enter(step, str(value)))
         self.corrected.emit()
@@ -198,7 +192,7 @@ class ReadingsView(QTableView):
         self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Paste and delete; the rest is the table's own."""
+        """Handle paste and delete."""
         if event.matches(QKeySequence.StandardKey.Paste):
             self.paste(QGuiApplication.clipboard().text())
         elif event.key() == Qt.Key.Key_Delete:
@@ -207,16 +201,16 @@ class ReadingsView(QTableView):
             super().keyPressEvent(event)
 
     def paste(self, text: str) -> None:
-        """Enter a column from the selected plateau on, or where there is no reading yet."""
+        """Enter a column from the selected plateau on, or from the first without a reading."""
         steps = [row.step_id for row in self.model_rows()]
 
-        def deed() -> None:
+        def enter() -> None:
             if not steps:
-                raise OperatorError("there is no plateau yet to enter readings at", "Start the plan, or choose a run.")
-            chosen = [index.row() for index in self.selectionModel().selectedRows()]  # a current line is not chosen
-            self.readings.paste(text, steps[min(chosen)] if chosen else None)
+                raise OperatorError("there is no plateau yet", "Start the plan, or select a run.")
+            selected = [index.row() for index in self.selectionModel().selectedRows()]  # the current row need not be
+            self.readings.paste(text, steps[min(selected)] if selected else None)
 
-        self.notices.attempt(deed)
+        self.notices.attempt(enter)
 
     def model_rows(self) -> list[Row]:
         """Return the rows shown."""
@@ -234,7 +228,8 @@ class ReadingsTable(QWidget):
 
     Parameters
     ----------
-    readings : of the run that goes, or of an older recording.
+    readings : of the current run, or of a closed recording.
+    services : of the window.
     """
 
     def __init__(self, readings: ReadingsModel, services: Services) -> None:
@@ -248,7 +243,7 @@ class ReadingsTable(QWidget):
         header.setStretchLastSection(True)
         header.setHighlightSections(False)
         self.empty = widgets.label(
-            "Each plateau of a staircase gets a line here. Arm and start a plan to begin.", "muted", wrap=True
+            "Each plateau of a staircase is listed here. Arm and start a plan to begin.", "muted", wrap=True
         )
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.count = widgets.label("", "small")
@@ -256,7 +251,7 @@ class ReadingsTable(QWidget):
         layout.setContentsMargins(0, style.GAP, 0, 0)
         layout.addLayout(
             widgets.row(
-                widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected line on"),
+                widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected row on"),
                 widgets.button("Import …", self.import_),
                 None,
             )
@@ -279,7 +274,7 @@ class ReadingsTable(QWidget):
         self.view.paste(QGuiApplication.clipboard().text())
 
     def import_(self) -> None:
-        """Ask for a file with a column of readings."""
+        """Import a column of readings from a file."""
         ask_open(
             self,
             self.services,

@@ -21,15 +21,15 @@ LABELS = {
     "clear": "Clear fault",
 }  # fmt: skip
 TIPS = {
-    "arm": "Check the plan against every limit; nothing moves yet", "disarm": "Put the armed plan away",
-    "start": "Start recording and run the plan", "pause": "Vent and wait; the cycle under way is left out",
-    "resume": "Go on at the next whole cycle", "stop": "Vent and end the run",
-    "clear": "Forget the fault once its cause is gone",
+    "arm": "Check the plan against every limit; nothing moves yet", "disarm": "Unload the plan; nothing has moved",
+    "start": "Start recording and run the plan", "pause": "Vent and wait; the current cycle is left out",
+    "resume": "Resume with the next whole cycle", "stop": "Vent and end the run",
+    "clear": "Clear the fault once its cause is removed",
 }  # fmt: skip
 
 
 class StaircasePicture(QWidget):
-    """The plan's staircase with limits, the done part filled; drawn from points of the unit square."""
+    """The staircase of the plan with limits, its done part filled; drawn from points of the unit square."""
 
     def __init__(self, name: str) -> None:
         super().__init__()
@@ -50,14 +50,14 @@ class StaircasePicture(QWidget):
         self.update()
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw zero, limits, the done part and the line."""
+        """Draw limits, zero, the done part and the staircase."""
         if self.drawing is None:
             return
         painter = QPainter(self)
-        room = QRectF(self.rect()).adjusted(1, style.STEP, -1, -style.STEP)
+        box = QRectF(self.rect()).adjusted(1, style.STEP, -1, -style.STEP)
 
         def at(point: tuple[float, float]) -> QPointF:
-            return QPointF(room.left() + point[0] * room.width(), room.bottom() - point[1] * room.height())
+            return QPointF(box.left() + point[0] * box.width(), box.bottom() - point[1] * box.height())
 
         for height in self.drawing.limits:
             painter.setPen(QPen(QColor(self.theme.fault), 1, Qt.PenStyle.DotLine))
@@ -83,7 +83,7 @@ class SequencePanel(QFrame):
         super().__init__()
         self.run, self.notices = run, notices
         self.setObjectName("card")
-        self.picture = StaircasePicture("The plan and how far it is")
+        self.picture = StaircasePicture("The plan and its progress")
         self.state = widgets.label("", "subtitle")
         self.progress = widgets.label("", "muted", name="Progress of the run", elide=True)
         self.buttons: dict[str, QPushButton] = {
@@ -95,11 +95,11 @@ class SequencePanel(QFrame):
             )
             for key, text in LABELS.items()
         }
-        self.go_on = widgets.button("", self._go_on, "primary", tip="The rest of the broken run, in its own recording")
+        self.resume = widgets.button("", self._resume, "primary", tip="Run the remaining cycles, in the same recording")
         self.calibrate = widgets.button(
-            "Calibrate", self._calibrate, "primary", tip="Fit the curve through the readings of the run that has ended"
+            "Calibrate", self._calibrate, "primary", tip="Fit the curve to the readings of this run"
         )
-        head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.go_on, self.calibrate)
+        head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.resume, self.calibrate)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
         layout.setSpacing(style.STEP)
@@ -107,11 +107,11 @@ class SequencePanel(QFrame):
         layout.addWidget(self.picture)
 
     def press(self, key: str) -> None:
-        """Press a button and show at once what it did."""
+        """Press a button and show its effect at once."""
         self.run.press(key)
         self.refresh(self.run.snapshot)
 
-    def _go_on(self) -> None:
+    def _resume(self) -> None:
         self.notices.attempt(self.run.resumption.arm)
         self.refresh(self.run.snapshot)
 
@@ -119,14 +119,14 @@ class SequencePanel(QFrame):
         self.notices.attempt(self.run.calibration.take)
 
     def _show_choice(self, first_cycle: int) -> None:
-        """Where a broken run can go on, part that from beginning anew; where one was read, calibrating comes first."""
-        reads = self.run.calibration.open
-        self.calibrate.setVisible(reads)
-        self.go_on.setVisible(bool(first_cycle))
-        widgets.set_text(self.go_on, f"Go on at cycle {first_cycle}")
+        """Offer to resume an interrupted run beside starting over, and to calibrate after a run that was read."""
+        offered = self.run.calibration.open
+        self.calibrate.setVisible(offered)
+        self.resume.setVisible(bool(first_cycle))
+        widgets.set_text(self.resume, f"Resume at cycle {first_cycle}")
         arm = self.buttons["arm"]
-        widgets.set_text(arm, "Begin anew" if first_cycle else LABELS["arm"])
-        widgets.set_state(arm, "" if first_cycle or reads else "primary", "role")
+        widgets.set_text(arm, "Start over" if first_cycle else LABELS["arm"])
+        widgets.set_state(arm, "" if first_cycle or offered else "primary", "role")
         arm.setToolTip("Arm the whole plan from its first cycle, in a new recording" if first_cycle else TIPS["arm"])
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -137,7 +137,7 @@ class SequencePanel(QFrame):
         allowed = model.allowed(snapshot)
         for key, button in self.buttons.items():
             if key not in allowed and button.hasFocus():
-                button.clearFocus()  # else it goes to the next button, and Space presses that one
+                button.clearFocus()  # else the next button gets the focus, and Space presses it
             button.setVisible(key in allowed)
         self._show_choice(self.run.resumption.first_cycle if "arm" in allowed else 0)
         self.picture.show_drawing(model.drawing(snapshot))

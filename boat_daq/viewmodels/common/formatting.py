@@ -1,6 +1,6 @@
-"""How a number becomes words: fixed decimals, a real minus sign, the lab's units.
+"""Numbers as text: fixed decimals, a real minus sign, the units of the lab.
 
-Rules: a measured value keeps its number of decimals so that it stands still; what is not known is an en dash, never 0.
+Rules: a measured value has a constant number of decimals, so that it does not move; an unknown one is an en dash.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Finding a command by a few letters of its words."""
+"""Search of commands by a few letters."""
 
 from __future__ import annotations
 

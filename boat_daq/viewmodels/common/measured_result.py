@@ -1,4 +1,4 @@
-"""A result that a helper process makes: begun and stopped by one button, kept as a file, there at the next start."""
+"""A result of a helper process: started and stopped by one button, stored in a file, restored at the next start."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class MeasuredResult(ABC):
 
     Parameters
     ----------
-    jobs : where it is made.
-    path : where the last one is kept, a JSON file.
+    jobs : run the job.
+    path : JSON file of the last result.
     """
 
     name: str
     """The job's name in the runner."""
     noun: str
-    """What the result is called when its file is in trouble."""
+    """Name of the result in messages."""
     again: str
-    """What to do when the kept one cannot be read."""
+    """Remedy when the stored one cannot be read."""
 
     def __init__(self, jobs: JobRunner, path: Path) -> None:
         self.jobs, self.path = jobs, path
@@ -43,20 +43,20 @@ class MeasuredResult(ABC):
 
     @abstractmethod
     def _read(self, content: Any) -> None:
-        """Make what the page shows of a result.
+        """Read a result for the page.
 
         Raises
         ------
-        OperatorError : it is none.
+        OperatorError : it is not such a result.
         """
 
     @abstractmethod
     def _joined(self, fresh: dict[str, Any]) -> dict[str, Any]:
-        """Return a new result with what stays of the one before."""
+        """Return a new result, merged with the one before."""
 
     @property
     def job(self) -> Job | None:
-        """The work under way."""
+        """Return the running job."""
         return self.jobs.get(self.name)
 
     def _start(self, job: Job) -> None:
@@ -67,7 +67,7 @@ class MeasuredResult(ABC):
     def _ended(self, job: Job) -> None:
         if job.state is JobState.DONE:
             self.take(self._joined(job.result))
-            self._keep()
+            self._store()
         elif job.failure is not None:
             self.problem = job.failure.text
         self.revision += 1
@@ -77,25 +77,25 @@ class MeasuredResult(ABC):
 
         Raises
         ------
-        OperatorError : it is none.
+        OperatorError : it is not such a result.
         """
         self._read(content)
         self.content = content
         self.problem = ""
         self.revision += 1
 
-    def _keep(self) -> None:
+    def _store(self) -> None:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._write_json(self.path)
         except OSError as error:
-            self.problem = f"the {self.noun} could not be kept for the next start: {error.strerror}"
+            self.problem = f"the {self.noun} could not be stored for the next start: {error.strerror}"
 
     def _write_json(self, path: Path) -> None:
         path.write_text(json.dumps(self.content, indent=1, ensure_ascii=False), encoding="utf-8")
 
     def _progress_text(self, what: str = "") -> str:
-        """Return the line of work under way or of what went wrong; empty where there is neither."""
+        """Return the progress of the job, or the problem; empty without either."""
         job = self.job
         if job is not None:
             return f"{what or job.label} \u2026 {round(100 * (job.fraction or 0.0))} %"

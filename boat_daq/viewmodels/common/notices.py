@@ -1,7 +1,7 @@
-"""What needs attention: the strip at the foot of the window, in order of weight, then of time.
+"""Notices for the status strip, by severity, then by time.
 
-Rules: a notice has a cause and, where there is one, a remedy and an action; details are for whoever asks. Faults and
-warnings stay until dismissed or replaced by weightier ones; an information without an offer leaves by itself.
+Rules: a notice has a cause and, where there is one, a remedy and an action; details are shown on request. Faults and
+warnings stay until dismissed or replaced by more severe ones; information without an action expires.
 """
 
 from __future__ import annotations
@@ -19,22 +19,25 @@ KEPT = 200
 
 
 class Severity(IntEnum):
-    """Weight of a notice."""
+    """Severity of a notice."""
 
     INFORMATION = 0
     WARNING = 1
     FAULT = 2
 
 
-WORDS = {Severity.INFORMATION: "Note", Severity.WARNING: "Attention", Severity.FAULT: "Fault"}
-SHAPES = {Severity.INFORMATION: "\u25cf", Severity.WARNING: "\u25b2", Severity.FAULT: "\u25a0"}
+TITLES = {
+    Severity.INFORMATION: "\u25cf  Note",
+    Severity.WARNING: "\u25b2  Attention",
+    Severity.FAULT: "\u25a0  Fault",
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One thing to say."""
+    """One message to the operator."""
 
-    level: Severity
+    severity: Severity
     cause: str
     remedy: str = ""
     details: str = ""
@@ -44,8 +47,13 @@ class Notice:
 
     @property
     def stays(self) -> bool:
-        """Whether it waits to be dismissed: a warning, a fault, or an offer."""
-        return self.level is not Severity.INFORMATION or self.action is not None
+        """Return whether it waits to be dismissed: a warning, a fault, or one with an action."""
+        return self.severity is not Severity.INFORMATION or self.action is not None
+
+    @property
+    def sentences(self) -> str:
+        """Return cause and remedy as sentences."""
+        return " ".join(sentence(part) for part in (self.cause, self.remedy) if part)
 
     @property
     def text(self) -> str:
@@ -64,12 +72,11 @@ class Notices:
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
         self.history: list[Notice] = []
-        self._standing: list[Notice] = []
-        self.revision = 0
+        self._open: list[Notice] = []
 
-    def say(
+    def add(
         self,
-        level: Severity,
+        severity: Severity,
         cause: str,
         remedy: str = "",
         *,
@@ -77,59 +84,68 @@ class Notices:
         action_text: str = "",
         action: Callable[[], None] | None = None,
     ) -> Notice:
-        """Add a notice; one with the same cause takes the older one's place."""
-        notice = Notice(level, cause, remedy, details, action_text, action, self._clock())
-        self._standing = [other for other in self._standing if other.cause != cause]
-        self._standing.append(notice)
+        """Add a notice; one with the same cause is replaced.
+
+        Parameters
+        ----------
+        severity : information expires, the others stay.
+        cause, remedy : what has happened, and what to do.
+        details : shown on request, e.g. a traceback.
+        action_text, action : label and function of the button.
+        """
+        notice = Notice(severity, cause, remedy, details, action_text, action, self._clock())
+        self._open = [*(other for other in self._open if other.cause != cause), notice]
         self.history = [*self.history[-KEPT + 1 :], notice]
-        self.revision += 1
         return notice
 
     def inform(self, cause: str) -> None:
-        """Say something that needs no deed."""
-        self.say(Severity.INFORMATION, cause)
+        """Add information."""
+        self.add(Severity.INFORMATION, cause)
 
-    def fault(self, error: Exception) -> None:
-        """Say what an error says of itself; one that says nothing is shown with its details."""
-        cause = str(getattr(error, "cause", "")) or _plain(error)
-        if not hasattr(error, "cause"):
-            note_failure("in the window", error)
-        details = "" if hasattr(error, "cause") else "".join(traceback.format_exception(error))
-        self.say(Severity.WARNING, cause, str(getattr(error, "remedy", "")), details=details)
-
-    def attempt(self, deed: Callable[[], object], *, done: str = "") -> bool:
-        """Do `deed`; say `done` if it went well, its cause and remedy if not. Returns whether it did."""
+    def attempt(self, action: Callable[[], object], *, done: str = "") -> bool:
+        """Run `action`; add `done` if it succeeds, its cause and remedy if not. Return whether it succeeded."""
         try:
-            deed()
-        except Exception as error:  # noqa: BLE001 - the window's last line: nothing a user does may end it
-            self.fault(error)
+            action()
+        except Exception as error:  # noqa: BLE001 - the outermost handler: no error of an action may end the window
+            self._add_error(error)
             return False
         if done:
             self.inform(done)
         return True
 
+    def _add_error(self, error: Exception) -> None:
+        """Add an error; one that is not the program's own with its traceback, which is logged too."""
+        own = hasattr(error, "cause")
+        cause = str(getattr(error, "cause", "")) or _plain(error)
+        details = "" if own else "".join(traceback.format_exception(error))
+        if not own:
+            note_failure("in the window", error)
+        self.add(Severity.WARNING, cause, str(getattr(error, "remedy", "")), details=details)
+
     def current(self) -> Notice | None:
-        """Return the weightiest standing notice, the newest of equals; None when all is well."""
+        """Return the most severe open notice, the newest of equals; None without one."""
         now = self._clock()
-        kept = [n for n in self._standing if n.stays or now - n.at_s < INFORMATION_S]
-        if len(kept) != len(self._standing):
-            self._standing = kept
-            self.revision += 1
-        return max(kept, key=lambda n: (n.level, n.at_s), default=None)
+        self._open = [n for n in self._open if n.stays or now - n.at_s < INFORMATION_S]
+        return max(self._open, key=lambda n: (n.severity, n.at_s), default=None)
 
     def waiting(self) -> int:
-        """Return how many notices stand behind the current one."""
-        return max(0, len(self._standing) - 1)
+        """Return how many notices are open besides the current one."""
+        return max(0, len(self._open) - 1)
 
     def dismiss(self, notice: Notice) -> None:
-        """Take a notice away; it stays in the history."""
-        self._standing = [other for other in self._standing if other is not notice]
-        self.revision += 1
+        """Close a notice; it stays in the history."""
+        self._open = [other for other in self._open if other is not notice]
 
-    def dismiss_all(self, level: Severity) -> None:
-        """Take all notices of one weight away; they stay in the history."""
-        self._standing = [other for other in self._standing if other.level is not level]
-        self.revision += 1
+    def dismiss_all(self, severity: Severity) -> None:
+        """Close all notices of one severity; they stay in the history."""
+        self._open = [other for other in self._open if other.severity is not severity]
+
+
+def sentence(text: str) -> str:
+    """Return `text` with a capital and a full stop; one that begins with a path keeps its first letter."""
+    text = text.strip()
+    head = text if "/" in text.partition(" ")[0] else text[:1].upper() + text[1:]
+    return head if head.endswith((".", "!", "?", "\u2026")) else f"{head}."
 
 
 def _plain(error: Exception) -> str:

@@ -1,6 +1,6 @@
-"""What the window remembers between starts: a small JSON file; a broken one is set aside, never fatal.
+"""Values kept between starts in a small JSON file; a broken file is ignored.
 
-Where it cannot be stored, that is told once, and the values last as long as the window.
+If it cannot be written, that is reported once, and the values last as long as the window.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ NAME = "window.json"
 
 
 class Preferences:
-    """Remembered values.
+    """Values by key.
 
     Parameters
     ----------
-    folder : where the file lies; made when first saved.
-    tell : is called with cause and remedy the first time that it cannot be saved.
+    folder : of the file; made when first saved.
+    report : is called with cause and remedy the first time that it cannot be saved.
     """
 
-    def __init__(self, folder: Path, tell: Callable[[str, str], object] = lambda cause, remedy: None) -> None:
+    def __init__(self, folder: Path, report: Callable[[str, str], object] = lambda cause, remedy: None) -> None:
         self.path = folder / NAME
-        self._tell: Callable[[str, str], object] | None = tell
+        self._report: Callable[[str, str], object] | None = report
         self._values: dict[str, Any] = self._load()
 
     def get(self, key: str, default: Any = None) -> Any:
-        """Return what is remembered under `key`; `default` where nothing is, or another kind of value."""
+        """Return the value of `key`; `default` if it is missing or of another type."""
         value = self._values.get(key, default)
         return value if default is None or isinstance(value, type(default)) else default
 
     def set(self, key: str, value: Any) -> None:
-        """Remember a JSON value."""
+        """Store a JSON value."""
         if self._values.get(key) != value:
             self._values[key] = value
             self._save()
@@ -55,7 +55,7 @@ class Preferences:
             beside.write_text(json.dumps(self._values, indent=1), encoding="utf-8")
             beside.replace(self.path)
         except OSError as error:
-            if self._tell is not None:
-                tell, self._tell = self._tell, None
-                cause = f"what the window remembers cannot be stored in {self.path.parent}: {error.strerror}"
-                tell(cause, "The session goes on; check the folder and the disk before the next start.")
+            if self._report is not None:
+                report, self._report = self._report, None
+                cause = f"window settings cannot be saved in {self.path.parent}: {error.strerror}"
+                report(cause, "This session is not affected. Check the folder and the disk before the next start.")

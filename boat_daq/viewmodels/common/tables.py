@@ -1,4 +1,4 @@
-"""What a plot holds, as a CSV file that a spreadsheet opens without harm.
+"""Columns of a plot as a CSV file that is safe to open in a spreadsheet.
 
 Columns may differ in length; text cells that a spreadsheet would run as a formula are neutralised, numbers untouched.
 """

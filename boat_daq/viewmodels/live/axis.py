@@ -1,7 +1,7 @@
-"""The vertical range of a live plot: rungs of 1-2-5, with hysteresis, so that the picture stands still.
+"""The vertical range of a live plot: steps of 1-2-5 with hysteresis, so that the axis is steady.
 
-The range grows at once when data leave it, and shrinks only after the data have needed a smaller rung for `patience_s`
-seconds on end. Called at a few hertz, never in the frame: pyqtgraph's own autorange doubles the cost of one.
+The range grows at once when data leave it, and shrinks only after the data have needed a smaller one for `patience_s`
+seconds. Called at a few hertz, never in the frame: pyqtgraph's own autorange doubles the cost of one.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def padded(low: float, high: float, margin: float) -> tuple[float, float]:
 
 @dataclass(slots=True)
 class SteadyRange:
-    """A range that follows data calmly.
+    """A range that follows data with hysteresis.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
-"""The link as the header shows it, and the ways to open one.
+"""The link as text for the header; ports, connecting, the virtual board.
 
-Rules: a board is recognised by what it says of itself, never by its port's name; the last port is remembered and
-offered first, never opened by itself. The virtual board runs in a process of its own and is reached through a port
-like any other.
+Rules: a board is identified by its own hello, never by the name of its port; the last port is listed first, but never
+opened automatically. The virtual board runs in its own process and is reached through a port like any other.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ VIRTUAL_UNITS = RISING_NAMES
 
 @dataclass(frozen=True, slots=True)
 class LinkText:
-    """The link in words: a state as a colour's name, a shape and a word, never a colour alone."""
+    """The link as text: a state by which it is coloured, a shape and a word, never a colour alone."""
 
     state: str  # "ok", "warning", "fault", "off"
     shape: str
@@ -48,25 +47,25 @@ class PortChoice:
     text: str
 
 
-_WORDS = {
+_LINK_TEXT = {
     LinkState.CLOSED: ("off", "\u25cb", "not connected"),
     LinkState.OPENING: ("warning", "\u25d4", "opening \u2026"),
     LinkState.UP: ("ok", "\u25cf", "connected"),
     LinkState.SILENT: ("warning", "\u25b2", "no data"),
-    LinkState.LOST: ("fault", "\u25a0", "unplugged, looking for it"),
+    LinkState.LOST: ("fault", "\u25a0", "disconnected, searching"),
     LinkState.FAILED: ("fault", "\u25a0", "not connected"),
 }
 
 
 def link_text(snapshot: SessionSnapshot) -> LinkText:
-    """Return what the header says of the link."""
-    state, shape, word = _WORDS[snapshot.link]
+    """Return the link as the header shows it."""
+    state, shape, word = _LINK_TEXT[snapshot.link]
     who = snapshot.hello.board_id if snapshot.hello else short_port(snapshot.port or "")
     return LinkText(state, shape, word, who, _figures(snapshot))
 
 
 def short_port(port: str) -> str:
-    """Return a port as the head has room for it: a replay by its file's name, a long name by its end."""
+    """Return a port shortened for the header: a replay by the name of its file, a long name by its end."""
     if port.startswith("replay:"):
         return f"replay of {Path(port.removeprefix('replay:').partition('@')[0]).name}"
     return port if len(port) <= LONGEST_PORT else f"\u2026{port[-LONGEST_PORT:]}"
@@ -83,12 +82,12 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
         (f"{number(health.rate_hz, 1)} Hz" if health.rate_hz else f"{NOTHING} Hz", "warning" if off else ""),
         (f"{counts.lost} lost", "warning" if counts.lost else ""),
         (f"{damaged} damaged", "warning" if damaged else ""),
-        (f"{number(health.lag_ms, 0)} ms behind", "warning" if health.lag_ms > 500 else ""),
+        (f"Delay {number(health.lag_ms, 0)} ms", "warning" if health.lag_ms > 500 else ""),
     )
 
 
 class VirtualBoardProcess:
-    """A virtual board in a process of its own, started without waiting for it; `url` is where it is to be found."""
+    """A virtual board in its own process, started in the background; `url` is its port once it is ready."""
 
     def __init__(self, unit: str, speed: float, seed: int) -> None:
         self._folder = TemporaryDirectory(prefix="boat-daq-")
@@ -108,16 +107,16 @@ class VirtualBoardProcess:
     def _start(self) -> None:
         try:
             self._served = serve(self._settings)
-        except Exception as error:  # noqa: BLE001 - handed to whoever asks, on the thread that asked
+        except Exception as error:  # noqa: BLE001 - raised by `ConnectionModel.tick`, on the window's thread
             self.error = error
 
     @property
     def url(self) -> str:
-        """Return the board's port; empty while it starts."""
+        """Return the port of the board; empty while it starts."""
         return self._served.url if self._served is not None else ""
 
     def grid_mm(self, division_mm: float = 0.5) -> float | None:
-        """Return what an eye reads on the simulated grid now: the elongation to the nearest division."""
+        """Return the elongation on the simulated grid now, to the nearest division; None if it is unknown."""
         try:
             with self._truth.open("rb") as file:
                 file.seek(max(0, self._truth.stat().st_size - 512))
@@ -127,7 +126,7 @@ class VirtualBoardProcess:
             return None
 
     def close(self) -> None:
-        """End the process, and take its truth away."""
+        """End the process and delete its truth file."""
         self._thread.join()
         if self._served is not None:
             self._served.close()
@@ -139,8 +138,8 @@ class ConnectionModel:
 
     Parameters
     ----------
-    session : the one door to the board.
-    preferences : remembers the last port, profile and unit.
+    session : opens the link.
+    preferences : keep the last port, profile and unit.
     """
 
     def __init__(self, session: Session, preferences: Preferences) -> None:
@@ -148,9 +147,9 @@ class ConnectionModel:
         self._preferences = preferences
         self.board: VirtualBoardProcess | None = None
         self._board_waits = False
-        self.boards: dict[str, str] = {}  # port -> identity, as the boards themselves say
+        self.boards: dict[str, str] = {}  # port -> identity from the board's hello
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="ports")
-        self._asking: Future[list[PortIdentity]] | None = None
+        self._query: Future[list[PortIdentity]] | None = None
 
     @property
     def last_port(self) -> str:
@@ -168,7 +167,7 @@ class ConnectionModel:
         return str(self._preferences.get("profile", ""))
 
     def ports(self) -> list[PortChoice]:
-        """Return the ports there are, BOAT boards that have said so first, then the last one used."""
+        """Return the ports, those of BOAT boards first, then the last one used."""
         found = [PortChoice(p.port, self._port_text(p.port, p.description)) for p in list_ports()]
         return sorted(found, key=lambda c: (c.port not in self.boards, c.port != self.last_port, c.port))
 
@@ -176,39 +175,40 @@ class ConnectionModel:
         board = f"\u25cf BOAT board {self.boards[port]}" if port in self.boards else description
         return f"{port}   {board}".strip()
 
-    def ask_boards(self) -> None:
-        """Ask every port who is there, on a helper thread; not while a board is connected, whose port is not ours."""
-        if self._asking is None and self.session.snapshot().link is LinkState.CLOSED:
-            self._asking = self._pool.submit(identify_all_ports)
+    def query_boards(self) -> None:
+        """Query every port for a board on a helper thread; not while one is connected, whose port is in use."""
+        if self._query is None and self.session.snapshot().link is LinkState.CLOSED:
+            self._query = self._pool.submit(identify_all_ports)
 
-    def heard_boards(self) -> bool:
-        """Take the answers where they have come; returns whether they have."""
-        if self._asking is None or not self._asking.done():
+    def take_answers(self) -> bool:
+        """Take the answers once they have arrived; return whether they have."""
+        if self._query is None or not self._query.done():
             return False
-        asking, self._asking = self._asking, None
-        self.boards = {answer.port: answer.hello.board_id for answer in asking.result() if answer.hello is not None}
+        query, self._query = self._query, None
+        self.boards = {answer.port: answer.hello.board_id for answer in query.result() if answer.hello is not None}
         return True
 
     def set_unit(self, unit: str) -> None:
-        """Take another unit on the bench.
+        """Set the unit on the bench.
 
         Raises
         ------
         OperatorError : the name is empty.
         """
         if not unit.strip():
-            raise OperatorError("the unit has no name", "Give the name on its label, such as SA1.")
+            raise OperatorError("the unit has no name", "Enter the name on its label, such as SA1.")
         self._preferences.set("unit", unit.strip())
 
     def connect(self, port: str, profile: str = "") -> None:
-        """Open `port`; how it goes is seen in the snapshot.
+        """Open `port`; the snapshot shows the progress.
 
         Raises
         ------
-        OperatorError : no port was named, or the RX8 line lacks something. ProfileError : the profile is refused.
+        OperatorError : no port was given, or the RX8 line is incomplete.
+        ProfileError : the profile is refused.
         """
         if not port.strip():
-            raise OperatorError("no port was chosen", "Choose a port, or start the virtual board.")
+            raise OperatorError("no port is selected", "Select a port, or start the virtual board.")
         text = profile_text(profile)
         if text:
             check_profile(text)
@@ -227,13 +227,13 @@ class ConnectionModel:
         self.session.connect(f"replay:{path}@{speed:g}", unit=self.unit)
 
     def disconnect(self) -> None:
-        """Vent and close the link; a virtual board of ours ends."""
+        """Vent and close the link; end the virtual board."""
         self._board_waits = False
         self.session.disconnect()
         self._end_board()
 
     def start_virtual_board(self, unit: str = "SA1", speed: float = 1.0, seed: int = 0) -> None:
-        """Start a virtual board; `tick` connects to it once it has said its port."""
+        """Start a virtual board; `tick` connects to it once its port is known."""
         self._end_board()
         self._preferences.set("unit", unit)
         self.board = VirtualBoardProcess(unit, speed, seed)
@@ -241,19 +241,19 @@ class ConnectionModel:
 
     @property
     def starting(self) -> bool:
-        """Whether the virtual board is on its way."""
+        """Return whether the virtual board is starting."""
         return self._board_waits
 
     def simulated_mm(self) -> float | None:
-        """Return what an eye reads on the simulated grid now; None without a virtual board of ours."""
+        """Return the elongation on the simulated grid, mm; None without a virtual board of this window."""
         return self.board.grid_mm() if self.board is not None else None
 
     def tick(self) -> None:
-        """Connect to the virtual board when it is there.
+        """Connect to the virtual board once it is ready.
 
         Raises
         ------
-        Exception : it did not start; what `serve` raised.
+        Exception : it did not start; as raised by `serve`.
         """
         if not self._board_waits or self.board is None:
             return
@@ -266,7 +266,7 @@ class ConnectionModel:
             self.connect(self.board.url)
 
     def close(self) -> None:
-        """End what was started here."""
+        """End the helper thread and the virtual board."""
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._end_board()
 

@@ -1,7 +1,7 @@
-"""From the unit's stored calibration to the live elongation.
+"""The live conversion from signals to elongation, by the calibration of the unit on the bench.
 
-The stored points are fitted again, so that what converts live is the very calibration that was accepted. It is prepared
-on a helper thread: the analysis and its compiler take a moment to load, and the window must be up by then.
+The stored points are fitted again, so that the live conversion is exactly the accepted calibration. It is prepared on
+a helper thread: the analysis and its compiler take a moment to load, which must not delay the window.
 """
 
 from __future__ import annotations
@@ -45,17 +45,17 @@ def prepare(content: Mapping[str, Any]) -> Conversion:
     ------
     AnalysisError : the curve has no inverse over its range.
     """
-    # loaded here, on the helper thread, and not with the window
+    # imported on the helper thread, not with the window
     from analysis.calibration.inverse import Fusion
 
     inverses = [_inverse(sensor) for sensor in content["sensors"]]
     conversion = Conversion(Fusion.of(inverses))
-    conversion(np.zeros((1, len(inverses))))  # compile now, not in the first frame
+    conversion(np.zeros((1, len(inverses))))  # compiles now, not in the first frame
     return conversion
 
 
 def _inverse(stored: Mapping[str, Any]) -> Inverse:
-    """Return one sensor's inverse with the uncertainty of its run; of the fit's residuals where none was stored."""
+    """Return one sensor's inverse with the uncertainty of its run; of the residuals of the fit where none is stored."""
     from analysis.calibration.fit import fit_calibration
     from analysis.calibration.inverse import Inverse
 
@@ -65,22 +65,22 @@ def _inverse(stored: Mapping[str, Any]) -> Inverse:
 
 
 class Preparation:
-    """Inverses on their way: `ask` starts one, `poll` hands it over once."""
+    """Prepares conversions: `start` begins one, `poll` returns it once."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="calibration")
         self._future: Future[Conversion] | None = None
 
-    def ask(self, content: Mapping[str, Any]) -> None:
-        """Prepare the inverse of a stored calibration; an earlier one still on its way is dropped."""
+    def start(self, content: Mapping[str, Any]) -> None:
+        """Prepare the conversion of a stored calibration; an earlier one in preparation is discarded."""
         self._future = self._pool.submit(prepare, content)
 
     def poll(self) -> Conversion | None:
-        """Return the inverse once it is there, else None.
+        """Return the conversion once it is ready, else None.
 
         Raises
         ------
-        AnalysisError : it cannot be had.
+        AnalysisError : the curve has no inverse.
         """
         if self._future is None or not self._future.done():
             return None
@@ -88,7 +88,7 @@ class Preparation:
         return future.result()
 
     def close(self) -> None:
-        """Let the thread end."""
+        """End the helper thread."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 
@@ -116,9 +116,9 @@ class UnitInUse:
     def text(self, snapshot: SessionSnapshot) -> str:
         """Return unit and calibration in a line."""
         stored = self._stored
-        words = f"calibrated {stored.utc[:10]}" if stored is not None else "not calibrated"
-        words += ", poor" if stored is not None and stored.content.get("poor") else ""
-        return f"{self.name(snapshot)}  \u00b7  {words}"
+        text = f"calibrated {stored.utc[:10]}" if stored is not None else "not calibrated"
+        text += ", below specification" if stored is not None and stored.content.get("poor") else ""
+        return f"{self.name(snapshot)}  \u00b7  {text}"
 
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:
         """Use the calibration in force of the unit on the bench.
@@ -146,7 +146,7 @@ class UnitInUse:
         self._stored = stored
         self._live.inverse = self.conversion = None
         if stored is not None:
-            self.preparation.ask(stored.content)
+            self.preparation.start(stored.content)
 
     def close(self) -> None:
         """End the helper thread."""

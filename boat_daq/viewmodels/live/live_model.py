@@ -1,8 +1,8 @@
-"""What the live page shows: the last seconds of every signal, thinned to extremes, with cursors, markers and figures.
+"""The live plots: the last seconds of every signal, thinned to extremes, with cursors, markers and values.
 
 Rules: drawing never touches more points than the screen has columns for, whatever the length of the run (the ring keeps
-a min-max pyramid, so no spike is lost). Pausing stops the picture, never the data. Vertical ranges stand
-still until data leave them. Elongation is shown only while a calibration is loaded, and only inside its range.
+a min-max pyramid, so no spike is lost). Freezing stops the plots, never the recording. Vertical ranges are constant
+until data leave them. Elongation is shown only while a calibration is in use, and only inside its range.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 Columns = Mapping[str, FloatArray]
 
 WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
-HEADLINE_S = 0.2  # a figure is the mean of so much signal, so that it can be read
-HOLE_S = 1.0  # without a sample: an unplugged board, not a lost frame
-PIXELS_A_FRAME = 0.6  # a picture that has moved by less need not be drawn
+HEADLINE_S = 0.2  # a value is the mean over this time, so that it is legible
+HOLE_S = 1.0  # without a sample: a disconnected board, not a lost frame
+PIXELS_A_FRAME = 0.6  # a smaller motion need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
 
 
 class Ring(Protocol):
-    """The part of the engine's ring buffer that a page needs."""
+    """The part of the ring buffer that the live pages need."""
 
     def time_of(self, time_us: int) -> float | None:
         """Return the ring's time of an instant of board time; None where the ring does not hold it."""
@@ -74,7 +74,7 @@ Inverse = Callable[[FloatArray], LiveElongation]  # [n, sensors] mV -> elongatio
 
 @dataclass(frozen=True, slots=True)
 class PlotFrame:
-    """One picture: its width in pixels, the horizontal range and the columns in it."""
+    """One frame of the plots: width in pixels, horizontal range, columns."""
 
     width: int
     low_s: float
@@ -86,7 +86,7 @@ class PlotFrame:
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """The large figures, as text."""
+    """The measured values as text."""
 
     signals: tuple[str, ...]
     pressure: str
@@ -112,12 +112,12 @@ class Span:
 
     @property
     def short(self) -> str:
-        """Return what it is in a word: a sensor's number, else the unit."""
+        """Return a short name: number of the sensor and unit, else the unit."""
         return f"{self.name.removeprefix('Sensor ')}, {self.unit}" if self.name.startswith("Sensor") else self.unit
 
     @property
     def snr(self) -> str:
-        """Return the SNR's number."""
+        """Return the SNR as text, dB."""
         return number(self.snr_db, 1)
 
     @property
@@ -137,7 +137,7 @@ HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (m
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """A note at an instant of the picture's time."""
+    """A note at an instant of the ring's time."""
 
     time_s: float
     note: str
@@ -154,9 +154,9 @@ def signals(columns: Columns) -> FloatArray:
 
 
 def with_holes(columns: Columns) -> Columns:
-    """Return the columns with a missing value in each hole of time: no line is drawn where nothing was measured.
+    """Return the columns with a NaN in each hole of time, so that no line is drawn across it.
 
-    A hole is longer than a second and than five of the steps that nine in ten of the picture's points keep to.
+    A hole is longer than a second and than five times the 90th percentile of the steps.
     """
     time_s = columns["time_s"]
     steps = np.diff(time_s)
@@ -169,20 +169,18 @@ def with_holes(columns: Columns) -> Columns:
 
 @dataclass(slots=True)
 class LiveModel:
-    """State of the live page.
+    """State of the live plots.
 
     Parameters
     ----------
-    ring : gives the ring of the moment; None before the first connection.
+    ring : returns the current ring; None before the first connection.
     """
 
     ring: Callable[[], Ring | None]
     inverse: Inverse | None = None
     window_s: float = 60.0
     together: bool = False  # both signals on one axis
-    points_a_column: int = (
-        16  # looked at for each column of pixels, of which two are painted; the fidelity says how many
-    )
+    points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the fidelity
     cursor_a: float | None = None
     cursor_b: float | None = None
     markers: list[Marker] = field(default_factory=list)
@@ -191,15 +189,15 @@ class LiveModel:
 
     @property
     def following(self) -> bool:
-        """Whether the picture moves with the data."""
+        """Return whether the plots follow the data."""
         return self._frozen is None
 
     def has_data(self) -> bool:
-        """Whether a sample has come."""
+        """Return whether a sample has arrived."""
         return not math.isnan(self.now_s())
 
     def now_s(self) -> float:
-        """Return the picture's time of the newest sample; NaN without one."""
+        """Return the ring's time of the newest sample, s; NaN without one."""
         ring = self.ring()
         newest = ring.view(last=1)["time_s"] if ring is not None else np.zeros(0)
         return float(newest[-1]) if newest.size else math.nan
@@ -210,24 +208,24 @@ class LiveModel:
         return ring.time_of(time_us) if ring is not None else None
 
     def set_window(self, seconds: float) -> None:
-        """Show so many seconds (inf: all there is), following again."""
+        """Show the last `seconds` (inf: all), following the data."""
         self.window_s = seconds
         self._frozen = None
 
     def look_at(self, low_s: float, high_s: float) -> None:
-        """Show a fixed span, as when the mouse moved the picture."""
+        """Show a fixed span, e.g. after panning."""
         self._frozen = (low_s, high_s)
 
-    def pause(self) -> None:
-        """Hold the picture; data go on."""
+    def freeze(self) -> None:
+        """Keep the current span."""
         self._frozen = self.span_s()
 
     def follow(self) -> None:
-        """Move with the data again."""
+        """Follow the data again."""
         self._frozen = None
 
     def zoom(self, factor: float) -> None:
-        """Show `factor` times the present length, about the right edge while following, else about the middle."""
+        """Show `factor` times the current span, about the right edge while following, else about the middle."""
         low, high = self.span_s()
         if self._frozen is None:
             self.window_s = max(1.0, (high - low) * factor)
@@ -236,7 +234,7 @@ class LiveModel:
             self._frozen = (middle - half, middle + half)
 
     def span_s(self) -> tuple[float, float]:
-        """Return the horizontal range to show."""
+        """Return the horizontal range, s."""
         if self._frozen is not None:
             return self._frozen
         now = self.now_s()
@@ -249,7 +247,7 @@ class LiveModel:
         return now - self.window_s, now
 
     def frame(self, width: int) -> PlotFrame | None:
-        """Return what to draw on `width` pixels; None before the first sample."""
+        """Return the frame for `width` pixels; None before the first sample."""
         ring = self.ring()
         low, high = self._shown_s(width)
         if ring is None:
@@ -262,9 +260,9 @@ class LiveModel:
         return self._picture(width, low, high, with_holes(points))
 
     def newest(self, frame: PlotFrame, width: int) -> PlotFrame | None:
-        """Return what came behind the end of `frame`, as far as the picture stands still; None where it has to move.
+        """Return what was added after the end of `frame`; None where the plot has to move or to be drawn whole.
 
-        It moves by whole columns of pixels: in between only the last one has anything new.
+        It moves by whole columns of pixels: in between only the last one changes.
         """
         ring, column_s = self.ring(), (frame.high_s - frame.low_s) / max(width, 1)
         if ring is None or width != frame.width:
@@ -279,7 +277,7 @@ class LiveModel:
         return added if known and all(self._inside(*one) for one in self._extremes(added).items()) else None
 
     def _shown_s(self, width: int) -> tuple[float, float]:
-        """Return the horizontal range on `width` pixels: one that follows ends with a whole column of them."""
+        """Return the horizontal range on `width` pixels: while following it ends with a whole column."""
         low, high = self.span_s()
         if not self.following or math.isinf(self.window_s):
             return low, high
@@ -291,12 +289,12 @@ class LiveModel:
         return PlotFrame(width, low_s, high_s, columns, elongation, len(sensor_names(columns)))
 
     def _inside(self, name: str, extremes_: tuple[float, float]) -> bool:
-        """Whether a column stays inside the vertical range that is shown; one that knows no value does."""
+        """Return whether a column stays inside the current vertical range; one without a value does."""
         shown = self._ranges.get(name)
         return shown is not None and not (extremes_[0] < shown.low or extremes_[1] > shown.high)
 
     def frame_interval_ms(self, width: int, *, connected: bool) -> int:
-        """Return how long the picture may wait: no frame is paid for that could not be seen."""
+        """Return the time between frames: no frame is drawn whose change is invisible."""
         if not connected:
             return REST_MS
         low, high = self.span_s()
@@ -304,7 +302,7 @@ class LiveModel:
         return int(min(CALM_MS, max(FASTEST_MS, moves_ms)))
 
     def ranges(self, frame: PlotFrame, now_s: float) -> dict[str, tuple[float, float]]:
-        """Return the vertical range of each column; the same objects as before while nothing has left them."""
+        """Return the vertical range of each column; constant while the data stay inside."""
         wanted = self._extremes(frame)
         smallest = {"pressure_kpa": 10.0, "elongation_mm": 1.0}
         for name in wanted:
@@ -324,7 +322,7 @@ class LiveModel:
         return found
 
     def headline(self, snapshot: SessionSnapshot, sensors: int = 2) -> Headline:
-        """Return the large figures: means of the last moment, or dashes; what was before the link went is not now."""
+        """Return the measured values: means of the last moment; dashes without a link."""
         ring = self.ring()
         last = snapshot.last
         if ring is None or last is None or snapshot.link is not LinkState.UP:
@@ -351,19 +349,19 @@ class LiveModel:
         return number(float(found.mm[0]), 2, sign=True), band + ("  sensors disagree" if found.disagree[0] else "")
 
     def place(self, which: str) -> float:
-        """Return where a new cursor stands: a third or two thirds into the picture."""
+        """Return the place of a new cursor: a third or two thirds of the span."""
         low, high = self.span_s()
         return low + (high - low) * (1 / 3 if which == "a" else 2 / 3)
 
     def put_cursor(self, which: str, time_s: float | None) -> None:
-        """Put cursor "a" or "b" at an instant; None takes it away."""
+        """Put cursor "a" or "b" at an instant; None removes it."""
         if which == "a":
             self.cursor_a = time_s
         else:
             self.cursor_b = time_s
 
     def difference(self) -> str:
-        """Return the time between the cursors in words; empty without two."""
+        """Return the time between the cursors as text; empty without two."""
         if self.cursor_a is None or self.cursor_b is None:
             return ""
         return f"B \u2212 A = {number(self.cursor_b - self.cursor_a, 3, sign=True)} s"
@@ -391,7 +389,7 @@ class LiveModel:
         return result
 
     def table(self, frame: PlotFrame | None) -> dict[str, FloatArray]:
-        """Return every sample of the span shown, for a CSV, undecimated."""
+        """Return every sample of the span shown, for a CSV."""
         ring = self.ring()
         if ring is None or frame is None:
             return {}
@@ -405,10 +403,10 @@ class LiveModel:
 
 
 def _span(name: str, unit: str, decimals: int, time_s: FloatArray, values: FloatArray, sign: float) -> Span:
-    """Return the statistics of one column; SNR is its mean over its sd, as the cursors see it.
+    """Return the statistics of one column between the cursors; SNR is mean over standard deviation.
 
-    The difference is of the means next to the cursors, `HEADLINE_S` long or half of the span; `sign` is -1 where B
-    stands before A.
+    The difference is of the means next to the cursors, over `HEADLINE_S` or half of the span; `sign` is -1 where B is
+    before A.
     """
     keep = np.isfinite(values)
     x, y = time_s[keep] - time_s[0], values[keep]

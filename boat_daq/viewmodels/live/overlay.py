@@ -1,4 +1,4 @@
-"""The last cycles, each from its own beginning, for drawing over each other."""
+"""The last cycles, each from its own beginning, to be overlaid."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ class OverlayModel:
 
     Parameters
     ----------
-    ring : gives the ring of the moment.
-    steps : gives the run's steps.
-    picture_time : turns board time (microseconds) of a step into the ring's time, or None if it is gone.
+    ring : returns the current ring.
+    steps : returns the steps of the run.
+    time_of : converts board time (microseconds) to the ring's time; None where the ring does not hold it.
     """
 
     def __init__(
         self,
         ring: Callable[[], Ring | None],
         steps: Callable[[], tuple[StepMark, ...]],
-        picture_time: Callable[[int], float | None],
+        time_of: Callable[[int], float | None],
     ) -> None:
-        self._ring, self._steps, self._picture_time = ring, steps, picture_time
+        self._ring, self._steps, self._time_of = ring, steps, time_of
 
     def cycles(self) -> list[CycleTrace]:
         """Return the traces, oldest first."""
@@ -54,12 +54,12 @@ class OverlayModel:
         return result
 
     def spans(self) -> list[tuple[int, float, float | None]]:
-        """Return (cycle, begin, end) in the ring's time; the end of the one under way is None."""
+        """Return (cycle, begin, end) in the ring's time; the end of the current one is None."""
         spans: dict[int, tuple[float, float | None]] = {}
         for step in self._steps():
-            begin = self._picture_time(step.started_us)
+            begin = self._time_of(step.started_us)
             if step.cycle < 1 or begin is None:
                 continue
-            end = None if step.ended_us is None else self._picture_time(step.ended_us)
+            end = None if step.ended_us is None else self._time_of(step.ended_us)
             spans[step.cycle] = (spans.get(step.cycle, (begin, None))[0], end)
         return [(number, begin, end) for number, (begin, end) in sorted(spans.items())]

@@ -1,7 +1,7 @@
 """An elongation from a photograph of the millimetre grid: two clicks for the scale, one for the tip.
 
-Rules: positions are pixels of the picture itself, not of the screen. The elongation is the tip's way along the axis
-from its place at rest; the axis points from the first scale click to the second.
+Rules: positions are pixels of the picture, not of the screen. The elongation is the displacement of the
+tip along the axis from its place at rest; the axis points from the first scale click to the second.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class Photograph:
 
     Parameters
     ----------
-    distance_mm : between the first two clicks, as the grid says.
+    distance_mm : between the first two clicks, from the grid.
     clicks : pixels: two of the scale, the tip at rest, the tip now.
-    click_px : how well a click can be placed (sd), pixels.
+    click_px : standard deviation of a click, pixels.
     """
 
     distance_mm: float = 10.0
@@ -62,7 +62,7 @@ class Photograph:
         return (
             STEPS[len(self.clicks)]
             if len(self.clicks) < len(STEPS)
-            else "Enter takes it; click again to correct the tip."
+            else "Press Enter to take the reading, or click again to correct the tip."
         )
 
     @property

@@ -1,8 +1,8 @@
-"""A profile from what was pasted: TOML, the path of one, or the RX8 line of a Bridge Control Panel.
+"""A profile from pasted text: TOML, the path of one, or the RX8 line of a Bridge Control Panel.
 
-An RX8 line names its variables but not what they are. As in the profile that comes with the program, S1, S2 .. are
-taken as signals in counts, T as milliseconds, P as hundredths of a kPa with a sign, I as the running number; every
-other variable is skipped. Whoever needs other units writes the few lines of TOML.
+An RX8 line names its variables but not their meaning. As in the profile that is shipped, S1, S2 .. are signals in
+counts, T is milliseconds, P is hundredths of a kPa with a sign, I is the index; every other variable is skipped. Other
+units need a profile in TOML.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ _OTHERS = (
 
 
 def profile_text(pasted: str) -> str:
-    """Return what the session takes: an RX8 line as TOML, anything else as it is.
+    """Return the profile for the session: an RX8 line as TOML, any other text unchanged.
 
     Raises
     ------
-    ProfileError : the RX8 line is none. OperatorError : it names no sensor, or no pressure.
+    ProfileError : the RX8 line is invalid.
+    OperatorError : it names no sensor, or no pressure.
     """
     line = pasted.strip()
     if not line.lower().startswith("rx8"):
@@ -36,10 +37,12 @@ def profile_text(pasted: str) -> str:
     entries = {name: entry for name in variables if (entry := meaning(name))}
     sensors = {match[1] for name in variables if (match := _SENSOR.fullmatch(name))}
     if not sensors:
-        raise OperatorError(f"no sensor is among {', '.join(variables)}", "Name the signals S1 and S2 in the RX8 line.")
+        raise OperatorError(
+            f"the RX8 line has no sensor: {', '.join(variables)}", "Name the signals S1 and S2 in the RX8 line."
+        )
     if not any('"pressure"' in entry for entry in entries.values()):
         raise OperatorError(
-            "the RX8 line names no pressure, and nothing is recorded without one",
+            "the RX8 line has no pressure, which every recording needs",
             "Name its bytes P, such as @1P @0P: hundredths of a kPa, with a sign. Other units: a profile in TOML.",
         )
     rows = "\n".join(f"{name} = {entry}" for name, entry in entries.items())
@@ -66,13 +69,13 @@ def check_profile(text: str) -> None:
 
     Raises
     ------
-    ProfileError : it cannot be read, or says something that is not allowed; names the key.
+    ProfileError : it cannot be read, or holds a value that is not allowed; names the key.
     """
     load_profile(text)
 
 
 def meaning(variable: str) -> str:
-    """Return the TOML entry of a variable by its name; empty for one without a meaning."""
+    """Return the TOML entry of a variable by its name; empty for an unknown one."""
     match = _SENSOR.fullmatch(variable)
     if match is not None:
         part = _PARTS[match[2].lower() if match[2] else None]

@@ -1,7 +1,7 @@
-"""The readings of elongation: one line a plateau, typed, pasted, imported or taken from a photograph.
+"""The readings of elongation: one row a plateau; typed, pasted, imported or from a photograph.
 
-Rules: a reading is never changed, only corrected by a newer one, so undo is a correction too. Outliers against the
-running fit are marked, not removed. What is typed is checked before anything is kept.
+Rules: a reading is never changed, only corrected by a newer one, so undo adds a correction too. Outliers from the
+running fit are marked, not removed. Text is checked before anything is stored.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from boat_daq.viewmodels.common.undo import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
-UNSTEADY = "unsteady"  # reached, but it still drifted when the longest hold was over
-REMARKS = {  # of a plateau's status, in a word and in a sentence
+UNSTEADY = "unsteady"  # reached, but still drifting at the end of the longest hold
+REMARKS = {  # status of a plateau -> remark, sentence
     "timeout": ("not reached", "the pressure was not reached in time"),
-    "aborted": ("cut short", "the step was broken off; its cycle is left out"),
-    UNSTEADY: ("not steady", "pressure or signal still drifted when the longest hold was over"),
+    "aborted": ("interrupted", "the step was interrupted; its cycle is left out"),
+    UNSTEADY: ("not steady", "pressure or signal still drifted at the end of the longest hold"),
 }
 
 
@@ -42,29 +42,29 @@ class Row:
     elongation_mm: float | None
     source: str
     current: bool
-    apart_mm: float | None = None  # from the running fit, where it is far from it
+    apart_mm: float | None = None  # distance from the running fit, of an outlier
 
     @property
     def outlier(self) -> bool:
-        """Whether the reading is far from the running fit."""
+        """Return whether the reading is an outlier from the running fit."""
         return self.apart_mm is not None
 
     @property
     def remark(self) -> str:
-        """Return what is to be said of it in a word or two."""
+        """Return the remark of the row."""
         if self.apart_mm is not None:
             return f"{number(self.apart_mm, 1, sign=True)} mm?"
         return REMARKS.get(self.status, ("now" if self.current else "", ""))[0]
 
     @property
-    def hover(self) -> str:
-        """Return the remark in a sentence with plateau, cycle and value; where the reading came from."""
+    def tip(self) -> str:
+        """Return the remark as a sentence with plateau, cycle and value, and the source of the reading."""
         lines = [f"{REMARKS[self.status][1]}: {self.place}"] if self.status in REMARKS else []
         if self.apart_mm is not None and self.elongation_mm is not None:
             fit = number(self.elongation_mm - self.apart_mm, 2, sign=True)
             lines.append(
-                f"{number(self.elongation_mm, 2, sign=True)} mm at {self.place}, where the running fit says {fit} mm: "
-                "read it again, or leave it; it is kept"
+                f"{number(self.elongation_mm, 2, sign=True)} mm at {self.place}, the running fit gives {fit} mm: "
+                "check it; it is kept as it is"
             )
         return "\n".join([*lines, *([f"source: {self.source}"] if self.source else [])])
 
@@ -89,7 +89,7 @@ HEADINGS = ("Cycle", "Branch", "kPa", "mm", "Remark")
 
 
 def place(target_kpa: float, branch: str, cycle: int) -> str:
-    """Return which plateau it is, e.g. `+30 kPa, unloading, cycle 2`."""
+    """Return a plateau as text, e.g. `+30 kPa, unloading, cycle 2`."""
     where = f"{BRANCH_WORDS[branch]}, cycle {cycle}" if cycle else "opening plateau"
     return f"{target(target_kpa)}, {where}"
 
@@ -98,13 +98,13 @@ def _place(at: ReadingRequest | Progress) -> str:
     return place(at.target_kpa, at.branch, at.cycle)
 
 
-def asking(steps: tuple[StepMark, ...]) -> tuple[StepMark, ...]:
-    """Return the plateaus that ask for a reading: all steps but the way out."""
+def readable(steps: tuple[StepMark, ...]) -> tuple[StepMark, ...]:
+    """Return the plateaus that are read: all steps but the last, which vents."""
     return tuple(step for step in steps if step.branch != "end")
 
 
 class ReadingStore(Protocol):
-    """What keeps the readings: the session of a run that goes, or the recording of one that is over."""
+    """Storage of the readings: the session of the current run, or a closed recording."""
 
     def steps(self) -> tuple[StepMark, ...]:
         """Return the plateaus so far."""
@@ -121,40 +121,40 @@ class ReadingStore(Protocol):
         resolution_mm: float | None = None,
         reader: str = "",
     ) -> object:
-        """Keep a reading; a second one for a plateau corrects the first."""
+        """Store a reading; a second one for a plateau corrects the first."""
 
 
 class ReadingsModel:
-    """The table of readings and the question of the moment.
+    """The table of readings and the reading that is due.
 
     Parameters
     ----------
-    session : keeps the readings.
-    changes : where each entry is kept for undo.
+    session : stores the readings.
+    undo : takes the entries.
     """
 
-    def __init__(self, session: ReadingStore, changes: UndoHistory) -> None:
+    def __init__(self, session: ReadingStore, undo: UndoHistory) -> None:
         self.session = session
-        self._changes = changes
+        self._undo = undo
         self.resolution_mm = 0.5
 
     def question(self, snapshot: SessionSnapshot) -> str:
-        """Return what the window asks for now, or will ask for next in this run; empty where nothing is asked for."""
+        """Return the reading that is due, or the next one of this run; empty without a run."""
         waiting, progress = snapshot.waiting_for_reading, snapshot.progress
         if waiting is not None:
             return f"Elongation at {_place(waiting)}"
         if snapshot.state is SessionState.RUNNING and progress is not None:
             return f"Next: {_place(progress)}"
-        return "Next: elongation once the run goes on" if snapshot.state is SessionState.PAUSED else ""
+        return "Next: elongation, once the run is resumed" if snapshot.state is SessionState.PAUSED else ""
 
     def latest(self) -> dict[int, Reading]:
-        """Return the reading that counts for each plateau."""
+        """Return the newest reading of each plateau."""
         return {reading.step_id: reading for reading in self.session.readings()}
 
     def rows(self, snapshot: SessionSnapshot) -> list[Row]:
         """Return the table, oldest plateau first."""
         readings = {key: r for key, r in self.latest().items() if r.elongation_mm is not None}
-        steps = asking(self.session.steps())
+        steps = readable(self.session.steps())
         read = [step for step in steps if step.number in readings]
         far = outlying(
             np.array([step.target_kpa for step in read]),
@@ -176,16 +176,15 @@ class ReadingsModel:
 
     @staticmethod
     def summary(rows: list[Row]) -> str:
-        """Return how many plateaus have a reading, and how many are far from the fit; none was to be read cut short."""
+        """Return how many plateaus were read, and how many outliers there are; interrupted ones are not counted."""
         rows = [row for row in rows if row.status != "aborted" or row.elongation_mm is not None]
         read = sum(row.elongation_mm is not None for row in rows)
         far = sum(row.outlier for row in rows)
-        whole = "all" if read == len(rows) else f"{read} of"
-        words = f"{whole} {count(len(rows), 'plateau')} read" if rows else ""
-        return words + (f", {far} far from the running fit" if far else "")
+        text = f"{read} of {count(len(rows), 'plateau')} read" if rows else ""
+        return text + (f", {count(far, 'outlier')}" if far else "")
 
     def enter(self, step_id: int, text: str, source: str = "typed") -> None:
-        """Keep what was typed for a plateau; an empty text withdraws its reading.
+        """Enter the text typed for a plateau; an empty text withdraws its reading.
 
         Raises
         ------
@@ -194,63 +193,72 @@ class ReadingsModel:
         self.put(step_id, parse_mm(text) if text.strip() else None, source)
 
     def put(self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None) -> None:
-        """Keep a reading, undoably; its resolution is the grid's where none is given."""
+        """Enter a reading, undoably.
+
+        Parameters
+        ----------
+        step_id : number of the plateau.
+        elongation_mm : None withdraws the reading.
+        source : "typed", "pasted", "photograph" or "simulated".
+        resolution_mm : of the reading; of the grid when None.
+        """
         before = self.latest().get(step_id)
         old = before.elongation_mm if before else None
         old_source = before.source if before else "typed"
         if old == elongation_mm:
             return
-        words = number(elongation_mm, 2) + " mm" if elongation_mm is not None else "withdrawal"
-        self._changes.push(
+        text = number(elongation_mm, 2) + " mm" if elongation_mm is not None else "withdrawal"
+        self._undo.push(
             Change(
-                f"reading {words}",
-                lambda: self._keep(step_id, elongation_mm, source, resolution_mm),
-                lambda: self._keep(step_id, old, old_source),
+                f"reading {text}",
+                lambda: self._store(step_id, elongation_mm, source, resolution_mm),
+                lambda: self._store(step_id, old, old_source),
             )
         )
 
-    def _keep(self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None) -> None:
+    def _store(
+        self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None
+    ) -> None:
         resolution = resolution_mm or self.resolution_mm
         self.session.add_reading(step_id, elongation_mm, source, resolution_mm=resolution)
 
     def paste(self, text: str, first_step_id: int | None = None) -> int:
-        """Enter a column copied from a spreadsheet, from a plateau on; returns how many were entered.
+        """Enter a column copied from a spreadsheet, from a plateau on; return how many were entered.
 
-        Where no plateau is named, a column of all plateaus begins at the first, a shorter one at the first without a
-        reading: what was read before is not written over unasked.
-
-        Of several columns the last is taken (pressure and elongation side by side). All are checked before any is kept.
+        Without a plateau, a column of all plateaus begins at the first, a shorter one at the first without a reading:
+        nothing is overwritten by default. Of several columns the last is taken. All values are checked before any is
+        stored.
 
         Raises
         ------
-        OperatorError : a line that is no length, by number; more lines than plateaus.
+        OperatorError : a line that is no length, by its number; more lines than plateaus.
         """
         values = column_of_lengths(text)
         first = self._first_for(len(values)) if first_step_id is None else first_step_id
-        numbers = [step.number for step in asking(self.session.steps()) if step.number >= first]
+        numbers = [step.number for step in readable(self.session.steps()) if step.number >= first]
         if len(values) > len(numbers):
             raise OperatorError(
-                f"{len(values)} values were pasted, but only {len(numbers)} plateaus follow",
-                "Choose the plateau of the first value, then paste again.",
+                f"{len(values)} values were pasted for {count(len(numbers), 'plateau')}",
+                "Select the plateau of the first value, then paste again.",
             )
         if not values:
-            raise OperatorError("nothing to paste", "Copy a column of elongations in mm first.")
+            raise OperatorError("the clipboard holds no values", "Copy a column of elongations in mm first.")
         old = {n: self.latest().get(n) for n in numbers[: len(values)]}
 
         def redo() -> None:
             for n, value in zip(numbers, values, strict=False):
-                self._keep(n, value, "pasted")
+                self._store(n, value, "pasted")
 
         def undo() -> None:
             for n, reading in old.items():
-                self._keep(n, reading.elongation_mm if reading else None, reading.source if reading else "pasted")
+                self._store(n, reading.elongation_mm if reading else None, reading.source if reading else "pasted")
 
-        self._changes.push(Change(f"paste of {len(values)} readings", redo, undo))
+        self._undo.push(Change(f"paste of {len(values)} readings", redo, undo))
         return len(values)
 
     def _first_for(self, values: int) -> float:
-        """Return the plateau at which a column of so many values begins where none is chosen."""
-        steps, read = [step.number for step in asking(self.session.steps())], self.latest()
+        """Return the plateau at which a column of `values` values begins where none is selected."""
+        steps, read = [step.number for step in readable(self.session.steps())], self.latest()
         if values == len(steps):
             return 0
         unread = (n for n in steps if n not in read or read[n].elongation_mm is None)
@@ -278,7 +286,7 @@ def parse_mm(text: str) -> float:
 
 
 def column_of_lengths(text: str) -> list[float]:
-    """Return the last column of pasted or imported text, a heading row left out.
+    """Return the last column of text, without a heading row.
 
     Raises
     ------

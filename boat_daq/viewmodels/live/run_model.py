@@ -94,7 +94,7 @@ class RunModel:
         if snapshot.recording is None:
             notices.attempt(self.record, done="Recording")
         elif snapshot.state in UNDER_WAY:
-            notices.say(Severity.WARNING, "a run is in progress", "Stop it before closing the recording.")
+            notices.add(Severity.WARNING, "a run is in progress", "Stop it before closing the recording.")
         else:
             notices.attempt(self.session.stop_recording, done="Recording closed")
 

@@ -63,7 +63,7 @@ class CalibrationOffer:
         read = sum(r.elongation_mm is not None for r in self._readings.latest().values()) if ended else 0
         if read:
             stopped = snapshot.run_ended is not None and snapshot.run_ended.end is RunEnd.STOPPED
-            self._offer = notices.say(
+            self._offer = notices.add(
                 Severity.INFORMATION,
                 f"the run {'was stopped' if stopped else 'is finished'}, {count(read, 'plateau')} read",
                 "Next: fit and look at it.",
@@ -130,7 +130,7 @@ class ResumeRun:
             return
         first, complete = resume_point(plan, list(self._session.steps()))
         if 0 < complete < plan.cycles:
-            self._offer = self._services.notices.say(
+            self._offer = self._services.notices.add(
                 Severity.INFORMATION,
                 f"the run was interrupted after {count(complete, 'whole cycle')}",
                 f"Resume at cycle {first} in its recording, the break stays visible; or start over in another.",

@@ -1,7 +1,7 @@
-"""The sequence: a plan in a form, its staircase as a picture, and the buttons a run allows at each instant.
+"""The sequence: the plan in a form, its staircase, and the buttons allowed in each state of the session.
 
-Rules: a plan is checked as it is typed, by the plan's own rules; what is refused says which field and why. Which button
-may be pressed is one table over the session's states.
+Rules: a plan is checked as it is typed, by the rules of `Plan`; a refusal names the field and the reason. The buttons
+are one table over the states.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ ENTRIES = (
     Entry(
         "cycles", "Cycles", "", "Complete cycles, each from the highest pressure to the lowest and back.", whole=True
     ),
-    Entry("high_kpa", "Highest", "kPa", "Where every cycle begins and ends."),
-    Entry("low_kpa", "Lowest", "kPa", "Where every cycle turns."),
+    Entry("high_kpa", "Highest", "kPa", "Pressure at which every cycle begins and ends."),
+    Entry("low_kpa", "Lowest", "kPa", "Pressure at which every cycle turns."),
     Entry("step_kpa", "Step", "kPa", "Distance between the plateaus of a staircase."),
-    Entry("ramp_kpa_per_s", "Ramp", "kPa/s", "How fast the pressure changes on its way to a target."),
-    Entry("min_dwell_s", "Shortest hold", "s", "A plateau is held at least so long."),
-    Entry("max_dwell_s", "Longest hold", "s", "A plateau that is not steady by then is marked."),
-    Entry("tolerance_kpa", "Tolerance", "kPa", "The pressure has arrived while it is this close to its target."),
-    Entry("settling_s", "Settling", "s", "Left out of a plateau's mean after the arrival."),
+    Entry("ramp_kpa_per_s", "Ramp", "kPa/s", "Rate of change of pressure towards a target."),
+    Entry("min_dwell_s", "Shortest hold", "s", "Least duration of a plateau."),
+    Entry("max_dwell_s", "Longest hold", "s", "A plateau that is not steady after this time is marked."),
+    Entry("tolerance_kpa", "Tolerance", "kPa", "Distance from the target at which the pressure counts as reached."),
+    Entry("settling_s", "Settling", "s", "Time after reaching the target that is left out of the mean."),
 )
 
 S = SessionState
@@ -65,7 +65,7 @@ STATE_WORDS = {
     S.RUNNING: ("\u25b6", "Running"),
     S.PAUSED: ("\u2016", "Paused, vented"),
     S.FINISHING: ("\u25d1", "Finishing"),
-    S.ABORTED: ("\u25a0", "Stopped before its end"),
+    S.ABORTED: ("\u25a0", "Stopped early"),
     S.FAULT: ("\u25a0", "Fault, vented"),
 }
 PHASE_WORDS = {
@@ -77,7 +77,7 @@ BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loadin
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Staircase:
-    """The plan as a picture: pressure over estimated time, and where each step begins. One is only equal to itself."""
+    """Pressure over estimated time, and the begin of each step; compared by identity."""
 
     time_s: FloatArray
     pressure_kpa: FloatArray
@@ -85,7 +85,7 @@ class Staircase:
 
 
 def staircase(plan: Plan) -> Staircase:
-    """Return the plan's picture by the plan's own estimate of each step."""
+    """Return the staircase of a plan, with its own estimate of the duration of each step."""
     time_s, pressure, starts = [0.0], [0.0], []
     for step in plan.steps:
         begin, before = time_s[-1], pressure[-1]
@@ -120,7 +120,7 @@ def drawing(picture: Staircase, done_to_s: float, limits_kpa: tuple[float, float
 
 @lru_cache(maxsize=4)
 def _undone(picture: Staircase, limits_kpa: tuple[float, float] | None) -> StaircaseDrawing:
-    """Return `picture` in the unit square, nothing done: the same object as long as it is the same picture."""
+    """Return `picture` in the unit square, nothing done; cached while the staircase is the same."""
     edges = limits_kpa or ()
     low = min(float(picture.pressure_kpa.min()), 0.0, *edges) - 4
     high = max(float(picture.pressure_kpa.max()), 0.0, *edges) + 4
@@ -131,36 +131,36 @@ def _undone(picture: Staircase, limits_kpa: tuple[float, float] | None) -> Stair
 
 @lru_cache(maxsize=4)
 def _extent(plan: Plan) -> tuple[int, float]:
-    """Return how many plateaus a plan has, and how long it takes (s): a hundred cycles are thousands of steps."""
+    """Return number of plateaus and duration (s) of a plan; cached, since a hundred cycles have thousands of steps."""
     return sum(step.plateau for step in plan.steps), plan.duration_s
 
 
 class SequenceModel:
-    """The plan on the bench and the run that goes.
+    """The plan and the current run.
 
     Parameters
     ----------
-    session : the one door to the board.
-    changes : where an edit of the plan is kept for undo.
+    session : runs the plan.
+    undo : takes the edits of the plan.
     """
 
-    def __init__(self, session: Session, changes: UndoHistory) -> None:
+    def __init__(self, session: Session, undo: UndoHistory) -> None:
         self.session = session
-        self._changes = changes
+        self._undo = undo
         self.plans = built_in_plans()
         self.plan = self.plans["calibration"]
         self.wait_for_reading = True
-        self.refused: dict[str, str] = {}  # why a field's last entry is not in the plan
-        self._typed: dict[str, int | float] = {}  # refused numbers: together with the next one they may make a plan
+        self.refused: dict[str, str] = {}  # field -> why its last entry is invalid
+        self._typed: dict[str, int | float] = {}  # invalid alone; tried again with the next entry
         self.revision = 0
         self._picture: tuple[Plan, Staircase] | None = None
         self._preferences: Preferences | None = None
-        self._asks = False
+        self._needs_readings = False
 
     def remember_in(self, preferences: Preferences) -> None:
-        """Take the plan of the last time, and keep this one's from now on; one that is refused today is left."""
+        """Restore the stored plan, an invalid one is ignored; store every change from now on."""
         try:
-            self.plan = plan_from_toml(preferences.get("plan", self.plan.to_toml()), "the plan of the last time")
+            self.plan = plan_from_toml(preferences.get("plan", self.plan.to_toml()), "the stored plan")
         except BoatDaqError:
             self.plan = self.plans["calibration"]
         self.plans.setdefault(self.plan.name, self.plan)
@@ -177,8 +177,8 @@ class SequenceModel:
     def estimate(self) -> str:
         """Return the plan in a line: cycles, plateaus, time."""
         plateaus, lasts_s = _extent(self.plan)
-        words = f"{plateaus} plateaus, " if plateaus else ""
-        return f"{words}about {duration(lasts_s)}" + (" and the readings" if self.wait_for_reading and plateaus else "")
+        size = f"{plateaus} plateaus, " if plateaus else ""
+        return f"{size}about {duration(lasts_s)}" + (" plus reading time" if self.wait_for_reading and plateaus else "")
 
     def drawing(self, snapshot: SessionSnapshot) -> StaircaseDrawing:
         """Return the staircase with limits and the done part of the run."""
@@ -190,29 +190,29 @@ class SequenceModel:
         return drawing(picture, done_s(picture, snapshot), (limits.min_kpa, limits.max_kpa) if limits else None)
 
     def choose(self, name: str) -> None:
-        """Take one of the plans by name."""
+        """Select one of the plans by name."""
         self._replace(self.plans[name], f"choice of plan {name}")
 
-    def ask_readings(self, wanted: bool) -> None:
+    def require_readings(self, wanted: bool) -> None:
         """Wait for a reading at each plateau, or not."""
         if wanted != self.wait_for_reading:
-            words = "waiting for readings" if wanted else "going on without readings"
-            self._changes.push(Change(words, lambda: self._wait(wanted), lambda: self._wait(not wanted)))
+            text = "waiting for readings" if wanted else "running without readings"
+            self._undo.push(Change(text, lambda: self._wait(wanted), lambda: self._wait(not wanted)))
 
     def _wait(self, wanted: bool) -> None:
         self.wait_for_reading = wanted
         self._remember()
 
     def take(self, plan: Plan) -> None:
-        """Take the plan of a run that goes on."""
+        """Select the plan of a run that resumes."""
         self._replace(plan, f"choice of plan {plan.name}")
 
     def open(self, path: Path) -> None:
-        """Take a plan from a TOML file.
+        """Load a plan from a TOML file.
 
         Raises
         ------
-        OperatorError : it cannot be read, or is refused by key.
+        OperatorError : it cannot be read, or is invalid, by key.
         """
         plan = plan_from_toml(read_text(path), path.name)
         self.plans[plan.name] = plan
@@ -223,9 +223,9 @@ class SequenceModel:
         path.write_text(self.plan.to_toml(), encoding="utf-8")
 
     def edit(self, key: str, text: str) -> str:
-        """Set one field from what was typed; return why it was refused, or an empty string.
+        """Set one field from text; return why it is invalid, or an empty string.
 
-        What was refused is tried again with the next entry: highest and step often fit each other only together.
+        An entry that is invalid alone is tried again with the next one: highest and step often fit only together.
         """
         entry = next(e for e in ENTRIES if e.key == key)
         try:
@@ -233,7 +233,7 @@ class SequenceModel:
         except ValueError:
             return self._refuse(key, f"{entry.label}: {text!r} is not a number")
         if entry.whole and value != int(value):
-            return self._refuse(key, f"{entry.label}: a whole number is needed")
+            return self._refuse(key, f"{entry.label}: a whole number is required")
         self.refused.pop(key, None)
         self._typed.pop(key, None)
         if value == getattr(self.plan, key):
@@ -245,7 +245,7 @@ class SequenceModel:
                 plan = dataclasses.replace(self.plan, **changed)  # type: ignore[arg-type]
             except BadValue as error:
                 cause = f"'{error.key}' {error.why}"
-                why = f"{_in_form_words(cause)}. {_in_form_words(error.remedy)}".strip()
+                why = f"{_in_terms_of_form(cause)}. {_in_terms_of_form(error.remedy)}".strip()
             else:
                 left = {k: v for k, v in self._typed.items() if k not in changed}
                 reasons = {k: why for k, why in self.refused.items() if k not in changed}
@@ -266,7 +266,7 @@ class SequenceModel:
 
     def _replace(self, plan: Plan, text: str) -> None:
         before = self.plan
-        self._changes.push(Change(text, lambda: self._take(plan), lambda: self._take(before)))
+        self._undo.push(Change(text, lambda: self._take(plan), lambda: self._take(before)))
 
     def _take(self, plan: Plan) -> None:
         self.plan = plan
@@ -277,45 +277,45 @@ class SequenceModel:
         """Return the buttons that may be pressed."""
         return BUTTONS[snapshot.state] if snapshot.can_command else ()
 
-    def asks(self, snapshot: SessionSnapshot) -> bool:
-        """Whether the run that goes stops at its plateaus for readings."""
-        goes = snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
-        return goes and self._asks
+    def needs_readings(self, snapshot: SessionSnapshot) -> bool:
+        """Return whether the current run waits for readings at its plateaus."""
+        running = snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
+        return running and self._needs_readings
 
     def press(self, button: str) -> None:
         """Press a button of `BUTTONS`.
 
         Raises
         ------
-        BoatDaqError : what stands in the way.
+        BoatDaqError : it is not allowed now.
         """
         if button == "arm":
             self.arm()
         else:
-            deeds = {
+            actions = {
                 "start": self.session.start, "disarm": self.session.disarm, "pause": self.session.pause,
                 "resume": self.session.resume, "stop": self.session.stop, "clear": self.session.clear_fault,
             }  # fmt: skip
-            deeds[button]()
+            actions[button]()
 
     def arm(self, *, resume: bool = False) -> None:
-        """Make the plan ready; with `resume`, at the next whole cycle of the run that was broken off.
+        """Make the plan ready; with `resume`, at the next whole cycle of the interrupted run.
 
         Raises
         ------
-        BoatDaqError : what stands in the way.
+        BoatDaqError : it is not allowed now.
         """
         if self.refused:
             raise OperatorError(
-                f"the plan's form is not valid: {next(iter(self.refused.values()))}",
-                "Correct what is marked in the plan, then arm.",
+                f"the plan is invalid: {next(iter(self.refused.values()))}",
+                "Correct the marked fields of the plan, then arm.",
             )
-        asks = self.wait_for_reading and self.plan.kind == "staircase"
-        self.session.arm(self.plan, wait_for_reading=asks, resume=resume)
-        self._asks = asks
+        waits = self.wait_for_reading and self.plan.kind == "staircase"
+        self.session.arm(self.plan, wait_for_reading=waits, resume=resume)
+        self._needs_readings = waits
 
     def set_pressure(self, text: str, ramp: str) -> None:
-        """Command a pressure by hand.
+        """Command a manual pressure.
 
         Raises
         ------
@@ -329,8 +329,8 @@ class SequenceModel:
         self.session.set_pressure(target_kpa, ramp_kpa_per_s)
 
 
-def _in_form_words(text: str) -> str:
-    """Return a refusal of the plan with the form's names for its keys, as a sentence."""
+def _in_terms_of_form(text: str) -> str:
+    """Return an error of the plan with the labels of the form for its keys, as a sentence."""
     for entry in ENTRIES:
         text = text.replace(f"'{entry.key}'", entry.label).replace(entry.key, entry.label)
     text = text.replace("'window_s'", "the steadiness window").replace("window_s", "the steadiness window")
@@ -344,7 +344,7 @@ def state_text(snapshot: SessionSnapshot) -> str:
 
 
 def progress_text(snapshot: SessionSnapshot) -> str:
-    """Return cycle, step and time left in a line; why the run ended, where it did before its time."""
+    """Return cycle, step and time left in a line; the cause where the run was aborted."""
     progress = snapshot.progress
     ended = snapshot.run_ended
     if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:
@@ -355,7 +355,7 @@ def progress_text(snapshot: SessionSnapshot) -> str:
     left = f"{duration(progress.time_left_s)} left"
     step = f"step {progress.step} of {progress.steps}"
     if snapshot.state is SessionState.PAUSED:
-        return f"{where}   {step}   {left}   goes on with a whole cycle"
+        return f"{where}   {step}   {left}   will repeat this cycle"
     return f"{where}   {step}   {left}   {_phase(progress.phase)} at {target(progress.target_kpa)}"
 
 
@@ -374,7 +374,7 @@ def done_s(picture: Staircase, snapshot: SessionSnapshot) -> float:
 
 
 def limits_text(limits: Limits | None) -> str:
-    """Return the limits in force and whose they are."""
+    """Return the limits in force and their origin."""
     if limits is None:
         return ""
     low, high = number(limits.min_kpa, 0, sign=True), number(limits.max_kpa, 0, sign=True)

@@ -32,7 +32,7 @@ class SessionMessages:
             self._last = message.number
             over = message.kind is MessageKind.SILENT and connected  # data arrive again
             level = Severity.INFORMATION if over else LEVELS.get(message.level, Severity.WARNING)
-            notice = self._notices.say(level, message.cause, "" if over else message.remedy)
+            notice = self._notices.add(level, message.cause, "" if over else message.remedy)
             if snapshot.link in DOWN:
                 self._of_link.append(notice)
         if connected:

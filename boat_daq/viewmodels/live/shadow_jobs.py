@@ -1,5 +1,6 @@
-"""The shadow's table built, its compiled parts made, and held states judged, in a process of its own; the window then
-only loads them, or looks them up.
+"""Jobs of the shadow: build its table and compiled code, and find its unstable held states.
+
+The libraries are imported inside the functions: the window imports this module, and loads or looks up the results.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow
 
 Place = tuple[int, int]  # steps of pressure and elongation
-HELD_KPA, HELD_MM = 1.0, 0.5  # steps of pressure and elongation of a state that is judged
+HELD_KPA, HELD_MM = 1.0, 0.5  # steps of the states tested
 HELD_BELOW_KPA = -20.0  # only vacuum,
-HELD_OFF_MM = 1.0  # and only a tip that something holds, can be unstable in the table
-LESS_URGENT = 10  # than the board and the window
+HELD_OFF_MM = 1.0  # and only a tip held off its nominal place, can be unstable
+NICE = 10  # below the board and the window
 
 
 def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> Shadow:
-    """Return the shadow at a level of fidelity; its table comes from the cache, or is built.
+    """Return the shadow at a level of fidelity; its table is loaded from the cache, or built.
 
     Raises
     ------
@@ -41,18 +42,18 @@ def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None]
 
 
 def warm(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> float:
-    """Build or load the table, answer one state; returns the seconds that one costs."""
+    """Build or load the table and compute one state; return its computing time, s."""
     shadow = shadow_of(level, progress=progress)
     return shadow.state(pressure_kpa=20.0, elongation_mm=1.0).seconds
 
 
-def judge_held(level: str = "normal") -> frozenset[Place]:
-    """Return every place of the table under vacuum whose state is in balance but not stable, off the nominal curve.
+def unstable_held_states(level: str = "normal") -> frozenset[Place]:
+    """Return the places of the table under vacuum whose state is in equilibrium but not stable, off the nominal curve.
 
     30 ms a place and some hundred places: too much for the window's interpreter, even on another thread.
     """
     if hasattr(os, "nice"):
-        os.nice(LESS_URGENT)
+        os.nice(NICE)
     shadow = shadow_of(level)
     lowest = math.floor(float(shadow.table.pressure_range_kpa[0]) / HELD_KPA)
     return unstable_places(shadow, range(lowest, math.floor(HELD_BELOW_KPA / HELD_KPA) + 1))

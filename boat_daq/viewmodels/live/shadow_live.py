@@ -1,8 +1,8 @@
-"""The shadow's pane: the actuator as it is now, from pressure and measured elongation, and how far it is from nominal.
+"""The shadow pane: the current state of the actuator from pressure and measured elongation, and its deviation.
 
-Rules: a frame asks the reduced model alone; a state outside its table is said, never solved for in a frame. Without a
-calibration the nominal actuator at this pressure is drawn, and said to be that. Whole cycles go to the monitor on a
-helper thread. Lengths in mm, x across, z upwards from the fixed base.
+Rules: a frame uses the reduced model only; a state outside its table is reported, never solved for in a frame. Without
+a calibration the nominal actuator at this pressure is drawn, and labelled so. Lengths in mm, x across, z upwards from
+the fixed base.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from boat_daq.viewmodels.live.shadow_jobs import (
     HELD_KPA,
     HELD_MM,
     HELD_OFF_MM,
-    judge_held,
     shadow_of,
+    unstable_held_states,
     warm,
 )
 
@@ -34,18 +34,18 @@ if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow, ShadowState
 
 
-RECENT = 10  # samples that one frame's state is the mean of
+RECENT = 10  # samples averaged for one frame
 LEVELS = 24  # of colour
 SCALES = {"displacement": (4.0, "mm", 1.0), "strain": (20.0, "%", 100.0)}  # full scale, unit, factor
 LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, TRACE_POINTS = 60.0, 1200
-SEEN_KPA, SEEN_MM = 0.1, 0.02  # steps of pressure and elongation that change what is drawn or said
+SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
 
 
 @dataclass(frozen=True, slots=True)
 class ShadowPicture:
-    """What the pane draws.
+    """One picture of the pane.
 
     Attributes
     ----------
@@ -68,9 +68,9 @@ class ShadowPicture:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What is measured now: pressure (kPa), elongation and its expanded uncertainty, k = 2 (mm); NaN where unknown.
+    """The current measurement: pressure (kPa), elongation and its expanded uncertainty, k = 2 (mm); NaN where unknown.
 
-    `calibrated` says whether there is a calibration, `disagree` whether the two sensors contradict each other.
+    `calibrated`: whether a calibration is in use; `disagree`: whether the two sensors contradict each other.
     """
 
     pressure: float = math.nan
@@ -80,8 +80,8 @@ class Moment:
     disagree: bool = False
 
     @property
-    def seen(self) -> tuple[object, ...]:
-        """What of it could be seen: two moments of one `seen` draw the same picture."""
+    def visible(self) -> tuple[object, ...]:
+        """Return the values in visible steps: two moments with the same ones draw the same picture."""
         steps = ((self.pressure, SEEN_KPA), (self.measured, SEEN_MM), (self.expanded, SEEN_MM))
         return (*(_step(value, step) for value, step in steps), self.calibrated, self.disagree)
 
@@ -95,38 +95,38 @@ class ShadowLive:
 
     Parameters
     ----------
-    ring : gives the ring of the moment.
-    inverse : gives the calibration's inverse of the moment, or None.
-    jobs : builds the table.
+    ring : returns the current ring.
+    inverse : returns the current conversion, or None.
+    jobs : run the jobs that build the table and test stability.
     """
 
     def __init__(self, ring: Callable[[], Ring | None], inverse: Callable[[], Inverse | None], jobs: JobRunner) -> None:
         self._ring, self._inverse, self._jobs = ring, inverse, jobs
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="shadow")
         self._loading: Future[Shadow] | None = None
-        self._asked, self._level = False, "normal"
+        self._prepared, self._level = False, "normal"
         self.model: Shadow | None = None
         self.quantity = "displacement"
         self.show_cost = False
         self.problem = ""
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
-        self._unstable: frozenset[tuple[int, int]] | None = None  # places; None until they are judged
-        self._judge: Job | None = None
-        self._not_judged = ""
+        self._unstable: frozenset[tuple[int, int]] | None = None  # places of the table; None until the job has ended
+        self._stability_job: Job | None = None
+        self._no_stability = ""
 
     # ---- loading -------------------------------------------------------------------------------------------------
 
     def prepare(self) -> None:
-        """Have the table built by a helper process, once."""
-        if not self._asked:
-            self._asked = True
+        """Build the table in a helper process, once for each fidelity."""
+        if not self._prepared:
+            self._prepared = True
             job = Job("Preparing the shadow", warm, self._level)
             self._jobs.start("shadow", job, self._built)
 
     def set_fidelity(self, level: str) -> None:
-        """Use another fidelity: its shadow is prepared when it is next asked for; until then the one there is stays."""
+        """Use another fidelity once `prepare` has built its model; until then the current one stays."""
         if level != self._level:
-            self._level, self._asked = level, False
+            self._level, self._prepared = level, False
 
     def _built(self, job: Job) -> None:
         if job.state is JobState.DONE:
@@ -135,15 +135,15 @@ class ShadowLive:
             self.problem = job.failure.cause
 
     def poll(self) -> None:
-        """Take the model where it has come."""
+        """Take the model once it is loaded."""
         if self._loading is not None and self._loading.done():
             future, self._loading = self._loading, None
             self.model = future.result()
             self._jobs.cancel("stability")  # of another model
-            self._unstable, self._judge, self._not_judged = None, None, ""
+            self._unstable, self._stability_job, self._no_stability = None, None, ""
 
     def close(self) -> None:
-        """Let the thread end."""
+        """End the helper thread."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def nominal_curve(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
@@ -163,7 +163,7 @@ class ShadowLive:
             return np.zeros(0), np.zeros(0)
         columns = ring.view(float(recent["time_s"][0]) - TRACE_S)
         pressure, mm = columns["pressure_kpa"], inverse(signals(columns)).mm
-        # means of as many samples each: extremes of both, as time plots draw them, do not belong together
+        # block means: the extremes that time plots draw are not simultaneous
         size = max(1, mm.size // TRACE_POINTS)
         whole = mm.size // size * size
         pressure, mm = (values[:whole].reshape(-1, size).mean(axis=1) for values in (pressure, mm))
@@ -172,7 +172,7 @@ class ShadowLive:
     # ---- the picture ---------------------------------------------------------------------------------------------
 
     def now(self) -> Moment:
-        """Return what is measured now."""
+        """Return the current measurement."""
         ring, inverse = self._ring(), self._inverse()
         recent = ring.view(last=RECENT) if ring is not None else {"time_s": np.zeros(0)}
         if not recent["time_s"].size:
@@ -184,19 +184,19 @@ class ShadowLive:
         return Moment(pressure, float(found.mm[0]), float(found.expanded_mm[0]), True, bool(found.disagree[0]))
 
     def picture(self) -> ShadowPicture:
-        """Return the picture of this instant; the same object while nothing has moved that could be seen."""
+        """Return the current picture; the same object until a visible change."""
         now = self.now()
-        judged = (self._unstable is not None, self._not_judged)
-        seen = (*now.seen, self.model is not None, self.quantity, self.show_cost, self.problem, judged)
-        if self._last is None or self._last[0] != seen:
-            self._last = (seen, self._draw(now))
+        judged = (self._unstable is not None, self._no_stability)
+        key = (*now.visible, self.model is not None, self.quantity, self.show_cost, self.problem, judged)
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self._draw(now))
         return self._last[1]
 
     def _draw(self, now: Moment) -> ShadowPicture:
         state = self._state(now)
         if state is None or self.model is None:
-            said = ("Shadow", self._why_not(now), "warning" if self.model is not None else "")
-            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, now.measured, (*_measured_lines(now), said))
+            reason = ("Shadow", self._why_not(now), "warning" if self.model is not None else "")
+            return ShadowPicture(REST, *NOTHING_DRAWN, math.nan, now.measured, (*_measured_lines(now), reason))
         corners, levels = self._elements(state)
         tracked = state.tracked_points_mm.reshape(-1, 2)
         lines = self._lines(state, now)
@@ -205,7 +205,7 @@ class ShadowLive:
         )
 
     def _why_not(self, now: Moment) -> str:
-        """Return why there is no shadow to draw."""
+        """Return why no shadow is drawn."""
         if self.model is None:
             return self.problem or ("preparing \u2026" if math.isfinite(now.pressure) else NOTHING)
         return "\u25b2 this state is outside the model's table"
@@ -214,7 +214,7 @@ class ShadowLive:
         if self.model is None:
             return None
         if not math.isfinite(now.pressure):
-            return self.model.state(pressure_kpa=0.0, elongation_mm=0.0)  # at rest, until something is measured
+            return self.model.state(pressure_kpa=0.0, elongation_mm=0.0)  # at rest until the first sample
         pressure = np.array(now.pressure)
         known = math.isfinite(now.measured)
         q = now.measured if known else float(self.model.table.nominal_elongation(pressure)[0])
@@ -223,28 +223,28 @@ class ShadowLive:
         return self.model.state(pressure_kpa=now.pressure, elongation_mm=q)
 
     def _stability(self, state: ShadowState) -> str:
-        """Return what is to be said of a held state's stability: looked up, once a helper process has judged them all.
+        """Return a warning if a held state is unstable: looked up in the result of a helper process.
 
-        A judgement takes 30 ms of the interpreter, which a helper thread would take from the frames and the reader.
+        One test takes 30 ms of the interpreter, which a thread would take from the frames and the reader.
         """
         pressure, mm = state.pressure_kpa, state.elongation_mm
         if pressure > HELD_BELOW_KPA or abs(state.deviation_mm) < HELD_OFF_MM:
             return ""
         if self._unstable is None:
-            if self._judge is None:
-                self._judge = Job("Judging stability", judge_held, self._level)
-                self._jobs.start("stability", self._judge, self._judged)
-            return self._not_judged
+            if self._stability_job is None:
+                self._stability_job = Job("Testing stability", unstable_held_states, self._level)
+                self._jobs.start("stability", self._stability_job, self._take_stability)
+            return self._no_stability
         unstable = (_step(pressure, HELD_KPA), _step(mm, HELD_MM)) in self._unstable
-        return "\u25b2 in balance, but not stable" if unstable else ""
+        return "\u25b2 in equilibrium, but not stable" if unstable else ""
 
-    def _judged(self, job: Job) -> None:
-        if job is not self._judge:
+    def _take_stability(self, job: Job) -> None:
+        if job is not self._stability_job:
             return
         if job.state is JobState.DONE:
             self._unstable = job.result
         else:
-            self._not_judged = f"\u25b2 not judged: {job.failure.cause if job.failure else 'cancelled'}"
+            self._no_stability = f"\u25b2 stability not tested: {job.failure.cause if job.failure else 'cancelled'}"
 
     def _elements(self, state: ShadowState) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return the elements of both halves with their colour steps."""
@@ -264,16 +264,16 @@ class ShadowLive:
         if math.isfinite(now.measured):
             band = 2.0 * math.hypot(state.nominal_sd_mm, now.expanded / 2.0)
             beyond = abs(state.deviation_mm) > band
-            mark = "\u25b2 beyond" if beyond else "\u25cf within"
-            words = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm  {mark}"
-            lines.append(("Deviation", words, "warning" if beyond else "ok"))
+            mark = "\u25b2 outside" if beyond else "\u25cf inside"
+            text = f"{number(state.deviation_mm, 2, sign=True)} \u00b1{number(band, 2)} mm  {mark}"
+            lines.append(("Deviation", text, "warning" if beyond else "ok"))
         stability = self._stability(state)
         if stability:
             lines.append(("Stability", stability, "warning"))
         if now.disagree:
             lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
         if self.show_cost:
-            lines.append(("Cost of a frame", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
+            lines.append(("Frame time", f"{number(1e3 * state.seconds, 2)} ms, {state.model} model", ""))
         return tuple(lines)
 
 
@@ -284,17 +284,17 @@ def _step(value: float, step: float) -> int | None:
 
 def _measured_lines(now: Moment) -> tuple[tuple[str, str, str], ...]:
     if not math.isfinite(now.pressure):
-        return (("Measured", "nothing yet: drawn at rest", ""),)
-    words, state = "not calibrated, nominal drawn", ""
+        return (("Measured", "no data: drawn at rest", ""),)
+    text, state = "not calibrated: nominal drawn", ""
     if math.isfinite(now.measured):
-        words = f"{number(now.measured, 2, sign=True)} \u00b1{number(now.expanded, 2)} mm"
+        text = f"{number(now.measured, 2, sign=True)} \u00b1{number(now.expanded, 2)} mm"
     elif now.calibrated:
-        words, state = "\u25b2 outside the calibration", "warning"
-    return (("Measured", words, state), ("Pressure", f"{number(now.pressure, 1, sign=True)} kPa", ""))
+        text, state = "\u25b2 outside the calibration", "warning"
+    return (("Measured", text, state), ("Pressure", f"{number(now.pressure, 1, sign=True)} kPa", ""))
 
 
 def load_model(level: str = "normal") -> Any:
-    """Return the shadow, ready to answer; its table comes from the cache, or is built (some seconds)."""
+    """Return the shadow, warmed up; its table is loaded from the cache, or built (some seconds)."""
     model = shadow_of(level)
     model.state(pressure_kpa=20.0, elongation_mm=1.0)
     return model

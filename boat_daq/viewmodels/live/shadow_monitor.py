@@ -1,7 +1,7 @@
-"""Whole cycles for the shadow's monitor, and what it says of them.
+"""Whole cycles for the monitor of the shadow, and its alarms.
 
-Each complete cycle is taken from the ring once and boiled down on a helper thread; alarms come back as sentences. A
-cycle that the ring no longer holds, or that no calibration converts, is left out.
+Each complete cycle is taken from the ring once and reduced to figures on a helper thread. A cycle that the ring no
+longer holds, or that no calibration converts, is left out.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
     from boat_daq.viewmodels.live.conversion import Conversion
 
-THINNED_TO = 4000  # samples of a cycle are enough for its figures
+THINNED_TO = 4000  # samples suffice for the figures of a cycle
 FIRST_CYCLES = 5
 MISSING = object()
 
 
 @dataclass(frozen=True, slots=True)
 class CycleMark:
-    """What one cycle was found to be: where it began (s of the ring), its mean deviation, the monitor's figures."""
+    """One cycle: its begin (s of the ring), its mean deviation, the figures of the monitor."""
 
     cycle: int
     begin_s: float
@@ -41,10 +41,9 @@ class CycleMark:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """A figure of every cycle, as the page draws it; `value` takes it from a mark, `smallest` is the least span drawn.
+    """A figure of every cycle as the page draws it; `value` reads it from a mark, `smallest` is the least span drawn.
 
-    `change` is for a figure whose level a healthy actuator's hysteresis makes: what is drawn is its change from the
-    run's first cycles.
+    `change` is for a figure with a level from hysteresis alone: its change from the first cycles is drawn.
     """
 
     title: str
@@ -65,7 +64,7 @@ SERIES = {
 
 @dataclass(frozen=True, slots=True)
 class AlarmRow:
-    """An alarm in the words of the page: what, since when, found when, how sure, by which figure."""
+    """An alarm as text: what, since when, found when, how sure, by which figure."""
 
     what: str
     since: str
@@ -75,13 +74,13 @@ class AlarmRow:
 
 
 class ShadowMonitor:
-    """Follows a run's cycles.
+    """Follows the cycles of a run.
 
     Parameters
     ----------
-    model : gives the shadow of the moment, or None.
-    overlay : knows where each cycle lies in the ring.
-    ring : gives the ring of the moment.
+    model : returns the shadow, or None.
+    overlay : locates each cycle in the ring.
+    ring : returns the current ring.
     """
 
     def __init__(
@@ -95,15 +94,15 @@ class ShadowMonitor:
         self._run: object = MISSING
         self.marks: list[CycleMark] = []
         self.alarms: list[Alarm] = []
-        self._sight: dict[str, float] = {}  # smallest lasting shift of each figure that would raise an alarm now
-        self._told = 0
+        self._sight: dict[str, float] = {}  # least lasting shift of each figure that would raise an alarm
+        self._reported = 0
         self.revision = 0
 
     def follow(self, snapshot: SessionSnapshot, conversion: Conversion | None) -> None:
-        """Hand over the cycles that have ended since the last call; a new recording begins a new history."""
+        """Submit the cycles that have ended since the last call; a new recording begins a new history."""
         if snapshot.recording is not None and snapshot.recording != self._run:
             self._run = snapshot.recording
-            self._monitor, self._taken, self.marks, self.alarms, self._told = None, set(), [], [], 0
+            self._monitor, self._taken, self.marks, self.alarms, self._reported = None, set(), [], [], 0
             self._sight = {}
             self.revision += 1
         shadow, progress = self._model(), snapshot.progress
@@ -113,9 +112,9 @@ class ShadowMonitor:
         for cycle, begin, end in ended:
             if cycle not in self._taken:
                 self._taken.add(cycle)
-                self._hand_over(shadow, conversion, cycle, begin, float(end or begin))
+                self._submit(shadow, conversion, cycle, begin, float(end or begin))
 
-    def _hand_over(self, shadow: Shadow, conversion: Conversion, number: int, begin: float, end: float) -> None:
+    def _submit(self, shadow: Shadow, conversion: Conversion, number: int, begin: float, end: float) -> None:
         ring = self._ring()
         if ring is None:
             return
@@ -123,12 +122,12 @@ class ShadowMonitor:
         inside = np.flatnonzero(columns["time_s"] <= end)
         inside = inside[:: max(1, inside.size // THINNED_TO)]
         cycle = {name: values[inside] for name, values in columns.items()}
-        self._futures.append(self._pool.submit(self._boil_down, shadow, conversion, number, cycle))
+        self._futures.append(self._pool.submit(self._reduce, shadow, conversion, number, cycle))
 
-    def _boil_down(
+    def _reduce(
         self, shadow: Shadow, conversion: Conversion, number: int, cycle: dict[str, FloatArray]
     ) -> tuple[CycleMark, list[Alarm], dict[str, float]]:
-        # loaded here, on the helper thread, and not with the window
+        # imported on the helper thread, not with the window
         from analysis.shadow.monitoring.monitor import Monitor, deviation_mm
 
         if self._monitor is None:
@@ -142,23 +141,23 @@ class ShadowMonitor:
         return mark, self._monitor.take(figures), self._monitor.smallest_shift()
 
     def poll(self) -> list[str]:
-        """Return the alarms that are new, as sentences.
+        """Return the new alarms as sentences.
 
         Raises
         ------
-        AnalysisError : a cycle could not be judged; it is left out, and the next call goes on with the one after it.
+        AnalysisError : a cycle could not be reduced; it is left out, and the next call continues after it.
         """
-        told = self._told
+        reported = self._reported
         while self._futures and self._futures[0].done():
             mark, alarms, self._sight = self._futures.pop(0).result()
             self.marks.append(mark)
             self.alarms += alarms
             self.revision += 1
-        self._told = len(self.alarms)
-        return [alarm.sentence for alarm in self.alarms[told:]]
+        self._reported = len(self.alarms)
+        return [alarm.sentence for alarm in self.alarms[reported:]]
 
     def series(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return cycle numbers and a figure of each, by its key in `SERIES`; NaN where the cycle does not hold it."""
+        """Return cycle numbers and a figure of each, by its key in `SERIES`; NaN where the cycle has none."""
         figure = SERIES[name]
         values = np.array([figure.value(m) for m in self.marks])
         first = values[:FIRST_CYCLES][np.isfinite(values[:FIRST_CYCLES])]
@@ -171,16 +170,16 @@ class ShadowMonitor:
         return [self._mark(alarm.cycle).cycle for alarm in self.alarms]
 
     def verdict(self) -> str:
-        """Return what the monitor says in a line: its alarms, or what it would find, at which rate of false alarms."""
+        """Return the result in a line: alarms, or the least change that would be found, with the false alarm rate."""
         if self.alarms:
             return f"{count(len(self.alarms), 'alarm')} in {count(len(self.marks), 'cycle')}"
-        rate = "one false alarm in 1" + THIN + "000 healthy cycles is allowed"
+        rate = "expected false alarms: 1 per 1" + THIN + "000 healthy cycles"
         if not self.marks:
             return f"none; {rate}"
         return f"\u25cf none in {count(len(self.marks), 'cycle')}; {self.sight()}; {rate}"
 
     def sight(self) -> str:
-        """Return the smallest leak and softening that the cycles to come would show, in words."""
+        """Return the least leak and softening that would be found now, as text."""
         sizes = (
             ("a leak", self._sight.get("loss", np.inf), "%/min", 1),
             ("softening", 100.0 * self._sight.get("gain", np.inf), "%", 1),
@@ -190,10 +189,10 @@ class ShadowMonitor:
         ]
         blind = [what for what, size, _, _ in sizes if not np.isfinite(size)]
         parts = [f"would find {' and '.join(known)}"] * bool(known)
-        return ", ".join(parts + [f"too few cycles yet to promise {' or '.join(blind)}"] * bool(blind))
+        return ", ".join(parts + [f"too few cycles yet to find {' or '.join(blind)}"] * bool(blind))
 
     def rows(self) -> list[AlarmRow]:
-        """Return the alarms in words, the newest first."""
+        """Return the alarms as text, the newest first."""
         return [self._row(alarm) for alarm in reversed(self.alarms)]
 
     def _row(self, alarm: Alarm) -> AlarmRow:
@@ -204,15 +203,15 @@ class ShadowMonitor:
         return AlarmRow(
             alarm.fault.capitalize(),
             f"cycle {since.cycle}, {duration(since.begin_s)}",
-            f"cycle {found.cycle}, {later} later" if later else f"cycle {found.cycle}, at once",
+            f"cycle {found.cycle}, {later} later" if later else f"cycle {found.cycle}, immediately",
             f"{number(min(alarm.healthy_cycles, 1e9), 0)} cycles{'' if alarm.independent else ' or fewer'}",
             f"{alarm.figure} {size}{may}".replace("-", MINUS),
         )
 
     def _mark(self, place: int) -> CycleMark:
-        """Return the mark of the monitor's own count of cycles, from 1: one that was left out is not counted there."""
+        """Return the mark of the monitor's own count of cycles, from 1, without those left out."""
         return self.marks[min(max(place, 1), len(self.marks)) - 1]
 
     def close(self) -> None:
-        """Let the thread end."""
+        """End the helper thread."""
         self._pool.shutdown(wait=False, cancel_futures=True)

@@ -128,7 +128,7 @@ class TradeoffModel(MeasuredResult):
         OperatorError : it cannot be read, or is no such result.
         """
         self.take(read_json(path, MAX_BYTES))
-        self._keep()
+        self._store()
 
     def save(self, path: Path) -> None:
         """Write the result by the suffix of `path`: .json as the command, .csv with a row for each point.

@@ -282,7 +282,7 @@ class CalibrationModel:
         """Accept the calibration; one out of tolerance only with `anyway`, which is then offered."""
         missed, notices = self.out_of_tolerance(), self._services.notices
         if missed and not anyway:
-            notices.say(
+            notices.add(
                 Severity.WARNING,
                 f"this calibration is out of tolerance. {'. '.join(missed)}",
                 "Check its readings, or accept it as it is.",

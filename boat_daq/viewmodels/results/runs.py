@@ -310,7 +310,7 @@ class RunsModel:
 
     def _failed(self, job: Job) -> None:
         if job.failure is not None:
-            self._notices.say(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+            self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
 
     def unit_lines(self) -> list[tuple[str, ...]]:
         """Return the units with each of their calibrations: unit, date, sensitivities, recording."""

@@ -51,9 +51,9 @@ def test_command_that_is_not_available_says_why(live):
     """A command that has nothing to do is greyed and does nothing when its key is pressed."""
     live.commands.refresh()
     greyed = {c.text for c, a in live.commands._actions if not a.isEnabled()}
-    assert {"Accept the calibration", "Compare the chosen runs", "Go on without a reading", "Undo"} <= greyed
+    assert {"Accept the calibration", "Compare the selected runs", "Skip this reading", "Undo"} <= greyed
     assert {"Vent now", "Connect …", "Calibrate with the last run"} & greyed == set()
-    live.commands.wake()
+    live.commands.enable_all()
 
 
 def test_a_session_by_keys_alone(make):

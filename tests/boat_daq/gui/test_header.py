@@ -47,7 +47,7 @@ def test_header_is_never_cut(live, width):
         assert widget.width() >= widget.sizeHint().width(), widget.text()
         assert head.rect().contains(widget.geometry())
     assert "12 lost" in [f.text() for f in head.figures if f.isVisible()]
-    assert "3 ms behind" in head.link.toolTip()
+    assert "Delay 3 ms" in head.link.toolTip()
     assert "2026-11-22" in head.unit.toolTip()
     assert head.unit.text() == live.model.unit.text(None)[: None if width == 1280 else -11]
 

@@ -40,7 +40,7 @@ def test_keyboard_reaches_every_button_of_the_live_page(live):
     live.refresh()
     live.activateWindow()
     live.live.pane.setCurrentWidget(live.live.plan)
-    live.live.hold.setFocus()
+    live.live.freeze.setFocus()
     reached: list[QWidget] = []
     for _ in range(200):
         widget = QApplication.focusWidget() or live.focusWidget()

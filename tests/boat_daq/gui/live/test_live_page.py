@@ -80,12 +80,12 @@ def test_first_sample_replaces_the_first_steps(live):
 
 def test_frozen_plot_keeps_recording(live):
     """A held picture keeps its range while the ring goes on."""
-    live.live.toggle_hold()
+    live.live.toggle_freeze()
     before = live.model.live.span_s()
     ring = filled_ring(400.0)
     live.model.session.ring = ring
     assert live.model.live.span_s() == before
-    live.live.toggle_hold()
+    live.live.toggle_freeze()
     assert live.model.live.span_s()[1] == pytest.approx(399.99)
 
 

@@ -89,7 +89,7 @@ def test_photograph_read_early_is_taken_when_its_plateau_waits(make):
     panel.view.set_picture(picture)
     for x in (20.0, 120.0, 150.0, 173.0):
         panel.view.clicked.emit(x, 50.0)
-    assert "No plateau waits" in panel.instruction.text()
+    assert "No plateau needs a reading" in panel.instruction.text()
     session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0), state=SessionState.RUNNING)
     window.refresh()
     assert panel.instruction.text().startswith("Enter takes it")

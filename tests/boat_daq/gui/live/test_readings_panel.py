@@ -99,7 +99,7 @@ def test_paste_without_selection_overwrites_nothing(make):
     assert [(r.step_id, r.elongation_mm) for r in session.kept[1:]] == [(2, 3.0), (3, 2.1)]
     window.live.table.view.paste("1\n2")
     assert len(session.kept) == 3
-    assert "plateaus follow" in window.model.notices.current().cause
+    assert "were pasted for 1 plateau" in window.model.notices.current().cause
     window.live.table.view.paste("4\n3\n2\n1")
     assert [r.elongation_mm for r in session.kept[3:]] == [4.0, 3.0, 2.0, 1.0]
 

@@ -25,12 +25,12 @@ def test_interrupted_run_has_buttons_to_resume_and_to_start_over(live):
     """After an unplugged board the choice is in two words, the way on the marked one; else there is only Arm."""
     panel, arm = live.live.sequence, live.live.sequence.buttons["arm"]
     live.refresh()
-    assert (arm.text(), arm.property("role"), panel.go_on.isVisible()) == ("Arm", "primary", False)
+    assert (arm.text(), arm.property("role"), panel.resume.isVisible()) == ("Arm", "primary", False)
     live.model.session.change(recording=Path("SA1.boat"))
     live.model.run.resumption.first_cycle = 3
     live.refresh()
-    assert (arm.text(), arm.property("role")) == ("Begin anew", "")
-    assert (panel.go_on.text(), panel.go_on.isVisible()) == ("Go on at cycle 3", True)
+    assert (arm.text(), arm.property("role")) == ("Start over", "")
+    assert (panel.resume.text(), panel.resume.isVisible()) == ("Resume at cycle 3", True)
 
 
 def test_hidden_button_gives_its_focus_to_no_other(live, qtbot):
@@ -50,9 +50,9 @@ def test_cleared_fault_is_dismissed(live):
     """The strip kept the fault after it was cleared, and hid the offer to calibrate behind it."""
     live.model.session.change(state=SessionState.FAULT)
     live.refresh()
-    live.model.notices.say(Severity.FAULT, "the board did not answer")
+    live.model.notices.add(Severity.FAULT, "the board did not answer")
     live.model.notices.inform("what comes next")
-    assert live.model.notices.current().level is Severity.FAULT
+    assert live.model.notices.current().severity is Severity.FAULT
     live.model.session.change(state=SessionState.IDLE)
     live.refresh()
     assert live.model.notices.current().cause == "what comes next"
@@ -122,4 +122,4 @@ def test_end_of_a_run_offers_to_calibrate(make):
     window.strip.act.click()
     assert window.page == "Calibrate"
     window.refresh()
-    assert "Nothing has been recorded yet" in window.strip.text.text()
+    assert "There is no recording yet" in window.strip.text.text()

@@ -84,7 +84,7 @@ def test_a_cycle_that_cannot_be_judged_is_said_and_the_next_one_counts(page, app
 
     alarm = Alarm("leak", "loss", "%/min", 2.0, 13, 13, 9000.0)
     bad = DataError("no elongation is known in this cycle", "check the calibration's range")
-    page.monitor._told = len(page.monitor.alarms)
+    page.monitor._reported = len(page.monitor.alarms)
     page.monitor._futures = [Done((mark(13), [alarm], {})), Done(bad), Done((mark(15), [], {}))]
     app_model.tick()
     assert app_model.notices.current().cause == "no elongation is known in this cycle"

@@ -139,13 +139,13 @@ def test_a_key_that_can_do_nothing_says_why(runs):
         window.go(go_to)
         run_shortcut(window, "Ctrl+Alt+M")
         notice = window.model.notices.current()
-        assert "Compare the chosen runs" in notice.cause
+        assert "Compare the selected runs" in notice.cause
         assert said in notice.remedy
         window.commands.refresh()
         entry = next(a for c, a in window.commands._actions if c.shortcut == "Ctrl+Alt+M")
         assert not entry.isEnabled()
         assert said in entry.toolTip()
-        window.commands.wake()
+        window.commands.enable_all()
 
 
 def test_list_fits_the_window(live, qtbot):

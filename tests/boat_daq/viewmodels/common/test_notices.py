@@ -10,9 +10,9 @@ def test_current_notice_is_the_most_severe():
     """A fault stays over later warnings, an information leaves by itself, a dismissed one gives way."""
     now = [0.0]
     notices = Notices(lambda: now[0])
-    notices.say(Severity.FAULT, "the port is gone")
+    notices.add(Severity.FAULT, "the port is gone")
     now[0] = 1.0
-    notices.say(Severity.WARNING, "2 samples lost")
+    notices.add(Severity.WARNING, "2 samples lost")
     notices.inform("Saved")
     assert notices.current().cause == "the port is gone"
     assert notices.waiting() == 2

@@ -46,13 +46,13 @@ def test_remark_names_plateau_and_distance():
     row = ReadingsModel(session, UndoHistory()).rows(session.snapshot())[13]
     assert row.cells[-1].startswith("+") and row.cells[-1].endswith(" mm?")
     assert (mark.target_kpa, mark.branch, mark.cycle) == (0.0, "loading", 1)
-    assert " mm at 0 kPa, loading, cycle 1, where the running fit says " in row.hover
+    assert " mm at 0 kPa, loading, cycle 1, the running fit gives " in row.tip
 
 
 @pytest.mark.parametrize(
     ("status", "detail", "word"),
     [("reached", {}, ""), ("reached", {"steady": False}, "not steady"), ("timeout", {}, "not reached"),
-     ("aborted", {}, "cut short")],
+     ("aborted", {}, "interrupted")],
 )  # fmt: skip
 def test_row_shows_how_its_plateau_ended(status, detail, word):
     """Only a plateau that still drifted is called not steady; one that was never reached is called that."""
@@ -60,7 +60,7 @@ def test_row_shows_how_its_plateau_ended(status, detail, word):
     session.marks = (dataclasses.replace(plateaus(1)[2], status=status, detail=detail),)
     (row,) = ReadingsModel(session, UndoHistory()).rows(session.snapshot())
     assert row.cells[-1] == word
-    assert ("+30 kPa, unloading, cycle 1" in row.hover) is bool(word)
+    assert ("+30 kPa, unloading, cycle 1" in row.tip) is bool(word)
 
 
 def test_interrupted_plateau_is_not_missing():
@@ -71,7 +71,7 @@ def test_interrupted_plateau_is_not_missing():
     model = ReadingsModel(session, UndoHistory())
     for mark in session.marks[:5]:
         session.add_reading(mark.number, 1.0, "typed")
-    assert model.summary(model.rows(session.snapshot())) == "all 5 plateaus read"
+    assert model.summary(model.rows(session.snapshot())) == "5 of 5 plateaus read"
     session.add_reading(1, None, "typed")
     assert model.summary(model.rows(session.snapshot())) == "4 of 5 plateaus read"
 
@@ -82,7 +82,7 @@ def test_last_step_needs_no_reading():
     model, n = ReadingsModel(session, UndoHistory()), len(plateaus())
     rows = model.rows(session.snapshot())
     assert len(rows) == n
-    assert model.summary(rows) == f"all {n} plateaus read"
+    assert model.summary(rows) == f"{n} of {n} plateaus read"
     assert model.paste("\n".join(["1.5"] * n)) == n
     assert [r.step_id for r in session.kept[n:]] == [mark.number for mark in plateaus()]
     with pytest.raises(OperatorError, match=f"only {n} plateaus"):

@@ -28,7 +28,7 @@ def test_plan_is_restored_at_the_next_start(tmp_path: Path) -> None:
     first = sequence(tmp_path)
     assert (first.plan.cycles, first.wait_for_reading) == (5, True)
     assert first.edit("cycles", "2") == ""
-    first.ask_readings(False)
+    first.require_readings(False)
     again = sequence(tmp_path)
     assert (again.plan, again.wait_for_reading) == (first.plan, False)
     assert again.plan.cycles == 2
@@ -113,4 +113,4 @@ def test_progress_in_a_line():
     assert text == "cycle 1 of 2   step 9 of 37   3:47 left   waiting for the reading at \u221230 kPa"
     paused = dataclasses.replace(progress, phase=Phase.VENTING)
     text = progress_text(dataclasses.replace(connected(), progress=paused, state=SessionState.PAUSED))
-    assert text == "cycle 1 of 2   step 9 of 37   3:47 left   goes on with a whole cycle"
+    assert text == "cycle 1 of 2   step 9 of 37   3:47 left   will repeat this cycle"

@@ -9,7 +9,7 @@ from boat_daq.viewmodels.common.formatting import number
 from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live_model import LiveElongation
-from boat_daq.viewmodels.live.shadow_jobs import judge_held, unstable_places
+from boat_daq.viewmodels.live.shadow_jobs import unstable_held_states, unstable_places
 from boat_daq.viewmodels.live.shadow_live import LEVELS, Moment, ShadowLive
 from tests.boat_daq.gui.recorded_session import filled_ring
 from tests.boat_daq.viewmodels.helpers import MV_PER_MM, Straight
@@ -49,7 +49,7 @@ def test_nominal_actuator_is_drawn_without_a_calibration(ring, model):
     """Nothing is claimed to be measured."""
     picture = pane_on(ring, model, None).picture()
     assert np.isnan(picture.measured_mm)
-    assert picture.lines[0][1] == "not calibrated, nominal drawn"
+    assert picture.lines[0][1] == "not calibrated: nominal drawn"
     assert picture.corners[..., 1].max() == pytest.approx(75.0 + picture.nominal_mm, abs=0.02)
 
 
@@ -117,7 +117,7 @@ def test_unstable_held_state_is_reported(ring, model, unstable, monkeypatch, elo
     pane, started = held(ring, model, monkeypatch, elongation)
     assert "Stability" not in said(pane)  # nothing is said before it is known
     ((job, then),) = started
-    assert job.asked == (judge_held, "normal")
+    assert job.asked == (unstable_held_states, "normal")
     job.end(JobState.DONE, unstable)
     then(job)
     assert ("Stability" in said(pane)) is warned
@@ -135,8 +135,8 @@ def test_state_that_cannot_be_unstable_is_not_judged(ring, model, monkeypatch, p
 @pytest.mark.parametrize(
     ("state", "failure", "words"),
     [
-        (JobState.FAILED, JobFailure("out of memory", "", ""), "\u25b2 not judged: out of memory"),
-        (JobState.CANCELLED, None, "\u25b2 not judged: cancelled"),
+        (JobState.FAILED, JobFailure("out of memory", "", ""), "\u25b2 stability not tested: out of memory"),
+        (JobState.CANCELLED, None, "\u25b2 stability not tested: cancelled"),
     ],
 )
 def test_failed_stability_job_is_reported(ring, model, monkeypatch, state, failure, words):

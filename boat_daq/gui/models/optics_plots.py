@@ -88,7 +88,7 @@ class ResponseCard(PlotCard):
     """NDR with its standard deviation, the cubic through it, and the state of the slider."""
 
     def __init__(self) -> None:
-        super().__init__("Detected rays over the elongation")
+        super().__init__("Detected rays")
         self.heading.explain(RESPONSE)
         self.plot = self.add("Detected", "of 250", x_title="Elongation", x_unit="mm")
         self.band = self.plot.band("Detected rays (NDR), one standard deviation about", sensor_colour(1))

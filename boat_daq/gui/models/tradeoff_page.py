@@ -153,8 +153,9 @@ class TradeoffPage(ReflowingPage):
         self.upper = widgets.holder(upper)
         self.rows, self.tall = (upper,), (self.chart, self.table_card)
         self.reflow()
-        # the stretch takes the rest where only the small card of the maps is shown
-        return widgets.column((self.upper, 3), (self.atlas, 2), None, spacing=style.GAP)
+        right = widgets.column((self.upper, 3), (self.atlas, 2), spacing=style.GAP)
+        right.addStretch(0)  # takes the rest where only the small card of the maps is shown
+        return right
 
     def reflow(self) -> None:
         """Fix the width of the table where it is beside the chart."""

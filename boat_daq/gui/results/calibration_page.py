@@ -34,10 +34,14 @@ BANDS_TIP = (
     "Bands that include the uncertainty from the grid of the readings: samples the posterior of the coefficients with "
     "emcee, a Markov chain Monte Carlo; takes a while, in the background"
 )
+BANDS_SHOWN = (
+    "Bands: 68 % and 95 % of the curve, from the least-squares fit or from the sampled posterior (emcee); the widest "
+    "one, once sampled, is 95 % of a new reading."
+)
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 COMPARED = ("", "now", "previous", "E\u2099")
-SIDE = style.PANE_WIDTH_WIDE - 8 * style.STEP
+SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
 
 
 class CurveCard(PlotCard):
@@ -45,6 +49,8 @@ class CurveCard(PlotCard):
 
     def __init__(self, number: int) -> None:
         super().__init__(f"Sensor {number}")
+        self.heading.least = style.PANE_WIDTH
+        self.heading.explain(BANDS_SHOWN)
         colour = sensor_colour(number)
         self.top = self.add("Signal", "mV", stretch=3)
         self.bottom = self.add("Residual", "mV", x_title="Elongation", x_unit="mm", stretch=1)
@@ -83,8 +89,8 @@ class CurveCard(PlotCard):
             self.previous.set(grid, before)
             self.difference.set(grid, difference)
         source = "emcee" if shown.sampled else "fit"
-        legend = f"Bands: 68 %, 95 % ({source})" if shown.previous is None else f"\u2504 previous   {source}"
-        self.readout.setText(f"\u25cf loading  \u25cb unloading   {legend}")
+        legend = f"68, 95 % ({source})" if shown.previous is None else f"\u2504 previous ({source})"
+        self.readout.setText(f"\u25cf loading \u25cb unloading  {legend}")
         self.top.fit()
         self.bottom.fit()
 
@@ -129,13 +135,6 @@ class ActuatorCard(PlotCard):
         self.plot.fit()
 
 
-def _inside(layout: QLayout) -> QWidget:
-    """Return a widget that holds `layout` on the background of its card."""
-    widget = widgets.holder(layout)
-    widget.setObjectName("inside")
-    return widget
-
-
 class TextArea(QScrollArea):
     """Texts under the figures: as high as they are, up to a limit that leaves the figures their height."""
 
@@ -145,7 +144,7 @@ class TextArea(QScrollArea):
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setAccessibleName("Warnings of this run")
-        self.texts = _inside(texts)
+        self.texts = widgets.inside(texts)
         self.setWidget(self.texts)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -223,7 +222,7 @@ class CalibrationPage(QWidget):
         self.readings = widgets.button("Readings \u2026", self._edit_readings, tip="Correct the readings of this run")
         line = widgets.row((self.warnings, 1), self.readings)
         line.setAlignment(self.readings, Qt.AlignmentFlag.AlignTop)
-        self.warnings_line = _inside(line)
+        self.warnings_line = widgets.inside(line)
         self.warnings_line.hide()
         return self.warnings_line
 
@@ -259,7 +258,7 @@ class CalibrationPage(QWidget):
         self.comparison = widgets.label("", "small", wrap=True)
         self.comparison.setAlignment(Qt.AlignmentFlag.AlignTop)
         compared = widgets.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
-        pages = (self.table, "Figures"), (widgets.holder(compared), "Compare with previous")
+        pages = (self.table, "Figures"), (widgets.inside(compared), "Compare with previous")
         self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
         inside.addWidget(self.tabs, 1)
         self.posterior = widgets.label("", "small", wrap=True)

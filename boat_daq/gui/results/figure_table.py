@@ -1,4 +1,4 @@
-"""The table of figures: name, a value for each sensor, unit; definition and interval as tooltip."""
+"""The table of figures: name with unit, a value for each sensor; definition and interval as tooltip."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class FigureTable(DataTable):
 
     def show_rows(self, rows: Sequence[FigureRow], sensors: Sequence[str]) -> None:
         """Show other figures, with a column for each sensor."""
-        self.set_headings(["Figure", *sensors, ""], right=range(1, 1 + len(sensors)))
-        self.fill([[(row.name, row.cells[0].tip), *row.cells, (row.unit, row.cells[0].tip)] for row in rows])
+        self.set_headings(["Figure", *sensors], stretched=0, right=range(1, 1 + len(sensors)))
+        self.fill([[(row.name, f"{row.name}\n{row.cells[0].tip}"), *row.cells] for row in rows])
         self._share()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -32,7 +32,7 @@ BREAK_TIPS = {
     3: "Probability of means so far apart if nothing changed (t-test)",
     4: "Probability of standard deviations so different if nothing changed (F-test)",
 }
-SIDE = style.PANE_WIDTH_WIDE - 8 * style.STEP
+SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
 
 
 class LoopsByCycle(PlotCard):
@@ -40,6 +40,7 @@ class LoopsByCycle(PlotCard):
 
     def __init__(self, number: int) -> None:
         super().__init__(f"Sensor {number}")
+        self.heading.least = style.PANE_WIDTH
         self.number = number
         self.plot = self.add("Signal", "mV", x_title="Pressure", x_unit="kPa")
         self.curves: list[Curve] = [
@@ -53,7 +54,7 @@ class LoopsByCycle(PlotCard):
         for i, curve in enumerate(self.curves):
             cycles = groups[i] if i < len(groups) else range(0)
             curve.set(*loops.broken(loops.pressure_kpa, loops.signal_mv[self.number - 1], cycles))
-        self.readout.setText(f"cycles {loops.numbers[0]} to {loops.numbers[-1]}, dark to bright")
+        self.readout.setText(f"cycles {loops.numbers[0]}\u2013{loops.numbers[-1]}, dark to bright")
         self.plot.fit()
 
 
@@ -106,7 +107,7 @@ class RepeatPage(QWidget):
         self.break_texts = widgets.label("", "small", wrap=True)
         self.tests = DataTable("Both sides of each interruption compared", BREAK_HEADINGS)
         self.tests.explain(BREAK_TIPS)
-        self.breaks = widgets.holder(widgets.column(style.GAP, self.break_texts, (self.tests, 1), spacing=style.GAP))
+        self.breaks = widgets.inside(widgets.column(style.GAP, self.break_texts, (self.tests, 1), spacing=style.GAP))
         self.break_lines: list[tuple[CycleFigureCard, Any]] = []
         self.stack = Leaves()
         self.missing = EmptyState(*model.missing(), "Choose the plan", choose_plan)

@@ -317,7 +317,7 @@ class RunsPage(QWidget):
         if runs.revision == self._revision:
             return
         self._revision = runs.revision
-        units = runs.unit_lines()
+        units = runs.unit_lines
         self.stack.setCurrentIndex(1 if runs.runs or units else 0)
         chosen = set(self._paths())
         self.list.fill([run.cells for run in runs.runs], [run.tip for run in runs.runs])

@@ -164,6 +164,13 @@ def tabs(name: str, *pages: tuple[QWidget, str]) -> QTabWidget:
     return widget
 
 
+def inside(layout: QLayout) -> QWidget:
+    """Return a widget that holds `layout` on the background of its card."""
+    widget = holder(layout)
+    widget.setObjectName("inside")
+    return widget
+
+
 def page_layout(page: QWidget) -> QVBoxLayout:
     """Give `page` its margins and return its layout."""
     page.setObjectName("page")

@@ -159,10 +159,8 @@ class OpticsModel:
         r = self.result
         if r is None:
             return "tracing \u2026" if self.tracing else ""
-        return (
-            f"range (\u0394) {number(r.delta, 1)} rays   {count(r.n_sign, 'rise')}   "
-            f"roughness (RMSE) {number(r.rmse, 2)}   merit (P) {number(r.p, 2)}"
-        )
+        rises = count(r.n_sign, "rise")
+        return f"range {number(r.delta, 1)} rays   {rises}   roughness {number(r.rmse, 2)}   merit {number(r.p, 2)}"
 
     # ---- the sweep and the search --------------------------------------------------------------------------------
 

@@ -26,10 +26,9 @@ class FigureText(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FigureRow:
-    """One figure for every sensor."""
+    """One figure for every sensor; its name has its unit."""
 
     name: str
-    unit: str
     cells: tuple[FigureText, ...]
 
 
@@ -49,7 +48,7 @@ def figure_text(figure: Figure | None, decimals: int) -> FigureText:
 def figure_rows(sensors: Sequence[Mapping[str, Figure]]) -> tuple[FigureRow, ...]:
     """Return the table of figures of all sensors, without figures that no sensor has."""
     return tuple(
-        FigureRow(d.label, d.unit, tuple(figure_text(figures.get(d.key), d.decimals) for figures in sensors))
+        FigureRow(d.label_with_unit, tuple(figure_text(figures.get(d.key), d.decimals) for figures in sensors))
         for d in SENSOR_FIGURES.values()
         if any(d.key in figures for figures in sensors)
     )

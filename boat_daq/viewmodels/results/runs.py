@@ -171,12 +171,13 @@ class RunsModel:
     def __init__(self, folder: Path, units: UnitLibrary, jobs: JobRunner, notices: Notices) -> None:
         self.folder, self.units, self.jobs, self._notices = folder, units, jobs, notices
         self.runs: list[RunEntry] = []
+        self.unit_lines: list[tuple[str, ...]] = []
         self.comparison: tuple[RunResult, ...] = ()
         self.revision = 0
         self._scanned_at = -SCAN_INTERVAL_S
         self._known: dict[tuple[Path, int, int], RunEntry] = {}
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="runs")
-        self._future: Future[list[RunEntry]] | None = None
+        self._future: Future[tuple[list[RunEntry], list[tuple[str, ...]]]] | None = None
 
     def scan(self) -> None:
         """Read the folder again on the helper thread."""
@@ -189,7 +190,7 @@ class RunsModel:
             self._scanned_at = monotonic()
             self.scan()
 
-    def _read(self) -> list[RunEntry]:
+    def _read(self) -> tuple[list[RunEntry], list[tuple[str, ...]]]:
         found: dict[tuple[Path, int, int], RunEntry] = {}
         for path in self.folder.glob(f"*{SUFFIX}"):
             stat = path.stat()
@@ -198,15 +199,15 @@ class RunsModel:
             fresh = run is None or run.summary is None or run.summary.status in ("recording", "interrupted")
             found[key] = read_run(path) if fresh or run is None else run
         self._known = found
-        return sorted(found.values(), key=_sort_key, reverse=True)
+        return sorted(found.values(), key=_sort_key, reverse=True), self._read_units()
 
     def poll(self) -> None:
         """Take the list from the helper thread."""
         if self._future is not None and self._future.done():
             future, self._future = self._future, None
-            runs = future.result()
-            if runs != self.runs:
-                self.runs = runs
+            found = future.result()
+            if found != (self.runs, self.unit_lines):
+                self.runs, self.unit_lines = found
                 self.revision += 1
 
     def newest(self) -> Path | None:
@@ -312,16 +313,20 @@ class RunsModel:
         if job.failure is not None:
             self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
 
-    def unit_lines(self) -> list[tuple[str, ...]]:
+    def _read_units(self) -> list[tuple[str, ...]]:
         """Return the units with each of their calibrations: unit, date, sensitivities, recording."""
         lines: list[tuple[str, ...]] = []
         for name in self.units.names():
-            for entry in reversed(self.units.load(name).history):
+            try:
+                history = self.units.load(name).history
+            except OperatorError as error:
+                lines.append((name, NOTHING, "\u25a0 cannot be read", error.cause))
+                continue
+            for entry in reversed(history):
                 figures = [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in entry.content.get("sensors", [])]
                 simulated = "  SIMULATED" if entry.content.get("simulated") else ""
-                lines.append(
-                    (name + simulated, entry.utc[:10], " / ".join(number(f, 1) for f in figures), entry.recording)
-                )
+                sensitivities = " / ".join(number(f, 1) for f in figures)
+                lines.append((name + simulated, entry.utc[:10], sensitivities, entry.recording))
         return lines
 
     def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:

@@ -200,7 +200,7 @@ def test_empty_plots_show_what_will_be_there(live, monkeypatch):
     page.response.show_result(live.model.optics)
     for card in (page.scene, page.response, page.pareto):
         assert not card.view.isVisible()
-        assert "here" in card.empty_text.text()
+        assert "design" in card.empty_text.text()
     page.response.show_empty("")
     assert page.response.view.isVisible()
     assert not page.response.empty_text.isVisible()

@@ -25,9 +25,9 @@ from tests.boat_daq.viewmodels.models.reports import swept as mapped
 
 KEYS = {"png": "Ctrl+S", "svg": "Ctrl+Shift+S", "csv": "Ctrl+E"}
 UNIT = re.compile(r"\([^()]+\)$|_(s|kpa|mv|mm)$|, best = 1$")
-NUMBERS = re.compile(  # what is counted, ranked or said has no unit
+NUMBERS = re.compile(  # what is counted, ranked or a message has no unit
     r"(Cycle|Calibration|cycle|cavities|rank|rises n_sign|on the front|setting|marks|state|flags|segment|index|s\d_lit"
-    r"|s\d_dark|map|outcome|said|x|y|x is|y is|error|unit of the error)$"
+    r"|s\d_dark|map|outcome|message|x|y|x is|y is|error|unit of the error)$"
 )
 SVG = "{http://www.w3.org/2000/svg}"
 SHOWN = {"Live": 2, "Calibrate": 4, "Repeat": 4, "Runs": 2, "Optics": 4, "Shadow": 3, "Trade-off": 2}
@@ -41,8 +41,9 @@ def fill(window, page: str) -> None:
     elif page == "Repeat":
         model.repeatability.show(run_result())
     elif page == "Runs":
-        model.runs.ages = lambda unit: [(np.arange(1.0, 4.0), np.array([39.0, 39.5, 38.0])), (np.arange(1.0, 4.0),) * 2]
-        model.runs.unit_lines = lambda: [("SA1", "2026-01-01", "39 / 29", "run.boat")]
+        history = [(np.arange(1.0, 4.0), np.array([39.0, 39.5, 38.0])), (np.arange(1.0, 4.0),) * 2]
+        model.runs.scan, model.runs.sensitivities = lambda: None, lambda unit: history
+        model.runs.unit_lines = [("SA1", "2026-01-01", "39 / 29", "run.boat")]
         model.runs.revision += 1
     elif page == "Optics":
         model.optics.result, model.optics._sweeps["default"] = traced(), swept()

@@ -261,7 +261,7 @@ def test_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
 def test_no_table_of_figures_scrolls_sideways(whole, width):
     """At 150 % on 1280 x 800 the figures stood in a column of which only the names were to be seen."""
     cells = (FigureText("256.3", "definition"), FigureText("190.6", "definition"))
-    rows = tuple(FigureRow(name, "mV/mm", cells) for name in ("Sensitivity", "Repeatability, worst") * 7)
+    rows = tuple(FigureRow(name, cells) for name in ("Sensitivity, mV/mm", "Repeatability, worst level, % FSO") * 7)
     shown = dataclasses.replace(run_result(), figures=rows)
     whole.model.calibration.show(shown)
     whole.model.repeatability.show(shown)

@@ -16,7 +16,7 @@ def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
 
     from boat_daq.viewmodels.results.closed_run import ClosedRun
 
-    sample = Path(__file__).parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
+    sample = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
     (tmp_path / "recordings").mkdir()
     path = Path(shutil.copy(sample, tmp_path / "recordings" / "older.boat"))
     window = make(RecordedSession(connected(), filled_ring(10.0)))

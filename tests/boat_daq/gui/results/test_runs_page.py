@@ -223,8 +223,8 @@ def test_narrow_list_does_not_scroll_sideways(live, qtbot):
     ("status", "reason", "words"),
     [
         ("closed", "finished", "\u25cf complete"),
-        ("closed", "stopped", "\u25a0 stopped"),
-        ("closed", "aborted: the board is gone", "\u25b2 broken off"),
+        ("closed", "stopped", "\u25a0 stopped early"),
+        ("closed", "aborted: the board is gone", "\u25b2 aborted"),
         ("recovered", "interrupted", "\u25cf recovered"),
     ],
 )
@@ -266,6 +266,6 @@ def test_narrow_list_reports_the_columns_left_out(live, width):
     )
     assert table.isColumnHidden(HEADINGS.index("Readings")) is (width < 1000)
     assert all(page.buttons[key].isVisible() for key in ("resume", "recover"))
-    assert "37 readings" in page.told.text()
+    assert "37 readings" in page.details.text()
     choose(page, 1)
-    assert "malformed" in page.told.text()
+    assert "malformed" in page.details.text()

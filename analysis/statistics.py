@@ -92,10 +92,7 @@ def bootstrap_interval(
             float(estimate * np.exp(widen * max(np.log(high / estimate), 0.0))),
         )
     # a statistic with an upward bias (a maximum) can have its estimate outside: the interval then starts at it
-    return (
-        float(estimate - widen * max(estimate - low, 0.0)),
-        float(estimate + widen * max(high - estimate, 0.0)),
-    )
+    return (float(estimate - widen * max(estimate - low, 0.0)), float(estimate + widen * max(high - estimate, 0.0)))
 
 
 def theil_sen(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:

@@ -60,12 +60,7 @@ class Inverse:
 
     @classmethod
     def of(
-        cls,
-        calibration: Calibration,
-        *,
-        noise_sd: float | None = None,
-        model_sd: float = 0.0,
-        reading_sd: float = 0.0,
+        cls, calibration: Calibration, *, noise_sd: float | None = None, model_sd: float = 0.0, reading_sd: float = 0.0
     ) -> Inverse:
         """Prepare the inverse.
 

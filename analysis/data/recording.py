@@ -144,11 +144,7 @@ class Recording:
 
     @classmethod
     def from_arrays(
-        cls,
-        time_s: npt.ArrayLike,
-        pressure_kpa: npt.ArrayLike,
-        signal_mv: npt.ArrayLike,
-        **columns: Any,
+        cls, time_s: npt.ArrayLike, pressure_kpa: npt.ArrayLike, signal_mv: npt.ArrayLike, **columns: Any
     ) -> Recording:
         """Build a recording from arrays, as scripts, importers and tests do.
 

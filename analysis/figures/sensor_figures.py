@@ -54,10 +54,7 @@ class ResampledFit:
 
 
 def resample_fit(
-    calibration: Calibration,
-    cycle_of: FloatArray,
-    weights: FloatArray,
-    rng: np.random.Generator | None = None,
+    calibration: Calibration, cycle_of: FloatArray, weights: FloatArray, rng: np.random.Generator | None = None
 ) -> ResampledFit:
     """Refit a calibration to every bootstrap resample of the cycles.
 

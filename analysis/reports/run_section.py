@@ -252,10 +252,7 @@ def _two_places(value: float) -> str:
 def run(analysis: Analysis) -> Section:
     o = analysis.options
     calibrated = any(s.calibration for s in analysis.sensors)
-    fitted = (
-        ("Degree", str(o.degree)),
-        ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"),
-    )
+    fitted = (("Degree", str(o.degree)), ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"))
     settings = (
         *(fitted if calibrated else ()),
         ("Settled within", f"{o.plateau.tolerance_kpa:g} kPa for {o.plateau.settling_s:g} s"),

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -180,7 +181,7 @@ def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_
 
     signal = np.full_like(recording.signal_mv, 1650.0)
     analysis = analyse(Recording.from_arrays(recording.time_s, recording.pressure_kpa, signal), mcmc=False)
-    for draw in (drawings.loop_difference(analysis), drawings.drift_of_levels(analysis, 0)):
+    for draw in (partial(drawings.loop_difference, analysis), partial(drawings.drift_of_levels, analysis, 0)):
         assert as_svg(ReportDrawing((draw,), ""), 7.0).startswith("<svg")
     write_report([analysis], tmp_path / "r.html")
     assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")

@@ -8,8 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal, stats
 
-from analysis import find_cycles, find_plateaus, fit_calibration, plateau_table
-from analysis.calibration.checks import compare_degrees, lack_of_fit, leave_one_out, preferred_degree
 from analysis.statistics import (
     bootstrap_interval,
     effective_count,
@@ -19,7 +17,6 @@ from analysis.statistics import (
     theil_sen,
     white_noise_sd,
 )
-from tests.analysis.boat_builder import PAPER, Staircase
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.9])
@@ -74,38 +71,3 @@ def test_interpolation_never_extrapolates(points: list[float]) -> None:
     span = np.asarray([x.min() - 1, x.max() + 1])
     assert np.isnan(interpolate(span, x, 2 * x)).all()
     np.testing.assert_allclose(interpolate(x, x, 2 * x), 2 * x)
-
-
-def test_degree_three_is_right_for_the_papers_cubic() -> None:
-    """AICc and cross-validation choose 3 for the paper's cubic with its noise, and lack of fit finds a line lacking."""
-    x = np.repeat(np.linspace(-2.7, 3.8, 10), 5)
-    group = np.tile(np.arange(5), 10)
-    y = np.polynomial.Polynomial(PAPER[0])(x) + 0.3 * np.random.default_rng(4).standard_normal(x.size)
-    rows = compare_degrees(x, y, group)
-    assert preferred_degree(rows) == 3
-    best = min(rows, key=lambda row: row["prediction_rms"])
-    assert best["degree"] in (3, 4)
-    line, cubic = (lack_of_fit(fit_calibration(x, y, degree)) for degree in (1, 3))
-    assert line is not None
-    assert cubic is not None
-    assert line["p"] < 1e-6 < cubic["p"]
-    assert leave_one_out(x, y, group, 3)["prediction_rms"] == pytest.approx(0.3, rel=0.3)
-
-
-def test_lack_of_fit_is_the_f_test_by_hand() -> None:
-    """Two replicates at three x, a line: sums of squares computed on paper."""
-    x = np.asarray([0.0, 0.0, 1.0, 1.0, 2.0, 2.0])
-    y = np.asarray([0.0, 1.0, 2.0, 3.0, 0.0, 1.0])
-    found = lack_of_fit(fit_calibration(x, y, 1))
-    assert found is not None
-    # means 0.5, 2.5, 0.5; line is 7/6 flat: SS_lack = 2 (4/9 + 16/9 + 4/9) = 16/3, SS_pure = 3/2
-    assert found["f"] == pytest.approx((16 / 3 / 1) / (1.5 / 3))
-    assert lack_of_fit(fit_calibration(np.arange(5.0), y[:5], 1)) is None
-
-
-def test_the_table_of_plateaus_has_a_row_a_hold() -> None:
-    """Sensors are numbered from 1 in its columns."""
-    recording = Staircase(cycles=1).recording()
-    table = plateau_table(find_plateaus(recording, find_cycles(recording)))
-    assert len(table) == 21
-    assert {"pressure_kpa", "s1_mv", "s2_se_mv", "void"} <= set(table.columns)

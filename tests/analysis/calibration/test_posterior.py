@@ -7,7 +7,6 @@ import pytest
 from scipy import special, stats
 
 from analysis import AnalysisError, fit_calibration, sample_posterior
-from analysis.calibration.quantised_x import share_their_error
 from tests.analysis.boat_builder import PAPER
 
 X = np.tile(np.linspace(-2.7, 3.8, 10), 9)
@@ -96,22 +95,6 @@ def test_unnamed_positions_that_round_alike_are_not_too_narrow() -> None:
     )
     at = np.linspace(-2.5, 3.6, 13)
     assert (unnamed.curves(at).std(axis=0) > 0.9 * named.curves(at).std(axis=0)).all()
-
-
-@pytest.mark.parametrize(("noise_mv", "cycles", "shared"), [(0.3, 5, True), (0.3, 1, False), (30.0, 5, False)])
-def test_the_signals_say_whether_readings_share_their_error(noise_mv: float, cycles: int, shared: bool) -> None:
-    """The same ten positions again and again, or fifty of them once each, on one grid: told apart in 20 of 20 runs.
-
-    It fails where the noise is as large as the grid times the slope: independence is then not refuted.
-    """
-    told = []
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        true = np.tile(rng.uniform(-2.7, 3.8, 50 // cycles), cycles)
-        y = TRUTH(true) + noise_mv * rng.standard_normal(true.size)
-        fitted = fit_calibration(np.round(true), y)
-        told.append(share_their_error(fitted.fit, fitted.x, fitted.y, GRID_SD))
-    assert told.count(shared) == 20
 
 
 def test_unequal_noise_counts_beside_the_reading_too() -> None:

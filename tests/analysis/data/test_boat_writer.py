@@ -8,11 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import load_recording
+from analysis import AnalysisError, load_recording
 from analysis.data.boat_file import opened
 from analysis.data.boat_writer import write_boat_file
+from analysis.data.csv_import import import_csv
 from analysis.data.export import export
 from tests.analysis.boat_builder import Plant, triangle
+
+ROWS = [(0.0, 1.5, 1650.25), (0.01, 1.75, 1651.5), (0.02, 2.0, 1652.75), (0.03, 2.5, 1653.0)]
+
+
+def text(separator: str = ",", decimal: str = ".", header: str | None = "time_s,pressure_kpa,s1_mv") -> str:
+    """The rows above in a dialect."""
+    lines = [header.replace(",", separator)] if header else []
+    lines += [separator.join(str(v).replace(".", decimal) for v in row) for row in ROWS]
+    return "\n".join(lines) + "\n"
 
 
 @pytest.mark.fault(35, how="the overview against all samples", times=1)
@@ -28,3 +38,20 @@ def test_the_overview_holds_the_extremes(tmp_path: Path) -> None:
     assert len(rows) == -(-recording.n // 1000)
     np.testing.assert_allclose(max(highest_kpa), recording.pressure_kpa.max())
     np.testing.assert_allclose(np.min([json.loads(low) for low in lowest_mv], axis=0), recording.signal_mv.min(axis=0))
+
+
+def test_an_import_becomes_a_recording_with_its_original_bytes(tmp_path: Path) -> None:
+    """import -> .boat -> load gives the same run; the file's bytes are in it; nothing is overwritten."""
+    import sqlite3
+
+    path, run = tmp_path / "a.csv", tmp_path / "a.boat"
+    path.write_text(text())
+    recording = import_csv(path)
+    write_boat_file(run, recording, original=path)
+    again = load_recording(run)
+    np.testing.assert_allclose(again.time_s, recording.time_s, atol=1e-9)
+    np.testing.assert_array_equal(again.signal_mv, recording.signal_mv)
+    with sqlite3.connect(run) as db:
+        assert b"".join(r for (r,) in db.execute("SELECT raw FROM chunk ORDER BY id")) == path.read_bytes()
+    with pytest.raises(AnalysisError, match="exists already"):
+        write_boat_file(run, recording, original=path)

@@ -73,20 +73,6 @@ def test_without_a_calibration_nothing_is_judged():
     assert out_of_tolerance(SimpleNamespace(calibration=None, figures={}), 0.1) == ()
 
 
-def test_a_flag_of_a_reading_says_which_plateau_with_units(tmp_path):
-    """A millimetre too much at one plateau: value, pressure, branch, cycle and the signal's unit are in its flag."""
-    stairs = Staircase(cycles=2)
-    table = stairs.elongations()
-    row = len(table) - 5  # the last cycle ends at its highest pressure: loading
-    table.loc[row, "elongation_mm"] += 1.0
-    table.to_csv(tmp_path / "e.csv", index=False)
-    found = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=0.0))
-    said = next(w.text for w in found.warnings if w.code == "outlier" and w.subject == "s1")
-    pressure, x = table.loc[row, "pressure_kpa"], table.loc[row, "elongation_mm"]
-    assert f"the reading {x:+.2f} mm at {pressure:+.0f} kPa, loading, cycle 2 is " in said
-    assert " mV off the curve" in said
-
-
 @pytest.mark.parametrize("grid_mm", [0.1, 0.5])
 def test_a_sound_session_is_within_tolerance(tmp_path, grid_mm):
     """The published sensors with their noise and loop, read on a grid up to half a millimetre."""

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import AnalysisError, Options, Recording, analyse, fit_calibration, load_recording
-from analysis.figures import sensor_figures as metrics
-from analysis.figures.stored_results import finite, store_analysis
+from analysis import Options, Recording, analyse, load_recording
+from analysis.figures.stored_results import store_analysis
+from analysis.numbers import finite
 from analysis.statistics import resampling_weights
 from tests.analysis.boat_builder import PAPER, PAPER_NOISE, Plant, Staircase, marks_of, triangle, write_boat
 
@@ -86,7 +86,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     x = Staircase().elongations()["elongation_mm"].to_numpy()
     from analysis.calibration.fit import fit_calibration
     from analysis.figures.sensor_figures import resample_fit, sensitivities
-    from analysis.statistics import resampling_weights
 
     rng = np.random.default_rng(0)
     cycle = np.concatenate([[0], np.repeat(np.arange(5), 18)])
@@ -144,7 +143,6 @@ def test_values_that_are_no_numbers_are_masked_with_a_count(tmp_path: Path) -> N
     whole = stairs.recording()
     signal, pressure = whole.signal_mv.copy(), whole.pressure_kpa.copy()
     signal[1000:1010, 0], pressure[5000] = np.inf, np.nan
-    from analysis import Recording
 
     analysis = analyse(
         Recording.from_arrays(whole.time_s, pressure, signal), elongation_file(stairs, tmp_path), options=QUICK
@@ -155,61 +153,8 @@ def test_values_that_are_no_numbers_are_masked_with_a_count(tmp_path: Path) -> N
     assert analysis.sensors[0].calibration.coefficients[0] == pytest.approx(PAPER[0][0], abs=1.0)
 
 
-@pytest.mark.fault(42, how="a signal without noise", times=2)
-@pytest.mark.parametrize(("noise", "expected"), [((0.0, 0.0), np.inf), ((1.0, 1.0), 20 * np.log10(255.5837 / 1.0))])
-def test_snr_of_no_noise_is_infinite_and_says_so(tmp_path: Path, noise: tuple[float, float], expected: float) -> None:
-    """Fault 42: a noiseless signal gives inf with a reason."""
-    stairs = Staircase(Plant(noise_mv=noise), cycles=2)
-    figure = analyse(stairs.recording(), elongation_file(stairs, tmp_path), options=QUICK).sensors[0].figures["snr_db"]
-    assert figure.value == pytest.approx(expected, abs=0.3)
-    assert bool(figure.void) == np.isinf(expected)
-
-
-@pytest.mark.fault(42, how="a signal without span", times=1)
-def test_a_flat_signal_is_undefined_not_an_exception(tmp_path: Path) -> None:
-    """Fault 42: zero span; every figure in % FSO is void."""
-    stairs = Staircase(Plant(cubics=((1000.0,), (1000.0,)), noise_mv=(0.0, 0.0)), cycles=3)
-    sensor = analyse(stairs.recording(), elongation_file(stairs, tmp_path), options=QUICK).sensors[0]
-    assert np.isnan(sensor.figures["snr_db"].value)
-    assert sensor.figures["system_hysteresis_percent_fso"].void == "the full-scale output is zero"
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda f: f.iloc[:-3], "88 rows where the run has"),
-        (lambda f: f.assign(pressure_kpa=f["pressure_kpa"].to_numpy()[::-1] + 7), "row 1 is at"),
-        (lambda f: f.rename(columns={"elongation_mm": "x"}), "no column 'elongation_mm'"),
-    ],
-)
-def test_an_elongation_file_that_does_not_fit_is_refused(tmp_path: Path, change, said: str) -> None:  # type: ignore[no-untyped-def]
-    """The reason names the count, the first row, or the column."""
-    stairs = Staircase()
-    path = tmp_path / "wrong.csv"
-    change(stairs.elongations()).to_csv(path, index=False)
-    with pytest.raises(AnalysisError, match=said):
-        analyse(stairs.recording(), path, options=QUICK)
-
-
-def test_elongations_by_cycle_and_branch_match_those_by_order(tmp_path: Path) -> None:
-    """The same readings, shuffled, with cycle and branch columns, give the same calibration."""
-    stairs = Staircase(Plant(loop_mm=LOOP))
-    frame = stairs.elongations()
-    frame["cycle"] = [k for _, _, k in stairs.levels()]
-    frame["branch"] = ["loading" if up else "unloading" for _, up, _ in stairs.levels()]
-    path = tmp_path / "named.csv"
-    frame.sample(frac=1.0, random_state=0).to_csv(path, index=False)
-    named = analyse(stairs.recording(), path, options=QUICK)
-    ordered = analyse(stairs.recording(), elongation_file(stairs, tmp_path), options=QUICK)
-    a, b = named.sensors[0].calibration, ordered.sensors[0].calibration
-    assert a is not None
-    assert b is not None
-    np.testing.assert_array_equal(a.coefficients, b.coefficients)
-
-
 def test_a_boat_file_gives_the_same_figures_and_keeps_the_result(tmp_path: Path) -> None:
     """The file decodes to the same run (counts of 1/16 mV), and stores one result for two equal analyses."""
-    import sqlite3
 
     stairs = Staircase(Plant(loop_mm=LOOP), cycles=2)
     recording = stairs.recording()
@@ -226,7 +171,6 @@ def test_a_boat_file_gives_the_same_figures_and_keeps_the_result(tmp_path: Path)
 
 def test_readings_of_the_session_calibrate_and_the_last_one_counts(tmp_path: Path) -> None:
     """Readings carry their step; a correction replaces the reading before it."""
-    import sqlite3
 
     stairs = Staircase(Plant(loop_mm=LOOP), cycles=2)
     marks = marks_of(stairs)
@@ -248,132 +192,3 @@ def test_readings_of_the_session_calibrate_and_the_last_one_counts(tmp_path: Pat
     assert analysis.reading_sd_mm == pytest.approx(0.1 / 12**0.5)
     assert analysis.recording.target_kpa[np.isfinite(analysis.recording.target_kpa)].min() == -40.0
     assert "marks_disagree" not in {warning.code for warning in analysis.warnings}
-
-
-def test_an_interval_of_a_spread_does_not_go_below_zero() -> None:
-    """Three cycles: the interval of a standard deviation, a width or a span starts at zero at least."""
-    plan = Staircase(Plant(loop_mm=0.25), cycles=3)
-    for sensor in analyse(plan.recording(), mcmc=False).sensors:
-        for figure in sensor.figures.values():
-            if figure.unit in ("mV", "% FSO"):
-                assert not figure.low < 0
-
-
-def test_a_signal_that_stands_still_while_pressure_moves_is_flagged() -> None:
-    """A CSV tells no saturation: a signal cut off at 1,650 mV is flagged with its share; a whole one is not."""
-    run = Plant().run(*triangle(4, 20))
-    cut = Recording.from_arrays(run.time_s, run.pressure_kpa, np.minimum(run.signal_mv, [1650.0, 9999.0]))
-    said = [w.sentence for w in analyse(cut, mcmc=False).warnings if w.code == "flat"]
-    assert len(said) == 1
-    assert said[0].startswith("s1")
-    assert not [w for w in analyse(run, mcmc=False).warnings if w.code == "flat"]
-
-
-def test_the_reading_error_is_in_the_intervals_of_the_curve(tmp_path: Path) -> None:
-    """Readings misread alike in every cycle: over 40 grids the sensitivity's interval holds the truth 36 times or more.
-
-    The cycles agree with one another, so that without the reading error the interval would hold it hardly ever.
-    """
-    rng, inside = np.random.default_rng(5), []
-    levels, truth = np.linspace(-2.7, 3.8, 10), np.polynomial.Polynomial(PAPER[0])
-    weights = resampling_weights(5, rng, 500)
-    for _ in range(40):
-        read = levels + 0.1 * rng.standard_normal(10)
-        x, cycle = np.tile(read, 5), np.repeat(np.arange(5.0), 10)
-        fit = fit_calibration(x, truth(np.tile(levels, 5)) + 0.05 * rng.standard_normal(50))
-        both = [metrics.resample_fit(fit.with_reading(sd), cycle, weights, rng) for sd in (0.0, 0.1)]
-        figures = [metrics.sensitivities(fit, one)["sensitivity_mv_per_mm"] for one in both]
-        low, high = fit.x_range
-        inside.append([f.low <= (truth(high) - truth(low)) / (high - low) <= f.high for f in figures])
-    without, with_reading = np.sum(np.asarray(inside), axis=0)
-    assert with_reading >= 36
-    assert without <= 8
-
-
-@pytest.mark.parametrize("every", [1, 3])
-def test_a_curved_sensor_without_a_loop_has_no_hysteresis(tmp_path: Path, every: int) -> None:
-    """The actuator's loop sets the branches' points apart, so chords between them are off a cubic by up to 1 % FSO."""
-    levels = np.arange(50, -41, -10)[::every]
-    path = [*levels, *levels[::-1][1:]]
-    loading = np.repeat(np.arange(len(path)) >= levels.size, 300)
-    plant = Plant(noise_mv=(1e-6, 1e-6), loop_mm=LOOP, pressure_noise_kpa=0.0)
-    pressure = np.repeat(np.asarray(path, float), 300)
-    table = tmp_path / "elongation.csv"
-    x = plant.elongation(np.asarray(path, float), np.arange(len(path)) >= levels.size)
-    table.write_text("pressure_kpa,elongation_mm\n" + "\n".join(f"{p},{e:.9f}" for p, e in zip(path, x, strict=True)))
-    analysis = analyse(plant.run(pressure, loading, np.ones(pressure.size)), table, options=QUICK)
-    for sensor in analysis.sensors:
-        assert sensor.figures["sensor_hysteresis_percent_fso"].value < 1e-3
-        assert max(sensor.hysteresis_per_cycle) < 1e-3
-        assert sensor.figures["system_hysteresis_percent_fso"].value > 3.0
-
-
-def test_readings_on_a_millimetre_grid_widen_whatever_they_enter(tmp_path: Path) -> None:
-    """The actuator's loop of 0.25 mm reads as 1 mm, the full scale 1 % too wide: the intervals hold the truth."""
-    stairs = Staircase(Plant(loop_mm=LOOP, noise_mv=(0.2, 0.2)), cycles=3)
-    table = stairs.elongations()
-    table["elongation_mm"] = table["elongation_mm"].round()
-    table.to_csv(tmp_path / "grid.csv", index=False)
-    analysis = analyse(stairs.recording(), tmp_path / "grid.csv", options=Options(mcmc=False, x_resolution_mm=1.0))
-    actuator = analysis.actuator_hysteresis
-    assert actuator.value > 10
-    assert actuator.low <= 100 * LOOP / 6.5 <= actuator.high
-    assert "reading error of 0.29 mm" in actuator.note
-    for sensor, cubic in zip(analysis.sensors, PAPER, strict=True):
-        hysteresis, fso = true_hysteresis(cubic)
-        for name, truth in (("snr_db", 20 * np.log10(fso / 0.2)), ("system_hysteresis_percent_fso", hysteresis)):
-            figure = sensor.figures[name]
-            assert figure.low <= truth <= figure.high
-        assert sensor.figures["noise_mv"].high < 0.21
-        assert sensor.figures["sensor_hysteresis_percent_fso"].low == 0.0
-
-
-@pytest.mark.parametrize(("loop_mm", "own_mv", "grid_mm"), [(0.45, 0.0, 0.5), (0.45, 4.0, 0.5), (0.3, 14.0, 1.0)])
-def test_a_grid_both_makes_and_hides_a_sensors_loop(
-    tmp_path: Path, loop_mm: float, own_mv: float, grid_mm: float
-) -> None:
-    """Sensors whose own loop is known, read on a grid: the interval reaches up as well as down to the truth."""
-    stairs = Staircase(Plant(loop_mm=loop_mm), cycles=5, dwell_s=1.2, ramp_kpa_per_s=40.0)
-    pressure, loading, _, _ = stairs.trace()
-    share = np.clip((pressure + 40.0) / 90.0, 0.0, 1.0)
-    run = stairs.recording()
-    own = np.where(loading, -1.0, 1.0) * 2.0 * share * (1.0 - share) * own_mv
-    table = stairs.elongations()
-    table["elongation_mm"] = (table["elongation_mm"] / grid_mm).round() * grid_mm
-    table.to_csv(tmp_path / "grid.csv", index=False)
-    recording = Recording.from_arrays(run.time_s, run.pressure_kpa, run.signal_mv + own[:, None])
-    options = Options(mcmc=False, x_resolution_mm=grid_mm)
-    for sensor, cubic in zip(analyse(recording, tmp_path / "grid.csv", options=options).sensors, PAPER, strict=True):
-        figure = sensor.figures["sensor_hysteresis_percent_fso"]
-        assert figure.low <= 100.0 * own_mv / true_hysteresis(cubic)[1] <= figure.high
-
-
-def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
-    """The link's counter over two connections grows by 3 and by 2: five frames; 7 from before do not count."""
-    path = write_boat(tmp_path / "a.boat", Staircase(cycles=1).recording())
-    with sqlite3.connect(path) as db:
-        for count in (7, 10, 0, 2):
-            db.execute(
-                "INSERT INTO health (host_ns, bytes, frames, samples, lost, crc_errors, malformed, oversize,"
-                " duplicates, unknown) VALUES (0, 0, 0, 0, 0, ?, 0, 0, 0, 0)", (count,),
-            )  # fmt: skip
-    db.close()
-    found = analyse(path, options=QUICK)
-    assert found.to_json()["crc_errors"] == 5
-    assert next(w.sentence for w in found.warnings if w.code == "crc_errors").startswith("5 frames")
-
-
-def test_a_constant_signal_is_flagged_by_its_own_name(tmp_path: Path) -> None:
-    """One value in all samples of one sensor: said with the value and the count, and of that sensor alone."""
-    stairs = Staircase(cycles=1)
-    run = stairs.recording()
-    signal = run.signal_mv.copy()
-    signal[:, 1] = 1650.0
-    constant = Recording.from_arrays(run.time_s, run.pressure_kpa, signal)
-    found = analyse(constant, elongation_file(stairs, tmp_path), options=QUICK)
-    said = [w.sentence for w in found.warnings if w.code == "constant_signal"]
-    assert len(said) == 1
-    assert f"the signal is constant, 1650 mV in all {run.n} samples" in said[0]
-    assert said[0].startswith(found.sensors[1].name)
-    assert np.isfinite(found.sensors[0].figures["snr_db"].value)
-    assert not np.isfinite(found.sensors[1].figures["snr_db"].value)

@@ -9,8 +9,6 @@ import pytest
 from scipy import signal, stats
 
 from analysis import Options, Recording, analyse
-from analysis.errors import RequestError
-from analysis.figures.between_runs import one_way
 from analysis.figures.uncertainty import (
     Component,
     combine,
@@ -18,8 +16,6 @@ from analysis.figures.uncertainty import (
     elongation_reader,
     signal_parts,
 )
-from analysis.figures.unit_history import en_scores
-from analysis.numbers import rounded, with_uncertainty
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
 
 
@@ -49,47 +45,6 @@ def test_shares_add_up_and_name_what_halves() -> None:
     assert list(budget.shares()) == ["a", "b", "c"]
     assert "without a" in budget.what_halves_it()
     assert "no single component" in combine([Component("a", 1.0), Component("b", 1.0)]).what_halves_it()
-
-
-def test_within_and_between_runs_by_hand() -> None:
-    """Three runs of two values: s_r^2 = 1/2 and s_L^2 = MS_between / n - s_r^2 / n, computed on paper."""
-    spread = one_way([np.asarray([0.0, 1.0]), np.asarray([2.0, 3.0]), np.asarray([4.0, 5.0])])
-    assert spread.repeatability**2 == pytest.approx(0.5)
-    assert spread.between**2 == pytest.approx((8.0 - 0.5) / 2)
-    assert spread.reproducibility**2 == pytest.approx(0.5 + 3.75)
-    with pytest.raises(RequestError):
-        one_way([np.asarray([1.0, 2.0])])
-
-
-def test_between_run_spread_is_found_again() -> None:
-    """200 runs of 5 cycles with s_r = 1 and s_L = 2: both estimated within 12 %."""
-    rng = np.random.default_rng(0)
-    spread = one_way([rng.normal(rng.normal(0, 2), 1, 5) for _ in range(200)])
-    assert spread.repeatability == pytest.approx(1.0, rel=0.12)
-    assert spread.between == pytest.approx(2.0, rel=0.12)
-
-
-def test_en_score_by_hand() -> None:
-    """(10 - 7) / sqrt(3^2 + 4^2) = 0.6."""
-    scores = en_scores(np.asarray([7.0, 10.0]), np.asarray([3.0, 4.0]))
-    assert np.isnan(scores[0])
-    assert scores[1] == pytest.approx(0.6)
-
-
-@pytest.mark.parametrize(
-    ("value", "u", "text"),
-    [(1651.9842, 0.15, "1651.98 ± 0.15"), (0.012345, 0.00067, "0.01235 ± 0.00067"), (12345.6, 250.0, "12350 ± 250"),
-     (1.0, 0.0995, "1.00 ± 0.10")],
-)  # fmt: skip
-def test_numbers_carry_the_digits_their_uncertainty_warrants(value: float, u: float, text: str) -> None:
-    """Two significant digits of the uncertainty (GUM 7.2.6)."""
-    assert with_uncertainty(value, u) == text
-
-
-def test_a_void_number_is_a_dash() -> None:
-    """NaN prints a dash, infinity its sign."""
-    assert rounded(float("nan"), 1.0) == "–"
-    assert rounded(float("inf"), 1.0) == "∞"
 
 
 def test_stated_interval_of_an_elongation_holds_the_truth(tmp_path: Path) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from analysis import Options, analyse
-from analysis.figures.unit_history import unit_history
+from analysis.figures.unit_history import en_scores, unit_history
 from tests.analysis.boat_builder import Plant, Staircase
 
 
@@ -23,3 +24,10 @@ def test_calibrations_stand_in_the_order_of_their_instants(tmp_path: Path) -> No
     history = unit_history(analyses, 0)
     assert history.when == tuple(times[k] for k in (3, 1, 2, 0))
     assert history.value_mv == pytest.approx([1030.0, 1010.0, 1020.0, 1000.0], abs=0.5)
+
+
+def test_en_score_by_hand() -> None:
+    """(10 - 7) / sqrt(3^2 + 4^2) = 0.6."""
+    scores = en_scores(np.asarray([7.0, 10.0]), np.asarray([3.0, 4.0]))
+    assert np.isnan(scores[0])
+    assert scores[1] == pytest.approx(0.6)

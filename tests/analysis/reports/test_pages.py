@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from analysis.reports import pages, pdf
-from analysis.reports.document import ReportDrawing, ReportTable, aligned, right_aligned, typeset
+from analysis.reports.document import ReportDrawing, ReportTable
 from analysis.reports.pages import PageBlock, broken, placed
-from analysis.reports.text_metrics import families, printable
 
 
 def row(height: float, head: PageBlock | None = None, **how: bool) -> PageBlock:
@@ -67,20 +66,3 @@ def test_a_heading_is_never_the_last_line_of_a_page() -> None:
     """It goes over with what it names."""
     blocks = [row(1.0), row(1.0), row(0.3, kept=True, starts=True), row(0.9)]
     assert [len(page) for page in broken(blocks, 2.5)] == [2, 2]
-
-
-def test_numbers_meet_at_the_point_and_at_the_plus_minus() -> None:
-    """Digits of one place stand under one another; words stand at the left; the minus is a minus."""
-    table = aligned(ReportTable(("", "b", "unit"), (("b0", "1651.98 ± 0.12", "mV"), ("b1", "-2.7 ± 12.1", "mV/mm"))))
-    first, second = (line[1].replace("\u2007", "_").replace("\u2008", ".") for line in table.rows)
-    assert first == "1651.98 ± _0.12"
-    assert second == "\u22122.7_ ± 12.1_"
-    assert right_aligned(table) == (False, True, False)
-    assert typeset("from -2.7 on 2026-01-02 08:00:00 -0400") == "from \u22122.7 on 2026-01-02 08:00:00 -0400"
-
-
-def test_a_name_in_another_script() -> None:
-    """Latin, Greek and Cyrillic need one font; what no font has is replaced, nothing is dropped."""
-    assert families("Изделие Ångström β") == ("DejaVu Sans",)
-    assert printable("a\U0001f9bfb") == "a\ufffdb"
-    assert len(printable("ソフト")) == 3

@@ -10,12 +10,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from analysis import find_cycles, find_plateaus
+from analysis import (
+    AnalysisError,
+    Options,
+    analyse,
+    find_cycles,
+    find_plateaus,
+)
 from analysis.data.recording import READING_COLUMNS, Recording
 from analysis.errors import DataError
 from analysis.segmentation.plateau_readings import elongations_of
 from analysis.segmentation.plateaus import Plateau
-from tests.analysis.boat_builder import Plant
+from tests.analysis.boat_builder import Plant, Staircase
 
 HELD = ((0.0, None), (50.0, 1), (40.0, 2), (30.0, 3), (0.0, None))  # kPa and step: rest, three steps, vented
 BROKEN = cast(
@@ -32,6 +38,17 @@ def plateau(number: int, pressure_kpa: float, step: int | None) -> Plateau:
 
 def write(path: Path, pressures_kpa: list[float]) -> Path:
     path.write_text("pressure_kpa,elongation_mm\n" + "".join(f"{p},{p / 10}\n" for p in pressures_kpa))
+    return path
+
+
+LOOP = 0.25
+QUICK = Options(mcmc=False, x_resolution_mm=0.0)
+
+
+def elongation_file(stairs: Staircase, folder: Path) -> Path:
+    """The exact elongations of a staircase as a file."""
+    path = folder / "elongation.csv"
+    stairs.elongations().to_csv(path, index=False)
     return path
 
 
@@ -88,3 +105,36 @@ def test_a_run_whose_readings_were_all_withdrawn_was_not_read() -> None:
     )
     recording = Recording.from_arrays([0.0, 1.0], [0.0, 0.0], [1.0, 1.0], readings=readings)
     assert elongations_of(recording, tuple(plateau(n, *held) for n, held in enumerate(HELD, 1))) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda f: f.iloc[:-3], "88 rows where the run has"),
+        (lambda f: f.assign(pressure_kpa=f["pressure_kpa"].to_numpy()[::-1] + 7), "row 1 is at"),
+        (lambda f: f.rename(columns={"elongation_mm": "x"}), "no column 'elongation_mm'"),
+    ],
+)
+def test_an_elongation_file_that_does_not_fit_is_refused(tmp_path: Path, change, said: str) -> None:  # type: ignore[no-untyped-def]
+    """The reason names the count, the first row, or the column."""
+    stairs = Staircase()
+    path = tmp_path / "wrong.csv"
+    change(stairs.elongations()).to_csv(path, index=False)
+    with pytest.raises(AnalysisError, match=said):
+        analyse(stairs.recording(), path, options=QUICK)
+
+
+def test_elongations_by_cycle_and_branch_match_those_by_order(tmp_path: Path) -> None:
+    """The same readings, shuffled, with cycle and branch columns, give the same calibration."""
+    stairs = Staircase(Plant(loop_mm=LOOP))
+    frame = stairs.elongations()
+    frame["cycle"] = [k for _, _, k in stairs.levels()]
+    frame["branch"] = ["loading" if up else "unloading" for _, up, _ in stairs.levels()]
+    path = tmp_path / "named.csv"
+    frame.sample(frac=1.0, random_state=0).to_csv(path, index=False)
+    named = analyse(stairs.recording(), path, options=QUICK)
+    ordered = analyse(stairs.recording(), elongation_file(stairs, tmp_path), options=QUICK)
+    a, b = named.sensors[0].calibration, ordered.sensors[0].calibration
+    assert a is not None
+    assert b is not None
+    np.testing.assert_array_equal(a.coefficients, b.coefficients)

@@ -1,0 +1,84 @@
+"""PDF reports: fonts, page numbers, margins, the same bytes each time."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from analysis import Analysis, Options, analyse
+from analysis.reports.build import WRITERS, build_report, write_report
+from analysis.reports.pdf import INNER, LEFT
+from tests.analysis.boat_builder import PAPER, Plant, Staircase
+
+MARKUP = "<script>alert(1)</script>"
+
+
+@pytest.fixture(scope="module")
+def calibration(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
+    """A simulated calibration whose operator is markup."""
+    stairs = Staircase(Plant(cubics=PAPER[:1], noise_mv=(1.49,), loop_mm=0.25), cycles=2)
+    path = tmp_path_factory.mktemp("c") / "e.csv"
+    stairs.elongations().to_csv(path, index=False)
+    meta = {
+        "simulated": True,
+        "operator": MARKUP,
+        "unit": "SA1",
+        "note": "a & b",
+        "uuid": "1",
+        "started_utc": "2026-01-01T00:00:00+00:00",
+    }
+    return analyse(stairs.recording(meta=meta), path, options=Options(mcmc=False))
+
+
+@pytest.fixture(scope="module")
+def written(calibration: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which the calibration's report stands as r.html and r.pdf."""
+    folder = tmp_path_factory.mktemp("written")
+    for ending in ("html", "pdf"):
+        write_report([calibration], folder / f"r.{ending}")
+    return folder
+
+
+@pytest.mark.fault(48, 54, how="markup in each name and note of a simulated run", times=1)
+@pytest.mark.skipif(shutil.which("pdffonts") is None, reason="poppler's tools are not installed")
+def test_pdf_has_embedded_fonts_and_numbered_pages(written: Path) -> None:
+    """A4, every font embedded, "page x of y" and SIMULATED on each page, the markup as plain text."""
+    fonts = subprocess.run(["pdffonts", written / "r.pdf"], capture_output=True, text=True, check=True).stdout
+    assert all(" yes yes yes " in line for line in fonts.splitlines()[2:])
+    info = subprocess.run(["pdfinfo", written / "r.pdf"], capture_output=True, text=True, check=True).stdout
+    pages = int(re.search(r"Pages:\s+(\d+)", info)[1])
+    assert "A4" in info
+    text = subprocess.run(["pdftotext", written / "r.pdf", "-"], capture_output=True, text=True, check=True).stdout
+    assert all(f"page {k} of {pages}" in text for k in range(1, pages + 1))
+    assert text.count("SIMULATED\n") >= pages
+    assert MARKUP in " ".join(text.split())
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler's tools are not installed")
+def test_a_long_verdict_stays_within_the_margins(calibration: Analysis, tmp_path: Path) -> None:
+    """The verdict is bold, and bold letters are wider: no word of it passes the rule above it."""
+    verdict = "FAILS: " + ", ".join(f"hysteresis of s{i} 4.48 against 4 % FSO" for i in range(1, 9))
+    path = tmp_path / "r.pdf"
+    WRITERS[".pdf"](replace(build_report([calibration]), verdict=verdict, sections=()), path)
+    boxes = subprocess.run(["pdftotext", "-bbox", path, "-"], capture_output=True, text=True, check=True).stdout
+    ends = [float(x) for x in re.findall(r'xMax="([0-9.]+)" yMax="[0-9.]+">[^<]+</word>', boxes)]
+    assert len(ends) > 60
+    assert max(ends) <= 72.0 * (LEFT + INNER) + 0.5
+
+
+@pytest.mark.fault(44, how="one report written twice", times=2)
+@pytest.mark.parametrize("sections", [1, pytest.param(99, marks=pytest.mark.nightly)])
+def test_same_report_same_bytes(calibration: Analysis, tmp_path: Path, sections: int) -> None:
+    """Fault 44 for reports: written twice, equal; the first section with its drawings, nightly all of them."""
+    report = build_report([calibration])
+    report = replace(report, sections=report.sections[:sections])
+    for ending, write in WRITERS.items():
+        paths = [tmp_path / f"{k}{ending}" for k in (1, 2)]
+        for path in paths:
+            write(report, path)
+        assert paths[0].read_bytes() == paths[1].read_bytes()

@@ -79,7 +79,7 @@ def move(widget, at: QPoint) -> None:
 
 
 def test_photograph_read_early_is_taken_when_its_plateau_waits(make):
-    """It said "Enter takes it" where nothing waited, and stayed shut when a plateau did."""
+    """It said "Press Enter" where nothing waited, and stayed shut when a plateau did."""
     session = RecordedSession(connected(), filled_ring(10.0))
     window = make(session)
     panel = window.live.photograph
@@ -92,7 +92,7 @@ def test_photograph_read_early_is_taken_when_its_plateau_waits(make):
     assert "No plateau needs a reading" in panel.instruction.text()
     session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 20.0, 20.0), state=SessionState.RUNNING)
     window.refresh()
-    assert panel.instruction.text().startswith("Enter takes it")
+    assert panel.instruction.text().startswith("Press Enter")
     assert panel.take.isEnabled()
     panel.close()
 

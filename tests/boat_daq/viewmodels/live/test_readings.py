@@ -102,7 +102,7 @@ def test_paste_enters_all_or_nothing():
     assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(2, 3.5), (3, 3.0)]
     history.undo()
     assert [r.elongation_mm for r in session.kept[2:]] == [None, None]
-    with pytest.raises(OperatorError, match="plateaus follow"):
+    with pytest.raises(OperatorError, match="for 19 plateaus"):
         model.paste("\n".join(["1"] * 40), 1)
 
 

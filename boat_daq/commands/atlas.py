@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
+from boat_daq.commands.console import JsonOption, notify, present, progress_bar
 
 
 def atlas(
@@ -36,11 +36,7 @@ def atlas(
     with progress_bar("sweeping") as advance:
         maps = sweep_all(studies, advance)
     files = write_atlas(maps, folder)
-    if as_json:
-        emit_json(atlas_json(maps))
-    else:
-        for drawn in maps:
-            show(drawn.verdict)
+    present(atlas_json(maps), *(drawn.verdict for drawn in maps), as_json=as_json)
     notify(f"{len(files)} files in {folder}")
     wrong = [(drawn, cell) for drawn in maps for cell in drawn.found(CellOutcome.WRONG_UNWARNED)]
     if wrong:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, show
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, show
 from boat_daq.commands.options import AllowRemoteOption
 
 
@@ -41,10 +41,7 @@ def board(
     if list_faults:
         from protocol.simulator.faults import FAULTS, fault_list
 
-        if as_json:
-            emit_json(FAULTS)
-        else:
-            show(fault_list())
+        present(FAULTS, fault_list(), as_json=as_json)
         return
     if pty == (tcp is not None):
         raise typer.BadParameter("use either --pty or --tcp HOST:PORT")

@@ -107,6 +107,15 @@ def show(text: str) -> None:
     out.print(text, soft_wrap=True)
 
 
+def present(content: Any, *lines: str, as_json: bool) -> None:
+    """Print a result on standard output: as the JSON object, or as lines of text."""
+    if as_json:
+        emit_json(content)
+    else:
+        for line in lines:
+            show(line)
+
+
 def show_table(
     columns: Iterable[str], rows: Iterable[Iterable[str]], *, left: int = 1, title: str | None = None
 ) -> None:

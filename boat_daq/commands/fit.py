@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, show
+from boat_daq.commands.console import JsonOption, notify, present
 from boat_daq.commands.options import FidelityOption
 
 if TYPE_CHECKING:
@@ -79,13 +79,14 @@ def fit(
         notify(warning.text)
     if bands:
         content["bands"] = _bands(calibration, posterior)
-    if as_json:
-        emit_json(content)
-        return
-    for i, (b, error) in enumerate(zip(calibration.coefficients, content["std_errors_with_reading"], strict=True)):
-        show(f"b{i} = {b:.12g}   u = {error:.3g}")
-    show(f"R2 = {calibration.r2:.8f}   RMSE = {content['rmse']:.6g}   n = {content['n']}")
-    show(f"range {content['range']}   monotone: {content['monotone']}")
+    terms = zip(calibration.coefficients, content["std_errors_with_reading"], strict=True)
+    present(
+        content,
+        *(f"b{i} = {b:.12g}   u = {error:.3g}" for i, (b, error) in enumerate(terms)),
+        f"R2 = {calibration.r2:.8f}   RMSE = {content['rmse']:.6g}   n = {content['n']}",
+        f"range {content['range']}   monotone: {content['monotone']}",
+        as_json=as_json,
+    )
 
 
 def _readings(file: Path, names: list[str], position: str | None) -> tuple[list[FloatArray], NDArray[Any] | None, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from boat_daq.commands.console import JsonOption, emit_json, show
+from boat_daq.commands.console import JsonOption, present
 from boat_daq.commands.options import RecordingArgument
 
 if TYPE_CHECKING:
@@ -21,12 +21,9 @@ def info(run: RecordingArgument, as_json: JsonOption = False) -> None:
     from boat_daq.engine.recording.summary import summarise
 
     summary = summarise(run)
-    if as_json:
-        emit_json(summary)
-        return
-    for name, value in _lines(summary):
-        printable = "".join(c if c.isprintable() else "?" for c in value)  # no text of a file controls the terminal
-        show(f"{name:<12}{printable}")
+    # no text of a file controls the terminal
+    lines = (f"{name:<12}" + "".join(c if c.isprintable() else "?" for c in value) for name, value in _lines(summary))
+    present(summary, *lines, as_json=as_json)
 
 
 def _lines(summary: Summary) -> Iterator[tuple[str, str]]:

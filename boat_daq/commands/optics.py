@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, writing
 from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
 
 if TYPE_CHECKING:
@@ -122,10 +122,6 @@ def _guide(index: float, thickness: float, attenuation: float, receiver: float |
     return Waveguide(thickness_mm=thickness, index=index, attenuation_db_per_cm=attenuation, receiver_mm=receiver)
 
 
-def _described(design: Design, state: int) -> dict[str, Any]:
-    return {**asdict(design), "state": state}
-
-
 @app.command()
 def trace(
     cavities: Cavities = 5,
@@ -164,7 +160,8 @@ def trace(
         save(draw_scene(frame, design, guide, light), out)
         notify(f"wrote {out}")
     result = {
-        **_described(design, number),
+        **asdict(design),
+        "state": number,
         "rays": released,
         "ndr": outcome.ndr,
         "power": outcome.power,
@@ -176,13 +173,14 @@ def trace(
         "order": order,
         "index": index,
     }
-    if as_json:
-        emit_json(result)
-        return
     spread = f" +- {outcome.ndr_sd:.1f}" if math.isfinite(outcome.ndr_sd) else ""  # a single ray has no spread
-    show(f"state {number}: NDR {outcome.ndr:.1f}{spread} of 250, power {outcome.power:.4f}, {outcome.hits} hits")
-    show("rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()))
-    show("power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()))
+    present(
+        result,
+        f"state {number}: NDR {outcome.ndr:.1f}{spread} of 250, power {outcome.power:.4f}, {outcome.hits} hits",
+        "rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()),
+        "power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()),
+        as_json=as_json,
+    )
 
 
 @app.command()
@@ -223,11 +221,12 @@ def scene(
         emit_json(built)
         return
     path = out or Path("scene.json")
-    _write(path, codec.dumps(built, indent=1))
-    if as_json:
-        emit_json({**_described(design, number), "file": str(path), "objects": len(built["objs"])})
-    else:
-        show(f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)")
+    with writing(path):
+        path.write_text(codec.dumps(built, indent=1), encoding="utf-8")
+    content = {**asdict(design), "state": number, "file": str(path), "objects": len(built["objs"])}
+    present(
+        content, f"wrote {path}: open it in ray-optics (https://phydemo.app/ray-optics/simulator/)", as_json=as_json
+    )
 
 
 @app.command()
@@ -263,7 +262,8 @@ def sweep(
     guide, light = _guide(index, thickness, attenuation, receiver), _light(released, budget, order, emission)
     request = SweepRequest(designs, guide, light, _curves(curves))
     if out is not None:
-        _make(out)
+        with writing(out):
+            out.mkdir(parents=True, exist_ok=True)
     file = None if out is None else out / FILE_NAME
     with progress_bar("sweep") as advance:
         result = run_sweep(request, file=file, scheduler=scheduler, allow_remote=allow_remote, progress=advance)
@@ -300,7 +300,8 @@ def optimise(
 
     _light(rays, 0, "time", "uniform")
     if out is not None:
-        _make(out)
+        with writing(out):
+            out.mkdir(parents=True, exist_ok=True)
     with progress_bar("search") as advance:
         found = search(
             _guide(index, thickness, attenuation, None),
@@ -313,12 +314,11 @@ def optimise(
         )
     result = optimum_json(found)
     if out is not None:
-        _write(out / "optimum.json", codec.dumps(result, indent=1))
-        notify(f"wrote {out / 'optimum.json'}")
-    if as_json:
-        emit_json(result)
-    else:
-        show(optimum_text(found))
+        file = out / "optimum.json"
+        with writing(file):
+            file.write_text(codec.dumps(result, indent=1), encoding="utf-8")
+        notify(f"wrote {file}")
+    present(result, optimum_text(found), as_json=as_json)
 
 
 def cavity_counts(text: str) -> list[int]:
@@ -330,13 +330,3 @@ def cavity_counts(text: str) -> list[int]:
     if min(found, default=0) < 1:
         raise typer.BadParameter(f"{text!r} is not a list of numbers of 1 or more, as 3,5,7", param_hint="--cavities")
     return list(dict.fromkeys(found))
-
-
-def _write(path: Path, text: str) -> None:
-    with writing(path):
-        path.write_text(text, encoding="utf-8")
-
-
-def _make(folder: Path) -> None:
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, progress_bar, show
+from boat_daq.commands.console import JsonOption, present, progress_bar
 
 
 def recover(
@@ -24,15 +24,11 @@ def recover(
 
     with progress_bar("checking") as progress:
         recovery = recover_file(file, progress=progress)
-    if as_json:
-        emit_json(recovery)
-        return
     results = {
         "recovered": "recovered: the recording was interrupted and is now closed",
         "salvaged": f"damaged: the readable part is in {recovery.path}",
         "closed": "the recording was closed properly; nothing to do",
     }
     result = results.get(recovery.status, f"the recording is {recovery.status}; nothing to do")
-    show(f"{result} ({recovery.samples} samples, {recovery.chunks} chunks)")
-    for line in recovery.damaged:
-        show(f"  {line}")
+    text = f"{result} ({recovery.samples} samples, {recovery.chunks} chunks)"
+    present(recovery, text, *(f"  {line}" for line in recovery.damaged), as_json=as_json)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from boat_daq.commands.console import notify, progress_bar
+from boat_daq.commands.console import Advance, notify, progress_bar
 from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.recording.resumption import BrokenRun
@@ -147,33 +147,32 @@ def run_plan(session: Session, plan: Plan, *, shown: int = 0, resume: bool = Fal
     """
     session.arm(plan, resume=resume)
     session.start()
-    print_new = MessagePrinter(shown)
-    with progress_bar(plan.name) as advance:
-        while True:
-            seen = session.snapshot()
-            print_new(seen)
-            if seen.progress is not None:
-                advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
-            if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
-                return
-            time.sleep(POLL_S)
+    for seen, advance in _snapshots(session, plan.name, shown):
+        if seen.progress is not None:
+            advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
+        if seen.state in ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
+            return
 
 
 def listen(session: Session, duration_s: float | None) -> None:
     """Record until `duration_s` of board time, or until the port is gone."""
     begun = session.snapshot().recorded_s
-    print_new = MessagePrinter()
-    with progress_bar("recording") as advance:
+    for seen, advance in _snapshots(session, "recording"):
+        elapsed = seen.recorded_s - begun
+        if duration_s is not None:
+            advance(min(elapsed, duration_s), duration_s)
+        if seen.link in (LinkState.FAILED, LinkState.CLOSED) or (duration_s is not None and elapsed >= duration_s):
+            return
+
+
+def _snapshots(session: Session, label: str, shown: int = 0) -> Iterator[tuple[SessionSnapshot, Advance]]:
+    """Yield the session's state again and again with a progress bar, and print its new messages."""
+    print_new = MessagePrinter(shown)
+    with progress_bar(label) as advance:
         while True:
             seen = session.snapshot()
             print_new(seen)
-            elapsed = seen.recorded_s - begun
-            if duration_s is not None:
-                advance(min(elapsed, duration_s), duration_s)
-                if elapsed >= duration_s:
-                    return
-            if seen.link in (LinkState.FAILED, LinkState.CLOSED):
-                return
+            yield seen, advance
             time.sleep(POLL_S)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
+from boat_daq.commands.console import JsonOption, notify, present, progress_bar
 from boat_daq.commands.options import FidelityOption, PlotOption, one_of
 from boat_daq.commands.shadow_chain import chain
 from boat_daq.commands.shadow_measured import modulus, replay
@@ -68,29 +68,21 @@ def solve(
         "tip_force_mn": solution.tip_force_mn,
         "critical_pressure_kpa": limit.pressure_kpa,
     }
-    result["notes"] = notes = [*(warning.text for warning in full.warnings), *_instability(result["lowest_eigenvalue"])]
+    result["notes"] = notes = [warning.text for warning in full.warnings]
+    if result["lowest_eigenvalue"] <= 0.0:  # with both values imposed there is no critical pressure to refuse it by
+        notes.append("this state is an unstable equilibrium: a real actuator would buckle")
     for note in notes:
         notify(note)
     if plot is not None:
         _plot_state(solution, parameters, plot, fidelity)
-    if as_json:
-        emit_json(result)
-    else:
-        show(
-            f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {used} model, "
-            f"{1e3 * seconds:.1f} ms, {solution.iterations} iterations"
-        )
-        show(
-            f"lowest eigenvalue {result['lowest_eigenvalue']:.3f} (1 at rest, 0 at the critical pressure of "
-            f"{limit.pressure_kpa:.1f} kPa)"
-        )
-
-
-def _instability(lowest_eigenvalue: float) -> tuple[str, ...]:
-    """Return a warning of an unstable state, which has no critical pressure where both values are imposed."""
-    if lowest_eigenvalue > 0.0:
-        return ()
-    return ("this state is an unstable equilibrium: a real actuator would buckle",)
+    present(
+        result,
+        f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {used} model, "
+        f"{1e3 * seconds:.1f} ms, {solution.iterations} iterations",
+        f"lowest eigenvalue {result['lowest_eigenvalue']:.3f} (1 at rest, 0 at the critical pressure of "
+        f"{limit.pressure_kpa:.1f} kPa)",
+        as_json=as_json,
+    )
 
 
 def _solved(
@@ -162,12 +154,13 @@ def table(
     }
     if plot is not None:
         save_figure(table_errors_figure(chosen), plot)
-    if as_json:
-        emit_json(result)
-        return
     (p0, p1), (q0, q1) = made.pressure_range_kpa, made.elongation_range_mm
-    show(f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm; {result['modes']} shapes, ready in {seconds:.1f} s")
-    show(f"error of every tracked point below {made.error_bound_mm:.2g} mm; {result['states_per_s']:,.0f} states/s")
+    present(
+        result,
+        f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm; {result['modes']} shapes, ready in {seconds:.1f} s",
+        f"error of every tracked point below {made.error_bound_mm:.2g} mm; {result['states_per_s']:,.0f} states/s",
+        as_json=as_json,
+    )
 
 
 @app.command()
@@ -186,18 +179,12 @@ def export(
 
     model = chosen_model(parameters, None)
     write_state(out, file_format, model.parameters, model.mesh, model.solve(pressure_kpa=pressure))
-    if as_json:
-        emit_json(
-            {
-                "out": out,
-                "format": file_format,
-                "pressure_kpa": pressure,
-                "nodes": len(model.mesh.nodes),
-                "elements": len(model.mesh.quads),
-            }
-        )
-    else:
-        notify(f"wrote {out}: {len(model.mesh.nodes)} nodes, {len(model.mesh.quads)} elements, {pressure:+g} kPa")
+    nodes, elements = len(model.mesh.nodes), len(model.mesh.quads)
+    present(
+        {"out": out, "format": file_format, "pressure_kpa": pressure, "nodes": nodes, "elements": elements},
+        f"wrote {out}: {nodes} nodes, {elements} elements, {pressure:+g} kPa",
+        as_json=as_json,
+    )
 
 
 @app.command()
@@ -218,23 +205,21 @@ def states(
 
     found = guide_states(chosen_model(parameters, mesh), lowest_kpa=lowest, highest_kpa=highest, every_half_mm=dense)
     write_states(found, out)
-    bow, curvature = found.bow_mm(), found.curvature_per_mm()
-    if as_json:
-        emit_json(
-            {
-                "out": out,
-                "pressure_kpa": found.pressure_kpa,
-                "elongation_mm": found.elongation_mm,
-                "bow_mm": bow,
-                "curvature_per_mm": curvature,
-                "points": found.curves_mm.shape[2],
-            }
-        )
-    else:
-        notify(
-            f"wrote {out}: 15 states, {found.curves_mm.shape[2]} points a guide, elongation "
-            f"{found.elongation_mm[0]:+.2f} .. {found.elongation_mm[-1]:+.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm"
-        )
+    bow, points = found.bow_mm(), found.curves_mm.shape[2]
+    content = {
+        "out": out,
+        "pressure_kpa": found.pressure_kpa,
+        "elongation_mm": found.elongation_mm,
+        "bow_mm": bow,
+        "curvature_per_mm": found.curvature_per_mm(),
+        "points": points,
+    }
+    present(
+        content,
+        f"wrote {out}: 15 states, {points} points a guide, elongation {found.elongation_mm[0]:+.2f} .. "
+        f"{found.elongation_mm[-1]:+.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm",
+        as_json=as_json,
+    )
 
 
 for command in (modulus, replay, chain):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show
 from boat_daq.commands.options import PlotOption, RunArgument
 from boat_daq.commands.shadow_options import ParametersOption, chosen_parameters, chosen_table, save_figure
 
@@ -46,16 +46,14 @@ def modulus(
     low, high = table.pressure_range_kpa
     pressures = np.array([p for p in BAND_PRESSURES_KPA if low <= p <= high])
     band = list(zip(pressures, *table.nominal_elongation(pressures), strict=True))
-    if as_json:
-        keys = ("pressure_kpa", "nominal_elongation_mm", "standard_uncertainty_mm")
-        rows = [dict(zip(keys, row, strict=True)) for row in band]
-        emit_json(asdict(found) | {"n": len(tests), "band": rows})
-        return
-    for one in found.specimens:
-        show(f"{one.name}: {one.modulus_kpa:.2f} kPa (R² {one.r2:.4f}, {one.points} points)")
-    show(f"E = {found.mean_kpa:.2f} ± {spread:.2f} kPa, N = {len(tests)}")
-    for p, x, u in band:
-        show(f"{p:+.0f} kPa: {x:+.3f} ± {u:.3f} mm (k = 1)")
+    keys = ("pressure_kpa", "nominal_elongation_mm", "standard_uncertainty_mm")
+    present(
+        asdict(found) | {"n": len(tests), "band": [dict(zip(keys, row, strict=True)) for row in band]},
+        *(f"{one.name}: {one.modulus_kpa:.2f} kPa (R² {one.r2:.4f}, {one.points} points)" for one in found.specimens),
+        f"E = {found.mean_kpa:.2f} ± {spread:.2f} kPa, N = {len(tests)}",
+        *(f"{p:+.0f} kPa: {x:+.3f} ± {u:.3f} mm (k = 1)" for p, x, u in band),
+        as_json=as_json,
+    )
 
 
 def replay(

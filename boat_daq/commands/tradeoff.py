@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, writing
+from boat_daq.commands.console import JsonOption, notify, present, progress_bar, writing
 
 if TYPE_CHECKING:
     from analysis.tradeoff import Method
@@ -50,11 +50,8 @@ def tradeoff(
     with progress_bar("measuring") as advance:
         results = measure_all(chosen, quick=quick, progress=advance)
     files = write_report(results, folder, quick=quick)
-    if as_json:
-        emit_json(report_json(results, quick=quick))
-    else:
-        for measured in results:
-            show(f"{measured.method.title}: {measured.verdict}")
+    lines = (f"{measured.method.title}: {measured.verdict}" for measured in results)
+    present(report_json(results, quick=quick), *lines, as_json=as_json)
     notify(f"{len(files)} files in {folder}")
 
 

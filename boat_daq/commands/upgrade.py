@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, show
+from boat_daq.commands.console import JsonOption, present
 
 
 def upgrade(
@@ -23,9 +23,7 @@ def upgrade(
     from boat_daq.engine.recording.upgrade import upgrade as upgrade_file
 
     done = upgrade_file(file)
-    if as_json:
-        emit_json(done)
-    elif done.backup is None:
-        show(f"{file} has layout {done.version} already; nothing to do")
-    else:
-        show(f"upgraded from layout {done.version_before} to {done.version}; the original is {done.backup}")
+    text = f"upgraded from layout {done.version_before} to {done.version}; the original is {done.backup}"
+    if done.backup is None:
+        text = f"{file} has layout {done.version} already; nothing to do"
+    present(done, text, as_json=as_json)

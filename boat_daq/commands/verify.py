@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, progress_bar, show
+from boat_daq.commands.console import JsonOption, present, progress_bar
 from boat_daq.commands.options import RecordingArgument
 
 if TYPE_CHECKING:
@@ -31,10 +31,7 @@ def verify(run: RecordingArgument, as_json: JsonOption = False) -> None:
             from analysis.figures.stored_results import code_state
 
             verdict = verify_recording(run, reanalyse=reanalyse, code=code_state(), progress=progress)
-    if as_json:
-        emit_json(verdict)
-    else:
-        show("identical" if verdict.identical else f"different: {verdict.difference}")
+    present(verdict, "identical" if verdict.identical else f"different: {verdict.difference}", as_json=as_json)
     if not verdict.identical:
         raise typer.Exit(1)
 

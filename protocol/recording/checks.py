@@ -202,16 +202,23 @@ def value_fits(declared_as: tuple[str, bool], value: object) -> bool:
     return isinstance(value, str if kind == "TEXT" else bytes)
 
 
-def _number(low: float, high: float) -> Callable[[Any], bool]:
+Check = Callable[[Any], bool]
+
+
+def _of(kind: type) -> Check:
+    return lambda v: isinstance(v, kind)
+
+
+def _among(*values: object) -> Check:
+    return lambda v: v in values
+
+
+def _number(low: float, high: float) -> Check:
     return lambda v: isinstance(v, int | float) and not isinstance(v, bool) and low <= v <= high
 
 
-def _whole(low: int, high: int) -> Callable[[Any], bool]:
+def _whole(low: int, high: int) -> Check:
     return lambda v: isinstance(v, int) and not isinstance(v, bool) and low <= v <= high
-
-
-def _text(value: Any) -> bool:
-    return isinstance(value, str)
 
 
 def _time(value: Any) -> bool:
@@ -223,17 +230,16 @@ def _time(value: Any) -> bool:
 
 
 def _limits(value: Any) -> bool:
-    pressure = _number(-1e9, 1e9)
-    return isinstance(value, list) and len(value) == 2 and all(map(pressure, value))
+    return isinstance(value, list) and len(value) == 2 and all(map(_number(-1e9, 1e9), value))
 
 
-def _length(value: Any) -> bool:
+def _duration(value: Any) -> bool:
     return value is None or _number(-1e12, 1e12)(value)
 
 
-_COUNT = _whole(0, _WHOLE_MAX)
-_BREAK_VALUES: dict[str, Callable[[Any], bool]] = {
-    "utc": _time, "cause": _text, "break_s": _length, "host_ns": _COUNT, "first_segment": _COUNT,
+_TEXT, _COUNT = _of(str), _whole(0, _WHOLE_MAX)
+_BREAK_VALUES: dict[str, Check] = {
+    "utc": _time, "cause": _TEXT, "break_s": _duration, "host_ns": _COUNT, "first_segment": _COUNT,
     "first_chunk": _COUNT, "first_step": _COUNT, "first_cycle": _COUNT, "complete_cycles": _COUNT,
     "last_result": _COUNT,
 }  # fmt: skip
@@ -246,17 +252,36 @@ def are_breaks(value: Any) -> bool:
     )
 
 
-_SESSION_VALUES: dict[str, Callable[[Any], bool]] = {
-    "uuid": _text, "status": _text, "program_version": _text, "started_utc": _time, "ended_utc": _time,
-    "stop_reason": _text, "operator": _text, "unit": _text, "note": _text, "port": _text, "board_id": _text,
-    "profile": _text, "simulated": lambda v: isinstance(v, bool),
-    "started_host_ns": _COUNT, "ended_host_ns": _COUNT, "n_sensors": _whole(1, 4),
-    "sample_kind": lambda v: v in ("counts", "signal"), "sample_dtype": lambda v: isinstance(v, list),
-    "vref_mv": _number(0, 1e9), "adc_bits": _whole(1, 32), "polarity": lambda v: v in (-1, 1),
-    "rate_hz": _number(0, 1e9), "limits_pa": _limits, "settings": lambda v: isinstance(v, dict),
-    "resumptions": are_breaks,
-    "run_end": lambda v: v in ("finished", "stopped", "aborted", "fault", "interrupted"),
-}  # fmt: skip
+# The table `session` is key -> JSON value, null where unknown.
+SESSION_VALUES: dict[str, Check] = {
+    "uuid": _TEXT,  # of this recording
+    "status": _TEXT,  # "recording", "closed", "recovered"; "recording" in a file that no program writes = killed
+    "simulated": _of(bool),  # true for the virtual board
+    "program_version": _TEXT,
+    "started_utc": _time,  # with offset
+    "started_host_ns": _COUNT,  # the monotonic clock at that instant
+    "ended_utc": _time,  # null until closed
+    "ended_host_ns": _COUNT,
+    "stop_reason": _TEXT,  # "finished", "stopped", "aborted: ...", null while recording
+    "operator": _TEXT,
+    "unit": _TEXT,  # SA1 ..
+    "note": _TEXT,
+    "port": _TEXT,
+    "board_id": _TEXT,
+    "profile": _TEXT,  # the text profile's TOML, or null for the binary protocol
+    "n_sensors": _whole(1, 4),
+    "sample_kind": _among("counts", "signal"),
+    "sample_dtype": _of(list),  # rows of describe_dtype
+    "vref_mv": _number(0, 1e9),
+    "adc_bits": _whole(1, 32),
+    "polarity": _among(-1, 1),  # +1 where the board's voltage rises with light, -1 where its stage inverts
+    "rate_hz": _number(0, 1e9),  # as requested
+    "limits_pa": _limits,  # [min, max]: the tightest of board, unit and plan
+    "settings": _of(dict),  # snapshot
+    "plan": _of(dict),  # snapshot of the plan, or null
+    "run_end": _among("finished", "stopped", "aborted", "fault", "interrupted"),  # the code of stop_reason; newer files
+    "resumptions": are_breaks,  # of a resumed run
+}
 
 
 def check_session(meta: Mapping[str, Any]) -> None:
@@ -266,7 +291,7 @@ def check_session(meta: Mapping[str, Any]) -> None:
     ------
     RecordingError : names the key.
     """
-    for key, fits in _SESSION_VALUES.items():
+    for key, fits in SESSION_VALUES.items():
         if meta.get(key) is not None and not fits(meta[key]):
             raise RecordingError(f"the session's description has an unusable {key!r}: {meta[key]!r:.60}", FOREIGN)
     if meta.get("sample_kind") == "counts" and None in (meta.get("vref_mv"), meta.get("adc_bits")):

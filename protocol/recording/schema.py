@@ -24,6 +24,7 @@ from __future__ import annotations
 import enum
 import json
 import os
+import re
 import sqlite3
 import struct
 from collections.abc import Mapping
@@ -38,6 +39,7 @@ from protocol.recording.checks import (
     DAMAGE,
     FOREIGN,
     MAX_TEXT,
+    SESSION_VALUES,
     Columns,
     are_breaks,
     check_layout,
@@ -157,34 +159,7 @@ def session_dtype(meta: Mapping[str, Any]) -> np.dtype[np.void]:
     return dtype
 
 
-# `session` is key -> JSON value. Keys that every recording has:
-SESSION_KEYS = (
-    "uuid",  # of this recording
-    "status",  # "recording", "closed", "recovered"; "recording" in a file that no program writes = a killed session
-    "simulated",  # true for the virtual board
-    "program_version",
-    "started_utc",  # ISO 8601 with offset
-    "started_host_ns",  # the monotonic clock at that instant
-    "ended_utc",  # null until closed
-    "ended_host_ns",
-    "stop_reason",  # "finished", "stopped", "aborted: ...", null while recording
-    "operator",
-    "unit",  # SA1 ..
-    "note",
-    "port",
-    "board_id",
-    "profile",  # the text profile's TOML, or null for the binary protocol
-    "n_sensors",
-    "sample_kind",  # "counts" or "signal"
-    "sample_dtype",  # rows of describe_dtype
-    "vref_mv",
-    "adc_bits",
-    "polarity",  # +1 where the board's voltage rises with light, -1 where its stage inverts
-    "rate_hz",  # as requested
-    "limits_pa",  # [min, max]: the tightest of board, unit and plan
-    "settings",  # snapshot
-    "plan",  # snapshot of the plan, or null
-)
+SESSION_KEYS = tuple(key for key in SESSION_VALUES if key not in ("run_end", "resumptions"))  # of every recording
 # Beside `stop_reason`, for people, its code "run_end" (`RunEnd`), for programs; files before November 2026 lack it.
 # `stop_reason` up to its colon, as every program has written it: what `run_end_of` reads where the code is missing.
 _STOP_REASONS: Final = {
@@ -249,9 +224,7 @@ CREATE TABLE result (
     parameters TEXT NOT NULL, content TEXT NOT NULL);
 """
 
-TABLE_NAMES = (
-    "session", "chunk", "segment", "block", "overview", "event", "health", "step", "reading", "result",
-)  # fmt: skip
+TABLE_NAMES = tuple(re.findall(r"^CREATE TABLE (\w+)", TABLES, re.MULTILINE))
 
 # `step.branch`: "unloading" from elongation to compression, "loading" back, "start" and "end" outside the cycles.
 BRANCHES = ("start", "unloading", "loading", "end")

@@ -44,12 +44,7 @@ class Hysteresis:
     def __init__(self, model: PlaySum) -> None:
         self.model = model
         self._radii = np.array(model.radii)
-        self._plays = np.zeros(len(model.radii))
-
-    @property
-    def plays(self) -> FloatArray:
-        """State of each play, a copy, shape (m,)."""
-        return self._plays.copy()
+        self.plays = np.zeros(len(model.radii))  # state of each play, (m,)
 
     def advance(self, inputs: FloatArray) -> FloatArray:
         """Return the output after each of `inputs`, both shape (n,)."""
@@ -58,8 +53,8 @@ class Hysteresis:
         square = inputs * inputs
         low = (inputs + self.model.up_curvature * square)[:, None] - self._radii
         high = (inputs + self.model.down_curvature * square)[:, None] + self._radii
-        states = clamp(self._plays, *compose_clamps(low, high))
-        self._plays = states[-1]
+        states = clamp(self.plays, *compose_clamps(low, high))
+        self.plays = states[-1]
         # Column by column, not a matrix product: BLAS orders its sums by the size of the block.
         output = np.zeros(inputs.size)
         for column, weight in enumerate(self.model.weights):

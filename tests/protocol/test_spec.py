@@ -79,8 +79,8 @@ def test_every_line_of_an_example_follows_from_those_above_it(block: str) -> Non
     assert re.search(rf"seq {part['seq'][0]}\b", title)
 
 
-def test_the_examples_mean_what_their_titles_say() -> None:
-    """Decoded, the examples are the messages they are said to be."""
+def test_examples_decode_to_their_titles() -> None:
+    """Decoded, the examples are the messages of their titles."""
     decoded = []
     for block in EXAMPLES:
         (frame,) = FrameReader().receive(parse(block)[1]["wire"])
@@ -100,7 +100,7 @@ def test_the_examples_mean_what_their_titles_say() -> None:
 
 
 def test_the_sizes_on_the_page_are_those_of_the_code() -> None:
-    """HELLO, SAMPLE, ACK and EVENT have as many bytes as their headings say."""
+    """HELLO, SAMPLE, ACK and EVENT have the number of bytes in their headings."""
     messages = {"HELLO": HELLO, "ACK": Ack(0, 0, 0), "EVENT": BoardEvent(0, 1, 0)}
     for name, message in messages.items():
         (frame,) = FrameReader().receive(encode_message(message, 0))

@@ -32,7 +32,10 @@ def versions() -> dict[str, str]:
     What is not installed is left out.
     """
     found = {"boat-daq": __version__, "Python": platform.python_version()}
-    installed = {dist.name.replace("_", "-"): dist.version for dist in metadata.distributions()}
+    distributions = [
+        dist for dist in metadata.distributions() if dist.metadata["Name"]
+    ]  # not the rest of a removed one
+    installed = {dist.name.replace("_", "-"): dist.version for dist in distributions}
     return found | {name: installed[name] for name in _LIBRARIES if name in installed}
 
 

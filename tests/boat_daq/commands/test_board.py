@@ -1,4 +1,4 @@
-"""`boat-daq board` as a user and another program meet it."""
+"""`boat-daq board`: its port, JSON line, refusals and list of faults."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ BOARD = [sys.executable, "-m", "boat_daq", "board"]
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:
-    """A board's process, its standard output open."""
+    """Start a board as a process and return it."""
     return subprocess.Popen([*BOARD, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another thing there")
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT on Windows")
 def test_port_is_the_first_line_and_ctrl_c_ends_it():
-    """The line comes at once, something listens there, and Ctrl-C ends with 130 and without a traceback."""
+    """The port accepts a connection, and Ctrl-C exits with 130 and without a traceback."""
     board = start("--tcp", "127.0.0.1:0")
     url = board.stdout.readline().strip()
     host, _, port = url.removeprefix("socket://").rpartition(":")
@@ -35,14 +35,14 @@ def test_port_is_the_first_line_and_ctrl_c_ends_it():
     assert "Traceback" not in messages
 
 
-def test_json_line_has_the_truth():
+def test_json_line_has_the_true_figures():
     """One object: port, unit, and the unit's true figures."""
     board = start("--tcp", "127.0.0.1:0", "--unit", "SA1", "--json")
-    told = json.loads(board.stdout.readline())
+    printed = json.loads(board.stdout.readline())
     board.kill()
     board.communicate()
-    assert told["port"].startswith("socket://127.0.0.1:")
-    assert told["truth"]["sensors"][0]["coefficients"][0] == 1651.9842
+    assert printed["port"].startswith("socket://127.0.0.1:")
+    assert printed["truth"]["sensors"][0]["coefficients"][0] == 1651.9842
 
 
 @pytest.mark.parametrize(
@@ -58,8 +58,8 @@ def test_json_line_has_the_truth():
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_refusals(arguments, code, word):
-    """Usage errors leave with 2, what cannot be served with 1, both with a word and nothing on standard output."""
+def test_refusal_names_the_option(arguments, code, word):
+    """Usage errors exit with 2, other failures with 1, both with a message and an empty standard output."""
     done = subprocess.run([*BOARD, *arguments], capture_output=True, text=True, timeout=30)
     assert done.returncode == code
     assert word in done.stderr

@@ -1,4 +1,4 @@
-"""`boat-daq record` where it says no: to its reader, to another program, and about the file."""
+"""`boat-daq record`: refusals on the terminal and as JSON, and what they leave behind."""
 
 from __future__ import annotations
 
@@ -19,12 +19,10 @@ from boat_daq.errors import BoatDaqError, OperatorError
 RECORDING = Path(__file__).resolve().parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
 
 
-def test_a_refusal_under_json_is_an_object(
+def test_refusal_with_json_is_an_object(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Error, cause and remedy on standard output, the same words on standard error, exit 1; without --json nothing
-    is on standard output.
-    """
+    """Error, cause and remedy are on standard output and standard error; without --json standard output is empty."""
     monkeypatch.setattr("boat_daq.cli.Interruption", lambda: None)
     arguments = ["boat-daq", "record", "--port", str(tmp_path / "none"), "--out", str(tmp_path / "run.boat")]
     for more in (["--json"], []):
@@ -35,17 +33,17 @@ def test_a_refusal_under_json_is_an_object(
         out, err = capsys.readouterr()
         assert "there is no port" in err
         if more:
-            told = json.loads(out)
-            assert told["error"] == "DeviceError"
-            assert told["cause"] in err
-            assert told["remedy"] in err
+            printed = json.loads(out)
+            assert printed["error"] == "DeviceError"
+            assert printed["cause"] in err
+            assert printed["remedy"] in err
         else:
             assert out == ""
     assert not (tmp_path / "run.boat").exists()
 
 
-def test_a_plan_outside_the_limits_leaves_no_recording(tmp_path: Path) -> None:
-    """The limits are known before the first sample: nothing is created, and the name is free for the next try."""
+def test_plan_outside_the_limits_leaves_no_recording(tmp_path: Path) -> None:
+    """The limits are known before the first sample, so no file is created."""
     UnitLibrary().save(Unit("tender", min_kpa=-5.0, max_kpa=20.0))
     run = tmp_path / "run.boat"
     with serve(BoardSettings(speed=5.0), in_thread=True) as board, pytest.raises(BoatDaqError, match="limit"):
@@ -53,8 +51,8 @@ def test_a_plan_outside_the_limits_leaves_no_recording(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_refusal_once_recording_says_what_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A pressed e-stop is seen by the first samples only: the short recording stays, and that is said."""
+def test_refusal_while_recording_reports_the_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A pressed e-stop is known only from the first samples: the short recording is kept, and named."""
     run = tmp_path / "run.boat"
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
     with serve(pressed, in_thread=True) as board, pytest.raises(OperatorError, match="e-stop"):
@@ -63,8 +61,8 @@ def test_a_refusal_once_recording_says_what_is_kept(tmp_path: Path, capsys: pyte
     assert f"{run} holds the samples until then" in capsys.readouterr().err
 
 
-def test_a_link_that_only_listens_says_why(tmp_path: Path) -> None:
-    """A replay cannot be commanded; the words are the link's own."""
+def test_replay_cannot_run_a_plan(tmp_path: Path) -> None:
+    """A replay takes no commands, and the refusal gives that reason."""
     session = Session(Settings(), UnitLibrary(tmp_path))
     session.connect(f"replay:{RECORDING}@5")
     session.wait_connected()

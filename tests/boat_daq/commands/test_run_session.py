@@ -1,4 +1,4 @@
-"""One session without a window: what is said of a fault that stands, that was left behind, and of a lost link."""
+"""One session without a window: messages on latched faults, link warnings and a lost link."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from boat_daq.commands.run_session import (
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.simulator.server import BoardSettings, serve
-from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, LinkWarning, LinkWarningCode, SessionSnapshot, SessionState
 from boat_daq.errors import OperatorError
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
 from protocol.recording import BoardState
@@ -32,54 +32,53 @@ PLAN = dataclasses.replace(built_in_plans()["repeatability"], cycles=1, ramp_kpa
 
 
 @pytest.mark.fault(20, how="e-stop pressed before the run", times=1)
-def test_a_pressed_e_stop_is_never_called_cleared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Pressed before the run: refused for it, and nothing says that the fault is gone."""
+def test_pressed_e_stop_is_not_reported_as_cleared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With the e-stop pressed before the run it is refused, and no message reports a cleared fault."""
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
     with serve(pressed) as board, pytest.raises(OperatorError, match="e-stop is pressed"):
         run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
     assert "is cleared" not in capsys.readouterr().err
 
 
-def test_a_fault_left_behind_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Latched before anyone came, its cause gone: one warning before the run, which then ends well; no error."""
+def test_previous_fault_is_reported_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A fault latched before the session, its cause gone, is one warning; the run then ends without an error."""
     with serve(BoardSettings(speed=5.0, faults=("estop@1:1",))) as board:
-        time.sleep(1.0)  # pressed and released before anyone came; the board keeps its fault
+        time.sleep(1.0)  # pressed and released before the session; the fault remains latched
         _, failure = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN))
-    told = capsys.readouterr().err
+    messages = capsys.readouterr().err
     assert failure == ""
-    assert told.count("latched a fault") == 1
-    assert "error:" not in told
+    assert messages.count("latched a fault") == 1
+    assert "error:" not in messages
 
 
 @pytest.mark.fault(9, how="`slow_rate` of 62 Hz, `record` in a terminal", times=1)
-def test_a_doubt_about_the_link_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """62 Hz come where 100 were asked for: said on the terminal, once."""
+def test_lasting_link_warning_is_printed_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """62 Hz in place of the requested 100 are reported once."""
     with serve(BoardSettings(speed=5.0, faults=("slow_rate@0:62",))) as board:
         run_session(SessionRequest(board.url, tmp_path / "run.boat", duration_s=10.0))
-    assert capsys.readouterr().err.count("100 were asked for") == 1
+    assert capsys.readouterr().err.count("samples/s") == 1
 
 
-@pytest.mark.fault(8, how="a link in doubt of the board's clock, told in a terminal", times=1)
-def test_a_doubt_is_told_again_only_if_another(capsys: pytest.CaptureFixture[str]) -> None:
-    """New numbers are the same doubt, a drift is another; silence is the session's to tell; what passes is none."""
+@pytest.mark.fault(8, how="a link warning of the board's clock in a terminal", times=1)
+def test_link_warning_is_printed_once_for_each_code(capsys: pytest.CaptureFixture[str]) -> None:
+    """New numbers are the same warning, a drift is another; silence has its own message, a brief warning none."""
     print_new = MessagePrinter()
     looks = (
-        (0.0, ("no data for 2 s", "3 samples lost", "102.7 samples/s come, 100 were asked for")),
-        (5.0, ("no data for 7 s", "3 samples lost")),
-        (6.0, ("no data for 8 s", "17 samples lost", "99.1 samples/s come, 100 were asked for")),
-        (7.0, ("18 samples lost", "the board's clock is 0.9 % fast")),
-        (13.0, ("18 samples lost", "the board's clock is 0.8 % fast")),
-        (14.0, ("the board's clock is 0.8 % fast",)),
+        (0.0, {LinkWarningCode.SILENT: "2 s", LinkWarningCode.LOSS: "3 lost", LinkWarningCode.RATE: "102.7 Hz"}),
+        (5.0, {LinkWarningCode.SILENT: "7 s", LinkWarningCode.LOSS: "3 lost"}),
+        (6.0, {LinkWarningCode.SILENT: "8 s", LinkWarningCode.LOSS: "17 lost", LinkWarningCode.RATE: "99.1 Hz"}),
+        (7.0, {LinkWarningCode.LOSS: "18 lost", LinkWarningCode.CLOCK: "0.9 % fast"}),
+        (13.0, {LinkWarningCode.LOSS: "18 lost", LinkWarningCode.CLOCK: "0.8 % fast"}),
+        (14.0, {LinkWarningCode.CLOCK: "0.8 % fast"}),
     )
-    for recorded_s, warnings in looks:
-        health = SimpleNamespace(warnings=warnings)
+    for recorded_s, texts in looks:
+        health = SimpleNamespace(warnings=tuple(LinkWarning(code, text) for code, text in texts.items()))
         print_new(SessionSnapshot(SessionState.IDLE, LinkState.UP, recorded_s=recorded_s, health=health))
-    told = capsys.readouterr().err.splitlines()
-    assert told == ["warning: 17 samples lost", "warning: the board's clock is 0.8 % fast"]
+    assert capsys.readouterr().err.splitlines() == ["warning: 17 lost", "warning: 0.8 % fast"]
 
 
-def test_a_cleared_fault_is_waited_for_in_the_samples(tmp_path: Path) -> None:
-    """The next sample after CLEAR_FAULT comes late: a plan armed before it would be refused for a unit not vented."""
+def test_cleared_fault_is_confirmed_by_a_sample(tmp_path: Path) -> None:
+    """A plan armed before the next sample after CLEAR_FAULT would be refused for a unit that is not vented."""
     with serve(BoardSettings(faults=("estop@0.2:0.2",))) as board:
         time.sleep(0.6)
         session = Session()
@@ -93,15 +92,15 @@ def test_a_cleared_fault_is_waited_for_in_the_samples(tmp_path: Path) -> None:
             session.close()
 
 
-def test_a_lost_link_is_reported_with_its_cause() -> None:
-    """Under pressure the latch says why; "the link was lost" is no cause."""
+def test_lost_link_is_reported_with_its_cause() -> None:
+    """Under pressure the cause is that of the latched fault."""
     gone = "/dev/ttyX is gone"
     seen = SessionSnapshot(SessionState.FAULT, LinkState.LOST, latched=gone)
     assert why_failed(seen, PLAN) == gone
 
 
-def test_a_unit_left_under_pressure_is_vented_and_then_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The host died a moment ago and the board's watchdog has not struck: said, vented, and the run goes as asked."""
+def test_residual_pressure_is_vented_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Pressure left by a killed host is reported and vented before the run, which ends normally."""
     with serve(BoardSettings(speed=5.0)) as board:
         port = serial.Serial(board.url, timeout=0.1)
         link = Connection()

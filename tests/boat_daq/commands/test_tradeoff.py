@@ -45,7 +45,7 @@ def test_one_cheap_method_from_the_command_line(tmp_path: Path) -> None:
     assert errors[0] > errors[-1] > 0
 
 
-def test_what_cannot_be_measured_is_refused(tmp_path: Path) -> None:
+def test_unknown_method_and_unwritable_folder_are_refused(tmp_path: Path) -> None:
     """A method that is none, and a folder that is a file, before any time is spent."""
     refused = CliRunner().invoke(app, ["tradeoff", "guessing", "--out", str(tmp_path)])
     assert isinstance(refused.exception, RequestError)
@@ -111,7 +111,7 @@ def test_defaults_and_levels_in_the_code_are_what_the_rule_chooses_on_the_named_
     assert errors == sorted(errors, reverse=True)  # along the front, what costs more errs less
 
 
-def test_the_named_machine_and_its_date_are_told() -> None:
+def test_named_machine_and_its_date_are_given() -> None:
     """The record says on what and when, is of a full run, and names no method without a reference."""
     content = json.loads(RECORDED.read_text(encoding="utf-8"))
     assert content["quick"] is False

@@ -15,7 +15,7 @@ WRAP = 1 << 32
 
 
 def signed(difference: int) -> int:
-    """The difference of two 32-bit counters by the shortest way."""
+    """Return the smallest difference of two 32-bit counters."""
     return (difference + (WRAP >> 1)) % WRAP - (WRAP >> 1)
 
 

@@ -55,7 +55,7 @@ def check_against_plain(data: bytes, chunks: list[bytes]) -> None:
 @given(troubled_streams(), st.lists(st.integers(0, 10_000), max_size=8))
 @settings(max_examples=250, deadline=None)
 @example(hello_and(*[sample(i) for i in range(5)], *[sample(i, 50_000 + i * 10_000) for i in range(20)]), [60])
-def test_agrees_with_a_plain_decoder_however_the_bytes_are_cut(data: bytes, places: list[int]) -> None:
+def test_agrees_with_a_plain_decoder_for_any_chunks(data: bytes, places: list[int]) -> None:
     """Vectorised and chunked equals one frame at a time: samples, flags, gaps, counters."""
     check_against_plain(data, cut(data, places))
 
@@ -84,7 +84,7 @@ def test_bulk_gives_the_same_samples_bit_for_bit(data: bytes, places: list[int])
 
 @given(troubled_streams(), st.integers(0, 10_000))
 @settings(max_examples=100, deadline=None)
-def test_a_link_made_from_a_decoders_state_goes_on_like_it(data: bytes, place: int) -> None:
+def test_link_continues_from_a_decoder_state(data: bytes, place: int) -> None:
     """A recording begun at any byte is derived again from its own bytes and the state kept with it."""
     place %= len(data) + 1
     link = Connection()
@@ -94,7 +94,7 @@ def test_a_link_made_from_a_decoders_state_goes_on_like_it(data: bytes, place: i
 
 
 @pytest.mark.fault(1, how="1e6 frames with 1 % of their bytes flipped or lost", times=1000000)
-def test_a_million_damaged_frames_give_no_wrong_sample() -> None:
+def test_million_damaged_frames_give_no_wrong_sample() -> None:
     """Flipped bits, lost bytes and lost heads in 1 % of the bytes: what is delivered was sent, and no other."""
     n, rng = 1_000_000, random.Random(1)
     frames = [stream(sample(index)) for index in range(2_000)]
@@ -127,7 +127,7 @@ def test_a_million_damaged_frames_give_no_wrong_sample() -> None:
     assert link.statistics.crc_errors + link.statistics.malformed > 0.1 * n
 
 
-def test_an_index_that_goes_back_for_good_is_a_restart_and_loses_nothing() -> None:
+def test_index_that_stays_back_is_a_restart_without_loss() -> None:
     """The clock runs on, the index begins again unannounced: after 16 in a row all are kept, behind a restart."""
     link = Connection()
     data = hello_and(*[sample(i) for i in range(50)], *[sample(i, 500_000 + i * 10_000) for i in range(20)])

@@ -33,8 +33,8 @@ def fields_of(message: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", list(vectors()))
-def test_the_files_are_what_their_maker_writes(name: str) -> None:
-    """Nobody edited a vector by hand."""
+def test_vectors_are_those_of_their_generator(name: str) -> None:
+    """No vector was edited manually."""
     assert load(name) == json.loads(json.dumps(vectors()[name]))
 
 
@@ -69,7 +69,7 @@ def test_cobs_cases_are_those_of_its_definition(case: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize("case", load("damaged.json"), ids=lambda case: case["name"])
-def test_damaged_bytes_are_counted_as_the_vectors_say(case: dict[str, Any]) -> None:
+def test_damaged_bytes_are_counted_as_in_the_vectors(case: dict[str, Any]) -> None:
     """Each kind of damage has one counter, and the good frames around it are found."""
     link = Connection()
     link.receive(stream(HELLO), 0)
@@ -82,7 +82,7 @@ def test_damaged_bytes_are_counted_as_the_vectors_say(case: dict[str, Any]) -> N
 
 
 def test_the_sessions_samples_gaps_and_counts() -> None:
-    """A gap, a repeat and a wrap of the clock come out as the vector says."""
+    """A gap, a repeat and a wrap of the clock are decoded as in the vector."""
     case, link = load("session.json"), Connection()
     events = link.receive(bytes.fromhex(case["wire"]), 0)
     rows = next(event.array for event in events if isinstance(event, Samples))

@@ -29,7 +29,7 @@ def test_the_residue_marks_a_body_with_its_own_checksum(data: bytes) -> None:
 
 
 @given(st.lists(FRAMES, max_size=20))
-def test_what_is_encoded_is_decoded(frames: list[Frame]) -> None:
+def test_frames_survive_encoding_and_decoding(frames: list[Frame]) -> None:
     """Any frames in a row come out as they went in, and each costs its body, two bytes and nothing more."""
     data = b"".join(encode_frame(frame.type, frame.seq, frame.payload) for frame in frames)
     reader = FrameReader()
@@ -39,7 +39,7 @@ def test_what_is_encoded_is_decoded(frames: list[Frame]) -> None:
 
 
 @pytest.mark.parametrize(("type_", "size"), [(256, 0), (-1, 0), (1, 195)])
-def test_what_no_frame_can_hold_is_refused(type_: int, size: int) -> None:
+def test_impossible_frame_is_refused(type_: int, size: int) -> None:
     """A type beyond a byte and a payload beyond 194 bytes are this side's fault."""
     with pytest.raises(LocalError, match="no frame can hold"):
         encode_frame(type_, 0, bytes(size))
@@ -71,7 +71,7 @@ def test_every_flipped_bit_is_found() -> None:
 
 @pytest.mark.fault(3, how="1 MB of random bytes, boot text, a run of NULs", times=1)
 def test_garbage_and_boot_text_hold_no_frame() -> None:
-    """1 MB of random bytes, text and a run of NULs are counted, hold no frame, and the first frame behind is found."""
+    """1 MB of random bytes, text and a run of NULs are counted and give no frame; the first frame after is found."""
     rng = random.Random(5)
     reader = FrameReader()
     text = b"Bootloader v1.2\r\nready\r\n"
@@ -96,7 +96,7 @@ def test_a_long_run_is_one_oversize_however_it_is_cut(length: int, chunk: int) -
 
 
 @given(st.lists(FRAMES, max_size=8), st.integers(1, 50))
-def test_ends_say_which_byte_completed_a_frame(frames: list[Frame], chunk: int) -> None:
+def test_ends_are_the_last_bytes_of_frames(frames: list[Frame], chunk: int) -> None:
     """The place given for each frame is that of its 00, in the chunk that brought it."""
     data = b"".join(b"\0" + encode_frame(frame.type, frame.seq, frame.payload) for frame in frames)
     reader = FrameReader()

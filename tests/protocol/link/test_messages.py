@@ -54,7 +54,7 @@ def frame_of(data: bytes) -> Frame:
 
 
 @given(COMMANDS, U8)
-def test_a_command_survives_the_way_to_the_board(command: Any, seq: int) -> None:
+def test_commands_survive_encoding_and_decoding(command: Any, seq: int) -> None:
     """Encode and decode are each other's inverse for every command."""
     frame = frame_of(encode_command(command, seq))
     assert decode_command(frame) == command
@@ -63,8 +63,8 @@ def test_a_command_survives_the_way_to_the_board(command: Any, seq: int) -> None
 
 
 @given(st.one_of(HELLOS, st.builds(Ack, U8, U8, U8), st.builds(BoardEvent, U32, U8, I32)))
-def test_a_message_survives_the_way_to_the_host(message: Any) -> None:
-    """Encode and decode are each other's inverse, codes nobody knows included; a longer payload is a newer version."""
+def test_messages_survive_encoding_and_decoding(message: Any) -> None:
+    """Encode and decode are inverse, also for unknown codes; a longer payload is a newer version."""
     frame = frame_of(encode_message(message, 3))
     assert decode_message(frame, 2) == message
     assert decode_message(Frame(frame.type, 3, frame.payload + b"newer"), 2) == message
@@ -83,8 +83,8 @@ def test_a_sample_survives_for_one_to_four_sensors(n, index, time_us, pressure_p
 @pytest.mark.parametrize(
     "message", [HELLO, Sample(0, 0, 0, 0, 0, (1, 2), (3, 4)), Ack(1, 2, 3), BoardEvent(1, EventCode.BOOTED, 0)]
 )
-def test_a_payload_too_short_is_the_boards_fault(message: Any) -> None:
-    """One byte less than the page says is malformed, for every message."""
+def test_short_payload_is_a_remote_error(message: Any) -> None:
+    """One byte less than specified is malformed, for every message."""
     frame = frame_of(encode_message(message, 0))
     with pytest.raises(RemoteError, match="only"):
         decode_message(Frame(frame.type, 0, frame.payload[:-1]), 2)
@@ -94,13 +94,13 @@ def test_a_payload_too_short_is_the_boards_fault(message: Any) -> None:
     "command", [Start(100), SetPressure(1, 2), Heartbeat(500), SetLimits(-1, 1)], ids=lambda c: type(c).__name__
 )
 def test_a_command_too_short_is_answered_with_wrong_length(command: Any) -> None:
-    """The board's half says which status refuses it."""
+    """The board's half returns the status that refuses it."""
     frame = frame_of(encode_command(command, 0))
     assert decode_command(Frame(frame.type, 0, frame.payload[:-1])) is AckStatus.WRONG_LENGTH
 
 
 @pytest.mark.parametrize("type_", [0x00, 0x02, 0x80, 0x89, 0xFF])
-def test_a_type_nobody_knows_is_no_error(type_: int) -> None:
+def test_unknown_type_is_not_an_error(type_: int) -> None:
     """The host passes over it, the board answers "unknown command"; a board's own type is no command either."""
     assert decode_command(Frame(type_, 0, b"")) is AckStatus.UNKNOWN_COMMAND
     if type_ != 0x02:
@@ -117,8 +117,8 @@ def test_known_codes_have_their_names() -> None:
     assert newer.code == 99
 
 
-def test_a_hello_of_another_version_is_read_no_further_than_its_version() -> None:
-    """Version 2 may have any layout: one byte is enough, and nothing behind it is believed."""
+def test_hello_of_another_version_has_only_its_version() -> None:
+    """Version 2 may have any layout: one byte is enough, and the others are ignored."""
     hello = decode_message(Frame(1, 0, b"\x02"), 2)
     assert isinstance(hello, Hello)
     assert (hello.protocol, hello.n_sensors) == (2, 0)
@@ -149,7 +149,7 @@ def test_an_identity_that_is_not_ascii_is_shown_escaped() -> None:
     "command",
     [Start(70_000), SetPressure(2**31, 0), SetPressure(0, -1), Heartbeat(-1), SetPressure(1.5, 0)],  # type: ignore[arg-type]
 )
-def test_a_value_that_its_field_cannot_hold_is_this_sides_fault(command: Any) -> None:
+def test_value_that_its_field_cannot_hold_is_a_local_error(command: Any) -> None:
     """Nothing is cut to fit: a pressure that does not fit must never become another pressure."""
     with pytest.raises(LocalError, match="cannot carry"):
         encode_command(command, 0)

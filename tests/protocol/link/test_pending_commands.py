@@ -57,7 +57,7 @@ def in_turn() -> Desk:
 
 
 @pytest.mark.fault(17, how="no answer to a command", times=1)
-def test_a_silent_board_hears_a_command_three_times_with_one_seq(desk: Desk) -> None:
+def test_unanswered_command_is_sent_three_times_with_one_seq(desk: Desk) -> None:
     """At 0, 250 and 500 ms; lost at 750 ms, and nothing after that."""
     seq = desk.send(Vent(), 0)
     assert desk.poll(249) == ([], [])
@@ -71,7 +71,7 @@ def test_a_silent_board_hears_a_command_three_times_with_one_seq(desk: Desk) -> 
     assert desk.link.statistics.resent == 2
 
 
-def test_a_host_that_slept_repeats_before_it_despairs(desk: Desk) -> None:
+def test_host_that_slept_repeats_before_giving_up(desk: Desk) -> None:
     """After a stall of five seconds a command is repeated once and waited for, not given up three times over."""
     seq = desk.send(Vent(), 0)
     assert desk.poll(5000) == ([], [(Vent(), seq)])
@@ -80,7 +80,7 @@ def test_a_host_that_slept_repeats_before_it_despairs(desk: Desk) -> None:
 
 
 @pytest.mark.parametrize("in_turn", [False, True])
-def test_a_stall_of_this_program_is_not_the_boards_silence(*, in_turn: bool) -> None:
+def test_stall_of_the_program_is_not_a_silent_board(*, in_turn: bool) -> None:
     """Late to the last deadline by more than 100 ms: the answer, which may wait in the port, gets a window more."""
     desk = Desk(in_turn=in_turn)
     seq = desk.send(Heartbeat(5000), 0)
@@ -94,7 +94,7 @@ def test_a_stall_of_this_program_is_not_the_boards_silence(*, in_turn: bool) -> 
 
 
 @pytest.mark.parametrize(("late_ms", "lost"), [(100, True), (101, False)])
-def test_both_sides_of_late(desk: Desk, late_ms: int, *, lost: bool) -> None:
+def test_boundary_of_a_late_caller(desk: Desk, late_ms: int, *, lost: bool) -> None:
     """A read waits 50 ms; a turn of twice that is a stall."""
     desk.send(Heartbeat(5000), 0)
     desk.poll(250)
@@ -103,14 +103,14 @@ def test_both_sides_of_late(desk: Desk, late_ms: int, *, lost: bool) -> None:
     assert bool(desk.poll(1000 + late_ms)[0]) is not lost
 
 
-def test_a_program_that_stalls_for_ever_still_despairs(desk: Desk) -> None:
+def test_program_that_keeps_stalling_still_gives_up(desk: Desk) -> None:
     """Three windows more, and no fourth."""
     seq = desk.send(Heartbeat(5000), 0)
     events = [desk.poll(at_ms)[0] for at_ms in range(1000, 9000, 1000)]
     assert events == [[], [], [], [], [], [CommandLost(Heartbeat(5000), seq)], [], []]
 
 
-def test_nothing_is_given_up_before_what_has_come_by_its_deadline_is_read(desk: Desk) -> None:
+def test_nothing_is_given_up_before_the_backlog_is_read(desk: Desk) -> None:
     """The read began at 749 ms and was stalled behind it: bytes of 750 ms may wait in the port."""
     seq = desk.send(Heartbeat(5000), 0)
     desk.poll(250)
@@ -120,16 +120,16 @@ def test_nothing_is_given_up_before_what_has_come_by_its_deadline_is_read(desk: 
 
 
 @pytest.mark.parametrize("status", [*AckStatus, 99])
-def test_every_answer_ends_the_waiting_and_carries_its_status(desk: Desk, status: int) -> None:
-    """Refused is not done: the status is handed on, one nobody knows too."""
+def test_every_answer_completes_its_command_with_its_status(desk: Desk, status: int) -> None:
+    """The status of a refusal is passed on, also an unknown one."""
     seq = desk.send(SetPressure(50_000, 0), 0)
     (event,) = desk.answer(MessageType.SET_PRESSURE, seq, 10, status)
     assert event == CommandDone(SetPressure(50_000, 0), seq, status)
     assert desk.poll(10_000) == ([], [])
 
 
-def test_an_answer_to_nothing_is_counted_and_changes_nothing(desk: Desk) -> None:
-    """Wrong seq, wrong type, repeated or late: none of them ends a command."""
+def test_answer_without_a_command_is_only_counted(desk: Desk) -> None:
+    """An answer with a wrong seq or type, repeated or late, does not complete a command."""
     seq = desk.send(Vent(), 0)
     assert desk.answer(MessageType.VENT, seq + 1, 1) == []
     assert desk.answer(MessageType.STOP, seq, 2) == []
@@ -138,8 +138,8 @@ def test_an_answer_to_nothing_is_counted_and_changes_nothing(desk: Desk) -> None
     assert desk.link.statistics.late_answers == 3
 
 
-def test_vent_goes_out_at_once_whatever_waits(desk: Desk) -> None:
-    """With 50 commands in flight and none answered, VENT is on the wire when it is asked for."""
+def test_vent_is_sent_at_once(desk: Desk) -> None:
+    """With 50 commands pending and none answered, VENT is sent at once."""
     for timeout_ms in range(100, 150):
         desk.send(Heartbeat(timeout_ms), 0)
     desk.send(Vent(), 0)
@@ -147,8 +147,8 @@ def test_vent_goes_out_at_once_whatever_waits(desk: Desk) -> None:
     assert [command for command, _ in again] == [Heartbeat(149), Vent()]
 
 
-def test_vent_waits_for_no_turn(in_turn: Desk) -> None:
-    """A command in flight and fifty that wait: VENT is on the wire when it is asked for, and repeated alone."""
+def test_vent_does_not_wait_in_turn(in_turn: Desk) -> None:
+    """With one command pending and fifty queued, VENT is sent at once, and only VENT is repeated."""
     asked, then = SetLimits(-1, 1), [Heartbeat(500), Stop()]
     limits = in_turn.send(asked, 0)
     assert all(in_turn.link.send(command, 0) == b"" for command in then)
@@ -161,7 +161,7 @@ def test_vent_waits_for_no_turn(in_turn: Desk) -> None:
 
 
 @pytest.mark.parametrize("command", [Start(100), SetPressure(5, 0), SetLimits(-1, 1), Heartbeat(500), ClearFault()])
-def test_nothing_stands_between_a_command_and_its_repeats(in_turn: Desk, command: Command) -> None:
+def test_nothing_is_sent_between_a_command_and_its_repeats(in_turn: Desk, command: Command) -> None:
     """A board may remember one type and seq only: a heartbeat before the repeat would have it act twice."""
     seq = in_turn.send(command, 0)
     other = Heartbeat(500) if isinstance(command, Start) else Start(9)
@@ -175,16 +175,16 @@ def test_nothing_stands_between_a_command_and_its_repeats(in_turn: Desk, command
 
 
 @pytest.mark.parametrize("command", [Start(100), ClearFault()])
-def test_what_must_not_be_done_twice_is_not_repeated_behind_a_vent(in_turn: Desk, command: Command) -> None:
-    """START again would begin the stream anew; it is given up, and said so, where no answer comes."""
+def test_start_and_clear_fault_are_not_repeated_after_a_vent(in_turn: Desk, command: Command) -> None:
+    """A repeated START would restart the stream; without an answer it is reported as lost."""
     seq = in_turn.send(command, 0)
     in_turn.answer(MessageType.VENT, in_turn.send(Vent(), 10), 20)
     assert in_turn.poll(749) == ([], [])
     assert in_turn.poll(750) == ([CommandLost(command, seq)], [])
 
 
-def test_a_pressure_that_waited_for_its_turn_never_follows_a_vent(in_turn: Desk) -> None:
-    """Asked for before the VENT, not yet sent: dropped."""
+def test_queued_pressure_never_follows_a_vent(in_turn: Desk) -> None:
+    """Queued before the VENT and not yet sent: dropped."""
     first = in_turn.send(Heartbeat(500), 0)
     assert in_turn.link.send(SetPressure(50_000, 0), 0) == b""
     vent = in_turn.send(Vent(), 5)
@@ -203,7 +203,7 @@ def test_a_fast_boards_watchdog_is_fed_with_the_repeat_itself(in_turn: Desk) -> 
     assert in_turn.poll(250) == ([], [(SetPressure(50_000, 0), seq)])
 
 
-def test_no_pressure_is_asked_for_again_after_vent(desk: Desk) -> None:
+def test_no_pressure_is_repeated_after_vent(desk: Desk) -> None:
     """A SET_PRESSURE whose answer was lost is not repeated behind a VENT: it would pressurise a vented rig."""
     first = desk.send(SetPressure(50_000, 0), 0)
     vent = desk.send(Vent(), 100)
@@ -218,7 +218,7 @@ def test_no_pressure_is_asked_for_again_after_vent(desk: Desk) -> None:
     [(SetPressure(1, 0), SetPressure(2, 0)), (Heartbeat(500), Heartbeat(0)), (SetLimits(-1, 1), SetLimits(-2, 2)),
      (Start(10), Stop()), (Stop(), Start(10))],
 )  # fmt: skip
-def test_a_repetition_never_undoes_what_was_asked_later(desk: Desk, older: Command, newer: Command) -> None:
+def test_repetition_never_undoes_a_later_command(desk: Desk, older: Command, newer: Command) -> None:
     """Only the newer of two that contradict each other goes out again."""
     desk.send(older, 0)
     seq = desk.send(newer, 10)
@@ -233,8 +233,8 @@ def test_a_superseded_command_still_gets_its_answer(desk: Desk) -> None:
     assert event == CommandDone(SetPressure(99_000, 0), seq, AckStatus.OUT_OF_LIMITS)
 
 
-def test_a_dead_link_is_seen_though_every_command_is_superseded(desk: Desk) -> None:
-    """A ramp that sends a new target every 100 ms learns after 750 ms that nobody listens."""
+def test_dead_link_is_detected_though_every_command_is_superseded(desk: Desk) -> None:
+    """A ramp with a new target every 100 ms is lost after 750 ms without an answer."""
     lost: list[LinkEvent] = []
     for step in range(8):
         desk.send(SetPressure(step, 0), 100 * step)
@@ -249,15 +249,15 @@ def test_seq_counts_modulo_256_and_a_repeat_keeps_its_own(desk: Desk) -> None:
 
 
 def test_a_hello_answers_identify(desk: Desk) -> None:
-    """HELLO first, then the command that asked for it, with no status."""
+    """HELLO is first, then its IDENTIFY, without a status."""
     seq = desk.send(Identify(), 0)
     desk.poll(250)
     assert desk.link.receive(stream(HELLO), 300 * MS) == [HelloReceived(HELLO), CommandDone(Identify(), seq, None)]
     assert desk.link.hello == HELLO
 
 
-def test_the_answer_to_a_repeated_identify_is_no_restart(desk: Desk) -> None:
-    """Two IDENTIFYs went out, two HELLOs come back, with a sample between them: nobody restarted."""
+def test_answer_to_a_repeated_identify_is_not_a_restart(desk: Desk) -> None:
+    """Two IDENTIFYs are answered by two HELLOs with a sample between them: not a restart."""
     desk.send(Identify(), 0)
     desk.poll(250)
     events = desk.link.receive(stream(HELLO, sample(0), HELLO), 300 * MS)
@@ -265,8 +265,8 @@ def test_the_answer_to_a_repeated_identify_is_no_restart(desk: Desk) -> None:
     assert not any(isinstance(event, BoardRestarted) for event in events)
 
 
-def test_a_board_that_resets_as_its_port_is_opened_is_no_restart(desk: Desk) -> None:
-    """The HELLO of its boot and the one asked for: nothing was set on the board, so nothing is lost."""
+def test_reset_on_opening_the_port_is_not_a_restart(desk: Desk) -> None:
+    """The HELLO of the boot and the requested one: the board had no state to lose."""
     desk.send(Identify(), 0)
     events = desk.link.receive(stream(HELLO, BOOTED, HELLO), 10 * MS)
     assert not any(isinstance(event, BoardRestarted) for event in events)
@@ -274,8 +274,8 @@ def test_a_board_that_resets_as_its_port_is_opened_is_no_restart(desk: Desk) -> 
 
 @pytest.mark.fault(10, how="HELLO, event or both in a session, with commands unanswered", times=4)
 @pytest.mark.parametrize("boot", [(HELLO,), (BOOTED,), (HELLO, BOOTED), (BOOTED, HELLO)])
-def test_a_restart_is_said_once_and_gives_up_what_the_board_forgot(desk: Desk, boot: tuple) -> None:
-    """An unasked HELLO or a "booted" in a session: pressure is never asked for again, VENT is."""
+def test_restart_is_reported_once_and_gives_up_forgotten_commands(desk: Desk, boot: tuple) -> None:
+    """After an unrequested HELLO or a "booted" pressure is never repeated, VENT is."""
     desk.send(Identify(), 0)
     desk.link.receive(stream(HELLO, START_DONE, sample(0)), 10 * MS)
     pressure, vent = desk.send(SetPressure(1, 0), 20), desk.send(Vent(), 20)
@@ -286,8 +286,8 @@ def test_a_restart_is_said_once_and_gives_up_what_the_board_forgot(desk: Desk, b
     assert desk.poll(270) == ([], [(Vent(), vent)])
 
 
-def test_a_late_identify_answer_is_not_awaited_for_ever(desk: Desk) -> None:
-    """An IDENTIFY lost on the way leaves no HELLO owed once a later command was answered: a reboot is a reboot."""
+def test_late_identify_answer_is_not_awaited_forever(desk: Desk) -> None:
+    """After a lost IDENTIFY, an answer to a later command means that no HELLO is pending: the next one is a reboot."""
     desk.send(Identify(), 0)
     desk.poll(250)
     desk.link.receive(stream(HELLO), 260 * MS)
@@ -312,8 +312,8 @@ def test_another_protocol_version_is_named_and_gets_no_start(desk: Desk) -> None
     assert desk.link.statistics.unknown == 1
 
 
-def test_what_waits_as_another_version_shows_itself_is_never_sent(in_turn: Desk) -> None:
-    """START was asked for before the HELLO that forbids it."""
+def test_queued_command_is_never_sent_to_another_version(in_turn: Desk) -> None:
+    """START was queued before the HELLO of another version."""
     in_turn.send(Identify(), 0)
     assert in_turn.link.send(Start(100), 0) == b""
     values = {field: getattr(HELLO, field) for field in Hello.__dataclass_fields__}
@@ -321,7 +321,7 @@ def test_what_waits_as_another_version_shows_itself_is_never_sent(in_turn: Desk)
     assert in_turn.poll(10_000) == ([], [])
 
 
-def test_a_value_that_does_not_fit_is_refused_and_uses_no_seq(desk: Desk) -> None:
+def test_value_that_does_not_fit_is_refused_without_a_seq(desk: Desk) -> None:
     """What cannot be sent leaves no trace in the numbering."""
     with pytest.raises(LocalError):
         desk.link.send(Start(70_000), 0)

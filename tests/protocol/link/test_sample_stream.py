@@ -1,4 +1,4 @@
-"""Loss, order, time and flags of samples, told in bytes through a connection."""
+"""Loss, order, time and flags of samples, from bytes through a connection."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def gaps_of(events: list[LinkEvent]) -> list[SampleGap]:
 @pytest.mark.parametrize("lost", [1, 7, 255, 256, 70_000])
 @pytest.mark.parametrize("before", [3, 2**32 - 3])
 def test_a_gap_is_counted_exactly(lost: int, before: int) -> None:
-    """The event, the counter and the flag say the same number, across the wrap of the index too."""
+    """Event, counter and flag agree, also across the wrap of the index."""
     link = Connection()
     events = link.receive(stream(HELLO, sample(before), sample(before + 1 + lost), sample(before + 2 + lost)), 0)
     (gap,) = gaps_of(events)
@@ -40,7 +40,7 @@ def test_a_gap_is_counted_exactly(lost: int, before: int) -> None:
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=300), st.integers(0, 2**32 - 1))
-def test_what_is_lost_and_what_came_add_up(came: list[bool], first: int) -> None:
+def test_lost_and_received_samples_add_up(came: list[bool], first: int) -> None:
     """Any pattern of loss: samples + lost = what was sent between the first and the last that came."""
     sent = [sample(first + n, n * 10_000) for n in range(len(came))]
     delivered = [n for n, here in enumerate(came) if here]
@@ -51,14 +51,14 @@ def test_what_is_lost_and_what_came_add_up(came: list[bool], first: int) -> None
     assert statistics.samples + statistics.lost == (delivered[-1] - delivered[0] + 1 if delivered else 0)
 
 
-def test_loss_before_the_first_sample_of_our_stream_counts() -> None:
+def test_loss_before_the_first_sample_of_a_started_stream_counts() -> None:
     """The index begins at 0 at START: a first sample 5 means five lost."""
     events = Connection().receive(hello_and(sample(5)), 0)
     assert [gap.lost for gap in gaps_of(events)] == [5]
 
 
-def test_a_stream_found_running_is_adopted_without_claims() -> None:
-    """Nobody knows what came before: no loss, until an answer to START shows that the stream was ours."""
+def test_stream_found_running_is_adopted_without_loss() -> None:
+    """The samples before are unknown: no loss, until an answer to START shows that this link began the stream."""
     link = Connection()
     assert gaps_of(link.receive(stream(HELLO, sample(40), sample(41)), 0)) == []
     assert [gap.lost for gap in gaps_of(link.receive(stream(START_DONE, sample(42)), 0))] == [40]
@@ -76,7 +76,7 @@ def test_a_second_start_begins_at_zero_without_loss() -> None:
 
 
 def test_a_repeated_answer_to_start_changes_nothing() -> None:
-    """The first answer was late, its repeat comes amid samples: the stream goes on."""
+    """The first answer was late and its repeat arrives between samples: the stream continues."""
     link = Connection()
     events = link.receive(hello_and(sample(0), sample(1)) + stream(START_DONE, sample(2)), 0)
     assert gaps_of(events) == []
@@ -117,7 +117,7 @@ def test_repeated_and_reordered_samples_are_dropped_and_counted() -> None:
 
 
 @pytest.mark.fault(6, how="a hundred samples sent twice in one piece", times=1)
-def test_a_replayed_stretch_is_no_restart() -> None:
+def test_repeated_stretch_is_not_a_restart() -> None:
     """A hundred samples sent twice in one piece: their clock is old, so they are repeats."""
     link = Connection()
     data = [sample(n) for n in range(100)]
@@ -127,8 +127,8 @@ def test_a_replayed_stretch_is_no_restart() -> None:
     assert not any(isinstance(event, BoardRestarted) for event in events)
 
 
-def test_an_index_that_was_never_true_costs_no_sample_behind_it() -> None:
-    """A wild index with a good checksum: the samples after it are held, and all delivered behind a restart."""
+def test_false_index_costs_no_later_sample() -> None:
+    """After a false index with a good checksum the samples are held, and all delivered after a restart."""
     link = Connection()
     after = [sample(n) for n in range(10, 40)]
     events = link.receive(hello_and(*[sample(n) for n in range(9)], sample(3_000_000_00, 90_000), *after), 0)
@@ -139,7 +139,7 @@ def test_an_index_that_was_never_true_costs_no_sample_behind_it() -> None:
 @pytest.mark.fault(7, how="the 32-bit clock wraps once, and three times", times=2)
 @pytest.mark.parametrize("wraps", [1, 3])
 def test_the_clock_is_unwrapped(wraps: int) -> None:
-    """71.6 minutes and more: time goes on evenly over each wrap of the board's 32 bits."""
+    """71.6 minutes and more: time continues evenly over each wrap of the board's 32 bits."""
     period = 400_000_000  # 400 s
     n = wraps * 2**32 // period + 3
     events = Connection().receive(hello_and(*[sample(k, k * period) for k in range(n)]), 0)
@@ -148,7 +148,7 @@ def test_the_clock_is_unwrapped(wraps: int) -> None:
 
 @pytest.mark.fault(7, how="nine hours lost, with two wraps in them", times=1)
 def test_a_gap_in_which_the_clock_wrapped_twice_keeps_its_length() -> None:
-    """Nine hours lost at 10 Hz: the index says how many wraps of the clock were in them."""
+    """Nine hours lost at 10 Hz: the index gives the number of wraps of the clock."""
     lost = 9 * 3600 * 10
     first = [sample(n, n * 100_000) for n in range(3)]
     events = Connection().receive(hello_and(*first, sample(3 + lost, (3 + lost) * 100_000)), 0)
@@ -156,7 +156,7 @@ def test_a_gap_in_which_the_clock_wrapped_twice_keeps_its_length() -> None:
 
 
 def test_a_clock_that_runs_backward_is_kept_and_flagged() -> None:
-    """The board's word stands, but no figure is made of it."""
+    """The sample is kept as sent, and left out of every figure."""
     events = Connection().receive(hello_and(sample(0, 50_000), sample(1, 40_000), sample(2, 60_000)), 0)
     rows = rows_of(events)
     assert rows["time_us"].tolist() == [50_000, 40_000, 60_000]
@@ -189,7 +189,7 @@ ABSURD = [
 
 @pytest.mark.fault(4, how="good frames with absurd values, both sides of each border", times=10)
 @pytest.mark.parametrize(("change", "flagged"), ABSURD)
-def test_absurd_values_are_kept_and_flagged(change: dict, flagged: bool) -> None:
+def test_impossible_values_are_kept_and_flagged(change: dict, flagged: bool) -> None:
     """A good checksum does not make 5 MPa, 65535 counts of 12 bits or light that darkens true; nothing is altered."""
     plain = sample(0)
     message = Sample(
@@ -204,7 +204,7 @@ def test_absurd_values_are_kept_and_flagged(change: dict, flagged: bool) -> None
     )
 
 
-def test_a_signal_that_is_no_number_is_flagged() -> None:
+def test_signal_nan_is_flagged() -> None:
     """NaN from a text profile, in the pressure or any sensor."""
     rows = np.zeros(4, sample_dtype(2, "signal"))
     rows["pressure_pa"][1] = np.nan
@@ -214,7 +214,7 @@ def test_a_signal_that_is_no_number_is_flagged() -> None:
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_one_to_four_sensors(n: int) -> None:
-    """HELLO says how many; each reading is in its place, and a payload longer than needed gives the same."""
+    """With the number from HELLO each reading is in its place; a longer payload gives the same."""
     values = {field: getattr(HELLO, field) for field in Hello.__dataclass_fields__}
     lit, dark = tuple(range(1001, 1001 + n)), tuple(range(1, 1 + n))
     message = Sample(0, 0, -123, 1, 4, lit, dark)
@@ -237,14 +237,14 @@ def test_samples_longer_than_known_and_shorter_than_needed() -> None:
 
 
 def test_samples_before_a_hello_are_counted_as_unknown() -> None:
-    """How many sensors they carry is not known: they are not guessed at."""
+    """Their number of sensors is unknown and is not guessed."""
     link = Connection()
     assert link.receive(stream(sample(0), sample(1)), 0) == []
     assert link.statistics.unknown == 2
 
 
 def test_samples_come_as_one_block_split_only_by_other_messages() -> None:
-    """Order is kept: what stands between two samples stands between their blocks, and blocks cannot be changed."""
+    """Order is kept: a message between two samples is between their blocks, and blocks are read-only."""
     event = BoardEvent(15_000, 5, 0)
     events = Connection().receive(hello_and(sample(0), sample(1), event, sample(2)), 0)
     assert [type(e).__name__ for e in events] == ["HelloReceived", "Samples", "BoardEventReceived", "Samples"]

@@ -28,7 +28,7 @@ from protocol.recording import (
 
 @given(st.integers(1, 4), st.sampled_from(["counts", "signal"]))
 def test_a_sample_type_survives_its_description(n_sensors, kind):
-    """What stands in the file gives the same packed little-endian record back, through JSON."""
+    """The stored description gives the same packed little-endian record back, through JSON."""
     dtype = sample_dtype(n_sensors, kind)
     again = dtype_from_description(json.loads(json.dumps(describe_dtype(dtype))))
     assert again == dtype
@@ -39,7 +39,7 @@ def test_a_sample_type_survives_its_description(n_sensors, kind):
 @pytest.mark.parametrize(
     "row", [["x", "|O", []], ["x", "<U4", []], ["x", "<f8", [0]], ["x", "<f8", [65]], ["x", "|V8", []]]
 )
-def test_objects_and_texts_are_no_samples(row):
+def test_objects_and_texts_are_refused_as_samples(row):
     """A description can ask for plain numbers and nothing else."""
     with pytest.raises(ValueError, match="unusable"):
         dtype_from_description([row])
@@ -96,7 +96,7 @@ def test_a_newer_recording_with_more_in_it_opens(path):
         (["PRAGMA application_id=7"], "another program"),
     ],
 )
-def test_what_is_not_ours_is_refused_before_it_is_read(path, statements, says):
+def test_foreign_schema_is_refused_before_it_is_read(path, statements, says):
     """Views, triggers and virtual tables run code of the file's maker; a missing table is no recording."""
     change(path, *statements)
     with pytest.raises(RecordingError, match=says):
@@ -113,7 +113,7 @@ def test_a_giant_value_is_not_read(path, size, why):
 
 
 @pytest.mark.parametrize("value", ["not json", "[" * 100_000, ""])
-def test_a_description_that_is_no_json_is_said_to_be_unreadable(path, value):
+def test_description_that_is_not_json_is_refused(path, value):
     """No traceback from a hand-edited file."""
     change(path, f"UPDATE session SET value = '{value}' WHERE key = 'note'")
     db = open_recording(path)
@@ -132,7 +132,7 @@ def test_a_missing_key_is_named(path):
 
 
 @given(st.binary(max_size=300))
-def test_no_bytes_crash_the_door(tmp_path_factory, content):
+def test_arbitrary_bytes_are_refused(tmp_path_factory, content):
     """Any file is either a recording or an error of ours."""
     path = tmp_path_factory.getbasetemp() / "any.boat"
     for head in (b"", b"SQLite format 3\0"):
@@ -142,7 +142,7 @@ def test_no_bytes_crash_the_door(tmp_path_factory, content):
 
 
 def test_the_state_and_flag_bytes_fit_the_record():
-    """The host's flags stand above the board's byte, and fit the record's field."""
+    """The host's flags are above the board's byte, and fit the record's field."""
     dtype = sample_dtype(2)
     assert dtype["flags"] == np.dtype("<u2")
     assert dtype["state"] == np.dtype("u1")

@@ -23,7 +23,7 @@ def readings(**faults: float) -> tuple[np.ndarray, np.ndarray]:
     return counts, (lit - dark) * LSB_MV
 
 
-def test_noise_is_the_units_figure():
+def test_noise_is_the_specimens_figure():
     """rms of the signal, quantisation included, is 1.49 and 1.04 mV within 2 %, and the mean is true."""
     _, signal = readings()
     assert signal.std(axis=0) == pytest.approx([s.noise_mv for s in SENSORS], rel=0.02)
@@ -64,7 +64,7 @@ def test_saturation_disagreement_freezing():
 @settings(max_examples=40)
 @given(st.integers(0, 5000), st.lists(st.integers(1, 3000), min_size=1, max_size=4))
 def test_noise_belongs_to_the_number(first, lengths):
-    """The noise of a sample is the same in whatever slices, and in whatever order, it is asked for."""
+    """The noise of a sample is the same for any slices and any order of calls."""
     whole = SampleNoise(3, 1, 2).rows(first, sum(lengths))
     source, start, parts = SampleNoise(3, 1, 2), first, []
     for length in lengths:

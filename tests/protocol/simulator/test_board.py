@@ -38,9 +38,9 @@ from tests.protocol.simulator.board_host import BoardHost
 DONE = AckStatus.DONE
 
 
-def test_boot_says_hello_and_why():
-    """At power-on HELLO comes, its identity says SIMULATED, then EVENT 1."""
-    hello, event = BoardHost().said
+def test_boot_sends_hello_and_its_reason():
+    """At power-on a HELLO with a simulated identity is sent, then EVENT 1."""
+    hello, event = BoardHost().received
     assert isinstance(hello, Hello)
     assert (hello.protocol, hello.n_sensors, hello.adc_bits, hello.vref_mv) == (1, 2, 12, 3300)
     assert (hello.pressure_min_pa, hello.pressure_max_pa) == HARD_LIMITS_PA
@@ -49,7 +49,7 @@ def test_boot_says_hello_and_why():
 
 
 @pytest.mark.parametrize("unit", ["SA1", "SA2", "SA3", "SA1-falling", "SA2-falling", "SA3-falling"])
-def test_every_identity_fits_and_says_simulated(unit):
+def test_every_identity_fits_and_is_simulated(unit):
     """16 ASCII characters hold each unit's identity, and no two are the same."""
     host = BoardHost(unit=unit)
     (hello,) = host.send(Identify())
@@ -63,11 +63,11 @@ def test_samples_flow_from_start_to_stop(rate_hz):
     host = BoardHost()
     host.wait(0.123457)
     for _ in range(2):
-        host.said.clear()
-        assert host.ask(Start(rate_hz)) == DONE
+        host.received.clear()
+        assert host.status_of(Start(rate_hz)) == DONE
         host.wait(1.0)
         host.wait(0.5)
-        assert host.ask(Stop()) == DONE
+        assert host.status_of(Stop()) == DONE
         host.wait(1.0)
         samples = host.samples
         index = [sample.index for sample in samples]
@@ -101,7 +101,7 @@ def test_samples_flow_from_start_to_stop(rate_hz):
 )
 def test_answer_of_a_fresh_board(command, status):
     """Each command gets the status of the contract's table."""
-    assert BoardHost().ask(command) == status
+    assert BoardHost().status_of(command) == status
 
 
 def test_unknown_short_and_long_commands():
@@ -118,7 +118,7 @@ def test_unknown_short_and_long_commands():
     assert not [m for m in host.wait(0.0) if isinstance(m, Ack)]
 
 
-def test_damaged_commands_are_not_obeyed():
+def test_damaged_commands_are_not_executed():
     """Any one flipped bit of a command is a command that never came."""
     frame = bytearray(encode_command(SetPressure(10_000, 0), 7))
     for place, bit in itertools.product(range(len(frame) - 1), range(8)):
@@ -130,7 +130,7 @@ def test_damaged_commands_are_not_obeyed():
         assert board.advance(0) == b""
 
 
-def test_repeated_command_is_answered_and_not_obeyed_again():
+def test_repeated_command_is_answered_and_not_executed_again():
     """The same type and seq twice running: the same answer, no second START; another seq starts anew."""
     host = BoardHost()
     host.send(Start(100), seq=5)
@@ -142,14 +142,14 @@ def test_repeated_command_is_answered_and_not_obeyed_again():
     assert host.wait(0.05)[0].index <= 1
 
 
-def test_states_on_the_way():
+def test_states_during_a_ramp():
     """IDLE until commanded, RAMPING, HOLDING within tolerance, RAMPING again, VENTED."""
     host = BoardHost()
-    host.ask(Start(100))
+    host.status_of(Start(100))
     host.wait(0.5)
     host.go_to(30.0)
     host.go_to(-20.0)
-    host.ask(Vent())
+    host.status_of(Vent())
     host.wait(1.0)
     states = [state for state, _ in itertools.groupby(sample.state for sample in host.samples)]
     expected = ["IDLE", "RAMPING", "HOLDING", "RAMPING", "HOLDING", "VENTED"]
@@ -162,11 +162,11 @@ def test_states_on_the_way():
 def test_lost_heartbeat_vents_and_latches():
     """Armed and unfed the board vents, is in FAULT, sends EVENT 4 with the ms; only CLEAR_FAULT ends it."""
     host = BoardHost()
-    host.ask(Start(100))
-    assert host.ask(Heartbeat(500)) == DONE
+    host.status_of(Start(100))
+    assert host.status_of(Heartbeat(500)) == DONE
     host.go_to(40.0, seconds=0.4)
     for _ in range(10):
-        host.ask(Heartbeat(500))
+        host.status_of(Heartbeat(500))
         host.wait(0.4)
     assert host.codes == []
     assert host.board.pressure_kpa > 35.0
@@ -176,12 +176,12 @@ def test_lost_heartbeat_vents_and_latches():
     assert (event.code, event.value) == (EventCode.HEARTBEAT_LOST, pytest.approx(500, abs=10))
     assert abs(host.board.pressure_kpa) < 0.1
     assert host.samples[-1].state == BoardState.FAULT
-    assert host.ask(SetPressure(0, 0)) == AckStatus.FAULT_LATCHED
-    assert host.ask(Heartbeat(0)) == AckStatus.NOT_IN_THIS_STATE
-    assert host.ask(Vent()) == DONE
+    assert host.status_of(SetPressure(0, 0)) == AckStatus.FAULT_LATCHED
+    assert host.status_of(Heartbeat(0)) == AckStatus.NOT_IN_THIS_STATE
+    assert host.status_of(Vent()) == DONE
     host.wait(0.1)
     assert host.samples[-1].state == BoardState.FAULT
-    assert host.ask(ClearFault()) == DONE
+    assert host.status_of(ClearFault()) == DONE
     host.wait(0.1)
     assert host.samples[-1].state == BoardState.VENTED
 
@@ -189,7 +189,7 @@ def test_lost_heartbeat_vents_and_latches():
 def test_any_good_frame_feeds_the_watchdog():
     """IDENTIFY, and even an unknown command, keeps it quiet; damaged bytes do not."""
     host = BoardHost()
-    host.ask(Heartbeat(300))
+    host.status_of(Heartbeat(300))
     for seq in range(10):
         host.board.receive(encode_frame(0xC7, seq))
         host.wait(0.25)
@@ -203,11 +203,11 @@ def test_any_good_frame_feeds_the_watchdog():
 def test_watchdog_is_disarmed_only_at_rest():
     """HEARTBEAT 0 is refused under pressure, obeyed once vented."""
     host = BoardHost()
-    host.ask(Heartbeat(1000))
+    host.status_of(Heartbeat(1000))
     host.go_to(10.0, seconds=0.5)
-    assert host.ask(Heartbeat(0)) == AckStatus.NOT_IN_THIS_STATE
-    host.ask(Vent())
-    assert host.ask(Heartbeat(0)) == DONE
+    assert host.status_of(Heartbeat(0)) == AckStatus.NOT_IN_THIS_STATE
+    host.status_of(Vent())
+    assert host.status_of(Heartbeat(0)) == DONE
     host.wait(10.0)
     assert host.codes == []
 
@@ -215,23 +215,23 @@ def test_watchdog_is_disarmed_only_at_rest():
 def test_tightened_limits_bind():
     """Targets outside limits set by the host are refused; a pressure already beyond them by over 2 kPa is vented."""
     host = BoardHost()
-    assert host.ask(SetLimits(-30_000, 30_000)) == DONE
-    assert host.ask(SetPressure(30_001, 0)) == AckStatus.OUT_OF_LIMITS
+    assert host.status_of(SetLimits(-30_000, 30_000)) == DONE
+    assert host.status_of(SetPressure(30_001, 0)) == AckStatus.OUT_OF_LIMITS
     host.go_to(30.0)
     assert host.codes == []
-    host.ask(SetLimits(-30_000, 20_000))
+    host.status_of(SetLimits(-30_000, 20_000))
     host.wait(1.0)
     (event,) = host.events
     assert event.code == EventCode.OVER_PRESSURE
     assert event.value == pytest.approx(30_000, abs=500)
-    assert host.ask(ClearFault()) == DONE
+    assert host.status_of(ClearFault()) == DONE
 
 
-def test_target_outside_new_limits_is_given_up():
-    """A board on its way beyond a newly set limit goes to that limit instead, and vents nothing."""
+def test_target_outside_new_limits_is_replaced():
+    """A target beyond a new limit is replaced by that limit, without venting."""
     host = BoardHost()
     host.go_to(50.0, seconds=0.5, ramp_kpa_per_s=10.0)
-    host.ask(SetLimits(-30_000, 20_000))
+    host.status_of(SetLimits(-30_000, 20_000))
     host.wait(5.0)
     assert host.board.pressure_kpa == pytest.approx(20.0, abs=0.3)
     assert host.codes == []
@@ -247,14 +247,14 @@ def test_full_travel_between_the_limits_never_trips(target):
     assert host.codes == []
 
 
-def test_room_in_the_transmit_buffer():
-    """Samples beyond the room are dropped and counted, exactly; the next one that fits says so; messages always go."""
+def test_full_transmit_buffer_drops_samples():
+    """Samples beyond the free bytes are dropped and counted; the next one that fits is flagged; messages always fit."""
     host = BoardHost()
-    host.ask(Start(1000))
+    host.status_of(Start(1000))
     host.take(host.board.advance(100_000))
     host.take(host.board.advance(1_000_000, free_bytes=1000))
     host.take(host.board.advance(1_000_000, free_bytes=0))
-    assert host.ask(Heartbeat(1000)) == DONE
+    assert host.status_of(Heartbeat(1000)) == DONE
     host.take(host.board.advance(100_000))
     index = np.array([sample.index for sample in host.samples])
     (gap,) = np.flatnonzero(np.diff(index) > 1)
@@ -266,13 +266,13 @@ def test_room_in_the_transmit_buffer():
     assert host.reader.crc_errors == host.reader.malformed == 0
 
 
-def test_truth_lies_beside_each_sample():
+def test_every_sample_has_its_true_values():
     """A truth record for every sample made, and the sample's values within noise of it."""
     board = VirtualBoard(log_truth=True)
     host = BoardHost()
     host.board = board
     host.wait(0.0)
-    host.ask(Start(200))
+    host.status_of(Start(200))
     host.go_to(50.0, seconds=8.0)
     truth = board.take_truth()
     assert truth["index"].tolist() == [s.index for s in host.samples]
@@ -334,7 +334,7 @@ def test_other_seed_other_noise():
     streams, elongations = [], []
     for seed in (1, 2):
         host = BoardHost(seed=seed)
-        host.ask(Start(100))
+        host.status_of(Start(100))
         host.wait(1.0)
         streams.append([s.lit for s in host.samples])
         elongations.append(host.board.elongation_mm)
@@ -344,7 +344,7 @@ def test_other_seed_other_noise():
 
 @settings(max_examples=30, deadline=None)
 @given(st.binary(max_size=600))
-def test_garbage_in_moves_nothing(data):
+def test_received_garbage_changes_nothing(data):
     """Random bytes from the host raise nothing and pressurise nothing."""
     host = BoardHost()
     host.board.receive(data)
@@ -363,44 +363,44 @@ def test_pressure_never_leaves_the_limits_on_command(script):
         for _ in range(5):
             host.wait(0.2)
             assert HARD_LIMITS_PA[0] - 2000 <= 1000 * host.board.pressure_kpa <= HARD_LIMITS_PA[1] + 2000
-    assert all(isinstance(m, Sample | Ack | Hello | BoardEvent) for m in host.said)
+    assert all(isinstance(m, Sample | Ack | Hello | BoardEvent) for m in host.received)
 
 
-def test_samples_after_an_answer_show_the_state_that_it_stands_for():
+def test_samples_after_an_answer_have_its_state():
     """No sample behind an ACK or an event contradicts it, though the control ticks only every 10 ms."""
     host = BoardHost("estop@0.553:0.5")
-    host.ask(Start(10_000))
+    host.status_of(Start(10_000))
     host.wait(0.0521)
     for command, state in [(SetPressure(20_000), BoardState.RAMPING), (Vent(), BoardState.VENTED)]:
-        assert host.ask(command) == DONE
+        assert host.status_of(command) == DONE
         first, *_ = host.wait(0.0002)
         assert first.state == state
-    host.ask(Heartbeat(5000))
+    host.status_of(Heartbeat(5000))
     assert host.wait(0.0002)[0].flags & SampleFlag.WATCHDOG_ARMED
     said = host.wait(0.52)
     after = said[next(at for at, m in enumerate(said) if isinstance(m, BoardEvent)) :]
     assert all(m.flags & SampleFlag.ESTOP and m.state == BoardState.FAULT for m in after if isinstance(m, Sample))
 
 
-def test_samples_dropped_at_the_end_of_a_run_are_told_there():
-    """No sample follows that could tell: EVENT 9 comes before the ACK of STOP, and the next run begins unflagged."""
+def test_samples_dropped_at_the_end_of_a_run_are_reported_there():
+    """Without a following sample EVENT 9 precedes the ACK of STOP, and the next run begins unflagged."""
     host = BoardHost()
-    host.ask(Start(1000))
+    host.status_of(Start(1000))
     host.wait(0.1)
     host.take(host.board.advance(100_000, free_bytes=0))
     event, ack = host.send(Stop())
     assert (event.code, event.value) == (EventCode.SAMPLES_DROPPED, 100)
     assert ack.status == DONE
-    host.ask(Start(1000))
+    host.status_of(Start(1000))
     first, *_ = host.wait(0.01)
     assert (first.index, first.flags) == (0, 0)
 
 
-def test_a_rebooted_board_tells_of_a_saturated_sensor_again():
-    """What it told before the reset is forgotten like everything else."""
+def test_rebooted_board_reports_saturation_again():
+    """The events before the reset are forgotten like everything else."""
     host = BoardHost("saturate@0.5:1", "reset@0.9")
-    host.ask(Start(100))
+    host.status_of(Start(100))
     host.wait(1.0)
-    host.ask(Start(100))
+    host.status_of(Start(100))
     host.wait(0.1)
     assert host.codes == [EventCode.SENSOR_SATURATED, EventCode.SENSOR_SATURATED]

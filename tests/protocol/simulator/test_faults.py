@@ -1,4 +1,4 @@
-"""Every named fault does what its sentence says, and nothing else."""
+"""Every named fault has the effect of its sentence, and no other."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DONE = AckStatus.DONE
 def streaming(*faults: str, seconds: float = 0.0, rate_hz: int = 100) -> BoardHost:
     """A board that has been sending samples for a while."""
     host = BoardHost(*faults)
-    host.ask(Start(rate_hz))
+    host.status_of(Start(rate_hz))
     host.wait(seconds)
     return host
 
@@ -76,18 +76,18 @@ def test_garbage_makes_no_false_frame(fault):
 
 
 @pytest.mark.parametrize("fault", ["wrong_baud", "other_device", "silent", "unplug@0:0"])
-def test_nothing_that_is_a_board(fault):
-    """No frame comes through, and nothing is pressurised by being asked."""
+def test_wrong_baud_rate_gives_no_frame(fault):
+    """No frame arrives, and no command is executed."""
     host = BoardHost(fault)
-    assert host.said == []
+    assert host.received == []
     host.send(Identify())
     host.send(Start(100))
     host.wait(5.0)
-    assert host.said == []
+    assert host.received == []
 
 
-def test_other_device_talks_text():
-    """Whatever is asked, the answer is a thermometer's lines."""
+def test_other_device_sends_text():
+    """The answer to every command are the lines of a thermometer."""
     host = BoardHost("other_device")
     host.board.receive(encode_command(Start(100), 0))
     text = host.board.advance(1_000_000)
@@ -95,7 +95,7 @@ def test_other_device_talks_text():
     assert set(text) <= set(OTHER_DEVICE)
 
 
-def test_silent_board_still_obeys():
+def test_silent_board_still_executes():
     """Silent for two seconds: the samples of that time are lost, a VENT sent into it is obeyed."""
     host = streaming("silent@5:2")
     host.go_to(40.0, seconds=5.5)
@@ -108,7 +108,7 @@ def test_silent_board_still_obeys():
     assert host.samples[-1].state == BoardState.VENTED
 
 
-def test_unplugged_board_hears_nothing():
+def test_unplugged_board_receives_nothing():
     """For three seconds the port is gone both ways; the board runs on."""
     host = streaming("unplug@1:3", seconds=1.5)
     assert host.board.unplugged
@@ -122,7 +122,7 @@ def test_unplugged_board_hears_nothing():
 # ---- frames ----------------------------------------------------------------------------------------------------------
 
 
-def test_absurd_values_come_in_good_frames():
+def test_impossible_values_arrive_in_good_frames():
     """5 MPa, 65535 counts, dark above lit, and then plain samples again."""
     host = streaming("absurd_value@1:3", seconds=2.0)
     first, second, third = [s for s in host.samples if s.time_us > 1_000_000][:3]
@@ -142,7 +142,7 @@ def test_index_gap_is_exact(lost):
     assert host.events == []
 
 
-def test_dropped_samples_are_told():
+def test_dropped_samples_are_reported():
     """So many indices are missing; the sample behind them is flagged, and EVENT 9 has the number."""
     host = streaming("dropped@1:37", seconds=3.0)
     samples = host.samples
@@ -165,7 +165,7 @@ def test_duplicates_and_reordering():
 
 @pytest.mark.fault(17, how="virtual board's `ack_lost`, `ack_late`, `ack_refused`", times=3)
 def test_lost_late_and_refused_answers():
-    """Lost: obeyed but not told. Late: told 400 ms later. Refused: SET_PRESSURE told 4 and not obeyed, once."""
+    """Lost: executed without an answer. Late: answered 400 ms later. Refused: SET_PRESSURE has status 4 once."""
     lost = BoardHost("ack_lost@0.1:2")
     lost.wait(0.2)
     assert [m for m in lost.send(SetPressure(20_000, 0)) if isinstance(m, Ack)] == []
@@ -176,17 +176,17 @@ def test_lost_late_and_refused_answers():
     assert late.wait(0.39) == []
     assert late.wait(0.02) == [Ack(0x85, late.seq, DONE)]
     refused = BoardHost("ack_refused@0")
-    assert refused.ask(Start(100)) == DONE
-    assert refused.ask(SetPressure(20_000, 0)) == AckStatus.NOT_IN_THIS_STATE
+    assert refused.status_of(Start(100)) == DONE
+    assert refused.status_of(SetPressure(20_000, 0)) == AckStatus.NOT_IN_THIS_STATE
     refused.wait(1.0)
     assert refused.board.pressure_kpa == 0.0
-    assert refused.ask(SetPressure(20_000, 0)) == DONE
+    assert refused.status_of(SetPressure(20_000, 0)) == DONE
 
 
 def test_wrong_protocol():
     """HELLO names the version."""
     host = BoardHost("wrong_protocol:7")
-    assert [m.protocol for m in host.said if isinstance(m, Hello)] == [7]
+    assert [m.protocol for m in host.received if isinstance(m, Hello)] == [7]
 
 
 # ---- the board -------------------------------------------------------------------------------------------------------
@@ -211,7 +211,7 @@ def test_clock_drift(ppm):
 
 
 def test_jitter_and_slow_rate():
-    """Jitter delays each sample by up to that much and loses none; a slow board samples at its own rate."""
+    """Jitter delays each sample by up to its value and loses none; a slow board samples at its own rate."""
     jittery = streaming("jitter@0:4", seconds=10.0)
     late = np.array([s.time_us for s in jittery.samples]) - 10_000 * np.arange(len(jittery.samples))
     assert late.min() >= 0
@@ -226,14 +226,14 @@ def test_reset():
     """HELLO with its reason, clock at 0, no samples, pressure let out, IDLE."""
     host = streaming(f"reset@4:{BootReason.BROWN_OUT}")
     host.go_to(40.0, seconds=3.9)
-    host.said.clear()
+    host.received.clear()
     host.wait(3.0)
-    hello = next(m for m in host.said if isinstance(m, Hello))
+    hello = next(m for m in host.received if isinstance(m, Hello))
     assert hello.boot_reason == BootReason.BROWN_OUT
-    after = host.said[host.said.index(hello) :]
+    after = host.received[host.received.index(hello) :]
     assert not [m for m in after if m in host.samples]
     assert abs(host.board.pressure_kpa) < 0.1
-    host.ask(Start(100))
+    host.status_of(Start(100))
     host.wait(0.1)
     assert host.samples[-1].state == BoardState.IDLE
     assert host.samples[-1].time_us < 4_000_000
@@ -243,7 +243,7 @@ def test_reset_on_open():
     """Opening the port reboots the board: deaf for half a second, then HELLO."""
     host = BoardHost("reset_on_open")
     host.wait(1.0)
-    host.said.clear()
+    host.received.clear()
     host.board.opened()
     host.send(Identify())
     assert host.wait(0.4) == []
@@ -251,25 +251,25 @@ def test_reset_on_open():
 
 
 def test_estop():
-    """Pressed: EVENT 5, vented, FAULT, flag; CLEAR_FAULT only after the release, which EVENT 6 tells."""
+    """Pressed: EVENT 5, vented, FAULT, flag; CLEAR_FAULT only after the release, which EVENT 6 reports."""
     host = streaming("estop@4:3")
     host.go_to(40.0, seconds=5.0)
     assert abs(host.board.pressure_kpa) < 2.0
     assert host.samples[-1].flags & SampleFlag.ESTOP
     assert host.samples[-1].state == BoardState.FAULT
-    assert host.ask(ClearFault()) == AckStatus.NOT_IN_THIS_STATE
+    assert host.status_of(ClearFault()) == AckStatus.NOT_IN_THIS_STATE
     host.wait(3.0)
     assert host.codes == [EventCode.ESTOP_PRESSED, EventCode.ESTOP_RELEASED]
     assert not host.samples[-1].flags & SampleFlag.ESTOP
-    assert host.ask(ClearFault()) == DONE
+    assert host.status_of(ClearFault()) == DONE
 
 
-def test_estop_pressed_beforehand_is_a_level():
-    """At power-on no EVENT tells; flag and FAULT do, from the first sample."""
+def test_estop_pressed_at_power_on_is_a_level():
+    """At power-on there is no EVENT; flag and FAULT are set from the first sample."""
     host = streaming("estop@0:0", seconds=1.0)
     assert host.codes == []
     assert all(s.flags & SampleFlag.ESTOP and s.state == BoardState.FAULT for s in host.samples)
-    assert host.ask(SetPressure(10_000, 0)) == AckStatus.FAULT_LATCHED
+    assert host.status_of(SetPressure(10_000, 0)) == AckStatus.FAULT_LATCHED
 
 
 def test_pressure_invalid():
@@ -277,9 +277,9 @@ def test_pressure_invalid():
     host = streaming("pressure_invalid@4:3")
     host.go_to(40.0, seconds=5.0)
     assert host.samples[-1].flags & SampleFlag.PRESSURE_INVALID
-    assert host.ask(ClearFault()) == AckStatus.NOT_IN_THIS_STATE
+    assert host.status_of(ClearFault()) == AckStatus.NOT_IN_THIS_STATE
     host.wait(3.0)
-    assert host.ask(ClearFault()) == DONE
+    assert host.status_of(ClearFault()) == DONE
     assert abs(host.board.pressure_kpa) < 0.1
 
 
@@ -291,7 +291,7 @@ def test_overshoot_beyond_the_limits_trips():
     """1.5 kPa beyond a target is recorded and lived with; 4 kPa beyond a target at the limit vents with EVENT 2."""
     mild, wild = streaming("overshoot@0:1.5"), streaming("overshoot@0:4")
     for host in (mild, wild):
-        host.ask(SetLimits(-40_000, 50_000))
+        host.status_of(SetLimits(-40_000, 50_000))
         host.go_to(50.0)
     assert mild.codes == []
     assert 51.0 < max(s.pressure_pa for s in mild.samples) / 1000 < 52.0
@@ -307,7 +307,7 @@ def test_found_beyond_a_limit():
     assert hard.codes == [EventCode.OVER_PRESSURE]
     assert soft.codes == []
     assert soft.samples[0].pressure_pa == pytest.approx(53_000, abs=300)
-    assert soft.ask(SetLimits(-40_000, 50_000)) == DONE
+    assert soft.status_of(SetLimits(-40_000, 50_000)) == DONE
     soft.wait(1.0)
     assert soft.codes == [EventCode.OVER_PRESSURE]
     under = streaming("beyond_limit@0:-60", seconds=1.0)
@@ -329,14 +329,14 @@ def test_target_not_reached(fault, reached_kpa):
 
 
 def test_pump_dying_under_a_hold():
-    """The leak takes the pressure out of tolerance, and the board says so in its time."""
+    """The leak takes the pressure out of tolerance, which the board reports after its timeout."""
     host = streaming("dead_pump@10")
     host.go_to(50.0, seconds=40.0)
     assert host.codes == [EventCode.TARGET_NOT_REACHED]
 
 
 def test_leak_loses_elongation_under_a_held_pressure():
-    """At 10 % a minute the gauge stands and the body shortens by about a tenth."""
+    """At 10 % a minute the gauge is constant and the body shortens by about a tenth."""
     host = streaming("leak@10:10")
     host.go_to(50.0, seconds=10.0)
     before = host.board.elongation_mm
@@ -361,7 +361,7 @@ def test_softening():
 
 
 def test_frozen_channel():
-    """One sensor stands still while the pressure moves, the other does not."""
+    """One sensor is constant while the pressure moves, the other is not."""
     host = streaming("frozen_channel@0.5:2", seconds=1.0)
     host.go_to(50.0)
     moved = np.ptp(signals(host)[100:], axis=0)
@@ -370,7 +370,7 @@ def test_frozen_channel():
 
 
 @pytest.mark.fault(22, how="virtual board's `saturate`", times=1)
-def test_saturation_is_flagged_and_told_once():
+def test_saturation_is_flagged_and_reported_once():
     """Counts at full scale, flag bit 0, one EVENT 7 with the sensor's number from 0."""
     host = streaming("saturate@1:2", seconds=3.0)
     assert [(e.code, e.value) for e in host.events] == [(EventCode.SENSOR_SATURATED, 1)]

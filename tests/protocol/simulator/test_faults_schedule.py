@@ -36,7 +36,7 @@ def test_parts_of_the_notation():
 
 
 def test_schedule():
-    """Begin and end are told once each, in order; what lasts is on in between; the latest of a name wins."""
+    """Begin and end are reported once each, in order; a lasting fault is active in between; the latest wins."""
     schedule = FaultSchedule([make_fault("estop", 2, 3), make_fault("leak", 1, 5), make_fault("leak", 4, 9)])
     assert schedule.next_change_us == 1_000_000
     begun, ended = schedule.move_to(2_000_000)

@@ -40,7 +40,7 @@ def test_blocks_do_not_matter(inputs, cuts):
 
 
 @given(INPUTS, st.floats(-40.0, 40.0), st.floats(-40.0, 40.0))
-def test_wiping_out(inputs, first, second):
+def test_closed_minor_loop_is_erased(inputs, first, second):
     """A minor loop that closes leaves no trace: the memory is what it was when it began (return-point memory)."""
     operator = Hysteresis(MODEL)
     operator.advance(inputs)

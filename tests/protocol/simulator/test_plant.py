@@ -55,7 +55,7 @@ def test_vent_empties():
     assert abs(pressures(pneumatics, 2.0)[-1]) < 0.05
 
 
-def test_leak_behind_the_gauge_shows_in_the_bladder_alone():
+def test_leak_behind_the_gauge_affects_only_the_bladder():
     """At 6 % a minute the gauge keeps its 50 kPa and the bladder has lost 3 kPa after a minute, to first order."""
     pneumatics = Pneumatics()
     pneumatics.command(50.0, 0.0)
@@ -67,7 +67,7 @@ def test_leak_behind_the_gauge_shows_in_the_bladder_alone():
 
 
 def test_dead_pump_and_stall():
-    """Pumps that stand still get nowhere; pumps that stall get as far as they can."""
+    """With dead pumps the pressure does not rise; with stalling pumps it rises to their limit."""
     dead, weak = Pneumatics(), Pneumatics()
     dead.pump_works = False
     weak.reach_kpa = (-30.0, 30.0)

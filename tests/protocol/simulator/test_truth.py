@@ -44,7 +44,7 @@ def test_sa1_moves_as_the_paper_implies():
 
 
 @pytest.mark.parametrize("unit", SPECIMEN_NAMES)
-def test_most_of_each_loop_is_the_actuators(unit):
+def test_most_of_each_loop_is_actuator_hysteresis(unit):
     """The sensors' own loops are a small part of the system's."""
     truth = truth_figures(unit)
     for sensor in truth.sensors:
@@ -65,7 +65,7 @@ def test_falling_unit_is_the_mirror(unit):
 
 @pytest.mark.parametrize("unit", SPECIMEN_NAMES)
 def test_cubics_are_monotone_over_the_range(unit):
-    """dy/dx keeps its sign over the range and a little beyond, or nobody could invert it."""
+    """dy/dx keeps its sign over the range and slightly beyond, so that the cubic can be inverted."""
     model = find_specimen(unit)
     x = np.linspace(model.range_mm[0] - 0.3, model.range_mm[1] + 0.3, 500)
     for sensor in model.sensors:
@@ -102,7 +102,7 @@ def test_unknown_unit_is_refused_with_the_names():
 
 
 def test_a_staircases_truth_is_that_of_its_holds():
-    """The loop through the holds is narrower than the one through every tick of the ramps, and a cut of it."""
+    """The loop through the holds is narrower than the one through every tick of the ramps, and inside it."""
     held = truth_figures("SA1", cycle_kpa=STAIRCASE, dwell_s=4.0)
     run = noise_free_run("SA1", (*STAIRCASE, *STAIRCASE[1:], *STAIRCASE[1:]), ramp_kpa_per_s=10.0, dwell_s=4.0)
     cycle = run.time_s > run.arrivals_s[-len(STAIRCASE)]

@@ -61,7 +61,7 @@ def line(n: int, *, time_ms: int | None = None) -> bytes:
 
 
 def packet(n: int) -> bytes:
-    """The n-th packet of the shipped RX8 profile; its data hold the header's byte 0x43 now and then."""
+    """Return the n-th packet of the shipped RX8 profile; its data sometimes contain the header's byte 0x43."""
     return b"\x43" + struct.pack(">HhHH", 10 * n % 65_536, -4000 + n, 0x4343, n % 4096) + b"\0"
 
 
@@ -121,15 +121,15 @@ def test_a_wrong_checksum_is_a_lost_line() -> None:
      "1,4294967296,2,3,4,5,6,7", "nan,1,2,3,4,5,6,7", "1,inf,2,3,4,5,6,7", "1_0,1,2,3,4,5,6,7", "-5,1,2,3,4,5,6,7",
      "1,1,2,3,4,5,6,71,1,2,3,4,5,6,7"],
 )  # fmt: skip
-def test_a_line_that_is_none_is_counted_and_nothing_else(text: str) -> None:
+def test_invalid_line_is_only_counted(text: str) -> None:
     """Missing and surplus fields, half counts, numbers beyond their range, two lines run together."""
     link = TextConnection(load_profile(LINES))
     assert link.receive(text.encode() + b"\n" + line(5), 0) != []
     assert (link.statistics.malformed, link.statistics.samples) == (1, 1)
 
 
-def test_a_pressure_that_is_no_number_is_kept_and_flagged() -> None:
-    """A sensor unplugged at the board: the sample stands, out of every figure, and the index stays whole."""
+def test_pressure_nan_is_kept_and_flagged() -> None:
+    """With a sensor unplugged at the board the sample is kept, out of every figure, and the index is complete."""
     rows = rows_of(TextConnection(load_profile(LINES)).receive(line(0) + b"10,1,nan,3,1,5,1,7\n" + line(2), 0))
     assert ((rows["flags"] & SampleFlag.IMPLAUSIBLE) != 0).tolist() == [False, True, False]
     assert np.isnan(rows["pressure_pa"][1])
@@ -161,15 +161,15 @@ def test_an_endless_line_is_counted_in_bounded_memory() -> None:
     assert link.statistics.oversize == 1
 
 
-def test_a_device_that_began_again_is_a_restart() -> None:
-    """Index and clock at 0 again, without a word: after 16 lines it is said, and none of them is lost."""
+def test_restarted_device_is_detected() -> None:
+    """Index and clock at 0 again without a message: after 16 lines a restart is reported, and no line is lost."""
     link = TextConnection(load_profile(LINES))
     events = link.receive(b"".join(map(line, range(50))) + b"".join(map(line, range(20))), 0)
     assert [type(event) for event in events].count(BoardRestarted) == 1
     assert rows_of(events)["time_us"].tolist() == [10_000 * n for n in [*range(50), *range(20)]]
 
 
-def test_without_an_index_the_clock_says_it() -> None:
+def test_without_an_index_the_clock_shows_a_restart() -> None:
     """The same for lines that carry only a time; a single wild time is dropped, not a restart."""
     text = LINES.read_text(encoding="utf-8").replace('"index"', '"ignored"')
     link = TextConnection(load_profile(text))
@@ -180,8 +180,8 @@ def test_without_an_index_the_clock_says_it() -> None:
     assert [type(event) for event in events].count(BoardRestarted) == 1
 
 
-def test_a_start_we_sent_is_no_restart() -> None:
-    """The device begins again because it was told to."""
+def test_own_start_is_not_a_restart() -> None:
+    """The device begins again because of a START."""
     link = TextConnection(load_profile(LINES))
     link.receive(b"".join(map(line, range(50))), 0)
     assert link.send(Start(100), 0) == b"S100\n"
@@ -192,8 +192,8 @@ def test_a_start_we_sent_is_no_restart() -> None:
 
 @given(st.lists(st.integers(0, 5_000), max_size=10), st.sampled_from([LINES, RX8]))
 @settings(max_examples=40, deadline=None)
-def test_the_cutting_into_chunks_changes_nothing(places: list[int], profile: Path) -> None:
-    """Samples, gaps and counters are those of one call; a link made of the state goes on like the first."""
+def test_division_into_chunks_changes_nothing(places: list[int], profile: Path) -> None:
+    """Samples, gaps and counters are those of one call; a link made of the state continues like the first."""
     make = line if profile is LINES else packet
     data = b"noise" + b"".join(make(n) for n in range(60) if n % 17) + b"\x43\x00" + b"".join(map(make, range(70, 80)))
     whole, pieces = TextConnection(load_profile(profile)), TextConnection(load_profile(profile))
@@ -227,7 +227,7 @@ def test_a_packet_stream_resynchronises_at_once(added: bytes | None) -> None:
 
 @pytest.mark.parametrize("garbage", [b"", b"\x43", b"Boot 1.0\r\n", bytes(range(256))])
 def test_packets_are_found_behind_garbage(garbage: bytes) -> None:
-    """The search goes on one byte behind each failed start."""
+    """The search continues one byte after each failed start."""
     rows = rows_of(TextConnection(load_profile(RX8)).receive(garbage + packet(5) + packet(6) + packet(7) + b"\x43", 0))
     assert rows["time_us"].tolist()[-3:] == [50_000, 60_000, 70_000]
 
@@ -241,8 +241,8 @@ def test_packets_wait_for_the_next_header() -> None:
     assert len(rows_of(link.receive(b"\x43", 0))) == 1
 
 
-def test_hello_comes_from_the_profile_when_the_device_has_shown_itself() -> None:
-    """A device that prints by itself is believed at its first good line; noise alone ends in a lost IDENTIFY."""
+def test_hello_follows_the_first_good_line() -> None:
+    """A device that prints by itself is accepted at its first good line; noise alone ends in a lost IDENTIFY."""
     link = TextConnection(load_profile(RX8))
     assert link.send(Identify(), 0) == b""
     assert link.receive(b"noise", 1) == []
@@ -270,15 +270,15 @@ def test_commands_become_text() -> None:
     assert data == b""
 
 
-def test_commands_the_device_does_not_know_are_answered_not_supported() -> None:
-    """A session goes on without a watchdog or limits on the board; it learns that there are none."""
+def test_commands_without_template_are_not_supported() -> None:
+    """A session continues without a watchdog or limits on the board, and is informed of it."""
     link = TextConnection(load_profile(LINES))
     assert link.send(ClearFault(), 0) == link.send(SetLimits(-1, 1), 0) == b""
     events, _ = link.poll(0)
     assert [event.status for event in events if isinstance(event, CommandDone)] == [AckStatus.NOT_SUPPORTED] * 2
 
 
-def test_a_profile_that_cannot_command_says_why() -> None:
+def test_profile_without_commands_gives_the_reason() -> None:
     """No template, or no limits: read-only, with the reason, and nothing is pressurised."""
     link = TextConnection(load_profile(RX8))
     assert not link.can_command
@@ -371,7 +371,7 @@ def test_a_packet_format_is_refused_by_its_part(old: str, new: str, message: str
     assert caught.value.remedy
 
 
-def test_a_format_as_the_panel_writes_it() -> None:
+def test_format_of_the_control_panel_is_parsed() -> None:
     """Lower case, several header bytes, skipped bytes, low byte first, four-byte variables."""
     text = """
 name = "x"
@@ -393,7 +393,7 @@ s = { name = "s1_signal", unit = "mV" }
 
 
 @pytest.mark.parametrize("content", [None, b"\xff\xfe\x00", b"a = [", b"x" * 200_000])
-def test_a_file_that_is_no_profile_is_refused(tmp_path: Path, content: bytes | None) -> None:
+def test_other_file_is_refused(tmp_path: Path, content: bytes | None) -> None:
     """Absent, not text, not TOML, far too long."""
     path = tmp_path / "profile.toml"
     if content is not None:

@@ -104,6 +104,12 @@ class LeastSquares:
 def least_squares(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None = None) -> LeastSquares:
     """Fit a polynomial of `degree` through (x, y), minimising sum w (y - f)^2.
 
+    Parameters
+    ----------
+    x, y : [n] points.
+    degree : 0 to 10.
+    weights : [n] positive; None weighs all points alike.
+
     Raises
     ------
     RequestError : the degree is not 0..10, or the weights are not positive.

@@ -68,7 +68,14 @@ def white_noise_sd(values: FloatArray) -> float:
 
 
 def resampling_weights(n: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
-    """Return how often each of `n` items is drawn in each bootstrap resample, [resamples, n]."""
+    """Return how often each of `n` items is drawn in each bootstrap resample, [resamples, n].
+
+    Parameters
+    ----------
+    n : number of items.
+    rng : generator of the draws.
+    resamples : number of resamples.
+    """
     return rng.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 
 
@@ -80,6 +87,13 @@ def bootstrap_interval(
     The plain percentile interval is too short for few items by sqrt((n-1)/n) z/t; it is widened about the estimate by
     the inverse. Source: T. C. Hesterberg, What teachers should know about the bootstrap, Am. Stat. 69 (2015) 371-386.
     With `positive` it is widened on the scale of logarithms: a spread then keeps an interval above zero.
+
+    Parameters
+    ----------
+    estimate : of the sample itself.
+    replicates : [resamples] of the resamples.
+    n : number of items drawn from.
+    positive : widen on the scale of logarithms.
     """
     finite = replicates[np.isfinite(replicates)]
     if n < 2 or finite.size < 0.9 * replicates.size or not np.isfinite(estimate):
@@ -104,7 +118,13 @@ def theil_sen(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
 
 
 def interpolate(grid: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Interpolate linearly on `grid`, NaN outside the span of x; x in any order, equal x are averaged."""
+    """Interpolate linearly on `grid`, NaN outside the span of x; x in any order, equal x are averaged.
+
+    Parameters
+    ----------
+    grid : [points] where to interpolate.
+    x, y : [n] points, in any order.
+    """
     order = np.argsort(x, kind="stable")
     knots, first, count = np.unique(x[order], return_index=True, return_counts=True)
     means = np.add.reduceat(y[order], first) / count

@@ -65,6 +65,12 @@ def aicc(calibration: Calibration) -> float:
 def leave_one_out(x: FloatArray, y: FloatArray, group: FloatArray, degree: int) -> dict[str, Any]:
     """Predict each group (a cycle) from the others.
 
+    Parameters
+    ----------
+    x, y : [n] points.
+    group : [n] the cycle of each point.
+    degree : of the polynomial.
+
     Returns
     -------
     rms of the prediction errors and, for each group, by how much the curve moves at most when it is left out; both in
@@ -88,7 +94,17 @@ def leave_one_out(x: FloatArray, y: FloatArray, group: FloatArray, degree: int) 
 
 
 def compare_degrees(x: FloatArray, y: FloatArray, group: FloatArray | None = None) -> list[dict[str, float]]:
-    """Compare degrees 1 to 4 by AICc and by cross-validation (over groups, or point by point)."""
+    """Compare degrees 1 to 4 by AICc and by cross-validation (over groups, or point by point).
+
+    Parameters
+    ----------
+    x, y : [n] points.
+    group : [n] the cycle of each point; None leaves out point by point.
+
+    Returns
+    -------
+    For each degree that the points carry: degree, aicc, prediction_rms in the unit of y.
+    """
     rows = []
     for degree in DEGREES:
         try:
@@ -135,7 +151,14 @@ class PointNames:
     y_unit: str = ""
 
     def at(self, calibration: Calibration, i: int, *, both: bool = False) -> str:
-        """Return the name of point `i`, with its y where `both`."""
+        """Return the name of point `i`, with its y where `both`.
+
+        Parameters
+        ----------
+        calibration : that the point is of.
+        i : the point, counted from 0.
+        both : name its y as well.
+        """
         if self.point is not None:
             return self.point(i)
         y = f", y = {calibration.y[i]:.6g}" if both else ""

@@ -139,6 +139,12 @@ class Calibration:
 
         Student's t with n - degree - 1 degrees of freedom, or as many fewer as there are positions where x was read on
         a grid; pointwise, not simultaneous. NaN where there are none.
+
+        Parameters
+        ----------
+        x : any shape, in the unit of x.
+        level : of confidence, 0 to 1.
+        new_reading : of one new reading instead of the curve.
         """
         spread = self.curve_u(x)
         if new_reading:

@@ -91,7 +91,18 @@ class Posterior:
     def new_reading_band(
         self, x: npt.ArrayLike, level: float = 0.95, *, seed: int = 0
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the predictive band of one new signal at a known x."""
+        """Return the predictive band of one new signal at a known x.
+
+        Parameters
+        ----------
+        x : [points] in the unit of x.
+        level : of the band, 0 to 1.
+        seed : of the draws of noise.
+
+        Returns
+        -------
+        Lower and upper limit, [points], in the unit of y.
+        """
         noise = np.random.default_rng(seed).standard_normal((self.sigma_samples.size, 1))
         readings = self.curves(x) + self.sigma_samples[:, None] * noise
         low, high = np.percentile(readings, [50 - 50 * level, 50 + 50 * level], axis=0)
@@ -101,6 +112,12 @@ class Posterior:
         """Return the band of x for one new signal y; NaN where more than half of the draws find no x in the range.
 
         Each draw's curve is inverted for y less a draw of its noise, by interpolation on its monotone range.
+
+        Parameters
+        ----------
+        y : [signals] in the unit of y.
+        level : of the band, 0 to 1.
+        seed : of the draws of noise.
         """
         low_x, high_x = self.calibration.x_range
         margin = 0.05 * (high_x - low_x)

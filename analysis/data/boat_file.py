@@ -251,6 +251,13 @@ def store_result(
 ) -> bool:
     """Add a result to a closed recording, with the program's version; the same result is not added twice.
 
+    Parameters
+    ----------
+    path : of a closed recording.
+    kind : of the result, e.g. "analysis".
+    content, parameters : of the result, in JSON's own types.
+    seed : that it was computed with; None without one.
+
     Returns
     -------
     True where a row was written, False where the file already holds the same result.

@@ -44,6 +44,12 @@ LATEST_S = 1e12  # 30,000 years; more microseconds than 64 bits hold are no time
 def write_boat_file(path: str | Path, recording: Recording, *, original: str | Path) -> None:
     """Write an imported recording.
 
+    Parameters
+    ----------
+    path : of the new recording.
+    recording : as imported.
+    original : the file it was imported from; its bytes are kept.
+
     Raises
     ------
     FileError : the file exists already, or cannot be written.

@@ -92,7 +92,14 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None) -> Colum
 
 
 def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
-    """Keep a column map as JSON, to be used again for files of the same kind."""
+    """Keep a column map as JSON, to be used again for files of the same kind.
+
+    Parameters
+    ----------
+    path : of the JSON file.
+    mapping : to store.
+    table : that the mapping is of.
+    """
     text = json.dumps({"boat_daq_import": 1, "columns": mapping.as_profile(table)}, indent=2, ensure_ascii=False)
     Path(path).write_text(text + "\n", encoding="utf-8")
 
@@ -232,7 +239,14 @@ def listed(table: Table) -> str:
 
 
 def map_options(missing: list[str], mapping: ColumnMap, table: Table) -> str:
-    """Return the options that map what is missing, beside those that were recognised."""
+    """Return the options that map what is missing, beside those that were recognised.
+
+    Parameters
+    ----------
+    missing : our names that no column was mapped to.
+    mapping : what was recognised.
+    table : that the mapping is of.
+    """
     known = [
         f"--map {name}={column.position + 1}:{column.unit}" for name, column in mapping.columns.items() if column.unit
     ]

@@ -160,6 +160,7 @@ def _encoding(head: bytes) -> str:
 
 
 def cells_of(line: str, separator: str) -> list[str]:
+    """Return the cells of a line."""
     if separator == " ":
         return line.split()
     try:
@@ -169,6 +170,7 @@ def cells_of(line: str, separator: str) -> list[str]:
 
 
 def is_comment(line: str) -> bool:
+    """Return whether a line is blank or a comment."""
     return not line.strip() or line.lstrip('\ufeff" \t').startswith("#")
 
 

@@ -68,7 +68,14 @@ def import_csv(
 
 
 def preview(path: str | Path, columns: Mapping[str, str] | None = None, rows: int = 5) -> dict[str, Any]:
-    """Return what the importer sees: dialect, columns, map, first rows, warnings; an incomplete map is no error."""
+    """Return what the importer sees: dialect, columns, map, first rows, warnings; an incomplete map is no error.
+
+    Parameters
+    ----------
+    path : the file.
+    columns : as `import_csv` takes them.
+    rows : how many of the first rows to show.
+    """
     table = read_table(path)
     mapping = map_columns(table, columns)
     by_position = {column.position: (name, column.unit) for name, column in mapping.columns.items()}

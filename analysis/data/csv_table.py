@@ -228,7 +228,13 @@ def _slow(path: Path, dialect: Dialect) -> Table:
 
 
 def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
-    """Return the line, counted from 1, of data row `row`, counted from 0."""
+    """Return the line, counted from 1, of data row `row`, counted from 0.
+
+    Parameters
+    ----------
+    path, dialect : the file, and how it is written.
+    row : counted from 0.
+    """
     for at, (line_number, _) in enumerate(records(_lines(path, dialect))):
         if at == row:
             return line_number

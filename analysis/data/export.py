@@ -54,6 +54,13 @@ def samples_frame(recording: Recording, rows: slice | None = None) -> pd.DataFra
 def export(recording: Recording, path: str | Path, format: Format, *, progress: Progress | None = None) -> list[Path]:
     """Write the samples.
 
+    Parameters
+    ----------
+    recording : to export.
+    path : of the file.
+    format : "csv" or "parquet".
+    progress : called as progress(done, total) for CSV; raising from it cancels.
+
     Returns
     -------
     The files written: for CSV also the sidecar, `PATH` with .json.

@@ -198,6 +198,12 @@ def find_gaps(time_s: FloatArray, segment: IntArray, index: IntArray | None) -> 
 
     From the running index the count is exact; without one, an interval longer than `GAP_FACTOR` median intervals is
     a hole and the count is estimated from its length.
+
+    Parameters
+    ----------
+    time_s : [n] board time, s.
+    segment : [n] segment of each sample.
+    index : [n] running index; None where there is none.
     """
     if time_s.size < 2:
         return ()

@@ -11,7 +11,14 @@ from analysis.figures.batch import batch, write_table
 
 
 def main(folder: str, table: str, workers: int | None = None) -> int:
-    """Write the table; return its number of rows."""
+    """Write the table; return its number of rows.
+
+    Parameters
+    ----------
+    folder : of the runs.
+    table : the CSV to write.
+    workers : processes; None takes one for each core.
+    """
     rows = batch(folder, workers=workers)
     write_table(rows, table)
     print(rows[[c for c in ("run", "sensor", "cycles", "snr_db", "error") if c in rows]].to_string(index=False))

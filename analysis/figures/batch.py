@@ -30,7 +30,13 @@ LEADING = ("run", "unit", "started_utc", "simulated", "kind", "cycles", "partial
 
 
 def summarise_run(path: Path, *, seed: int = 0, mcmc: bool = False) -> list[dict[str, Any]]:
-    """Return one row for each sensor of a run, or one row with the reason why there is none."""
+    """Return one row for each sensor of a run, or one row with the reason why there is none.
+
+    Parameters
+    ----------
+    path : the run.
+    seed, mcmc : as `analyse` takes them.
+    """
     from analysis.figures.pipeline import analyse  # imported in the worker, not by the caller of a batch
 
     try:

@@ -283,6 +283,12 @@ def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: flo
     `percent_per_mm` is what a millimetre makes at the steepest place. The largest of many differences of two readings
     comes near the grid's whole step (sqrt(12) sd) and lifts the maximum; the one at the loop's widest place may
     also hide it, within two sigma.
+
+    Parameters
+    ----------
+    figure : a hysteresis, in %.
+    reading_sd_mm : sd of a reading of x, mm.
+    percent_per_mm : what a millimetre makes at the steepest place.
     """
     floor = np.sqrt(12.0) * reading_sd_mm * percent_per_mm
     hidden = 2.0 * np.sqrt(2.0) * reading_sd_mm * percent_per_mm
@@ -300,7 +306,14 @@ def _percent_per_mm(calibration: Calibration | None, elongation_mm: FloatArray) 
 
 
 def with_losses(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """Return the figures with what their windows lost; void above the limit, or where nothing is left."""
+    """Return the figures with what their windows lost; void above the limit, or where nothing is left.
+
+    Parameters
+    ----------
+    run : that the figures are of.
+    sensor : counted from 0.
+    figures : by key.
+    """
     counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
     if run.plateaus:
         holds = [p for p in run.plateaus if p.cycle in chosen and p.branch]

@@ -99,7 +99,15 @@ def resample_fit(
 def full_scale(
     calibration: Calibration | None, resampled: ResampledFit | None, loops: Loops, sensor: int, weights: FloatArray
 ) -> Figure:
-    """Full-scale output, mV: of the fitted curve over its range; without x, between the extreme pressures."""
+    """Full-scale output, mV: of the fitted curve over its range; without x, between the extreme pressures.
+
+    Parameters
+    ----------
+    calibration, resampled : of the sensor; None without x.
+    loops : of the used cycles.
+    sensor : counted from 0.
+    weights : [resamples, cycles] of the bootstrap.
+    """
     if calibration is not None and resampled is not None:
         basis = calibration.fit.basis
         ends = np.stack([(resampled.coefficients * basis.design(x)).sum(axis=1) for x in resampled.ends.T], axis=1)
@@ -149,6 +157,13 @@ def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None
     The actuator's loop sets the branches' points apart, and a chord between two points is off a curved sensor by
     y'' d^2 / 8. So what the points leave of the calibration is interpolated: the curve is common to both branches and
     drops out of their difference. Without a calibration the points themselves are.
+
+    Parameters
+    ----------
+    loops : with elongations.
+    sensor : counted from 0.
+    calibration : subtracted from the signal; None where there is none.
+    weights : [resamples, cycles] of the bootstrap.
     """
     assert loops.elongation_mm is not None
     x, signal = loops.elongation_mm, loops.signal_mv[sensor].copy()
@@ -159,7 +174,15 @@ def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None
 
 
 def hysteresis(width: LoopWidth, full_scale_value: float, n: int, definition: str) -> Figure:
-    """Hysteresis, % of full scale, of the loop averaged over cycles."""
+    """Hysteresis, % of full scale, of the loop averaged over cycles.
+
+    Parameters
+    ----------
+    width : of the loops.
+    full_scale_value : what the width is relative to, in its unit.
+    n : number of cycles.
+    definition : of the figure.
+    """
     if width.void:
         return Figure.nothing("% FSO", Reason.NO_OVERLAP, width.void, definition)
     if not full_scale_value > 0:
@@ -178,6 +201,13 @@ def loop_made_by_noise(
     """Width, mV, that noise alone gives the mean loop: the greatest of many differences that are zero in truth.
 
     sd sqrt(2 ln 2m) for m levels, sd that of the difference of two branch means; 0 where it is not known.
+
+    Parameters
+    ----------
+    plateaus : of a staircase; none for a continuous run.
+    loops, cycles : of the run.
+    sensor : counted from 0.
+    noise_mv : rms noise of a sample, mV.
     """
     if not loops.n_cycles or not np.isfinite(noise_mv):
         return 0.0
@@ -195,6 +225,13 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
     """Mark a hysteresis as an upper bound where something else than a loop makes a share of it.
 
     It lifts the maximum: the interval reaches down to the figure less the floor.
+
+    Parameters
+    ----------
+    figure : a hysteresis.
+    floor : what else makes, in the unit of the figure.
+    by : the name of that cause.
+    share : of the figure above which it is an upper bound.
     """
     figure = replace(figure, low=min(figure.low, max(figure.value - floor, 0.0)))
     if not floor > share * figure.value:
@@ -226,7 +263,15 @@ def nonlinearity(calibration: Calibration, resampled: ResampledFit) -> Figure:
 
 
 def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> Figure:
-    """The same against pressure, for runs without x: the middle of the mean loop and its straight line."""
+    """The same against pressure, for runs without x: the middle of the mean loop and its straight line.
+
+    Parameters
+    ----------
+    loops : of the used cycles.
+    sensor : counted from 0.
+    full_scale_value : full-scale output, mV.
+    weights : [resamples, cycles] of the bootstrap.
+    """
     definition = "max |middle of the mean loop - line| / FSO against pressure"
     middle = branch_mean(loops.signal_mv[sensor])
     known = np.isfinite(middle).all(axis=0) & (loops.n_cycles > 0)
@@ -241,7 +286,15 @@ def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, we
 
 
 def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> dict[str, Figure]:
-    """ISO 5725 repeatability sd over cycles at each pressure and branch, % FSO: pooled and worst."""
+    """ISO 5725 repeatability sd over cycles at each pressure and branch, % FSO: pooled and worst.
+
+    Parameters
+    ----------
+    loops : of the used cycles.
+    sensor : counted from 0.
+    full_scale_value : full-scale output, mV.
+    weights : [resamples, cycles] of the bootstrap.
+    """
     names = ("repeatability_percent_fso", "repeatability_worst_percent_fso")
     values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
     counts = np.isfinite(values).sum(axis=1)
@@ -263,7 +316,14 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
 
 
 def drift(loops: Loops, sensor: int, full_scale_value: float) -> Figure:
-    """Drift over cycles, % FSO per 100 cycles: Theil-Sen slope of the mean displacement of all levels."""
+    """Drift over cycles, % FSO per 100 cycles: Theil-Sen slope of the mean displacement of all levels.
+
+    Parameters
+    ----------
+    loops : of the used cycles.
+    sensor : counted from 0.
+    full_scale_value : full-scale output, mV.
+    """
     definition, unit = "Theil-Sen slope over cycles of the mean displacement of all levels", "% FSO/100 cycles"
     if loops.n_cycles < 3:
         return Figure.nothing(unit, Reason.FEW_CYCLES, "fewer than three complete cycles", definition)
@@ -293,6 +353,11 @@ def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple
     The residual of a point at the middle of the window has variance sigma^2 (1 - h), h the weight of the point in its
     own fit: its share of the degrees of freedom. Samples near the turns of the pressure, where a cubic cannot follow
     a corner, and those next to something not usable are left out.
+
+    Parameters
+    ----------
+    recording, cycles : the run.
+    sensor : counted from 0.
     """
     used = cycles.used
     period = float(np.median([c.last - c.first for c in used])) if used else 0.0
@@ -330,6 +395,14 @@ def noise_and_snr(
     """Return the noise rms (mV) and the SNR (dB) = 20 log10(FSO / noise), with intervals over cycles.
 
     `rounding_mv` is what the rounding of doubles at the signal's level may make: less is no noise.
+
+    Parameters
+    ----------
+    parts : sums of squares, degrees of freedom and cycle, as `staircase_noise` returns them.
+    numbers : of the cycles.
+    full_scale_value : full-scale output, mV.
+    weights : [resamples, cycles] of the bootstrap.
+    rounding_mv : what the rounding of doubles may make.
     """
     squares, dof, cycle_of = parts
     if dof.sum() <= 0:

@@ -28,6 +28,12 @@ _COMPUTING = (".", "data", "segmentation", "calibration", "figures")
 def store_analysis(run: str | Path, analysis: Analysis, elongation: str | Path | None = None) -> str:
     """Keep an analysis in its recording.
 
+    Parameters
+    ----------
+    run : the file that was analysed.
+    analysis : of it.
+    elongation : the file of elongations that was used; None without one.
+
     Returns
     -------
     "", or why nothing was kept.
@@ -65,6 +71,12 @@ def code_state() -> str:
 
 def reproduce(run: str | Path, result_id: int, parameters: Mapping[str, Any]) -> dict[str, Any] | None:
     """Compute a stored analysis again, with the options that it was made with.
+
+    Parameters
+    ----------
+    run : the recording.
+    result_id : of the stored result.
+    parameters : that it was stored with.
 
     Returns
     -------

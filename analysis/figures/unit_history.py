@@ -97,6 +97,13 @@ class Calibrations:
 def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: Progress | None = None) -> Calibrations:
     """Analyse the runs of a folder and keep the calibrations of one unit.
 
+    Parameters
+    ----------
+    folder : of the runs.
+    unit : its name.
+    seed : of the analyses.
+    progress : called as progress(done, total); raising from it cancels.
+
     Raises
     ------
     FileError, RequestError : no folder, or no run in it. DataError : no calibration of that unit among them.
@@ -130,6 +137,12 @@ def calibrations_in(folder: str | Path, unit: str, *, seed: int = 0, progress: P
 
 def unit_history(analyses: Sequence[Analysis], sensor: int, *, check_point_mm: float = 0.0) -> UnitHistory:
     """Arrange the calibrations of one sensor over time.
+
+    Parameters
+    ----------
+    analyses : of one unit, in any order.
+    sensor : counted from 0.
+    check_point_mm : elongation of the control chart.
 
     Raises
     ------

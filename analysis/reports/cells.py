@@ -20,19 +20,23 @@ def cells(figure: Figure | None) -> tuple[str, str]:
 
 
 def cell(figure: Figure | None) -> str:
+    """Return value and interval in one cell."""
     value, interval = cells(figure)
     return f"{value} [{interval}]" if interval else value
 
 
 def p_value(p: float) -> str:
+    """Return a p-value with its relation, e.g. `= 0.012`."""
     return "< 0.001" if p < 0.001 else f"= {p:.3f}"
 
 
 def power(k: int) -> str:
+    """Return an exponent as its superscript."""
     return {1: "", 2: "²", 3: "³"}.get(k, f"^{k}")
 
 
 def date_of(text: object) -> str:
+    """Return an ISO time as date, time and offset; any other text as it is."""
     try:
         return datetime.datetime.fromisoformat(str(text)).strftime("%Y-%m-%d %H:%M:%S %z")
     except ValueError:

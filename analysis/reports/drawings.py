@@ -45,7 +45,14 @@ def signed(value: float) -> str:
 
 
 def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Points, fitted curve, 95 % bands of curve and of a new reading."""
+    """Points, fitted curve, 95 % bands of curve and of a new reading.
+
+    Parameters
+    ----------
+    analysis : of the run.
+    sensor : counted from 0.
+    ax : to draw onto.
+    """
     one = analysis.sensors[sensor]
     calibration = one.calibration
     assert calibration is not None
@@ -62,7 +69,14 @@ def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
 
 def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Residuals of the calibration over elongation."""
+    """Residuals of the calibration over elongation.
+
+    Parameters
+    ----------
+    analysis : of the run.
+    sensor : counted from 0.
+    ax : to draw onto.
+    """
     calibration = analysis.sensors[sensor].calibration
     assert calibration is not None
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
@@ -71,7 +85,14 @@ def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
 
 def system_loop(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """All loops of signal against pressure, coloured by cycle."""
+    """All loops of signal against pressure, coloured by cycle.
+
+    Parameters
+    ----------
+    analysis : of the run.
+    sensor : counted from 0.
+    ax : to draw onto.
+    """
     loops = analysis.loops
     colours = mpl.colormaps[style.CYCLES](np.linspace(0.05, 0.92, max(loops.n_cycles, 2)))
     for k in range(loops.n_cycles):
@@ -114,7 +135,14 @@ def actuator_loop(analysis: Analysis, ax: Axes) -> None:
 
 
 def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Displacement of each pressure level from its mean, over cycles, % FSO."""
+    """Displacement of each pressure level from its mean, over cycles, % FSO.
+
+    Parameters
+    ----------
+    analysis : of the run.
+    sensor : counted from 0.
+    ax : to draw onto.
+    """
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.level_displacement_percent_fso
     chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 5).round().astype(int))
     colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.95, chosen.size))
@@ -127,7 +155,15 @@ def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
 
 def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: Axes) -> None:
-    """One figure cycle by cycle, all sensors, warm-up cycles shaded."""
+    """One figure cycle by cycle, all sensors, warm-up cycles shaded.
+
+    Parameters
+    ----------
+    analysis : of the run.
+    name : of the field of `FiguresByCycle`.
+    label, title : of the ordinate with its unit, and of the drawing.
+    ax : to draw onto.
+    """
     warm = 0
     for i in range(len(analysis.sensors)):
         values = analysis.sensors[i].by_cycle
@@ -151,7 +187,14 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: 
 
 
 def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Spread over cycles at each pressure: box of quartiles and whiskers to the extremes, % FSO from the mean."""
+    """Spread over cycles at each pressure: box of quartiles and whiskers to the extremes, % FSO from the mean.
+
+    Parameters
+    ----------
+    analysis : of the run.
+    sensor : counted from 0.
+    ax : to draw onto.
+    """
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.branch_displacement_percent_fso
     step = max(1, -(-loops.level_kpa.size // 10))
     for b, shift, fill in ((0, -0.18, style.PAPER), (1, 0.18, style.sensor_colour(sensor))):
@@ -178,7 +221,14 @@ def distribution(analysis: Analysis, sensor: int, ax: Axes) -> None:
 
 
 def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
-    """One figure of every run with its interval, runs of one unit next to one another, a colour a sensor."""
+    """One figure of every run with its interval, runs of one unit next to one another, a colour a sensor.
+
+    Parameters
+    ----------
+    analyses : of the runs.
+    name : key of the figure.
+    ax : to draw onto.
+    """
     order = sorted(range(len(analyses)), key=lambda i: (analyses[i].recording.unit, i))
     for i in range(max(len(a.sensors) for a in analyses)):
         for place, run in enumerate(order):
@@ -200,7 +250,14 @@ def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
 
 
 def budget_pareto(budget: Budget, title: str, ax: Axes) -> None:
-    """The budget as bars of standard uncertainty, largest first, with the cumulated share of the variance."""
+    """The budget as bars of standard uncertainty, largest first, with the cumulated share of the variance.
+
+    Parameters
+    ----------
+    budget : of an elongation.
+    title : of the drawing.
+    ax : to draw onto.
+    """
     shares = budget.shares()
     parts = {c.name: c.contribution for c in budget.components}
     names = [name for name in shares if parts[name] > 0]
@@ -235,7 +292,17 @@ def trace(analysis: Analysis, ax: Axes) -> None:
 
 
 def envelope(time: FloatArray, values: FloatArray, buckets: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the extremes of `buckets` stretches: a line of millions of points drawn with few, no peak lost."""
+    """Return the extremes of `buckets` stretches: a line of millions of points drawn with few, no peak lost.
+
+    Parameters
+    ----------
+    time, values : [n].
+    buckets : how many stretches.
+
+    Returns
+    -------
+    Time, lowest and highest value of each stretch with a value.
+    """
     size = max(1, -(-values.size // buckets))
     starts = np.arange(0, values.size, size)
     known = np.isfinite(values)

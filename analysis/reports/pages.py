@@ -152,7 +152,14 @@ def _cost(sums: tuple[float, float, float], page_height: float, *, last: bool) -
 
 
 def placed(page: Sequence[PageBlock], page_height: float, top: float, *, last: bool) -> list[Item]:
-    """Return the items of a page in their places, its drawings and rows fitted to the page."""
+    """Return the items of a page in their places, its drawings and rows fitted to the page.
+
+    Parameters
+    ----------
+    page : its blocks.
+    page_height, top : height of the type area and its upper edge, inches.
+    last : the last page keeps its white.
+    """
     total, stretch, shrink = _sums(page)
     white = page_height - total
     grow = 0.0 if last or white < 0 else min(1.0, white / (stretch or 1e9))

@@ -19,7 +19,15 @@ BETWEEN = 0.1  # stacked axes
 
 
 def set_drawing(canvas: Canvas, drawing: ReportDrawing, x: float, y: float, width: float) -> None:
-    """Draw with the upper left corner at x, y from the canvas's: side by side, or stacked on one abscissa."""
+    """Draw with the upper left corner at x, y from the canvas's: side by side, or stacked on one abscissa.
+
+    Parameters
+    ----------
+    canvas : to draw onto.
+    drawing : to set.
+    x, y : of its upper left corner from that of the canvas, inches.
+    width : inches.
+    """
     page_width, page_height = canvas.get_size_inches()
     first: Axes | None = None
     for draw, (left, top, wide, high) in zip(drawing.draw, _boxes(drawing, x, y, width), strict=True):

@@ -94,6 +94,7 @@ def _lost(sensor: SensorAnalysis) -> tuple[str, str]:
 
 
 def curves(analysis: Analysis) -> Section:
+    """Return the section with the calibration curves and their residuals."""
     parts: list[SectionPart] = []
     for i, sensor in enumerate(analysis.sensors):
         if sensor.calibration is not None:
@@ -104,6 +105,7 @@ def curves(analysis: Analysis) -> Section:
 
 
 def coefficients(analysis: Analysis) -> Section:
+    """Return the section with the coefficients and the quality of each fit."""
     parts: list[SectionPart] = []
     for i, sensor in enumerate(analysis.sensors):
         c, p = sensor.calibration, sensor.posterior
@@ -143,10 +145,12 @@ def _quality(analysis: Analysis, sensor: int) -> str:
 
 
 def loops(analysis: Analysis) -> Section:
+    """Return the section with the hysteresis loops."""
     return Section("Hysteresis loops", (*loop_drawings(analysis), branch_differences(analysis)))
 
 
 def loop_drawings(analysis: Analysis) -> list[ReportDrawing]:
+    """Return the drawings of every cycle over pressure, two sensors a row."""
     draws = [partial(drawings.system_loop, analysis, i) for i in range(len(analysis.sensors))]
     return [
         ReportDrawing(tuple(draws[at : at + 2]), "Every cycle; unloading and loading branch.", 2.9)
@@ -250,6 +254,7 @@ def _two_places(value: float) -> str:
 
 
 def run(analysis: Analysis) -> Section:
+    """Return the section with the pressure of the run, its warnings and its settings."""
     o = analysis.options
     calibrated = any(s.calibration for s in analysis.sensors)
     fitted = (("Degree", str(o.degree)), ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"))

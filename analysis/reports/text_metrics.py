@@ -48,14 +48,29 @@ def printable(text: str) -> str:
 
 @lru_cache(maxsize=20_000)
 def width_of(text: str, size: float, weight: str = "normal") -> float:
-    """Width of a line, in inches."""
+    """Width of a line, in inches.
+
+    Parameters
+    ----------
+    text : one line.
+    size : points.
+    weight : of the font.
+    """
     fonts = families(text)
     font = FontProperties(family=list(fonts), size=size, weight=weight if len(fonts) == 1 else "normal")
     return float(TextToPath().get_text_width_height_descent(printable(text), font, ismath=False)[0]) / 72.0
 
 
 def wrapped(text: str, width: float, size: float, weight: str = "normal") -> list[str]:
-    """Break text into lines that fit; a number, or a pair of them, is never broken."""
+    """Break text into lines that fit; a number, or a pair of them, is never broken.
+
+    Parameters
+    ----------
+    text : to break.
+    width : inches.
+    size : points.
+    weight : of the font.
+    """
     if PAIR.match(text.replace(DIGIT_SPACE, "").replace(POINT_SPACE, "")) or _fits(text, width, size, weight):
         return [text] if text else []
     text = " ".join(text.split(" "))
@@ -72,6 +87,13 @@ def _fits(text: str, width: float, size: float, weight: str) -> bool:
 
 
 def shortened(text: str, width: float, size: float) -> str:
-    """Return the text, or its beginning with an ellipsis, on one line."""
+    """Return the text, or its beginning with an ellipsis, on one line.
+
+    Parameters
+    ----------
+    text : to shorten.
+    width : inches.
+    size : points.
+    """
     lines = wrapped(text, width, size)
     return lines[0] + (" …" if len(lines) > 1 else "") if lines else ""

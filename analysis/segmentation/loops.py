@@ -64,7 +64,14 @@ class Loops:
 def staircase_loops(
     plateaus: tuple[Plateau, ...], cycles: Cycles, elongation_mm: FloatArray | None, n_sensors: int
 ) -> Loops:
-    """Arrange the plateaus of the used cycles as loops."""
+    """Arrange the plateaus of the used cycles as loops.
+
+    Parameters
+    ----------
+    plateaus, cycles : of the run.
+    elongation_mm : [plateaus] mm; None where x was not read.
+    n_sensors : number of sensors.
+    """
     inside = [p for p in plateaus if p.cycle or p.branch]
     levels, level_of = cluster_levels(np.asarray([p.pressure_kpa for p in plateaus]))
     numbers = tuple(cycle.number for cycle in cycles.used)
@@ -232,6 +239,12 @@ def end_levels(loops: Loops, sensor: int, weights: FloatArray | None = None) -> 
 
     Means over branches and cycles. Where `ends_kpa` lie beyond the outermost levels (half a bin, in a continuous run)
     the line through the two outermost levels is followed to them.
+
+    Parameters
+    ----------
+    loops : of the used cycles.
+    sensor : counted from 0.
+    weights : [rows, cycles]; None takes each cycle once.
     """
     known = np.isfinite(loops.signal_mv[sensor]).any(axis=(0, 1)) if loops.n_cycles else np.zeros(0, bool)
     rows = 1 if weights is None else weights.shape[0]

@@ -46,6 +46,11 @@ def elongations_of(
 ) -> Elongations | None:
     """Return the elongations of a run, from `file` if one is given, else from the recording's own readings.
 
+    Parameters
+    ----------
+    recording, plateaus : the run.
+    file : CSV of elongations; None takes the readings of the recording.
+
     Returns
     -------
     None where there are none: then the figures against pressure can still be given.

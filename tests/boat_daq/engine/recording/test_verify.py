@@ -196,6 +196,19 @@ def test_stored_results_are_derived_again(copy):
     assert "result 1 (mean)" in other.difference
 
 
+def test_a_result_of_older_code_may_lack_keys_and_be_worded_otherwise(copy):
+    """Keys are added and texts change from version to version; numbers, codes and what was stored do not."""
+    add_result(copy, "mean", {"code": "old"}, {"n": 3, "items": [{"code": "few", "text": "too few"}]})
+
+    def found(again: dict) -> str:
+        return verify_recording(copy, reanalyse=lambda *_: again, code="new").difference
+
+    assert found({"n": 3, "more": 1, "items": [{"code": "few", "text": "only 3", "subject": "s1"}]}) == ""
+    assert "the first is n" in found({"n": 4, "items": [{"code": "few", "text": "too few"}]})
+    assert "items[0].code" in found({"n": 3, "items": [{"code": "many", "text": "too few"}]})
+    assert found({"items": [{"code": "few", "text": "too few"}]})
+
+
 def test_a_recording_without_bytes_is_not_identical(copy):
     """An imported recording has nothing to be derived from, and is not called identical."""
     change(copy, "DELETE FROM chunk")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -45,46 +45,42 @@ class ConnectPanel(QDialog):
         self.profile.setPlainText(connection.profile)
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
         self.speed = widgets.choice("Speed of the virtual board", SPEEDS)
-        layout = QVBoxLayout(self)
-        layout.setSpacing(style.CARD_PADDING)
-        layout.addWidget(self._board())
-        layout.addWidget(self._virtual())
+        self.setLayout(widgets.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))
 
     def _board(self) -> QWidget:
-        frame, inside = widgets.card()
         identity = "The board identifies itself; the port name does not matter."
         self.none = widgets.label("\u25b2 No port found. Plug in the board, then rescan.", "muted", wrap=True)
-        grid = QGridLayout()
-        top = Qt.AlignmentFlag.AlignTop
-        grid.addWidget(widgets.label("Port"), 0, 0)
-        grid.addWidget(self.port, 0, 1)
-        grid.addWidget(widgets.button("Rescan", self.rescan), 0, 2)
-        grid.addWidget(widgets.label("Unit"), 1, 0)
-        grid.addWidget(self.unit, 1, 1)
-        grid.addWidget(widgets.label("Other firmware"), 2, 0, top)
-        grid.addWidget(self.profile, 2, 1)
-        grid.addWidget(widgets.button("Open …", self._open_profile), 2, 2, top)
-        grid.setColumnStretch(1, 1)
         self.connect_button = widgets.button("Connect", self.connect_board, "primary")
         self.disconnect_button = widgets.button("Disconnect", self.disconnect_board)
         self.refused = widgets.label("", "", wrap=True, name="Why it is not connected")
         widgets.set_state(self.refused, "fault")
         self.refused.hide()
-        for widget in (widgets.label("A board", "subtitle"), widgets.label(identity, "muted", wrap=True), self.none):
-            inside.addWidget(widget)
-        inside.addLayout(grid)
-        inside.addWidget(self.refused)
-        inside.addLayout(widgets.row(None, self.disconnect_button, self.connect_button))
-        return frame
+        grid, top = QGridLayout(), Qt.AlignmentFlag.AlignTop
+        for i, (text, control) in enumerate(
+            (("Port", self.port), ("Unit", self.unit), ("Other firmware", self.profile))
+        ):
+            grid.addWidget(widgets.label(text), i, 0, top if control is self.profile else Qt.AlignmentFlag(0))
+            grid.addWidget(control, i, 1)
+        grid.addWidget(widgets.button("Rescan", self.rescan), 0, 2)
+        grid.addWidget(widgets.button("Open …", self._open_profile), 2, 2, top)
+        grid.setColumnStretch(1, 1)
+        return widgets.card(
+            widgets.label("A board", "subtitle"),
+            widgets.label(identity, "muted", wrap=True),
+            self.none,
+            grid,
+            self.refused,
+            widgets.row(None, self.disconnect_button, self.connect_button),
+        )[0]
 
     def _virtual(self) -> QWidget:
-        frame, inside = widgets.card()
         explanation = "A simulated unit, pump and board for practice. All its data are marked SIMULATED."
-        inside.addWidget(widgets.label("The virtual board", "subtitle"))
-        inside.addWidget(widgets.label(explanation, "muted", wrap=True))
         self.virtual_button = widgets.button("Start the virtual board", self.start_virtual)
-        inside.addLayout(widgets.row(self.virtual_unit, self.speed, None, self.virtual_button))
-        return frame
+        return widgets.card(
+            widgets.label("The virtual board", "subtitle"),
+            widgets.label(explanation, "muted", wrap=True),
+            widgets.row(self.virtual_unit, self.speed, None, self.virtual_button),
+        )[0]
 
     def open_fresh(self) -> None:
         """Scan the ports and show the panel."""

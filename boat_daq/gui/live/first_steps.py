@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from PySide6.QtWidgets import QFrame, QGridLayout, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QScrollArea, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
@@ -34,30 +34,21 @@ class FirstSteps(QScrollArea):
 
     def __init__(self, connection: ConnectionModel, services: Services) -> None:
         super().__init__()
-        frame, inside = widgets.card()
-        frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
-        inside.setContentsMargins(*(6 * style.STEP,) * 4)
-        inside.setSpacing(style.CARD_PADDING)
-        inside.addWidget(widgets.label("From a board to a calibration", "title"))
         self.board = widgets.button("Connect a board …", partial(services.show, Panel.CONNECT))
         start = partial(services.notices.attempt, connection.start_virtual_board)
         self.virtual = widgets.button("Start the virtual board", start, "primary")
         self.plan = widgets.button("Show the plan", partial(services.show, Panel.PLAN))
-        for number, (title, text) in enumerate(STEPS, 1):
-            buttons = {1: (self.virtual, self.board), 2: (self.plan,)}.get(number, ())
-            inside.addWidget(self._step(str(number), title, text, *buttons))
-        body = QWidget()
-        layout = QVBoxLayout(body)
-        across = widgets.row(None, frame, None)  # no alignment: an aligned frame does not wrap its text
-        across.setStretchFactor(frame, 100)
-        layout.addStretch(1)
-        layout.addLayout(across)
-        layout.addStretch(1)
+        buttons = ((self.virtual, self.board), (self.plan,), ())
+        steps = [self._step(str(i), *STEPS[i - 1], *each) for i, each in enumerate(buttons, 1)]
+        frame, inside = widgets.card(widgets.label("From a board to a calibration", "title"), *steps)
+        frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
+        inside.setContentsMargins(*(6 * style.STEP,) * 4)
+        inside.setSpacing(style.CARD_PADDING)
+        across = widgets.row(None, (frame, 100), None)  # no alignment: an aligned frame does not wrap its text
         self.setWidgetResizable(True)
-        self.setWidget(body)
+        self.setWidget(widgets.holder(widgets.column(None, across, None)))
 
     def _step(self, number: str, title: str, text: str, *buttons: QWidget) -> QFrame:
-        frame, inside = widgets.card()
         grid = QGridLayout()
         grid.setColumnStretch(1, 1)
         grid.setHorizontalSpacing(style.CARD_PADDING)
@@ -68,5 +59,4 @@ class FirstSteps(QScrollArea):
         grid.addWidget(widgets.label(text, "muted", wrap=True), 1, 1)
         if buttons:
             grid.addLayout(widgets.row(*buttons, None), 2, 1)
-        inside.addLayout(grid)
-        return frame
+        return widgets.card(grid)[0]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QTabWidget, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -49,11 +49,9 @@ class ValueDisplay(QWidget):
         line = widgets.row(self.value, self.unit, None, spacing=6)
         for widget in (self.value, self.unit):
             line.setAlignment(widget, Qt.AlignmentFlag.AlignBaseline)
-        layout = QVBoxLayout(self)
+        layout = widgets.column(head, line, spacing=0)
         layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(0)
-        layout.addLayout(head)
-        layout.addLayout(line)
+        self.setLayout(layout)
         self.resize_text(style.FONT_MEASURED)
 
     def resize_text(self, pixels: int) -> None:
@@ -102,17 +100,15 @@ class LivePage(QWidget):
         self.pane = self._pane(shadow)
         self.middle = Leaves()
         self.first_steps, self.overlay = FirstSteps(run.connection, services), OverlayPlots(overlay)
-        for widget in (self.first_steps, self.plots, self.overlay):
-            self.middle.addWidget(widget)
+        for leaf in (self.first_steps, self.plots, self.overlay):
+            self.middle.addWidget(leaf)
         self.overlaid = self.narrow = self.low = False
         self.photograph = PhotographPanel(self, run, services)
         self.marker = self._marker()
-        left = widgets.column(
-            self._head(), self.marker, self.middle, self.spans, self.sequence, self.reading, spacing=style.GAP
-        )
-        left.setStretchFactor(self.middle, 1)
-        self.sides = Divided("live", services.preferences, widgets.holder(left), self.pane, style.PANE_WIDTH)
-        self.page, self.left = widgets.page_layout(self), left
+        parts = (self._head(), self.marker, (self.middle, 1), self.spans, self.sequence, self.reading)
+        self.left = widgets.column(*parts, spacing=style.GAP)
+        self.sides = Divided("live", services.preferences, widgets.holder(self.left), self.pane, style.PANE_WIDTH)
+        self.page = widgets.page_layout(self)
         self.page.addWidget(self.sides)
 
     def _figures(self) -> dict[str, ValueDisplay]:
@@ -124,19 +120,13 @@ class LivePage(QWidget):
 
     def _head(self) -> QFrame:
         frame, layout = widgets.card()
-        self.figure_line = QHBoxLayout()
-        for figure in self.figures.values():
-            self.figure_line.addWidget(figure)
-        self.figure_line.addStretch(1)
+        self.figure_line = widgets.row(*self.figures.values(), None)
         layout.addLayout(self.figure_line)
-        self.window_choice = widgets.choice(
-            "Time shown", [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
-        )
+        windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
+        self.window_choice = widgets.choice("Time shown", windows)
         self.window_choice.setCurrentIndex(WINDOWS_S.index(self.model.window_s))
         self.window_choice.activated.connect(lambda _: self.set_window(self.window_choice.currentData()))
-        self.freeze = widgets.button(
-            "Freeze plot", self.toggle_freeze, tip="Freeze the plots; recording continues (Space)"
-        )
+        self.freeze = widgets.button("Freeze plot", self.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
         for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
@@ -146,14 +136,9 @@ class LivePage(QWidget):
         frame, layout = widgets.card()
         self.note = widgets.field("Note of the marker", placeholder="What happened?")
         self.note.returnPressed.connect(self._mark)
-        layout.addLayout(
-            widgets.row(
-                widgets.label("Marker", "subtitle"),
-                self.note,
-                widgets.button("Add", self._mark, name="Add marker"),
-                widgets.button("Cancel", self._close_marker, name="Cancel marker"),
-            )
-        )
+        add = widgets.button("Add", self._mark, name="Add marker")
+        cancel = widgets.button("Cancel", self._close_marker, name="Cancel marker")
+        layout.addLayout(widgets.row(widgets.label("Marker", "subtitle"), self.note, add, cancel))
         frame.hide()
         return frame
 
@@ -193,25 +178,17 @@ class LivePage(QWidget):
         self.middle.setCurrentWidget(self.first_steps if wanted else self.plots)
 
     def _choose_middle(self) -> None:
-        has_data = self.model.has_data()
-        wanted = self.first_steps if not has_data else self.overlay if self.overlaid else self.plots
-        if self.middle.currentWidget() is not wanted:
-            self.middle.setCurrentWidget(wanted)
+        with_data = self.overlay if self.overlaid else self.plots
+        self.middle.setCurrentWidget(with_data if self.model.has_data() else self.first_steps)
 
     def _pane(self, shadow: ShadowLive) -> QTabWidget:
-        tabs = QTabWidget()
-        tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
-        tabs.setDocumentMode(True)
-        tabs.tabBar().setDrawBase(False)
         self.shadow = ShadowPane(shadow, self.services)
         self.table = ReadingsTable(self.run.readings, self.services)
         self.table.model.corrected.connect(self.focus_reading, Qt.ConnectionType.QueuedConnection)
         self.plan = PlanForm(self.run.sequence, self.services)
-        tabs.addTab(self.shadow, "Shadow")
-        tabs.addTab(self.plan, "Plan")
-        tabs.addTab(self.table, "Readings")
-        tabs.setAccessibleName("Shadow, plan, readings")
-        tabs.tabBar().setAccessibleName("Shadow, plan or readings")
+        pages = ((self.shadow, "Shadow"), (self.plan, "Plan"), (self.table, "Readings"))
+        tabs = widgets.tabs("Shadow, plan, readings", *pages)
+        tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
         return tabs
 
     def set_window(self, seconds: float) -> None:
@@ -225,10 +202,7 @@ class LivePage(QWidget):
 
     def toggle_freeze(self) -> None:
         """Freeze the plots, or follow the data again."""
-        if self.model.following:
-            self.model.freeze()
-        else:
-            self.model.follow()
+        (self.model.freeze if self.model.following else self.model.follow)()
 
     def zoom(self, factor: float) -> None:
         """Show `factor` times the present length."""
@@ -237,21 +211,18 @@ class LivePage(QWidget):
 
     def remember(self) -> None:
         """Store zoom, arrangement of the plots and selected tab for the next start."""
-        seconds = self.model.window_s
-        self.services.preferences.set("window_s", seconds if math.isfinite(seconds) else -1.0)
-        self.services.preferences.set("together", self.model.together)
-        self.services.preferences.set("pane", self.pane.currentIndex())
+        seconds, store = self.model.window_s, self.services.preferences.set
+        store("window_s", seconds if math.isfinite(seconds) else -1.0)
+        store("together", self.model.together)
+        store("pane", self.pane.currentIndex())
 
     def restore(self) -> None:
         """Restore what was stored."""
-        seconds = float(self.services.preferences.get("window_s", 60.0))
+        stored = self.services.preferences.get
+        seconds = float(stored("window_s", 60.0))
         self.set_window(seconds if seconds > 0 else math.inf)
-        self.model.together = bool(self.services.preferences.get("together", False))
-        self.pane.setCurrentIndex(self.services.preferences.get("pane", 0))
-
-    def show_all(self) -> None:
-        """Show the whole session."""
-        self.set_window(math.inf)
+        self.model.together = bool(stored("together", False))
+        self.pane.setCurrentIndex(stored("pane", 0))
 
     def toggle_together(self) -> None:
         """Show both signals on one axis, or on one each."""
@@ -301,8 +272,8 @@ class LivePage(QWidget):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show values, run and readings; called a few times a second."""
         head = self.model.headline(snapshot)
-        self.figures["s1"].set(head.signals[0])
-        self.figures["s2"].set(head.signals[1] if len(head.signals) > 1 else formatting.NOTHING)
+        for key, signal in zip(("s1", "s2"), (*head.signals, formatting.NOTHING), strict=False):
+            self.figures[key].set(signal)
         self.figures["mm"].set(head.elongation, head.band.replace(" (k = 2)", "") if self.narrow else head.band)
         self.figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
         self.figures["target"].set(head.target)
@@ -319,17 +290,9 @@ class LivePage(QWidget):
         self.sequence.refresh(snapshot)
         self.reading.refresh(snapshot)
         self.photograph.refresh()
-        self.pane_refresh(snapshot)
-
-    def pane_refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show what the visible tab of the pane needs."""
-        current = self.pane.currentWidget()
-        if current is self.table:
-            self.table.refresh(snapshot)
-        elif current is self.plan:
-            self.plan.refresh(snapshot)
-        elif current is self.shadow:
-            self.shadow.refresh(snapshot)
+        for tab in (self.shadow, self.plan, self.table):
+            if tab is self.pane.currentWidget():
+                tab.refresh(snapshot)
 
     def _show_spans(self, spans: list[Span]) -> None:
         """Show the statistics between the cursors under the plots; in a small window in a tab beside them."""

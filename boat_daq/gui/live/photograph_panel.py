@@ -16,7 +16,7 @@ from PySide6.QtGui import (
     QShortcut,
     QWheelEvent,
 )
-from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGraphicsView, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGraphicsView, QWidget
 
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
@@ -127,10 +127,7 @@ class PhotographPanel(QDialog):
             widgets.button("Paste", self.paste), widgets.label("Distance between scale marks:", "muted"), self.distance,
             widgets.label("mm", "muted"), None, self.value, widgets.button("Back", self.back), self.take,
         )  # fmt: skip
-        layout = QVBoxLayout(self)
-        layout.addLayout(head)
-        layout.addWidget(self.instruction)
-        layout.addWidget(self.view, 1)
+        self.setLayout(widgets.column(head, self.instruction, (self.view, 1), spacing=style.GAP))
         QShortcut(QKeySequence.StandardKey.Paste, self, self.paste)
 
     def load(self, path: Path) -> None:

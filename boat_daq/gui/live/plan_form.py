@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QLineEdit, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QLineEdit, QScrollArea
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -26,58 +26,36 @@ class PlanForm(QScrollArea):
         self.setWidgetResizable(True)
         self.setAccessibleName("Plan, and manual pressure")
         self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans])
-        self.choice.activated.connect(lambda _: self._choose())
+        self.choice.activated.connect(lambda _: sequence.choose(str(self.choice.currentData())))
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
         self.estimate = widgets.label("", "muted", wrap=True)
         self.limits = widgets.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
-        self.ask_readings.toggled.connect(self._set_wait)
-        self.target = widgets.field("Target pressure in kPa", "0")
-        self.ramp = widgets.field("Ramp in kPa per second", "5")
+        self.ask_readings.toggled.connect(sequence.require_readings)
+        self.target = widgets.field("Target pressure in kPa", "0", width=FIELD_WIDTH)
+        self.ramp = widgets.field("Ramp in kPa per second", "5", width=FIELD_WIDTH)
         self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
         self.target.returnPressed.connect(self._set_pressure)
-        self.setWidget(self._body())
-
-    def _body(self) -> QWidget:
-        body = QWidget()
-        layout = QVBoxLayout(body)
+        plan, _ = widgets.card(
+            widgets.row(widgets.label("Plan", "subtitle"), None, self.choice),
+            widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES),
+            self.refused,
+            self.ask_readings,
+            self.estimate,
+            widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), None),
+        )
+        manual, _ = widgets.card(
+            widgets.label("Manual pressure", "subtitle"),
+            widgets.form((("Target", self.target, "kPa"), ("Ramp", self.ramp, "kPa/s"))),
+            self.limits,
+            widgets.row(None, self.set_button),
+        )
+        layout = widgets.column(plan, manual, None, spacing=style.GAP)
+        body = widgets.holder(layout)
         layout.setContentsMargins(0, style.GAP, style.STEP, 0)
-        layout.setSpacing(style.GAP)
-        frame, inside = widgets.card()
-        inside.addLayout(widgets.row(widgets.label("Plan", "subtitle"), None, self.choice))
-        grid = QGridLayout()
-        grid.setVerticalSpacing(style.STEP)
-        for i, entry in enumerate(ENTRIES):
-            grid.addWidget(widgets.label(entry.label), i, 0)
-            grid.addWidget(self.fields[entry.key], i, 1)
-            grid.addWidget(widgets.label(entry.unit, "muted"), i, 2)
-        grid.setColumnStretch(0, 1)
-        inside.addLayout(grid)
-        for widget in (self.refused, self.ask_readings, self.estimate):
-            inside.addWidget(widget)
-        inside.addLayout(widgets.row(widgets.button("Open …", self.open), widgets.button("Save …", self.save), None))
-        layout.addWidget(frame)
-        layout.addWidget(self._manual())
-        layout.addStretch(1)
-        return body
-
-    def _manual(self) -> QWidget:
-        frame, inside = widgets.card()
-        inside.addWidget(widgets.label("Manual pressure", "subtitle"))
-        grid = QGridLayout()
-        grid.setVerticalSpacing(style.STEP)
-        for i, (text, field, unit) in enumerate((("Target", self.target, "kPa"), ("Ramp", self.ramp, "kPa/s"))):
-            field.setFixedWidth(FIELD_WIDTH)
-            grid.addWidget(widgets.label(text), i, 0)
-            grid.addWidget(field, i, 1)
-            grid.addWidget(widgets.label(unit, "muted"), i, 2)
-        grid.setColumnStretch(0, 1)
-        inside.addLayout(grid)
-        inside.addWidget(self.limits)
-        inside.addLayout(widgets.row(None, self.set_button))
-        return frame
+        self.setWidget(body)
 
     def _field(self, key: str, name: str, tip: str) -> QLineEdit:
         field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH)
@@ -97,12 +75,6 @@ class PlanForm(QScrollArea):
         widgets.set_text(self.refused, list(refused.values())[-1] if refused else "")
         widgets.set_state(self.refused, "fault" if refused else "")
         self.refused.setVisible(bool(refused))
-
-    def _choose(self) -> None:
-        self.sequence.choose(str(self.choice.currentData()))
-
-    def _set_wait(self, on: bool) -> None:
-        self.sequence.require_readings(on)
 
     def open(self) -> None:
         """Open a plan from a file."""

@@ -39,16 +39,13 @@ class ReadingBar(QFrame):
         self.field = widgets.field("Elongation in mm", width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         self.field.returnPressed.connect(self.enter)
-        self.photo = widgets.button(
-            "Photograph …", partial(services.show, Panel.PHOTOGRAPH), tip="Read it from a picture of the grid (Ctrl+P)"
-        )
+        show = partial(services.show, Panel.PHOTOGRAPH)
+        self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid (Ctrl+P)")
         self.simulated = widgets.button("Read the grid", self._simulated, tip="Read the grid of the simulated unit")
         self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
-        answer = widgets.row(
-            self.field, widgets.label("mm, Enter", "muted"), None, self.simulated, self.photo, self.skip
-        )
-        self.lines = widgets.row(self.question)
-        self.lines.addLayout(answer, 1)
+        unit = widgets.label("mm, Enter", "muted")
+        answer = widgets.row(self.field, unit, None, self.simulated, self.photo, self.skip)
+        self.lines = widgets.row(self.question, (answer, 1))
         self.lines.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
         self.setLayout(self.lines)
         self.hide()
@@ -68,9 +65,8 @@ class ReadingBar(QFrame):
         self.step_id = step
         self.field.setText("")  # not clear(): undo would put the last plateau's reading into this field
         self._enable(step is not None)
-        if step is not None and (
-            not isinstance(QGuiApplication.focusObject(), QWidget) or self.window().isActiveWindow()
-        ):
+        elsewhere = isinstance(QGuiApplication.focusObject(), QWidget) and not self.window().isActiveWindow()
+        if step is not None and not elsewhere:
             self.field.setFocus()
 
     def _enable(self, due: bool) -> None:
@@ -247,15 +243,10 @@ class ReadingsTable(QWidget):
         )
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.count = widgets.label("", "small")
-        layout = widgets.column(self.empty, self.view, self.count, spacing=style.GAP)
+        paste = widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected row on")
+        buttons = widgets.row(paste, widgets.button("Import …", self.import_), None)
+        layout = widgets.column(self.empty, self.view, self.count, buttons, spacing=style.GAP)
         layout.setContentsMargins(0, style.GAP, 0, 0)
-        layout.addLayout(
-            widgets.row(
-                widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected row on"),
-                widgets.button("Import …", self.import_),
-                None,
-            )
-        )
         self.setLayout(layout)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -275,10 +266,5 @@ class ReadingsTable(QWidget):
 
     def import_(self) -> None:
         """Import a column of readings from a file."""
-        ask_open(
-            self,
-            self.services,
-            "Import readings",
-            "csv txt tsv",
-            lambda path: self.view.paste(read_text(path)),
-        )
+        paste = self.view.paste
+        ask_open(self, self.services, "Import readings", "csv txt tsv", lambda path: paste(read_text(path)))

@@ -6,7 +6,7 @@ from functools import partial
 
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QFrame, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QPushButton, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -16,16 +16,17 @@ from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import StaircaseDrawing, progress_text, state_text
 
-LABELS = {
-    "arm": "Arm", "disarm": "Disarm", "start": "Start", "pause": "Pause", "resume": "Resume", "stop": "Stop",
-    "clear": "Clear fault",
-}  # fmt: skip
-TIPS = {
-    "arm": "Check the plan against every limit; nothing moves yet", "disarm": "Unload the plan; nothing has moved",
-    "start": "Start recording and run the plan", "pause": "Vent and wait; the current cycle is left out",
-    "resume": "Resume with the next whole cycle", "stop": "Vent and end the run",
-    "clear": "Clear the fault once its cause is removed",
-}  # fmt: skip
+BUTTONS = {  # key -> text, explanation
+    "arm": ("Arm", "Check the plan against every limit; nothing moves yet"),
+    "disarm": ("Disarm", "Unload the plan; nothing has moved"),
+    "start": ("Start", "Start recording and run the plan"),
+    "pause": ("Pause", "Vent and wait; the current cycle is left out"),
+    "resume": ("Resume", "Resume with the next whole cycle"),
+    "stop": ("Stop", "Vent and end the run"),
+    "clear": ("Clear fault", "Clear the fault once its cause is removed"),
+}
+PRIMARY = ("arm", "start", "resume", "clear")
+START_OVER = ("Start over", "Arm the whole plan from its first cycle, in a new recording")
 
 
 class StaircasePicture(QWidget):
@@ -87,24 +88,16 @@ class SequencePanel(QFrame):
         self.state = widgets.label("", "subtitle")
         self.progress = widgets.label("", "muted", name="Progress of the run", elide=True)
         self.buttons: dict[str, QPushButton] = {
-            key: widgets.button(
-                text,
-                partial(self.press, key),
-                "primary" if key in ("arm", "start", "resume", "clear") else "",
-                tip=TIPS[key],
-            )
-            for key, text in LABELS.items()
+            key: widgets.button(text, partial(self.press, key), "primary" if key in PRIMARY else "", tip=tip)
+            for key, (text, tip) in BUTTONS.items()
         }
-        self.resume = widgets.button("", self._resume, "primary", tip="Run the remaining cycles, in the same recording")
-        self.calibrate = widgets.button(
-            "Calibrate", self._calibrate, "primary", tip="Fit the curve to the readings of this run"
-        )
+        rest, fit = "Run the remaining cycles, in the same recording", "Fit the curve to the readings of this run"
+        self.resume = widgets.button("", self._resume, "primary", tip=rest)
+        self.calibrate = widgets.button("Calibrate", self._calibrate, "primary", tip=fit)
         head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.resume, self.calibrate)
-        layout = QVBoxLayout(self)
+        layout = widgets.column(head, self.picture)
         layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
-        layout.setSpacing(style.STEP)
-        layout.addLayout(head)
-        layout.addWidget(self.picture)
+        self.setLayout(layout)
 
     def press(self, key: str) -> None:
         """Press a button and show its effect at once."""
@@ -124,10 +117,10 @@ class SequencePanel(QFrame):
         self.calibrate.setVisible(offered)
         self.resume.setVisible(bool(first_cycle))
         widgets.set_text(self.resume, f"Resume at cycle {first_cycle}")
-        arm = self.buttons["arm"]
-        widgets.set_text(arm, "Start over" if first_cycle else LABELS["arm"])
+        arm, (text, tip) = self.buttons["arm"], START_OVER if first_cycle else BUTTONS["arm"]
+        widgets.set_text(arm, text)
         widgets.set_state(arm, "" if first_cycle or offered else "primary", "role")
-        arm.setToolTip("Arm the whole plan from its first cycle, in a new recording" if first_cycle else TIPS["arm"])
+        arm.setToolTip(tip)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show state, progress and the buttons that may be pressed."""
@@ -141,7 +134,3 @@ class SequencePanel(QFrame):
             button.setVisible(key in allowed)
         self._show_choice(self.run.resumption.first_cycle if "arm" in allowed else 0)
         self.picture.show_drawing(model.drawing(snapshot))
-
-    def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
-        self.picture.paint_theme(theme)

@@ -5,7 +5,7 @@ Rules: a control has an accessible name (its text, where it has one); a role nam
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from PySide6.QtCore import QSize, Qt
@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QBoxLayout,
     QComboBox,
     QFrame,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLayout,
@@ -113,14 +114,25 @@ def choice(name: str, entries: list[tuple[str, Any]]) -> QComboBox:
     return widget
 
 
-def card() -> tuple[QFrame, QVBoxLayout]:
-    """Return a framed surface and its layout."""
+def card(*items: Item) -> tuple[QFrame, QVBoxLayout]:
+    """Return a framed surface and its layout, a column of `Item`s."""
     frame = QFrame()
     frame.setObjectName("card")
-    layout = QVBoxLayout(frame)
+    layout = column(*items)
     layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
-    layout.setSpacing(style.STEP)
+    frame.setLayout(layout)
     return frame, layout
+
+
+def form(rows: Iterable[tuple[str, QWidget, str]]) -> QGridLayout:
+    """Return a grid with a row for each (name, field, unit)."""
+    grid = QGridLayout()
+    grid.setVerticalSpacing(style.STEP)
+    grid.setColumnStretch(0, 1)
+    for i, (text, control, unit) in enumerate(rows):
+        for k, widget in enumerate((label(text), control, label(unit, "muted"))):
+            grid.addWidget(widget, i, k)
+    return grid
 
 
 def row(*items: Item, spacing: int = style.GAP) -> QHBoxLayout:

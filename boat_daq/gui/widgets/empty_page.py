@@ -7,7 +7,6 @@ from collections.abc import Callable
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
 
@@ -40,14 +39,3 @@ class EmptyState(QWidget):
         if action:
             widgets.set_text(self.button, action)
             self.button.setAccessibleName(action)
-
-
-class EmptyPage(QWidget):
-    """A page that has nothing to show yet."""
-
-    def __init__(self, title: str, words: str, action: str, deed: Callable[[], object]) -> None:
-        super().__init__()
-        widgets.page_layout(self).addWidget(EmptyState(title, words, action, deed))
-
-    def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Nothing here changes."""

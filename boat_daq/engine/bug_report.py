@@ -15,12 +15,12 @@ import re
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from boat_daq import __version__
 from boat_daq.engine.log import RECORDING, log_folder
+from boat_daq.engine.qualification.installation import library_versions
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.settings import home
@@ -158,16 +158,12 @@ def _user() -> str:
 
 
 def _versions() -> dict[str, Any]:
-    packages: dict[str, str] = {}
-    for name in _PACKAGES:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            packages[name] = metadata.version(name)
     return {
         "boat_daq": __version__,
         "made_utc": now_utc(),
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
-        "packages": packages,
+        "packages": library_versions(_PACKAGES),
     }
 
 

@@ -29,6 +29,7 @@ from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
 from protocol.recording import open_recording
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -173,7 +174,7 @@ def test_run_is_resumed_in_a_connected_session(tmp_path: Path) -> None:
     """
     run = tmp_path / "run.boat"
     plan = dataclasses.replace(built_in_plans()["repeatability"], cycles=CYCLES, ramp_kpa_per_s=40.0)
-    with serve(BoardSettings(speed=SPEED), in_thread=True) as board:
+    with serve_in_thread(BoardSettings(speed=SPEED)) as board:
         session = Session(Settings(), UnitLibrary(tmp_path))
         session.connect(board.url, record_to=run)
         session.wait_connected()

@@ -227,47 +227,34 @@ class FlatLine:
     """Detects sensors that read the same value while the pressure moves."""
 
     def __init__(self) -> None:
-        self._value: list[float] = []  # of each sensor's newest sample
-        self._extremes: list[tuple[float, float]] = []  # of the pressure since it reads that value
-        self._samples: list[int] = []
-        self._found: set[int] = set()
+        self._value: NDArray[np.float64] = np.empty(0)  # of each sensor's newest sample; since it reads that value:
+        self._low = self._high = self._value  # extremes of the pressure
+        self._samples: NDArray[np.int64] = np.empty(0, np.int64)
+        self._frozen: NDArray[np.bool_] = np.empty(0, bool)
 
     @property
     def frozen(self) -> tuple[int, ...]:
         """Sensors (from 1) that are frozen now."""
-        return tuple(sorted(self._found))
+        return tuple((np.flatnonzero(self._frozen) + 1).tolist())
 
     def inspect(self, block: Columns) -> list[int]:
         """Return the sensors (from 1) newly found frozen."""
-        n = len(block)
+        n, sensors = block.raw.shape
         if not n:
             return []
+        if len(self._value) != sensors:
+            self._value, self._frozen = np.full(sensors, np.nan), np.zeros(sensors, bool)
+            self._low, self._high, self._samples = self._value, self._value, np.zeros(sensors, np.int64)
         newest = block.raw[-1]
-        other = (block.raw != newest)[::-1].argmax(axis=0).tolist()  # samples since another reading; 0: there was none
-        value = newest.tolist()
-        if len(self._value) != len(value):
-            self._value = [math.nan] * len(value)
-            self._extremes, self._samples = [(math.inf, -math.inf)] * len(value), [0] * len(value)
-        found = []
-        for sensor, length in enumerate(other):
-            if length or value[sensor] != self._value[sensor]:
-                self._extremes[sensor], self._samples[sensor] = (math.inf, -math.inf), 0
-                self._found.discard(sensor + 1)
-            self._continue(sensor, block.pressure_kpa[n - (length or n) :])
-            if self._flat(sensor):
-                found.append(sensor + 1)
-        self._value = value
-        self._found.update(found)
-        return found
-
-    def _continue(self, sensor: int, pressure_kpa: NDArray[np.float64]) -> None:
-        """Extend the run of equal readings of one sensor."""
-        low, high = self._extremes[sensor]
-        self._extremes[sensor] = min(low, float(pressure_kpa.min())), max(high, float(pressure_kpa.max()))
-        self._samples[sensor] += len(pressure_kpa)
-
-    def _flat(self, sensor: int) -> bool:
-        """Whether one sensor's run has newly become a flat line."""
-        low, high = self._extremes[sensor]
-        flat = high - low >= FLAT_PRESSURE_KPA and self._samples[sensor] >= FLAT_SAMPLES
-        return flat and sensor + 1 not in self._found
+        other = (block.raw != newest)[::-1].argmax(axis=0)  # samples since another reading; 0: there was none
+        length = np.where(other, other, n)
+        back = block.pressure_kpa[::-1]
+        low, high = np.fmin.accumulate(back)[length - 1], np.fmax.accumulate(back)[length - 1]
+        same = (other == 0) & (newest == self._value)
+        self._low = np.where(same, np.fmin(low, self._low), low)
+        self._high = np.where(same, np.fmax(high, self._high), high)
+        self._samples = np.where(same, self._samples, 0) + length
+        flat = (self._high - self._low >= FLAT_PRESSURE_KPA) & (self._samples >= FLAT_SAMPLES)
+        found = flat & ~(self._frozen & same)
+        self._value, self._frozen = newest, found | (self._frozen & same)
+        return (np.flatnonzero(found) + 1).tolist()

@@ -10,6 +10,7 @@ here is SIMULATED: it tests program, computer, disk and port, not the lab's boar
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import signal
 import time
@@ -27,21 +28,13 @@ from boat_daq.engine.qualification.test_rig import (
     DrillRig,
     TruthComparison,
     compare,
-    counts,
-    identical,
     last_true,
-    loss_is_exact,
-    lost,
-    nothing_lost,
-    nothing_wrong,
     recorder_under_pressure,
-    reported,
     slow_commits,
-    vented,
 )
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
-from boat_daq.engine.snapshot import LinkState, SessionState
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from protocol.errors import RecordingError
 
 ACKNOWLEDGED_S = 0.2  # of wall time: what a kill may cost
@@ -61,9 +54,9 @@ def loss(rig: DrillRig) -> DrillResult:
     with rig.board(*faults) as board, rig.recording(board) as session:
         session.wait(lambda s: s.last is not None and s.last.time_s > 30, WAIT_S)
     found = compare(rig)
-    criteria = (loss_is_exact(found), nothing_wrong(found), _happened(found.missing >= 273, found), identical(rig))
     injected = "1, 7 and 255 frames, one byte in 2,000, 10 dropped by the board"
-    return DrillResult("loss", injected, criteria, lost(found), counts(found))
+    happened = _happened(found.missing >= 273, found)
+    return found.result("loss", injected, found.loss_exact, found.nothing_wrong, happened)
 
 
 def flips(rig: DrillRig) -> DrillResult:
@@ -71,13 +64,9 @@ def flips(rig: DrillRig) -> DrillResult:
     with rig.board("bit_flips@3:1e-3") as board, rig.recording(board) as session:
         session.wait(lambda s: s.last is not None and s.last.time_s > 50, WAIT_S)
     found = compare(rig)
-    criteria = (
-        nothing_wrong(found),
-        loss_is_exact(found),
-        _happened(found.summary.crc_errors > 0, found),
-        identical(rig),
-    )
-    return DrillResult("flips", "a bit of one byte in 1,000 flipped", criteria, lost(found), counts(found))
+    happened = _happened(found.summary.crc_errors > 0, found)
+    injected = "a bit of one byte in 1,000 flipped"
+    return found.result("flips", injected, found.nothing_wrong, found.loss_exact, happened)
 
 
 def unplug(rig: DrillRig) -> DrillResult:
@@ -89,18 +78,16 @@ def unplug(rig: DrillRig) -> DrillResult:
     found = compare(rig)
     back_kpa = found.truth[found.truth[:, 0] > 36e6, 1]
     highest = float(np.abs(back_kpa).max()) if len(back_kpa) else float("nan")
-    criteria = (
-        Criterion("the run ends in a fault", f"{ended.state}: {ended.latched}", ended.state is SessionState.FAULT),
+    return found.result(
+        "unplug",
+        "port gone for 20 s of board time, in a run",
+        _ends_in_fault(ended),
         Criterion("the board is found again", str(again.link), again.link is LinkState.UP),
-        Criterion(
-            "no pressure resumes by itself", f"at most {highest:.2f} kPa once it is back", bool(highest <= VENTED_KPA)
-        ),
-        loss_is_exact(found),
-        nothing_wrong(found),
-        vented(found),
-        identical(rig),
+        Criterion("no pressure resumes by itself", f"at most {highest:.2f} kPa once it is back", highest <= VENTED_KPA),
+        found.loss_exact,
+        found.nothing_wrong,
+        found.vented,
     )
-    return DrillResult("unplug", "port gone for 20 s of board time, in a run", criteria, lost(found), counts(found))
 
 
 def pump_stall(rig: DrillRig) -> DrillResult:
@@ -109,16 +96,17 @@ def pump_stall(rig: DrillRig) -> DrillResult:
         rig.run_plan(session, PLAN)
         ended = session.snapshot()
     found = compare(rig)
-    state = ended.state in (SessionState.ABORTED, SessionState.FAULT)
-    criteria = (
-        Criterion("the run is aborted", f"{ended.state}: {ended.run_ended.text if ended.run_ended else ''}", state),
-        reported(found, ("step_timeout", "target_not_reached_pa"), "the recording reports a target not reached"),
-        Criterion("no cycle counts", f"{found.summary.cycles.complete} complete", found.summary.cycles.complete == 0),
-        vented(found),
-        nothing_lost(found),
-        identical(rig),
+    aborted = ended.state in (SessionState.ABORTED, SessionState.FAULT)
+    complete = found.summary.cycles.complete
+    return found.result(
+        "stall",
+        "pumps get no further than 30 kPa",
+        Criterion("the run is aborted", f"{ended.state}: {ended.run_ended.text if ended.run_ended else ''}", aborted),
+        found.reported("the recording reports a target not reached", "step_timeout", "target_not_reached_pa"),
+        Criterion("no cycle counts", f"{complete} complete", complete == 0),
+        found.vented,
+        found.nothing_lost,
     )
-    return DrillResult("stall", "pumps get no further than 30 kPa", criteria, lost(found), counts(found))
 
 
 def leak(rig: DrillRig) -> DrillResult:
@@ -129,13 +117,8 @@ def leak(rig: DrillRig) -> DrillResult:
     with rig.board("leak@0:150") as board, rig.recording(board) as session:
         rig.run_plan(session, STAIRS)
     found = compare(rig)
-    criteria = (
-        reported(found, ("not_steady",), "a drifting plateau is reported as not steady"),
-        vented(found),
-        nothing_lost(found),
-        identical(rig),
-    )
-    return DrillResult("leak", "150 % of the bladder lost a minute", criteria, lost(found), counts(found))
+    not_steady = found.reported("a drifting plateau is reported as not steady", "not_steady")
+    return found.result("leak", "150 % of the bladder lost a minute", not_steady, found.vented, found.nothing_lost)
 
 
 def ambient_flash(rig: DrillRig) -> DrillResult:
@@ -153,13 +136,13 @@ def ambient_flash(rig: DrillRig) -> DrillResult:
     shift = float(scale * np.abs(signal[behind].mean(axis=0) - signal[before].mean(axis=0)).max())
     n = min(int(behind.sum()), int(before.sum()))
     bound = 5.0 * float(scale * signal[before].std(axis=0).max()) * np.sqrt(2.0 / max(n, 1)) + 0.05
-    criteria = (
+    return found.result(
+        "ambient flash",
+        "a lamp beside the sensors, 300 mV",
         Criterion("the dark reading shows the lamp", f"{moved:.0f} mV", moved > 200),
         Criterion(f"the signal does not move, to {bound:.2f} mV", f"{shift:.3f} mV", shift <= bound),
-        nothing_lost(found),
-        identical(rig),
+        found.nothing_lost,
     )
-    return DrillResult("ambient flash", "a lamp beside the sensors, 300 mV", criteria, lost(found), counts(found))
 
 
 def estop(rig: DrillRig) -> DrillResult:
@@ -169,13 +152,7 @@ def estop(rig: DrillRig) -> DrillResult:
         ended = session.snapshot()
         session.wait(lambda s: s.last is not None and s.last.time_s > 20, WAIT_S)
     found = compare(rig)
-    criteria = (
-        Criterion("the run ends in a fault", f"{ended.state}: {ended.latched}", ended.state is SessionState.FAULT),
-        vented(found),
-        nothing_lost(found),
-        identical(rig),
-    )
-    return DrillResult("e-stop", "pressed in a run", criteria, lost(found), counts(found))
+    return found.result("e-stop", "pressed in a run", _ends_in_fault(ended), found.vented, found.nothing_lost)
 
 
 def kill(rig: DrillRig) -> DrillResult:
@@ -189,19 +166,17 @@ def kill(rig: DrillRig) -> DrillResult:
     recovery = recover(rig.run)
     found = compare(rig)
     missing_s = (killed_us - float(found.samples["time_us"][-1])) / 4e6
-    criteria = (
+    missing = f"at most {ACKNOWLEDGED_S:g} s are missing at its end"
+    return found.result(
+        "kill",
+        "the recording program killed without a warning (SIGKILL), under pressure",
         Criterion("the file is marked as interrupted", was, was == "interrupted"),
         Criterion("it is recovered in place", recovery.status, recovery.status == "recovered" and not recovery.damaged),
-        Criterion(
-            f"at most {ACKNOWLEDGED_S:g} s are missing at its end", f"{missing_s:.2f} s", missing_s <= ACKNOWLEDGED_S
-        ),
-        vented(found),
-        nothing_lost(found),
-        identical(rig),
+        Criterion(missing, f"{missing_s:.2f} s", missing_s <= ACKNOWLEDGED_S),
+        found.vented,
+        found.nothing_lost,
+        lost=f"the last {max(missing_s, 0.0):.2f} s before the kill",
     )
-    cut = f"the last {max(missing_s, 0.0):.2f} s before the kill"
-    injected = "the recording program killed without a warning (SIGKILL), under pressure"
-    return DrillResult("kill", injected, criteria, cut, counts(found))
 
 
 def host_stall(rig: DrillRig) -> DrillResult:
@@ -213,20 +188,15 @@ def host_stall(rig: DrillRig) -> DrillResult:
         process.send_signal(signal.SIGCONT)
         process.wait(WAIT_S)
     found = compare(rig)
-    criteria = (
-        Criterion(
-            f"the board vents by itself, within {VENTED_KPA:g} kPa",
-            f"{during_kpa:.2f} kPa during the stall",
-            during_kpa <= VENTED_KPA,
-        ),
+    vents = f"the board vents by itself, within {VENTED_KPA:g} kPa"
+    return found.result(
+        "host stall",
+        "the program stopped for 3 s, under pressure",
+        Criterion(vents, f"{during_kpa:.2f} kPa during the stall", during_kpa <= VENTED_KPA),
         Criterion("the run is aborted", f"exit code {process.returncode}", process.returncode == 1),
-        loss_is_exact(found),
-        nothing_wrong(found),
-        vented(found),
-        identical(rig),
-    )
-    return DrillResult(
-        "host stall", "the program stopped for 3 s, under pressure", criteria, lost(found), counts(found)
+        found.loss_exact,
+        found.nothing_wrong,
+        found.vented,
     )
 
 
@@ -237,13 +207,8 @@ def slow_disk(rig: DrillRig) -> DrillResult:
         health = session.snapshot().health
     found = compare(rig)
     lag_ms = health.lag_ms if health is not None else 0.0
-    criteria = (
-        Criterion("the lag is shown", f"{lag_ms:.0f} ms", lag_ms > 100),
-        nothing_lost(found),
-        nothing_wrong(found),
-        identical(rig),
-    )
-    return DrillResult("slow disk", "0.7 s for each commit", criteria, lost(found), counts(found))
+    shown = Criterion("the lag is shown", f"{lag_ms:.0f} ms", lag_ms > 100)
+    return found.result("slow disk", "0.7 s for each commit", shown, found.nothing_lost, found.nothing_wrong)
 
 
 Drill = Callable[[DrillRig], DrillResult]
@@ -268,21 +233,15 @@ def run_drill(drill: Drill, folder: Path) -> DrillResult:
     except Exception as error:  # noqa: BLE001 - a drill that breaks has failed, and the next one is run
         name = drill.__name__.replace("_", " ")
         broke = Criterion("the drill completes", f"{type(error).__name__}: {error}", False)
-        outcome = DrillResult(name, (drill.__doc__ or "").strip(), (broke,), "unknown")
-    rate_hz = _rate(rig)
-    seconds = time.monotonic() - begun
-    return dataclasses.replace(outcome, seconds=seconds, boards=tuple(rig.served), rate_hz=rate_hz)
+        outcome = DrillResult(name, (drill.__doc__ or "").partition("\n")[0], (broke,), "unknown")
+    with contextlib.suppress(RecordingError):  # nothing was recorded
+        outcome = dataclasses.replace(outcome, rate_hz=summarise(rig.run).rate_asked_hz)
+    return dataclasses.replace(outcome, seconds=time.monotonic() - begun, boards=tuple(rig.served))
 
 
-def _rate(rig: DrillRig) -> float | None:
-    """Return the sampling rate requested for a drill's recording.
-
-    None where none can be read.
-    """
-    try:
-        return summarise(rig.run).rate_asked_hz
-    except RecordingError:
-        return None
+def _ends_in_fault(ended: SessionSnapshot) -> Criterion:
+    """Return whether a run ended in a latched fault."""
+    return Criterion("the run ends in a fault", f"{ended.state}: {ended.latched}", ended.state is SessionState.FAULT)
 
 
 def _happened(seen: bool, found: TruthComparison) -> Criterion:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import platform
 import shutil
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
@@ -27,16 +29,17 @@ def program() -> dict[str, str | int]:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of program, Python and libraries.
+    """Return the versions of program, Python and the installed libraries."""
+    return {"boat-daq": __version__, "Python": platform.python_version(), **library_versions(_LIBRARIES)}
 
-    What is not installed is left out.
-    """
-    found = {"boat-daq": __version__, "Python": platform.python_version()}
-    distributions = [
-        dist for dist in metadata.distributions() if dist.metadata["Name"]
-    ]  # not the rest of a removed one
-    installed = {dist.name.replace("_", "-"): dist.version for dist in distributions}
-    return found | {name: installed[name] for name in _LIBRARIES if name in installed}
+
+def library_versions(names: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those libraries that are installed."""
+    found: dict[str, str] = {}
+    for name in names:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
 
 
 def machine() -> dict[str, str]:

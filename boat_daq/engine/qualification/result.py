@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -45,20 +46,11 @@ def qualification(results: Sequence[DrillResult], begun: datetime, *, whole: boo
 
 
 def _drill(result: DrillResult) -> dict[str, Any]:
-    return {
-        "name": result.name,
-        "injected": result.injected,
-        "passed": result.passed,
-        "criteria": [{"text": c.text, "seen": c.seen, "kept": c.kept} for c in result.criteria],
-        "lost": result.lost,
-        "counts": result.counts,
-        "seconds": result.seconds,
-        "rate_hz": result.rate_hz,
-        "boards": [
-            {"port": _port_kind(b.port), "speed": b.speed, "unit": b.unit, "seed": b.seed, "faults": list(b.faults)}
-            for b in result.boards
-        ],
-    }
+    boards = [
+        {"port": _port_kind(b.port), "speed": b.speed, "unit": b.unit, "seed": b.seed, "faults": list(b.faults)}
+        for b in result.boards
+    ]
+    return {**asdict(result), "passed": result.passed, "boards": boards}
 
 
 def _port_kind(port: str) -> str:

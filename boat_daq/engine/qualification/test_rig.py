@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import subprocess
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +22,7 @@ from boat_daq.engine.plan import Plan
 from boat_daq.engine.recording.file import RecordingFile, Statement
 from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
@@ -59,7 +60,7 @@ class DrillResult:
     injected: str
     criteria: tuple[Criterion, ...]
     lost: str
-    counts: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     boards: tuple[BoardSettings, ...] = ()
     rate_hz: float | None = None
@@ -127,7 +128,7 @@ class DrillRig:
 
 @dataclass(frozen=True, slots=True)
 class TruthComparison:
-    """A recording beside the board's truth, by board time.
+    """A recording beside the board's truth, by board time; its properties are criteria that drills share.
 
     Attributes
     ----------
@@ -147,9 +148,58 @@ class TruthComparison:
     events: dict[str, int]
 
     @property
-    def vented_kpa(self) -> float:
-        """True pressure at the end."""
-        return float(self.truth[-1, 1])
+    def loss_exact(self) -> Criterion:
+        """Whether the program counts as lost what the truth shows as missing."""
+        counted = self.summary.lost_samples
+        seen = f"{counted} counted, {self.missing} missing by the board"
+        return Criterion("lost samples are counted exactly", seen, counted == self.missing)
+
+    @property
+    def nothing_lost(self) -> Criterion:
+        """Whether no sample is missing."""
+        return Criterion("no sample is lost", f"{self.missing} of {len(self.samples)} missing", self.missing == 0)
+
+    @property
+    def nothing_wrong(self) -> Criterion:
+        """Whether every recorded sample is one that the board took."""
+        return Criterion("no wrong sample", f"{self.wrong} of {len(self.samples)}", self.wrong == 0)
+
+    @property
+    def vented(self) -> Criterion:
+        """Whether the unit is without pressure at the end."""
+        end_kpa = float(self.truth[-1, 1])
+        text = f"the unit is vented, within {VENTED_KPA:g} kPa"
+        return Criterion(text, f"{end_kpa:+.2f} kPa at the end", abs(end_kpa) <= VENTED_KPA)
+
+    def reported(self, text: str, *kinds: str) -> Criterion:
+        """Return whether an event of one of these kinds is in the recording."""
+        seen = [kind for kind in kinds if self.events.get(kind)]
+        return Criterion(text, ", ".join(seen) or "nothing", bool(seen))
+
+    def result(self, name: str, injected: str, *criteria: Criterion, lost: str = "") -> DrillResult:
+        """Return a drill's result, with the criterion that the recording derives identically from its bytes.
+
+        Parameters
+        ----------
+        name, injected, criteria : of the drill.
+        lost : a text on what the recording lacks, in place of the counted samples.
+        """
+        verdict, s = verify_recording(self.summary.path), self.summary
+        identical = "the recording is identical to its bytes"
+        last = Criterion(identical, verdict.difference or "identical", verdict.identical)
+        counted = f"{self.missing} samples of {self.missing + len(self.samples)}" if self.missing else "nothing"
+        without_link = f"; {self.absent} instants without a link" if self.absent else ""
+        counts = {
+            "samples": s.samples,
+            "lost_said": s.lost_samples,
+            "missing_by_truth": self.missing,
+            "without_a_link": self.absent,
+            "wrong": self.wrong,
+            "gaps": s.gaps,
+            "crc_errors": s.crc_errors,
+            "segments": len(s.segments),
+        }
+        return DrillResult(name, injected, (*criteria, last), lost or counted + without_link, counts)
 
 
 def compare(rig: DrillRig) -> TruthComparison:
@@ -159,99 +209,35 @@ def compare(rig: DrillRig) -> TruthComparison:
         dtype = dtype_from_description(meta["sample_dtype"])
         blocks = db.execute("SELECT segment, samples FROM block ORDER BY id").fetchall()
         events = dict(db.execute("SELECT kind, count(*) FROM event GROUP BY kind").fetchall())
-    parts = [(segment, np.frombuffer(blob, dtype)) for segment, blob in blocks]
-    samples = np.concatenate([part for _, part in parts]) if parts else np.empty(0, dtype)
-    segments = np.concatenate([np.full(len(part), segment) for segment, part in parts]) if parts else np.empty(0)
-    lines = rig.truth.read_text(encoding="utf-8").splitlines()
-    rows = [line.split(",")[2:] for line in lines if line[:1].isdigit()]
+    samples = np.frombuffer(b"".join(blob for _, blob in blocks), dtype)
+    segments = np.repeat([segment for segment, _ in blocks], [len(blob) // dtype.itemsize for _, blob in blocks])
+    rows = [line.split(",")[2:] for line in _lines(rig.truth)]
     truth = np.array([row for row in rows if len(row) == len(rows[0])], dtype=float)
     truth[:, 0] = np.round(truth[:, 0] * 1e6)
     times = truth[:, 0].astype(np.int64)
+    unrecorded = times[~np.isin(times, samples["time_us"])]
     missing = 0
     for segment in np.unique(segments):
         own = samples["time_us"][segments == segment]
-        inside = (times >= own[0]) & (times <= own[-1])
-        missing += int(inside.sum() - np.isin(times[inside], own).sum())
-    between = (times >= samples["time_us"][0]) & (times <= samples["time_us"][-1]) if len(samples) else times < 0
-    absent = int(between.sum() - np.isin(times[between], samples["time_us"]).sum()) - missing
+        missing += int(((unrecorded >= own[0]) & (unrecorded <= own[-1])).sum())
+    first_us, last_us = (samples["time_us"][[0, -1]]) if len(samples) else (0, -1)
+    absent = int(((unrecorded >= first_us) & (unrecorded <= last_us)).sum()) - missing
     return TruthComparison(summarise(rig.run), samples, truth, missing, absent, _wrong(samples, truth, meta), events)
+
+
+def _lines(truth: Path) -> list[str]:
+    """Return the rows of a truth file."""
+    return [line for line in truth.read_text(encoding="utf-8").splitlines() if line[:1].isdigit()]
 
 
 def _wrong(samples: npt.NDArray[np.void], truth: npt.NDArray[np.float64], meta: dict[str, Any]) -> int:
     """Count samples that the board never took, or whose values no noise explains."""
-    at = np.searchsorted(truth[:, 0], samples["time_us"])
-    at = np.minimum(at, len(truth) - 1)
+    at = np.minimum(np.searchsorted(truth[:, 0], samples["time_us"]), len(truth) - 1)
     invented = truth[at, 0] != samples["time_us"]
-    signal = (samples["lit"].astype(float) - samples["dark"]) * (meta["vref_mv"] / 2 ** meta["adc_bits"])
+    signal = (samples["lit"].astype(float) - samples["dark"]) * mv_per_count(meta)
     off = (np.abs(signal - truth[at, 3:]) > WRONG_MV).any(axis=1)
     off |= np.abs(samples["pressure_pa"] / 1000 - truth[at, 1]) > WRONG_KPA
     return int((invented | off).sum())
-
-
-# ---- criteria that several drills share ----------------------------------------------------------------------------
-
-
-def loss_is_exact(found: TruthComparison) -> Criterion:
-    """Return whether the program counts as lost what the truth shows as missing."""
-    lost = found.summary.lost_samples
-    seen = f"{lost} counted, {found.missing} missing by the board"
-    return Criterion("lost samples are counted exactly", seen, lost == found.missing)
-
-
-def nothing_lost(found: TruthComparison) -> Criterion:
-    """Return whether no sample is missing."""
-    return Criterion("no sample is lost", f"{found.missing} of {len(found.samples)} missing", found.missing == 0)
-
-
-def nothing_wrong(found: TruthComparison) -> Criterion:
-    """Return whether every recorded sample is one that the board took."""
-    return Criterion("no wrong sample", f"{found.wrong} of {len(found.samples)}", found.wrong == 0)
-
-
-def vented(found: TruthComparison) -> Criterion:
-    """Return whether the unit is without pressure at the end."""
-    seen = f"{found.vented_kpa:+.2f} kPa at the end"
-    return Criterion(f"the unit is vented, within {VENTED_KPA:g} kPa", seen, abs(found.vented_kpa) <= VENTED_KPA)
-
-
-def identical(rig: DrillRig) -> Criterion:
-    """Return whether the recording derives identically from its raw bytes."""
-    verdict = verify_recording(rig.run)
-    return Criterion("the recording is identical to its bytes", verdict.difference or "identical", verdict.identical)
-
-
-def reported(found: TruthComparison, kinds: Sequence[str], text: str) -> Criterion:
-    """Return whether one of these events is in the recording.
-
-    Parameters
-    ----------
-    found : of the drill.
-    kinds : of events, any of which is enough.
-    text : of the criterion.
-    """
-    seen = [kind for kind in kinds if found.events.get(kind)]
-    return Criterion(text, ", ".join(seen) or "nothing", bool(seen))
-
-
-def lost(found: TruthComparison) -> str:
-    """Return a text on what the recording lacks."""
-    text = f"{found.missing} samples of {found.missing + len(found.samples)}" if found.missing else "nothing"
-    return f"{text}; {found.absent} instants without a link" if found.absent else text
-
-
-def counts(found: TruthComparison) -> dict[str, float]:
-    """Return the counts of both sides."""
-    s = found.summary
-    return {
-        "samples": s.samples,
-        "lost_said": s.lost_samples,
-        "missing_by_truth": found.missing,
-        "without_a_link": found.absent,
-        "wrong": found.wrong,
-        "gaps": s.gaps,
-        "crc_errors": s.crc_errors,
-        "segments": len(s.segments),
-    }
 
 
 @contextmanager

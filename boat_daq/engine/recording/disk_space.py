@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 from boat_daq.engine.recording.file import SPACE_FLOOR_BYTES
@@ -16,26 +15,13 @@ _ROW_BYTES = 40  # SQLite's share of a chunk row, when every sample comes in its
 _MARGIN = 1.25  # events, health, the write-ahead log
 
 
-@dataclass(frozen=True, slots=True)
-class DiskSpace:
-    """What a recording needs and what there is."""
-
-    needed_bytes: int
-    free_bytes: int
-
-    @property
-    def times(self) -> float:
-        """How many times over it fits."""
-        return self.free_bytes / self.needed_bytes
-
-
 def bytes_per_second(rate_hz: float, n_sensors: int) -> float:
     """Return what a recording grows by: raw bytes, samples, and the rows around them."""
     return rate_hz * (_WIRE_BYTES + 4 * n_sensors + sample_dtype(n_sensors).itemsize + _ROW_BYTES) * _MARGIN
 
 
-def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: int) -> DiskSpace:
-    """Return how a recording fits into a folder.
+def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: int) -> None:
+    """Refuse a recording that does not fit into a folder.
 
     Parameters
     ----------
@@ -51,10 +37,9 @@ def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: i
     if not os.access(folder, os.W_OK):
         raise StorageError(f"the folder {folder} cannot be written", "Choose one with write permission.")
     needed = int(bytes_per_second(rate_hz, n_sensors) * duration_s) + SPACE_FLOOR_BYTES
-    space = DiskSpace(needed, shutil.disk_usage(folder).free)
-    if space.times < 1.0:
+    free = shutil.disk_usage(folder).free
+    if free < needed:
         raise StorageError(
-            f"the recording needs about {needed / 1e6:.0f} MB and {folder} has {space.free_bytes / 1e6:.0f} MB free",
+            f"the recording needs about {needed / 1e6:.0f} MB and {folder} has {free / 1e6:.0f} MB free",
             "Free disk space, choose another disk, or record less.",
         )
-    return space

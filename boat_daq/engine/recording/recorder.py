@@ -77,8 +77,8 @@ class Recorder:
         path: Path,
         meta: Mapping[str, Any],
         *,
-        health: Callable[[], HealthSnapshot] | None = None,
-        on_error: Callable[[StorageError], None] | None = None,
+        health: Callable[[], HealthSnapshot | None] = lambda: None,
+        on_error: Callable[[StorageError], None] = lambda _: None,
         resumes: BrokenRun | None = None,
     ) -> None:
         self.path = path
@@ -297,8 +297,8 @@ class Recorder:
 
         Detect a file that was removed, a disk nearly full, memory that is full.
         """
-        if self._health is not None:
-            health = self._health()
+        health = self._health()
+        if health is not None:
             self._later(lambda rows, host_ns: health_row(host_ns, health, *rows.here))
         if self._refusing is not None:
             self._report(self._refusing)
@@ -339,5 +339,4 @@ class Recorder:
         if error.cause in self._reported:
             return
         self._reported.add(error.cause)
-        if self._on_error is not None:
-            self._on_error(error)
+        self._on_error(error)

@@ -20,7 +20,7 @@ from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.engine.snapshot import HealthSnapshot, MessageKind, RunEnding, SessionState
+from boat_daq.engine.snapshot import MessageKind, RunEnding, SessionState
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import RunEnd
 
@@ -81,7 +81,7 @@ class ActiveRecording:
             meta = {"polarity": polarity, **self._describe(control), **(metadata or {})}
         if broken is not None:
             broken.check_same(meta, can_command=control.board.can_command)
-        recorder = Recorder(path, meta, health=self._health, on_error=self._storage_failed, resumes=broken)
+        recorder = Recorder(path, meta, health=self._link.health_now, on_error=self._storage_failed, resumes=broken)
         with self._acting() as control:
             raced = self._journal.recorder is not None or self._link.reader is not reader
             if not raced:
@@ -162,10 +162,6 @@ class ActiveRecording:
             "plan": dataclasses.asdict(plan) if plan else None,
         }
         return described if port.replayed is None else described | {key: port.replayed[key] for key in _OF_THE_BOARD}
-
-    def _health(self) -> HealthSnapshot:
-        assert self._link.health is not None
-        return self._link.health.snapshot()
 
     def _storage_failed(self, error: StorageError) -> None:
         """Abort the run, on the recorder's thread: no run without its record."""

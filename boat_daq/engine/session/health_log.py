@@ -6,31 +6,19 @@ import contextlib
 import shutil
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
 from boat_daq.engine.log import memory_mb, note, note_failure
+from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.snapshot import HealthSnapshot
 
 EVERY_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Vitals:
-    """What one line shows of a session."""
-
-    link: str
-    state: str
-    health: HealthSnapshot | None = None
-    queue: int = 0  # items that wait for the recorder
-    recording: Path | None = None
-
-
 class HealthLog:
     """Writes the lines from `start` to `stop`; may be started again."""
 
-    def __init__(self, vitals: Callable[[], Vitals]) -> None:
-        self._vitals = vitals
+    def __init__(self, line: Callable[[], str]) -> None:
+        self._line = line
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -51,26 +39,29 @@ class HealthLog:
     def _run(self) -> None:
         while not self._stop.wait(EVERY_S):
             try:
-                note("info", health_line(self._vitals()))
+                note("info", self._line())
             except Exception as error:  # noqa: BLE001 - a line of the log is not worth a session
                 note_failure("no health line", error)
 
 
-def health_line(vitals: Vitals) -> str:
-    """Return the line of the log.
+def health_line(link: str, run: str, health: HealthSnapshot | None, recorder: Recorder | None) -> str:
+    """Return a line of the log.
 
-    It holds link and run, rate, losses, lag and queue of the recorder, disk and memory.
+    Parameters
+    ----------
+    link, run : states.
+    health : rate, losses and lag.
+    recorder : its queue, and the free space on its disk.
     """
-    parts = [f"health link={vitals.link} run={vitals.state}"]
-    health = vitals.health
+    parts = [f"health link={link} run={run}"]
     if health is not None:
         s = health.statistics
         rate = "-" if health.rate_hz is None else f"{health.rate_hz:.2f}"
         parts.append(f"rate_hz={rate} samples={s.samples} lost={s.lost} crc={s.crc_errors} lag_ms={health.lag_ms:.0f}")
-    parts.append(f"queue={vitals.queue}")
-    if vitals.recording is not None:
+    parts.append(f"queue={recorder.queued if recorder else 0}")
+    if recorder is not None:
         with contextlib.suppress(OSError):
-            parts.append(f"disk_free_mb={shutil.disk_usage(vitals.recording.parent).free / 1e6:.0f}")
+            parts.append(f"disk_free_mb={shutil.disk_usage(recorder.path.parent).free / 1e6:.0f}")
     memory = memory_mb()
     parts.append(f"memory_mb={'-' if memory is None else f'{memory:.0f}'} threads={threading.active_count()}")
     return " ".join(parts)

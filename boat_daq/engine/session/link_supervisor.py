@@ -26,7 +26,7 @@ from boat_daq.engine.log import note_failure
 from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.settings import Settings
-from boat_daq.engine.snapshot import LinkState, MessageKind, SessionState
+from boat_daq.engine.snapshot import HealthSnapshot, LinkState, MessageKind, SessionState
 from boat_daq.errors import BoatDaqError, DeviceError, OperatorError
 from protocol.errors import ProtocolError
 from protocol.link.events import HelloReceived, WrongProtocol
@@ -137,6 +137,10 @@ class LinkSupervisor:
         except (DeviceError, ProtocolError):
             return False  # the reading thread finds the port gone; a link that cannot encode it has reported why
         return True
+
+    def health_now(self) -> HealthSnapshot | None:
+        """Return the link's figures; None before the first link."""
+        return self.health.snapshot() if self.health is not None else None
 
     def simulated(self, hello: Hello | None) -> bool:
         """Return whether the samples are those of a virtual board, or a replay of them."""

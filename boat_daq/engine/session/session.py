@@ -33,7 +33,7 @@ from boat_daq.engine.plan import Plan, StepMark, resume_point
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.active_recording import ActiveRecording
-from boat_daq.engine.session.health_log import HealthLog, Vitals
+from boat_daq.engine.session.health_log import HealthLog, health_line
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_warnings
@@ -76,7 +76,7 @@ class Session:
             end_recording=self._end_recording,
         )
         self._recording = ActiveRecording(self._acting, self._journal, self._link, self.settings, self.units)
-        self._health_log = HealthLog(self._vitals)
+        self._health_log = HealthLog(self._health_line)
         self._report_backups()
 
     @property
@@ -398,7 +398,7 @@ class Session:
 
     def snapshot(self) -> SessionSnapshot:
         """Return what is known now; never waits for I/O."""
-        health = self._link.health.snapshot() if self._link.health is not None else None
+        health = self._link.health_now()
         with self._lock:
             control, recorder, port = self._control, self._journal.recorder, self._link.port
             latched, link = control.interlock.latched, self._link.state
@@ -459,13 +459,10 @@ class Session:
             for array in arrays:
                 sink(array)
 
-    def _vitals(self) -> Vitals:
-        """Return what the health log writes of this session."""
-        health = self._link.health.snapshot() if self._link.health is not None else None
+    def _health_line(self) -> str:
         with self._lock:
             recorder, state = self._journal.recorder, self._control.sequencer.state
-        queued, path = (recorder.queued, recorder.path) if recorder else (0, None)
-        return Vitals(self._link.state, state, health, queued, path)
+        return health_line(self._link.state, state, self._link.health_now(), recorder)
 
     # ---- inside ----------------------------------------------------------------------------------------------------
 

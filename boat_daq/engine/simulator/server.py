@@ -248,37 +248,13 @@ class ServedBoard:
         self.close()
 
 
-def serve(settings: BoardSettings, *, in_thread: bool = False) -> ServedBoard:
-    """Serve a board beside this program.
-
-    In a process of its own, or in a thread of this one.
+def serve(settings: BoardSettings) -> ServedBoard:
+    """Serve a board beside this program, in a process of its own.
 
     Raises
     ------
     LocalError, OperatorError, DeviceError : as `BoardServer`.
     """
-    return _serve_in_thread(settings) if in_thread else _serve_in_process(settings)
-
-
-def _serve_in_thread(settings: BoardSettings) -> ServedBoard:
-    server = BoardServer(settings)
-    stop = threading.Event()
-
-    def work() -> None:
-        server.run(stop.is_set)
-        server.close()
-
-    thread = threading.Thread(target=work, name="virtual board", daemon=True)
-    thread.start()
-
-    def close() -> None:
-        stop.set()
-        thread.join()
-
-    return ServedBoard(server.url, close)
-
-
-def _serve_in_process(settings: BoardSettings) -> ServedBoard:
     text = json.dumps(dataclasses.asdict(settings))
     pipe = subprocess.PIPE
     process = start_module("boat_daq.engine.simulator.server", text, stdin=pipe, stdout=pipe, text=True)

@@ -13,8 +13,9 @@ from boat_daq.commands.run_session import SessionRequest, run_session
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
-from boat_daq.engine.simulator.server import BoardSettings, serve
+from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.errors import BoatDaqError, OperatorError
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 RECORDING = Path(__file__).resolve().parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
 
@@ -46,7 +47,7 @@ def test_plan_outside_the_limits_leaves_no_recording(tmp_path: Path) -> None:
     """The limits are known before the first sample, so no file is created."""
     UnitLibrary().save(Unit("tender", min_kpa=-5.0, max_kpa=20.0))
     run = tmp_path / "run.boat"
-    with serve(BoardSettings(speed=5.0), in_thread=True) as board, pytest.raises(BoatDaqError, match="limit"):
+    with serve_in_thread(BoardSettings(speed=5.0)) as board, pytest.raises(BoatDaqError, match="limit"):
         run_session(SessionRequest(board.url, run, built_in_plans()["calibration"], unit="tender"))
     assert list(tmp_path.iterdir()) == []
 
@@ -55,7 +56,7 @@ def test_refusal_while_recording_reports_the_recording(tmp_path: Path, capsys: p
     """A pressed e-stop is known only from the first samples: the short recording is kept, and named."""
     run = tmp_path / "run.boat"
     pressed = BoardSettings(speed=5.0, faults=("estop@0:1000",))
-    with serve(pressed, in_thread=True) as board, pytest.raises(OperatorError, match="e-stop"):
+    with serve_in_thread(pressed) as board, pytest.raises(OperatorError, match="e-stop"):
         run_session(SessionRequest(board.url, run, built_in_plans()["calibration"]))
     assert run.exists()
     assert f"{run} holds the samples until then" in capsys.readouterr().err

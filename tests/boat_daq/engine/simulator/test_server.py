@@ -37,6 +37,7 @@ from protocol.link.messages import (
     encode_command,
 )
 from protocol.recording import BoardState, SampleFlag
+from tests.boat_daq.engine.served_board import serve_in_thread
 
 PATIENCE_S = 20.0
 needs_pty = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals on this system")
@@ -108,7 +109,7 @@ def indices(messages: list[BoardMessage]) -> np.ndarray:
 
 def served(port: str, **settings) -> ServedBoard:
     """A board in a thread of this process."""
-    return serve(BoardSettings(port=port, **settings), in_thread=True)
+    return serve_in_thread(BoardSettings(port=port, **settings))
 
 
 PORTS = [pytest.param("pty", marks=needs_pty), "127.0.0.1:0"]

@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from boat_daq import __version__
-from boat_daq.engine.log import RECORDING, log_folder
-from boat_daq.engine.qualification.installation import library_versions
+from boat_daq.engine.log import RECORDING, library_versions, log_folder
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.settings import home

@@ -323,9 +323,7 @@ def is_destroyed(path: Path) -> bool:
     try:
         content = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b"x"
         return not content.strip() or b"\0" in content or not content.decode("utf-8-sig").strip()
-    except FileNotFoundError:
-        return True
-    except UnicodeDecodeError:
+    except (FileNotFoundError, UnicodeDecodeError):
         return True
     except OSError:
         return False  # present but unreadable: `read_text` raises the reason

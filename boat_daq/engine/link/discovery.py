@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 
 from boat_daq.engine.link.transport import Transport
@@ -44,15 +45,10 @@ def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_
     timeout_s : for the HELLO.
     """
     try:
-        transport = open_transport(url)
+        with closing(open_transport(url)) as transport:
+            return _identify(transport, url, description, timeout_s)
     except DeviceError as error:
         return PortIdentity(url, description, None, error.cause)
-    try:
-        return _ask(transport, url, description, timeout_s)
-    except DeviceError as error:
-        return PortIdentity(url, description, None, error.cause)
-    finally:
-        transport.close()
 
 
 def identify_all_ports(*, progress: Callable[[float, float], None] | None = None) -> list[PortIdentity]:
@@ -78,7 +74,7 @@ def find_board(board_id: str) -> str | None:
     return None
 
 
-def _ask(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:
+def _identify(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:
     """Send IDENTIFY until a HELLO comes or the time is over.
 
     A board that boots as its port opens sends it first.

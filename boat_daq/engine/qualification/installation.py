@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import platform
 import shutil
-from collections.abc import Iterable
-from importlib import metadata
 from pathlib import Path
 
 from boat_daq import __version__
+from boat_daq.engine.log import library_versions
 
 _ROOT = Path(__file__).resolve().parents[3]
 _PACKAGES = ("boat_daq", "protocol", "analysis")
@@ -31,15 +29,6 @@ def program() -> dict[str, str | int]:
 def versions() -> dict[str, str]:
     """Return the versions of program, Python and the installed libraries."""
     return {"boat-daq": __version__, "Python": platform.python_version(), **library_versions(_LIBRARIES)}
-
-
-def library_versions(names: Iterable[str]) -> dict[str, str]:
-    """Return the versions of those libraries that are installed."""
-    found: dict[str, str] = {}
-    for name in names:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found
 
 
 def machine() -> dict[str, str]:

@@ -100,7 +100,7 @@ class Recorder:
         self._taken = self._committed = 0  # items
         self._steps = before.step
         self._break_kept = resumes is not None
-        self._acknowledged = Acknowledged()
+        self.acknowledged = Acknowledged()
         self._error: StorageError | None = None  # of the last commit
         self._reported: set[str] = set()
         self._refusing: StorageError | None = None  # why no later byte is taken
@@ -122,11 +122,6 @@ class Recorder:
                 return
             self._held_bytes += size
             self._put(block.host_ns, block)
-
-    @property
-    def acknowledged(self) -> Acknowledged:
-        """Counters of what is committed."""
-        return self._acknowledged
 
     @property
     def queued(self) -> int:
@@ -315,7 +310,7 @@ class Recorder:
         self._waiting.extend(self._rows.flush())
         if self._waiting:
             self._write()
-        self._acknowledged = Acknowledged(self._rows.chunks, self._rows.bytes, self._rows.samples)
+        self.acknowledged = Acknowledged(self._rows.chunks, self._rows.bytes, self._rows.samples)
         with self._changed:
             self._oldest_ns = None
             self._committed = taken

@@ -13,7 +13,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -39,19 +39,7 @@ from protocol.recording import (
 )
 
 RESUMED = "resumed after a break"  # reason of the segment behind it
-_STEP_COLUMNS = (
-    "id",
-    "cycle",
-    "branch",
-    "target_kpa",
-    "ramp_kpa_per_s",
-    "started_us",
-    "arrived_us",
-    "settled_us",
-    "ended_us",
-    "status",
-    "detail",
-)
+_STEP_COLUMNS = ("id", *(field.name for field in fields(StepMark) if field.name != "number"))
 # what must be as it was, and its name in messages; only what a wrong unit, board or firmware changes
 _SAME = {
     "unit": "unit",
@@ -149,7 +137,7 @@ def read_broken_run(path: Path) -> BrokenRun:
             raise OperatorError(f"{path.name} was recorded without a plan: it has no run to resume", "begin a new one")
         plan = build(Plan, meta["plan"], f"the plan of {path.name}")
         steps = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
-        marks = tuple(_mark(row) for row in steps)
+        marks = tuple(StepMark(*row[:-1], json.loads(row[-1])) for row in steps)
         rows = db.execute(
             "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
         )
@@ -161,12 +149,6 @@ def read_broken_run(path: Path) -> BrokenRun:
         raise OperatorError(f"{path.name} has the layout of an older program", f"boat-daq upgrade {path}")
     cause = str(RunEnd.INTERRUPTED) if meta["status"] == "recording" else str(meta["stop_reason"] or meta["status"])
     return BrokenRun(path, meta, plan, marks, readings, first_cycle, complete, cause)
-
-
-def _mark(row: tuple[Any, ...]) -> StepMark:
-    """Return a step from its row of `_STEP_COLUMNS`."""
-    values = dict(zip(_STEP_COLUMNS, row, strict=True))
-    return StepMark(values.pop("id"), detail=json.loads(values.pop("detail")), **values)
 
 
 def prepare_resumption(path: Path, *, progress: Callable[[float, float], None] | None = None) -> BrokenRun:
@@ -218,7 +200,7 @@ def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFil
     except BaseException:
         file.abandon()
         raise
-    return file, counters.after_an_event(), breaks
+    return file, replace(counters, event=counters.event + 1), breaks
 
 
 def _count(path: Path) -> Counters:

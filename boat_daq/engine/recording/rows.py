@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Generator, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
 
@@ -179,10 +179,6 @@ class Counters:
     overview: int = 0
     step: int = 0
     result: int = 0
-
-    def after_an_event(self) -> Counters:
-        """Return the counters with one event more."""
-        return replace(self, event=self.event + 1)
 
 
 class RowMaker:

@@ -25,6 +25,18 @@ from protocol.recording import (
 )
 from protocol.recording.checks import DAMAGE, bytes_of
 
+_AS_STORED = (
+    "operator",
+    "unit",
+    "note",
+    "port",
+    "board_id",
+    "program_version",
+    "started_utc",
+    "ended_utc",
+    "stop_reason",
+)
+
 
 @dataclass(frozen=True, slots=True)
 class SegmentSummary:
@@ -131,22 +143,11 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     status = meta["status"]
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
-    plain = (
-        "operator",
-        "unit",
-        "note",
-        "port",
-        "board_id",
-        "program_version",
-        "started_utc",
-        "ended_utc",
-        "stop_reason",
-    )
     return Summary(
         path=path,
         status=status,
         simulated=bool(meta["simulated"]),
-        **{key: meta[key] for key in plain},
+        **{key: meta[key] for key in _AS_STORED},
         run_end=run_end_of(meta),
         duration_s=duration_s,
         rate_hz=_rate(samples, len(segments), duration_s),

@@ -137,7 +137,7 @@ def read_broken_run(path: Path) -> BrokenRun:
             raise OperatorError(f"{path.name} was recorded without a plan: it has no run to resume", "begin a new one")
         plan = build(Plan, meta["plan"], f"the plan of {path.name}")
         steps = db.execute(f"SELECT {', '.join(_STEP_COLUMNS)} FROM step ORDER BY id")  # noqa: S608 - names are ours
-        marks = tuple(StepMark(*row[:-1], json.loads(row[-1])) for row in steps)
+        marks = tuple(StepMark(*(*row[:-1], json.loads(row[-1]))) for row in steps)
         rows = db.execute(
             "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
         )

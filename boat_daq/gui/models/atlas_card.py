@@ -26,7 +26,6 @@ GAP = 1.0  # pixels between cells
 LETTER_LEAST = 12.0  # pixels: a smaller cell has no letter, only colour and hatching
 LABELS = (10, 7, 5, 4)  # along each of one, two, three, four maps beside each other
 LEAST_HEIGHT = 300
-NO_MAP = MapView("", "", "", "", 0.0, "", "", (), (), ())
 NO_LIMIT, EMPTY_HEIGHT = 16_777_215, 96
 WHAT_COMES = "\u201cMap\u201d tests this method over many synthetic cases: where it works, warns, or refuses."
 POINT_AT = "Point at a cell to read its case and its result."
@@ -35,16 +34,10 @@ POINT_AT = "Point at a cell to read its case and its result."
 class MapCells(pg.GraphicsObject):  # type: ignore[misc]
     """The cells of one map, each a unit square; hatching and letters keep their size on the screen."""
 
-    def __init__(self) -> None:
+    def __init__(self, shown: MapView) -> None:
         super().__init__()
-        self.shown: MapView = NO_MAP
-        self.theme: Theme = style.LIGHT
-
-    def show_map(self, shown: MapView) -> None:
-        """Draw another map."""
-        self.prepareGeometryChange()
         self.shown = shown
-        self.update()
+        self.theme: Theme = style.LIGHT
 
     def boundingRect(self) -> QRectF:
         """Return the map's extent."""
@@ -73,35 +66,23 @@ class MapCells(pg.GraphicsObject):  # type: ignore[misc]
             painter.setPen(Qt.PenStyle.NoPen)
 
 
-def _empty_map() -> tuple[Any, MapCells]:
-    """Return a plot with its cells."""
-    item, cells = fixed_plot(), MapCells()
-    item.addItem(cells)
-    return item, cells
-
-
 class AtlasCard(PlotCard):
     """The maps of the shown method, their legend, and the sweep that makes them."""
 
     def __init__(self, model: AtlasModel, attempt: Any) -> None:
         super().__init__("Where the method works")
         self.model, self.method = model, ""
-        self.legend = [
-            widgets.label(words, "small")
-            for words in (f"{letter}  {text}".strip() for letter, text in OUTCOMES.values())
-        ]
-        self.sweep = widgets.button("Map", partial(attempt, self._toggle), name="Map where this method works")
+        self.legend = [widgets.label(f"{letter}  {text}".strip(), "small") for letter, text in OUTCOMES.values()]
+        self.sweep = widgets.button(
+            "Map", lambda: attempt(partial(model.toggle, self.method)), name="Map where it works"
+        )
         self.bar.insertWidget(1, self.sweep)
         self.words = widgets.label("", "small", name="The case under the mouse", wrap=True)
         foot = widgets.row(*self.legend, None, spacing=style.PAGE_MARGIN)
         self.inside.addLayout(foot)
         self.inside.addWidget(self.words)
         self.items: list[tuple[Any, MapCells]] = []
-        self._made: list[tuple[Any, MapCells]] = []  # kept for the next method
         self.view.scene().sigMouseMoved.connect(self._look)
-
-    def _toggle(self) -> None:
-        self.model.toggle(self.method)
 
     def show_method(self, method: str) -> None:
         """Draw the maps of a method."""
@@ -127,10 +108,8 @@ class AtlasCard(PlotCard):
         widgets.set_text(self.readout, self.model.status(self.method))
 
     def _add(self, column: int, shown: MapView, most: int) -> None:
-        while column >= len(self._made):
-            self._made.append(_empty_map())
-        item, cells = self._made[column]
-        cells.show_map(shown)
+        item, cells = fixed_plot(), MapCells(shown)
+        item.addItem(cells)
         self.view.addItem(item, row=0, col=column)
         item.setRange(xRange=(0, len(shown.x_ticks)), yRange=(0, len(shown.y_ticks)), padding=0)
         for side, ticks, limit in (("bottom", shown.x_ticks, most), ("left", shown.y_ticks, LABELS[0])):

@@ -37,7 +37,7 @@ class AxisStyle:
     line: QPen
     tick: QPen
     text: QPen
-    font: QFont | None
+    font: QFont
     labels: dict[str, QStaticText] = field(default_factory=dict)
 
     def label(self, text: str) -> QStaticText:
@@ -47,8 +47,7 @@ class AxisStyle:
                 self.labels.clear()
             made = QStaticText(text)
             made.setTextFormat(Qt.TextFormat.PlainText)
-            if self.font is not None:
-                made.prepare(font=self.font)
+            made.prepare(font=self.font)
             self.labels[text] = made
         return self.labels[text]
 
@@ -56,8 +55,6 @@ class AxisStyle:
 class TickAxis(pg.AxisItem):  # type: ignore[misc]
     """A left or lower axis; the lower one shows numbers, whole numbers, or a time."""
 
-    background = QColor("white")
-    _cached: AxisStyle | None = None
     _around: tuple[object, QRectF] | None = None
     _across: TickAxis | None = None
     _drawn_by: TickAxis | None = None
@@ -67,6 +64,15 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         self.time, self.whole = time, whole
         self.enableAutoSIPrefix(False)
         self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
+        self.set_theme(style.LIGHT)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Use the colours of `theme`."""
+        grid = pg.mkPen(theme.grid, width=1)
+        self._look = AxisStyle(grid, grid, pg.mkPen(theme.muted), style.small_font())
+        self.background = style.colour(theme.surface)
+        self.setStyle(tickFont=self._look.font)
+        self.update()
 
     def tickSpacing(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, float]]:
         """Return the one level of ticks."""
@@ -145,7 +151,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         return step, values, [(value - low) / (high - low) * length for value in values]
 
     def _draw_line(self, painter: QPainter, area: QRectF) -> None:
-        painter.setPen(self._style().line)
+        painter.setPen(self._look.line)
         if self.orientation == "left":
             painter.drawLine(QLineF(area.right() - 1, area.top() - 1, area.right() - 1, area.bottom() + 1))
         else:
@@ -154,7 +160,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def _draw_grid(self, painter: QPainter, lines: list[QLineF], length: float) -> None:
         """Draw lines of the grid; a dense one is faint."""
         share = min(1.0, 0.05 * length / (len(lines) + 1))
-        tick, ground = self._style().tick.color(), self.background
+        tick, ground = self._look.tick.color(), self.background
         pairs = ((tick.red(), ground.red()), (tick.green(), ground.green()), (tick.blue(), ground.blue()))
         mixed = (round(there + (here - there) * share) for here, there in pairs)
         painter.setPen(QPen(QColor(*mixed), 0))
@@ -162,10 +168,9 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
 
     def _draw_labels(self, painter: QPainter, area: QRectF, places: list[float], words: list[str]) -> None:
         """Write the labels that lie wholly inside the axis."""
-        look, around = self._style(), self.boundingRect()
+        look, around = self._look, self.boundingRect()
         across, along = (float(offset) for offset in self.style["tickTextOffset"])
-        if look.font is not None:
-            painter.setFont(look.font)
+        painter.setFont(look.font)
         painter.setPen(look.text)
         for place, text in zip(places, words, strict=True):
             label = look.label(text)
@@ -182,45 +187,19 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             if inside:
                 painter.drawStaticText(QPointF(x, y), label)
 
-    def _style(self) -> AxisStyle:
-        if self._cached is None:
-            self._cached = AxisStyle(self.pen(), self.tickPen(), self.textPen(), self.style["tickFont"])
-        return self._cached
 
-    def setPen(self, *args: Any, **kwargs: Any) -> None:
-        """Set the pen of the line along the axis."""
-        self._cached = None
-        super().setPen(*args, **kwargs)
-
-    def setTickPen(self, *args: Any, **kwargs: Any) -> None:
-        """Set the pen of the grid."""
-        self._cached = None
-        super().setTickPen(*args, **kwargs)
-
-    def setTextPen(self, *args: Any, **kwargs: Any) -> None:
-        """Set the pen of the labels."""
-        self._cached = None
-        super().setTextPen(*args, **kwargs)
-
-    def setStyle(self, **kwargs: Any) -> None:
-        """Set style options as in pyqtgraph."""
-        self._cached = None
-        super().setStyle(**kwargs)
-
-
-class LogAxis(pg.AxisItem):  # type: ignore[misc]
+class LogAxis(TickAxis):
     """An axis whose data are base-10 logarithms: labels at powers of ten, at 1-2-5 where few decades are shown.
 
     Parameters
     ----------
+    orientation : "left" or "bottom".
     text : formats a value (not its logarithm).
     """
 
     def __init__(self, orientation: str, text: Callable[[float], str] = power_text) -> None:
         super().__init__(orientation)
         self.format_value = text
-        self.enableAutoSIPrefix(False)
-        self.setStyle(tickLength=-4, autoExpandTextSpace=False, hideOverlappingLabels=True)
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return the one level of ticks, as logarithms."""

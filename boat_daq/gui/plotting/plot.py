@@ -172,10 +172,7 @@ class Plot:
         item.getViewBox().disableAutoRange()
         item.getAxis("left").setWidth(style.AXIS_WIDTH)
         left, bottom = item.getAxis("left"), item.getAxis("bottom")
-        if isinstance(left, TickAxis) and isinstance(bottom, TickAxis):
-            bottom.draw_grid_of(left)
-        else:
-            item.showGrid(x=True, y=True, alpha=1.0)
+        bottom.draw_grid_of(left)
         for side in ("left", "bottom"):
             item.getAxis(side).setZValue(-1000)  # the grid is behind the data
         item.getAxis("left").setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # changes rarely
@@ -301,12 +298,7 @@ class Plot:
         """Use the colours of `theme`."""
         self._theme = theme
         for side in ("left", "bottom"):
-            ruler = self.item.getAxis(side)
-            ruler.setPen(pg.mkPen(theme.grid, width=1))
-            ruler.setTickPen(pg.mkPen(theme.grid, width=1))
-            ruler.background = style.colour(theme.surface)
-            ruler.setTextPen(pg.mkPen(theme.muted))
-            ruler.setStyle(tickFont=style.small_font())
+            self.item.getAxis(side).set_theme(theme)
         self._titles(theme)
         for layer in self.layers:
             layer.paint(theme)

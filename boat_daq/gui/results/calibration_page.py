@@ -347,7 +347,7 @@ class CalibrationPage(QWidget):
         self.comparison.setText(self.model.comparison())
         rows = self.model.coefficient_rows()
         self.coefficients.setVisible(bool(rows))
-        self.coefficients.fill([row.cells for row in rows], [row.tip for row in rows])
+        self.coefficients.fill([cells for cells, _ in rows], [tip for _, tip in rows])
         warnings = self.model.warnings()
         self.run_warnings.setText("\n".join(f"\u25b2 {warning}" for warning in warnings))
         self.run_warnings.setVisible(bool(warnings))

@@ -154,7 +154,7 @@ class RepeatPage(QWidget):
             card.show_groups(model)
         for i in range(min(SENSORS, len(result.sensors))):
             numbers, top, bottom = model.extremes(i)
-            each = model.cycles(i)
+            each = result.sensors[i].cycles
             for points, values in (
                 (self.drift.sensors[i], top),
                 (self.low_ends[i], bottom),

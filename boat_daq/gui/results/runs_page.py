@@ -110,7 +110,6 @@ class RunsPage(QWidget):
         self._revision = -1
         self._compared: object = None
         self._untouched = True  # until then the newest recording is chosen
-        self.readings: ClosedReadings | None = None  # of an older recording, while they are edited
         self.list = DataTable("Recordings", HEADINGS)  # a long file name is cut, not scrolled
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
         self.list.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
@@ -235,54 +234,48 @@ class RunsPage(QWidget):
     def _paths(self) -> list[Path]:
         return [run.path for run in self.selected()]
 
+    def _run(self, action: Callable[[Path], object], page: Page | None = None) -> None:
+        """Run an action with the chosen recording, then show the page of its result."""
+        for path in self._paths()[:1]:
+            if self.services.notices.attempt(partial(action, path)) and page is not None:
+                self.services.show(page)
+
     def open(self) -> None:
         """Analyse the chosen run on the Calibrate page."""
-        for path in self._paths()[:1]:
-            self.services.notices.attempt(partial(self.other_pages.calibrate, path))
-            self.services.show(Page.CALIBRATE)
-
-    def edit_readings(self) -> None:
-        """Show the readings of the chosen recording, to be corrected."""
-        for path in self._paths()[:1]:
-            self.services.notices.attempt(partial(self._edit, path))
-
-    def _edit(self, path: Path) -> None:
-        self.readings = ClosedReadings(self.window(), ClosedRun(path), self.other_pages.calibrate, self.services)
-        self.readings.finished.connect(self._forget_readings)
-        self.readings.show()
-
-    def _forget_readings(self, _: int) -> None:
-        self.readings = None
-        self.model.scan()
-
-    def resume(self) -> None:
-        """Resume the chosen run at its next whole cycle."""
-        for path in self._paths()[:1]:
-            self.services.notices.attempt(partial(self.other_pages.resume, path))
+        self._run(self.other_pages.calibrate, Page.CALIBRATE)
 
     def repeat(self) -> None:
         """Show the repeatability of the chosen run."""
-        for path in self._paths()[:1]:
-            self.services.notices.attempt(partial(self.other_pages.repeat, path))
-            self.services.show(Page.REPEAT)
+        self._run(self.other_pages.repeat, Page.REPEAT)
 
     def replay(self, speed: int) -> None:
         """Show the chosen run as if a board were sending it."""
-        for path in self._paths()[:1]:
-            if self.services.notices.attempt(partial(self.other_pages.replay, path, speed)):
-                self.services.show(Page.LIVE)
+        self._run(lambda path: self.other_pages.replay(path, speed), Page.LIVE)
+
+    def resume(self) -> None:
+        """Resume the chosen run at its next whole cycle."""
+        self._run(self.other_pages.resume)
+
+    def edit_readings(self) -> None:
+        """Show the readings of the chosen recording, to be corrected."""
+        self._run(self._edit)
+
+    def _edit(self, path: Path) -> None:
+        panel = ClosedReadings(self.window(), ClosedRun(path), self.other_pages.calibrate, self.services)
+        panel.finished.connect(self.model.scan)
+        panel.show()
 
     def export(self, kind: str) -> None:
-        """Ask where to put the samples of the chosen run."""
-        paths = self._paths()
-        stem = paths[0].stem if paths else "samples"
-        ask_save(self, self.services, stem, kind, partial(self.model.export, paths), done="")
+        """Ask where to save the samples of the chosen run."""
+        self._ask_save(kind, self.model.export)
 
     def ask_report(self) -> None:
-        """Ask where to put the report of the chosen runs."""
+        """Ask where to save the report of the chosen runs."""
+        self._ask_save("pdf html", self.model.report)
+
+    def _ask_save(self, kinds: str, save: Callable[[list[Path], Path], None]) -> None:
         paths = self._paths()
-        stem = paths[0].stem if paths else "report"
-        ask_save(self, self.services, stem, "pdf html", partial(self.model.report, paths), done="")
+        ask_save(self, self.services, paths[0].stem if paths else "run", kinds, partial(save, paths), done="")
 
     def compare(self) -> None:
         """Compare the curves of the chosen runs."""
@@ -309,8 +302,6 @@ class RunsPage(QWidget):
         """Show the list where it has changed, and scan the folder at intervals."""
         runs = self.model
         runs.scan_at_intervals()
-        if self.readings is not None:
-            self.readings.refresh()
         if runs.comparison is not self._compared:
             self._compared = runs.comparison
             self._show_comparison()

@@ -19,12 +19,12 @@ from analysis.arrays import FloatArray
 from analysis.calibration.compare import Agreement, Coefficient, compare_fits
 from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
-from analysis.numbers import finite
+from analysis.numbers import decimals_for, finite
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
+from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
@@ -34,6 +34,7 @@ from boat_daq.viewmodels.results.acceptance import Missing, Obstacle
 from boat_daq.viewmodels.results.analysis_view import Band, PosteriorResult, RunResult, SensorResult
 from boat_daq.viewmodels.results.calibration_jobs import analyse_run, sample_run
 
+Cells = tuple[str, ...]
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
@@ -54,14 +55,6 @@ class CurveView:
     new_reading_95: Band | None
     residuals: FloatArray
     previous: tuple[FloatArray, FloatArray, FloatArray] | None
-
-
-@dataclass(frozen=True, slots=True)
-class CoefficientRow:
-    """A coefficient: name, this calibration, the previous one, E_n."""
-
-    cells: tuple[str, str, str, str]
-    tip: str
 
 
 class CalibrationModel:
@@ -269,14 +262,14 @@ class CalibrationModel:
             )
         return "\n".join(lines)
 
-    def coefficient_rows(self) -> tuple[CoefficientRow, ...]:
-        """Return the coefficients of every sensor, of this calibration and of the previous one."""
+    def coefficient_rows(self) -> list[tuple[Cells, str]]:
+        """Return each coefficient as (name, this calibration, the previous one, E_n), with its tooltip."""
         sensors = self.result.sensors if self.result is not None else ()
-        return tuple(
+        return [
             _coefficient_row(sensor.label, c)
             for sensor, found in zip(sensors, self.agreements, strict=False)
             for c in (found.coefficients if found is not None else ())
-        )
+        ]
 
     def request_acceptance(self, *, anyway: bool = False) -> None:
         """Accept the calibration; one out of tolerance only with `anyway`, which is then offered."""
@@ -329,12 +322,11 @@ class CalibrationModel:
             self._in_force(result, unit.calibration)
 
         def undo() -> None:
+            add = partial(self.units.add_calibration, name, operator=operator)
             if before is None:
-                self.units.add_calibration(name, {}, accepted=False, operator=operator, note="acceptance undone")
+                add({}, accepted=False, note="acceptance undone")
             else:
-                self.units.add_calibration(
-                    name, before.content, recording=before.recording, operator=operator, note="in force again"
-                )
+                add(before.content, recording=before.recording, note="in force again")
             self._in_force(result, None)
 
         return redo, undo
@@ -346,35 +338,27 @@ class CalibrationModel:
         self.revision += 1
 
 
-def _coefficient_row(label: str, c: Coefficient) -> CoefficientRow:
+def _coefficient_row(label: str, c: Coefficient) -> tuple[Cells, str]:
     cells = (
-        f"{label}: b{_SUBSCRIPTS[c.power]}",
+        f"{label}: b{str(c.power).translate(SUBSCRIPT)}",
         measured(c.value, c.std_error),
         measured(c.value_before, c.std_error_before),
         number(c.e_n, 2, sign=True),
     )
-    unit = f"mV/mm{_superscript(c.power)}" if c.power else "mV"
+    power = "" if c.power == 1 else str(c.power).translate(SUPERSCRIPT)
     tip = (
-        f"{label}: coefficient of x{_superscript(c.power)}, {unit}, with its standard error; "
+        f"{label}: coefficient of x{power}, {f'mV/mm{power}' if c.power else 'mV'}, with its standard error; "
         "E\u2099 = difference / (2 \u00b7 root of the sum of their squares)"
     )
-    return CoefficientRow(cells, tip)
+    return cells, tip
 
 
 def measured(value: float, std_error: float) -> str:
     """Return a value with its standard error in parentheses, in units of the last digit: `39.34(12)`."""
     if not (np.isfinite(value) and np.isfinite(std_error) and std_error > 0):
         return number(value, 3)
-    places = max(0, 1 - int(np.floor(np.log10(float(f"{std_error:.1e}")))))
+    places = max(0, decimals_for(std_error))
     return f"{number(value, places)}({round(std_error * 10**places)})"
-
-
-_SUBSCRIPTS = "\u2080\u2081\u2082\u2083\u2084\u2085\u2086\u2087\u2088\u2089"
-
-
-def _superscript(power: int) -> str:
-    digits = "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
-    return "" if power == 1 else "".join(digits[int(d)] for d in f"{power}")
 
 
 def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | None:

@@ -18,7 +18,7 @@ from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.results.analysis_view import CycleSeries, RunResult
+from boat_daq.viewmodels.results.analysis_view import RunResult
 from boat_daq.viewmodels.results.calibration_jobs import analyse_run
 
 LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the processor
@@ -125,11 +125,6 @@ class RepeatabilityModel:
         loops = self.result.loops
         top, bottom = (np.nanmean(loops.signal_mv[sensor][:, :, at], axis=0) for at in (-1, 0))
         return np.asarray(loops.numbers, dtype=float), top - top[0], bottom - bottom[0]
-
-    def cycles(self, sensor: int) -> CycleSeries:
-        """Return a sensor's figures cycle by cycle."""
-        assert self.result is not None
-        return self.result.sensors[sensor].cycles
 
     def warm_up(self) -> str:
         """Return the warm-up cycles as text; empty where there are none, or too few cycles."""

@@ -53,7 +53,8 @@ def test_a_surface_fills_what_lies_between_its_lines_and_nothing_else(view):
 
 def test_a_band_of_thousands_of_points_leaves_no_work_for_the_collector(view):
     """A frame used to make an object a point, and the collector stood still for 130 ms every few frames."""
-    plot = Plot(view.addPlot(), "Elongation", "mm")
+    plot = Plot(make_item(), "Elongation", "mm")
+    view.addItem(plot.item)
     band = plot.band("Band", sensor_colour(1))
     x = np.arange(4000.0)
     before = gc.get_stats()[0]["collections"]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from boat_daq.gui.results.closed_readings import ClosedReadings
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import run_shortcut
 
@@ -26,12 +27,13 @@ def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
     page.list.selectRow(0)
     run_shortcut(window, "Ctrl+Alt+E")
     before = ClosedRun(path).readings()
-    model = page.readings.table.model
+    (panel,) = window.findChildren(ClosedReadings)
+    model = panel.table.model
     model.setData(model.index(2, 3), "1.25")
     assert ClosedRun(path).readings()[-1].elongation_mm == 1.25
     run_shortcut(window, "Ctrl+Z")
     assert ClosedRun(path).readings()[-1].elongation_mm == pytest.approx(float(before[2].elongation_mm))
     assert len(ClosedRun(path).readings()) == len(before) + 2
-    page.readings.close()
+    panel.close()
     window.refresh()
-    assert page.readings is None
+    assert not panel.isVisible()

@@ -240,7 +240,7 @@ def test_list_shows_how_each_run_ended(tmp_path, status, reason, words):
 def listed(window, names):
     """The Runs page over made-up runs: their worst case, without a folder that is read."""
     run = read_run(SAMPLE)
-    broken = dataclasses.replace(run.summary, status="interrupted", stop_reason=None, steps=3)
+    broken = dataclasses.replace(run.summary, status="interrupted", stop_reason=None, run_end=None, steps=3)
     damaged = dataclasses.replace(run, summary=None, problem="/a/long/way/to/x.boat cannot be read: it is malformed")
     made = [dataclasses.replace(run, path=run.path.with_name(name)) for name in names]
     window.model.runs.runs = [dataclasses.replace(made[0], summary=broken), damaged, *made[1:]]

@@ -40,7 +40,7 @@ def test_every_cycle_has_its_figures(result):
     model = RepeatabilityModel(JobRunner())
     assert model.warm_up() == ""
     model.show(result)
-    each = model.cycles(0)
+    each = result.sensors[0].cycles
     assert each.sensitivity_unit == "mV/mm"
     assert each.sensitivity == pytest.approx([39.3, 39.3], rel=0.02)
     assert each.snr_db == pytest.approx([result.sensors[0].content["figures"]["snr_db"]] * 2, abs=1.0)

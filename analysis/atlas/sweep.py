@@ -173,18 +173,9 @@ class StudyMap:
     def as_json(self) -> dict[str, Any]:
         """Return the map as plain values."""
         study = self.study
-        return {
-            "name": study.name,
-            "method": study.method,
-            "title": study.title,
-            "truth": study.truth,
-            "unit": study.unit,
-            "tolerance": study.tolerance,
-            "x": study.x.as_json(),
-            "y": study.y.as_json(),
-            "counts": self.counts,
-            "cells": [[cell.as_json() for cell in row] for row in self.cells],
-        }
+        described = {name: getattr(study, name) for name in ("name", "method", "title", "truth", "unit", "tolerance")}
+        cells = [[cell.as_json() for cell in row] for row in self.cells]
+        return {**described, "x": study.x.as_json(), "y": study.y.as_json(), "counts": self.counts, "cells": cells}
 
 
 def outcome_of(result: StudyResult, tolerance: float) -> CellOutcome:

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from analysis.arrays import FloatArray, IntArray
 from analysis.errors import DataError, RequestError
 from analysis.optics.scene.arc_spline import ArcSpline
-from analysis.optics.scene.parameters import Waveguide
+from analysis.optics.scene.parameters import Design, Waveguide
 
 NOTHING, INTERFACE, RECEIVER = 0, 1, 2
 CORNER_A, CORNER_B, FREE = 1, 2, 4
@@ -391,26 +391,26 @@ def _pieces(curve: ArcSpline, s0: float, s1: float) -> list[tuple[int, tuple[flo
     ]
 
 
-def check_row(frame: SceneFrame, row_mm: float, depth_mm: float, name: str) -> None:
+def check_design(frame: SceneFrame, design: Design, name: str) -> None:
     """Reject cavities that cut through the guide or do not fit between the junctions.
 
     Parameters
     ----------
-    frame : one state. row_mm, depth_mm : length of the row and depth of its cavities. name : of the state.
+    frame : one state. design : its cavities. name : of the state.
 
     Raises
     ------
     RequestError : with the length that is free, or the guide's thickness.
     """
     thickness = 2 * frame.half_mm
-    if depth_mm >= thickness * (1 - 1e-6):
+    if design.cavities and design.depth_mm >= thickness * (1 - 1e-6):
         raise RequestError(
-            f"a cavity of {depth_mm:g} mm depth cuts through the guide of {thickness:g} mm",
+            f"a cavity of {design.depth_mm:g} mm depth cuts through the guide of {thickness:g} mm",
             f"choose a depth below {thickness:g} mm or a thicker guide",
         )
-    if row_mm >= frame.free_mm:
+    if design.row_mm >= frame.free_mm:
         raise RequestError(
-            f"{name}: a row of cavities {row_mm:.4g} mm long does not fit the {frame.free_mm:.4g} mm "
+            f"{name}: a row of cavities {design.row_mm:.4g} mm long does not fit the {frame.free_mm:.4g} mm "
             "between the junctions",
             "choose fewer, narrower or closer cavities",
         )

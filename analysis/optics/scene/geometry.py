@@ -30,6 +30,7 @@ from analysis.optics.scene.frame import (
     NOTHING,
     RECEIVER,
     SceneFrame,
+    check_design,
 )
 from analysis.optics.scene.parameters import Design
 
@@ -167,13 +168,18 @@ def _edge(row: FloatArray, cell: FloatArray, left: bool) -> None:
 
 
 @compiled
-def _wall(row: FloatArray, section: FloatArray, low: float, high: float, at_end: bool) -> None:
-    """Write a wall across a cross-section from offset `low` to `high`, the resin before it (at_end) or behind it."""
-    x, y, tx, ty = section[0], section[1], section[2], section[3]
+def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float, kind: int) -> None:
+    """Write the wall at an end of a cell from offset `low` to `high`, the resin on the cell's side."""
+    number, section = (4 * cell + 3, C_END) if at_end else (4 * cell + 2, C_START)
+    x, y = g.cells[cell, section], g.cells[cell, section + 1]
+    tx, ty = g.cells[cell, section + 2], g.cells[cell, section + 3]
+    row = g.surfaces[number]
     row[0], row[1], row[2], row[3], row[4], row[5] = x, y, tx, ty, 0.0, 0.0
     row[6], row[7] = -1.0 if at_end else 1.0, 1.0
     row[8], row[9], row[10], row[11] = x - low * ty, y + low * tx, -ty, tx
     row[12], row[13], row[14], row[15] = x - high * ty, y + high * tx, -ty, tx
+    g.kinds[number], g.corners[number] = kind, CORNER_A | CORNER_B
+    g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = 1
 
 
 @compiled
@@ -183,29 +189,10 @@ def _step_in(g: Geometry, thick: int, thin: int, at_end: bool) -> None:
     left = cells[thin, C_LEFT] < cells[thick, C_LEFT]
     low = cells[thin, C_LEFT] if left else cells[thick, C_RIGHT]
     high = cells[thick, C_LEFT] if left else cells[thin, C_RIGHT]
-    number = 4 * thick + (3 if at_end else 2)
-    _wall(
-        g.surfaces[number],
-        cells[thick, C_END : C_END + 4] if at_end else cells[thick, C_START : C_START + 4],
-        low,
-        high,
-        at_end,
-    )
-    g.kinds[number], g.corners[number] = INTERFACE, CORNER_A | CORNER_B
-    g.links[thick, WALL_AFTER if at_end else WALL_BEFORE] = 1
+    _wall(g, thick, at_end, low, high, INTERFACE)
     side = 0 if left else 1
     g.corners[4 * thick + side] |= CORNER_B if at_end else CORNER_A
     g.corners[4 * thin + side] |= CORNER_A if at_end else CORNER_B
-
-
-@compiled
-def _end_wall(g: Geometry, cell: int, at_end: bool, kind: int) -> None:
-    """Close a strip's end."""
-    number = 4 * cell + (3 if at_end else 2)
-    section = g.cells[cell, C_END : C_END + 4] if at_end else g.cells[cell, C_START : C_START + 4]
-    _wall(g.surfaces[number], section, g.cells[cell, C_RIGHT], g.cells[cell, C_LEFT], at_end)
-    g.kinds[number], g.corners[number] = kind, CORNER_A | CORNER_B
-    g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = 1
 
 
 @compiled
@@ -229,8 +216,8 @@ def _link(g: Geometry, guide: int, first: int, after: int, joined: bool) -> None
         g.corners[4 * first + side] |= CORNER_A
         g.corners[4 * (after - 1) + side] |= CORNER_B
     if not joined:
-        _end_wall(g, first, False, INTERFACE)
-        _end_wall(g, after - 1, True, RECEIVER)
+        _wall(g, first, False, g.cells[first, C_RIGHT], g.cells[first, C_LEFT], INTERFACE)
+        _wall(g, after - 1, True, g.cells[after - 1, C_RIGHT], g.cells[after - 1, C_LEFT], RECEIVER)
 
 
 @compiled
@@ -388,7 +375,13 @@ def geometry_pointers(g: Geometry) -> Geometry:
 
 
 def geometry_of(frame: SceneFrame, design: Design) -> Geometry:
-    """Return the geometry of one frame and design."""
+    """Return the geometry of one frame and design.
+
+    Raises
+    ------
+    RequestError : the cavities do not fit the guide.
+    """
+    check_design(frame, design, "this state")
     guides, arcs = frame.curvature.shape
     g = allocate(guides, arcs, len(frame.surfaces), design.cavities, frame.source_cell)
     build(g, frame, pattern_of(design))

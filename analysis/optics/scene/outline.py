@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.optics.scene.frame import NOTHING, RECEIVER, SceneFrame, check_row
+from analysis.optics.scene.frame import NOTHING, RECEIVER, SceneFrame
 from analysis.optics.scene.geometry import geometry_of
 from analysis.optics.scene.parameters import Design
 
@@ -78,7 +78,6 @@ def outline(frame: SceneFrame, design: Design) -> Outline:
     ------
     RequestError : the cavities do not fit the guide.
     """
-    check_row(frame, design.row_mm, design.depth_mm if design.cavities else 0.0, "this state")
     g = geometry_of(frame, design)
     kept = (g.kinds != NOTHING) & (g.kinds != RECEIVER)
     receivers = g.surfaces[g.kinds == RECEIVER]

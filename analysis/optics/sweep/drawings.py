@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -27,6 +28,7 @@ from analysis.optics.tracer.simulation import ray_paths
 
 BLUE, VERMILLION = style.SENSORS[:2]
 RESIN, GREEN = "#E3EDF5", style.PRESSURE
+RING: Any = {"markerfacecolor": "none", "markeredgewidth": 1.6}
 DPI = 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
@@ -153,15 +155,8 @@ def draw_maps(result: SweepResult, cavities: int) -> Figure:
         axes.set_yticks(range(6), [f"{s:g}" for s in STEPS_MM])
         for design, mark in ((best, "*"), (PAPER_OPTIMUM, "o")):
             if (design.cavities, design.width_mm) == (cavities, width):
-                axes.plot(
-                    STEPS_MM.index(design.spacing_mm),
-                    STEPS_MM.index(design.depth_mm),
-                    mark,
-                    markersize=11,
-                    markerfacecolor="none",
-                    markeredgecolor="white",
-                    markeredgewidth=1.6,
-                )
+                place = STEPS_MM.index(design.spacing_mm), STEPS_MM.index(design.depth_mm)
+                axes.plot(*place, mark, markersize=11, markeredgecolor="white", **RING)
     if image is not None:
         figure.colorbar(image, ax=grid, shrink=0.8).set_label("P / largest P of the sweep")
     figure.supxlabel("spacing, mm")
@@ -178,27 +173,11 @@ def draw_pareto(result: SweepResult) -> Figure:
     merit = result.merit()
     front = pareto(merit.delta, merit.rmse, merit.n_sign)
     dots = axes.scatter(merit.rmse, merit.delta, c=merit.n_sign, cmap="viridis", s=14, linewidths=0)
-    axes.scatter(
-        merit.rmse[front],
-        merit.delta[front],
-        s=46,
-        facecolors="none",
-        edgecolors=style.INK,
-        linewidths=0.8,
-        label="Pareto-optimal",
-    )
+    rings: Any = {"facecolors": "none", "edgecolors": style.INK, "linewidths": 0.8}
+    axes.scatter(merit.rmse[front], merit.delta[front], s=46, label="Pareto-optimal", **rings)
     for i, name, colour in ((int(np.argmax(merit.p)), "our best", BLUE), (result.find(), "paper's", VERMILLION)):
         if i is not None:
-            axes.plot(
-                merit.rmse[i],
-                merit.delta[i],
-                "D",
-                markersize=8,
-                markerfacecolor="none",
-                markeredgecolor=colour,
-                markeredgewidth=1.6,
-                label=name,
-            )
+            axes.plot(merit.rmse[i], merit.delta[i], "D", markersize=8, markeredgecolor=colour, label=name, **RING)
     figure.colorbar(dots).set_label("n_sign: steps in which NDR rises")
     axes.set(xlabel="RMSE about aNDR, rays of 250", ylabel="Delta, rays of 250")
     axes.legend()

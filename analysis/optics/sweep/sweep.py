@@ -23,7 +23,7 @@ from analysis.arrays import FloatArray, IntArray
 from analysis.dask_address import check_scheduler
 from analysis.errors import RequestError
 from analysis.optics.scene.curves import default_curves, frames_of
-from analysis.optics.scene.frame import SceneFrame, check_row
+from analysis.optics.scene.frame import SceneFrame, check_design
 from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Face, Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, resolution, uncertainty
@@ -216,8 +216,7 @@ def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> No
         raise RequestError("a sweep without designs", "give at least one number of cavities")
     tightest = min(range(len(frames)), key=lambda s: frames[s].free_mm)
     for design in designs:
-        if design.cavities:
-            check_row(frames[tightest], design.row_mm, design.depth_mm, f"state {tightest}")
+        check_design(frames[tightest], design, f"state {tightest}")
 
 
 def _result(request: SweepRequest, done: dict[Design, Results], seconds: float, simulated: int) -> SweepResult:

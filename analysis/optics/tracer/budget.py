@@ -214,21 +214,9 @@ def offer(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
 
 @compiled
 def _read(q: Queue, slot: int) -> Ray:
-    i, j = slot * NUMBERS, slot * LABELS
-    return Ray(
-        q.numbers[i],
-        q.numbers[i + 1],
-        q.numbers[i + 2],
-        q.numbers[i + 3],
-        q.numbers[i + 4],
-        q.numbers[i + 5],
-        q.numbers[i + 6],
-        q.labels[j],
-        q.labels[j + 1],
-        q.labels[j + 2],
-        q.labels[j + 3],
-        q.labels[j + 4],
-    )
+    v, w, i, j = q.numbers, q.labels, slot * NUMBERS, slot * LABELS
+    x, y, dx, dy, power, path, optical = v[i], v[i + 1], v[i + 2], v[i + 3], v[i + 4], v[i + 5], v[i + 6]
+    return Ray(x, y, dx, dy, power, path, optical, w[j], w[j + 1], w[j + 2], w[j + 3], w[j + 4])
 
 
 @compiled

@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
 from analysis.compiled import compiled
-from analysis.optics.scene.frame import NO_CELL, SceneFrame, check_row
+from analysis.optics.scene.frame import NO_CELL, SceneFrame
 from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of, geometry_pointers
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.budget import (
@@ -240,7 +240,6 @@ def trace(
     ------
     RequestError : the cavities do not fit the guide.
     """
-    check_row(frame, design.row_mm, design.depth_mm if design.cavities else 0.0, "this state")
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     by_root = np.zeros(light.rays, dtype=np.int64)
     nothing = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
@@ -307,7 +306,6 @@ def ray_paths(
     ------
     RequestError : the cavities do not fit the guide.
     """
-    check_row(frame, design.row_mm, design.depth_mm if design.cavities else 0.0, "this state")
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
     tally, q = new_tally(np.zeros(light.rays, dtype=np.int64), drawn, by), new_queue(light.secondary)

@@ -144,23 +144,13 @@ def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: 
         if resin and rules.attenuation > 0.0:
             power *= math.exp(-rules.attenuation * t)
             tally.energy[E_ABSORBED] += ray.power - power
-        ray = Ray(
-            ray.x + t * ray.dx,
-            ray.y + t * ray.dy,
-            ray.dx,
-            ray.dy,
-            power,
-            ray.path_mm + t,
-            ray.optical_path_mm + (t * rules.refractive if resin else t),
-            ray.medium,
-            ray.last,
-            ray.cell,
-            ray.root,
-            ray.bounce,
-        )
+        x, y, path = ray.x + t * ray.dx, ray.y + t * ray.dy, ray.path_mm + t
+        optical = ray.optical_path_mm + (t * rules.refractive if resin else t)
+        last, cell, root = ray.last, ray.cell, ray.root
+        ray = Ray(x, y, ray.dx, ray.dy, power, path, optical, ray.medium, last, cell, root, ray.bounce)
         hits += 1
         if tally.capacity > 0:
-            draw(tally, ray.x, ray.y, power, number, ray.medium)
+            draw(tally, x, y, power, number, ray.medium)
         end = _arrive(g, rules, at, ray)
         if end >= 0:
             break

@@ -1,4 +1,4 @@
-"""Symmetric positive definite band matrices: Cholesky factor, solution, product.
+"""Symmetric positive definite band matrices: Cholesky factor and solution.
 
 Strategy: the lower triangle is kept column by column, entry (i, j) at band[j, i - j], with PAD zeros after each column
 so that four columns can be eliminated at a time in one pass over memory. Compiled here and not called from LAPACK
@@ -95,15 +95,3 @@ def backward(factor: FloatArray, right: FloatArray) -> FloatArray:
             total -= factor[j, i] * x[j + i]
         x[j] = total / factor[j, 0]
     return x
-
-
-@compiled_reassociating
-def product(band: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the symmetric matrix times x, shape (size,)."""
-    y, size, width = np.zeros_like(x), band.shape[0], band.shape[1] - PAD
-    for j in range(size):
-        y[j] += band[j, 0] * x[j]
-        for i in range(1, min(width, size - j)):
-            y[j + i] += band[j, i] * x[j]
-            y[j] += band[j, i] * x[j + i]
-    return y

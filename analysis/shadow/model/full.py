@@ -146,13 +146,13 @@ class FullModel:
             limit = self.inflation_limit
             beyond = p > limit.pressure_kpa if p is not None else (q or 0.0) > limit.elongation_mm
         if beyond:
-            asked = f"{p:g} kPa" if p is not None else f"{q:g} mm"
+            state = f"{p:g} kPa" if p is not None else f"{q:g} mm"
             where = f"{limit.pressure_kpa:.1f} kPa ({limit.elongation_mm:+.2f} mm)"
             cause = (
-                f"{asked} lies beyond the critical pressure of {where}, where the actuator loses its stability: "
+                f"{state} lies beyond the critical pressure of {where}, where the actuator loses its stability: "
                 f"{limit.mode}"
                 if limit.wave_number >= 0
-                else f"{asked} lies beyond {where}, the last state computed and found stable"
+                else f"{state} lies beyond {where}, the last state computed and found stable"
             )
             raise RequestError(cause, f"stay on this side of {limit.pressure_kpa:.1f} kPa")
         if p is not None and p < VACUUM_KPA:

@@ -30,19 +30,9 @@ FORCE_N = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
 LENGTH_MM = {"mm": 1.0, "m": 1e3, "um": 1e-3, "µm": 1e-3, "cm": 10.0}
 FORCE_NAMES = ("force_n", "force", "load", "load_n", "f", "standard force", "load_cell")
 DISPLACEMENT_NAMES = (
-    "displacement_mm",
-    "displacement",
-    "extension",
-    "deformation",
-    "travel",
-    "compression_mm",
-    "compression",
-    "disp",
-    "disp_mm",
-    "position",
-    "crosshead",
-    "stroke",
-)
+    "displacement_mm", "displacement", "extension", "deformation", "travel", "compression_mm", "compression", "disp",
+    "disp_mm", "position", "crosshead", "stroke",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

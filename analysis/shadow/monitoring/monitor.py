@@ -271,10 +271,6 @@ class Monitor:
         """Return the figures of the next whole cycle (see `cycle_figures`); once each, in order, before `take`."""
         return cycle_figures(self.table, time_s, pressure_kpa, elongations_mm, self._leak)
 
-    def watch(self, time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray) -> list[Alarm]:
-        """Take one whole cycle as arrays (see `cycle_figures`); return the alarms that it raises for the first time."""
-        return self.take(self.figures(time_s, pressure_kpa, elongations_mm))
-
     def take(self, figures: CycleFigures) -> list[Alarm]:
         """Take one cycle's figures; return the alarms that it raises for the first time, causes before effects."""
         self.cycles += 1
@@ -301,10 +297,6 @@ class Monitor:
             channel[0]: smallest_shift(int(n), self.threshold) * float(s)
             for channel, n, s in zip(_CHANNELS, history, spread, strict=True)
         }
-
-    def active(self) -> list[Alarm]:
-        """Return the active alarms, as they are now."""
-        return [self._alarm(i, j) for i, j in sorted(self._open)]
 
     def _alarm(self, channel: int, side: int) -> Alarm:
         fault = self._fault(channel, side)

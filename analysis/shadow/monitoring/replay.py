@@ -30,6 +30,7 @@ from analysis.shadow.monitoring.monitor import (
 )
 
 FEWEST_FOR_DRIFT = 3
+_OF_ALARM = ("since_cycle", "cycle", "figure", "shift", "unit", "healthy_cycles", "sentence")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,19 +78,7 @@ class Replay:
             "residual_rms_kpa": float(np.sqrt(np.nanmean(self.residual_kpa**2))) if size else np.nan,
             "drift_mm_per_cycle": self.drift_mm_per_cycle,
             "drift_interval_mm_per_cycle": self.drift_interval,
-            "alarms": [
-                {
-                    "illness": a.fault,
-                    "since_cycle": a.since_cycle,
-                    "cycle": a.cycle,
-                    "figure": a.figure,
-                    "shift": a.shift,
-                    "unit": a.unit,
-                    "healthy_cycles": a.healthy_cycles,
-                    "sentence": a.sentence,
-                }
-                for a in self.alarms
-            ],
+            "alarms": [{"illness": a.fault} | {name: getattr(a, name) for name in _OF_ALARM} for a in self.alarms],
             "smallest_shift_found": self.smallest_shift,
             "left_out": self.left_out,
         }

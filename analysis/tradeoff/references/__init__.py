@@ -1,7 +1,7 @@
 """Results of other methods and other programs, kept as tables with their provenance.
 
-Each file says what made it and when; the scripts `tests/analysis/tradeoff/make_*.py` make them again,
-and a nightly test compares.
+Each file names its method and date; the scripts `tests/analysis/tradeoff/make_*.py` make them again, and a nightly test
+compares.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def ladder_map() -> StudyMap:
     return sweep(ladder_study())
 
 
-def test_the_json_says_what_the_map_says() -> None:
+def test_the_json_has_the_map() -> None:
     """Plain JSON without NaN; labels, counts, and null where there is no error."""
     content = json.loads(json.dumps(atlas_json([ladder_map()]), allow_nan=False))
     (drawn,) = content["maps"]
@@ -38,7 +38,7 @@ def test_the_json_says_what_the_map_says() -> None:
     assert drawn["cells"][0][3] == {"x": 3, "y": 0, "outcome": "refused", "error": None, "said": "too far"}
 
 
-def test_a_picture_tells_outcomes_without_colour(tmp_path: Path) -> None:
+def test_a_map_shows_outcomes_without_colour(tmp_path: Path) -> None:
     """Letters in the cells, words in the legend; the fourth outcome is named only where it is found."""
     figure = method_atlas([ladder_map()])
     letters = [text.get_text() for text in figure.axes[0].texts]

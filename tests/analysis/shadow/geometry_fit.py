@@ -25,7 +25,7 @@ TARGETS = ((50.0, 3.8), (-40.0, -2.7))
 
 @dataclass(frozen=True, slots=True)
 class GeometryFit:
-    """The fit and what it stands on.
+    """The fit and its sensitivities.
 
     Parameters
     ----------

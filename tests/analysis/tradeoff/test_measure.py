@@ -136,7 +136,7 @@ def test_a_stricter_margin_never_chooses_a_cheaper_setting() -> None:
     assert costs == sorted(costs)
 
 
-def test_a_default_just_beyond_the_tie_is_said_not_to_be_the_choice() -> None:
+def test_a_default_just_beyond_the_tie_is_not_the_choice() -> None:
     """Both sides of the tie, in the verdict that a user reads."""
     for factor, kept in ((0.999, True), (1.001, False)):
         found = Measured.of(method("mine"), [point("other", 1.0, 0.1), point("mine", factor * TIE, 0.1)])

@@ -23,8 +23,8 @@ def test_newton_is_exact_and_tables_are_not(inverse: Measured) -> None:
     assert errors["Newton"] < 1e-10 < errors["table of 65"] < errors["table of 17"]
 
 
-def test_a_default_that_the_rule_does_not_choose_is_said(inverse: Measured) -> None:
-    """The verdict names both settings, and says nothing of the kind where they agree."""
+def test_the_verdict_names_a_default_that_the_rule_does_not_choose(inverse: Measured) -> None:
+    """The verdict names both settings, and only the default where they agree."""
     other = replace(inverse, chosen="table of 65")
     assert "the rule chooses table of 65, the default is Newton" in other.verdict
     assert "is the cheapest" in replace(inverse, chosen="Newton").verdict

@@ -53,7 +53,7 @@ def test_offsets_keep_their_distance(u: float, part: float, bow: float) -> None:
     assert foot[0] == pytest.approx(s[0], abs=1e-9)
 
 
-def test_reversed_runs_the_other_way() -> None:
+def test_reversed_curve_has_opposite_tangents() -> None:
     """The reversed curve passes the same points with opposite tangents and curvature."""
     curve = wave(9.0)
     back = curve.reversed()

@@ -70,7 +70,7 @@ def test_one_state_is_read(curves: np.ndarray, tmp_path: Path) -> None:
 
 
 def test_one_guide_is_mirrored(curves: np.ndarray, tmp_path: Path) -> None:
-    """A single bowed guide stands for both: the other is its mirror image."""
+    """A single bowed guide is completed by its mirror image."""
     path = tmp_path / "guide.csv"
     path.write_text("x,z\n" + "\n".join(pairs(curves[3, 0])))
     np.testing.assert_allclose(read_curves(path), curves[3:4], atol=1e-6)
@@ -103,7 +103,7 @@ def test_a_folder_of_states_is_read_in_order(curves: np.ndarray, tmp_path: Path)
         ("state,guide,x,z\n" + "\n".join(f"0,{g},{g},{i}" for g in (1, 2) for i in range(6 + g)), "points"),
     ],
 )
-def test_unreadable_files_say_what_and_what_to_do(text: str, word: str, tmp_path: Path) -> None:
+def test_unreadable_files_are_rejected_with_cause_and_remedy(text: str, word: str, tmp_path: Path) -> None:
     """Each is refused with a cause that names it and a remedy."""
     path = tmp_path / "bad.csv"
     path.write_text(text)

@@ -18,7 +18,7 @@ from analysis.optics.scene.curves import (
     frames_of,
     parametric_elongations,
 )
-from analysis.optics.scene.frame import SceneFrame, check_row
+from analysis.optics.scene.frame import SceneFrame, check_design
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.simulation import trace
 
@@ -73,7 +73,7 @@ def test_curves_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
 
 
 def test_curves_in_metres_or_with_holes_are_refused(curves: np.ndarray) -> None:
-    """A size no actuator has, and a missing number, are told."""
+    """A size that no actuator has, and a missing number, are rejected."""
     with pytest.raises(DataError, match="mm"):
         checked_curves(curves / 1000)
     broken = curves.copy()
@@ -86,5 +86,5 @@ def test_all_default_states_are_built(frames: list[SceneFrame]) -> None:
     """Each of the 15 states of both sets has room for the longest row of the paper's grid."""
     assert len(frames) == 15
     for frame in [*frames, *frames_of(default_curves(), Waveguide(thickness_mm=2.5))]:
-        check_row(frame, Design(7, 1.0, 1.0, 1.0).row_mm, 1.0, "a state")
+        check_design(frame, Design(7, 1.0, 1.0, 1.0), "a state")
     assert len(frames_of(default_curves(), Waveguide(thickness_mm=1.5))) == 15

@@ -33,7 +33,7 @@ def test_repaired_equals_printed_where_that_is_defined(ndr: np.ndarray) -> None:
 
 
 def test_monotone_design_has_a_p_and_a_mark() -> None:
-    """A falling NDR has no printed P; the repaired one is Delta / RMSE and says 'monotone'."""
+    """A falling NDR has no printed P; the repaired one is Delta / RMSE and marked as monotone."""
     ndr = 150 - np.arange(15.0) ** 1.3 + np.tile([0.5, -0.5, 0.2], 5) * 0.4
     m = merit(ndr, FLOOR)
     assert m.n_sign == 0
@@ -56,7 +56,7 @@ def test_n_sign_counts_rises_only() -> None:
 
 
 def test_interval_holds_p_and_shrinks_with_the_noise() -> None:
-    """Every interval holds its P; with next to no noise it closes on it, and a clear winner stands alone."""
+    """Every interval holds its P; with next to no noise it closes on it, and a clear winner has no ties."""
     rng = np.random.default_rng(3)
     base = np.linspace(130, 90, 15) + rng.normal(0, 2, (6, 15))
     base[0] = np.linspace(160, 60, 15) + 0.5 * np.sin(np.arange(15))
@@ -70,7 +70,7 @@ def test_interval_holds_p_and_shrinks_with_the_noise() -> None:
 
 
 def test_equal_designs_tie() -> None:
-    """Two designs with the same truth are told to be tied."""
+    """Two designs with the same truth tie."""
     ndr = np.tile(np.linspace(140, 80, 15) + np.sin(np.arange(15.0)), (2, 1))
     assert uncertainty(ndr, np.full_like(ndr, 1.0), FLOOR).tied.all()
 
@@ -82,6 +82,6 @@ def test_pareto_keeps_what_nothing_betters() -> None:
 
 
 def test_too_few_states_are_refused() -> None:
-    """A cubic through four states says nothing."""
+    """A cubic through four states leaves no residuals."""
     with pytest.raises(DataError, match="too few"):
         merit(np.ones((2, 4)), FLOOR)

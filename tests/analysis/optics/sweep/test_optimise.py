@@ -23,7 +23,7 @@ def test_power_merit_refuses_nothing_and_ranks_what_fits() -> None:
 
 
 def test_the_search_is_no_worse_than_where_it_starts() -> None:
-    """Cut short it still returns a design as good as the grid's best, and says that it was cut short."""
+    """Cut short it still returns a design as good as the grid's best, and reports that it was stopped."""
     seen: list[float] = []
     found = optimise(
         Waveguide(), default_curves(), rays=40, seconds=3.0, progress=lambda done, total: seen.append(done)

@@ -23,10 +23,10 @@ def result(request_: SweepRequest) -> SweepResult:
     return run_sweep(request_)
 
 
-def test_results_are_told_in_the_agreed_keys(result: SweepResult, tmp_path: Path) -> None:
+def test_results_have_the_keys_of_the_surface(result: SweepResult, tmp_path: Path) -> None:
     """JSON, text, table and figures all name the best, the ties and the paper's optimum."""
-    told = sweep_json(result)
-    assert told["simulations"] == 15 * len(DESIGNS)
+    content = sweep_json(result)
+    assert content["simulations"] == 15 * len(DESIGNS)
     assert {
         "cavities",
         "width_mm",
@@ -40,10 +40,10 @@ def test_results_are_told_in_the_agreed_keys(result: SweepResult, tmp_path: Path
         "p",
         "p_ci",
         "monotone",
-    } <= set(told["designs"][0])
-    assert told["best"]["p"] == max(d["p"] for d in told["designs"])
-    assert told["paper_optimum"]["rank"] == told["designs"][0]["rank"]
-    assert {k: told["best"][k] for k in ("cavities", "width_mm", "depth_mm", "spacing_mm", "face")} in told[
+    } <= set(content["designs"][0])
+    assert content["best"]["p"] == max(d["p"] for d in content["designs"])
+    assert content["paper_optimum"]["rank"] == content["designs"][0]["rank"]
+    assert {k: content["best"][k] for k in ("cavities", "width_mm", "depth_mm", "spacing_mm", "face")} in content[
         "tied_with_best"
     ]
     assert "paper's optimum" in sweep_text(result)

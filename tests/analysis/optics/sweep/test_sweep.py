@@ -69,7 +69,7 @@ def test_a_design_that_fits_no_state_stops_the_sweep_before_it_starts() -> None:
         run_sweep(SweepRequest(()))
 
 
-def test_counted_rays_scatter_as_their_standard_deviation_says(curves: np.ndarray) -> None:
+def test_counted_rays_scatter_within_their_standard_deviation(curves: np.ndarray) -> None:
     """Fans turned by parts of a step scatter no more than the stated standard deviation, and not by nothing."""
     frame = frame_of(curves, 6, Waveguide())
     outs = [
@@ -89,7 +89,7 @@ def test_a_cluster_gives_the_same_bits(request_: SweepRequest, result: SweepResu
         assert same(run_sweep(request_, scheduler=cluster.scheduler_address), result)
 
 
-def test_an_absent_scheduler_is_told(request_: SweepRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_absent_scheduler_is_rejected_with_a_remedy(request_: SweepRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """An address without a scheduler is refused with how to start one."""
     pytest.importorskip("distributed")
     monkeypatch.setattr("analysis.optics.sweep.sweep._CONNECT_S", 1.0)

@@ -30,7 +30,7 @@ def same(a: SweepResult, b: SweepResult) -> bool:
     )
 
 
-def test_a_stopped_sweep_goes_on_where_it_was(request_: SweepRequest, result: SweepResult, tmp_path: Path) -> None:
+def test_a_stopped_sweep_resumes_where_it_was(request_: SweepRequest, result: SweepResult, tmp_path: Path) -> None:
     """Stopped by its progress call, the sweep leaves what was finished, simulates only the rest, and ends with the same
     bits.
     """

@@ -10,7 +10,7 @@ from tests.analysis.optics.sweep.ranking_study import cases, draw_convergence, s
 
 
 def test_a_study_compares_its_cases(tmp_path: object) -> None:
-    """Each case tells its best, its ties, and the paper's place; more rays scatter less; the first is like itself."""
+    """Each case has its best, its ties, and the paper's rank; more rays scatter less; the first is like itself."""
     chosen = cases(Waveguide(), Light(), rays=(250, 1000))
     names = [name for name, _, _ in chosen]
     assert names == [

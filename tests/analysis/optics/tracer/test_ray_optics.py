@@ -49,7 +49,7 @@ def test_other_fans_are_written_ray_by_ray(frames: list[SceneFrame]) -> None:
 
 
 def test_a_scene_without_receiver_is_refused(curves: np.ndarray) -> None:
-    """There is nothing to stand the detector on."""
+    """There is no place for the detector."""
     guide = Waveguide(receiver_mm=0.0)
     with pytest.raises(DataError, match="no receiver"):
         ray_optics_scene(frame_of(curves, 7, guide), Design(), guide, Light())
@@ -66,8 +66,8 @@ def test_ray_optics_counts_the_same(frames: list[SceneFrame], tmp_path: Path, st
     light = Light(secondary=0)
     file = tmp_path / "scene.json"
     file.write_text(json.dumps(ray_optics_scene(frames[state], design, Waveguide(), light)))
-    told = json.loads(
+    theirs = json.loads(
         subprocess.run(["node", PEER, str(file)], capture_output=True, text=True, check=True, timeout=120).stdout
     )
     ours = trace(frames[state], design, Waveguide(), light).ledger["detected"]
-    assert round(told["count"]) == ours
+    assert round(theirs["count"]) == ours

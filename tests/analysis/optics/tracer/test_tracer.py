@@ -32,7 +32,7 @@ def test_straight_guide_meets_its_closed_form() -> None:
     assert out.power == pytest.approx(1.0, abs=1e-13)
 
 
-def test_straight_guide_loses_what_fresnel_says() -> None:
+def test_straight_guide_loses_rays_beyond_the_critical_angle() -> None:
     """Beyond the critical angle a ray refracts out at once; with a full fan the detected part is the guided one."""
     guide = Waveguide()
     out = strip(straight((0, 0), (60, 0)), guide, Light(rays=3600, cone_deg=120.0, secondary=0))
@@ -159,7 +159,7 @@ def test_a_ray_at_a_smooth_joint_is_not_a_corner() -> None:
     assert out.hits >= 2
 
 
-def test_attenuation_takes_what_the_way_says() -> None:
+def test_attenuation_follows_the_path_length() -> None:
     """Along a straight guide at 1 dB/cm a ray at angle a keeps 10^(-L / (100 cos a)); the rest is absorbed."""
     guide = Waveguide(attenuation_db_per_cm=1.0)
     out = strip(straight((0, 0), (80, 0)), guide, Light(rays=101, cone_deg=60.0, secondary=0))

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import cholesky_banded
 
-from analysis.shadow.fem.band import PAD, backward, empty_band, factorise, forward, product
+from analysis.shadow.fem.band import PAD, backward, empty_band, factorise, forward
 from tests.analysis.shadow.solids import dense
 
 
@@ -23,11 +23,10 @@ def random_band(size: int, bandwidth: int, seed: int) -> np.ndarray:
 
 @settings(deadline=None)
 @given(st.integers(1, 40), st.integers(0, 12), st.integers(0, 99))
-def test_factor_solve_and_product(size: int, bandwidth: int, seed: int) -> None:
+def test_factor_and_solution(size: int, bandwidth: int, seed: int) -> None:
     """The factor is LAPACK's, the solution numpy's, whatever the size is a multiple of."""
     band = random_band(size, min(bandwidth, size - 1), seed)
     full, right = dense(band), np.random.default_rng(seed + 1).standard_normal(size)
-    np.testing.assert_allclose(product(band, right), full @ right, atol=1e-11)
     factor = band.copy()
     assert factorise(factor) == size
     lapack = cholesky_banded(band[:, : band.shape[1] - PAD].T, lower=True)
@@ -37,7 +36,7 @@ def test_factor_solve_and_product(size: int, bandwidth: int, seed: int) -> None:
 
 @settings(deadline=None)
 @given(st.integers(1, 30), st.integers(0, 6), st.data())
-def test_it_says_where_definiteness_ends(size: int, bandwidth: int, data: st.DataObject) -> None:
+def test_factorisation_stops_where_definiteness_ends(size: int, bandwidth: int, data: st.DataObject) -> None:
     """The count returned is the size of the greatest leading block that is positive definite."""
     band = random_band(size, min(bandwidth, size - 1), 0)
     at = data.draw(st.integers(0, size - 1))

@@ -33,7 +33,7 @@ def test_deck_names_every_wetted_face(actuator: FullModel) -> None:
 
 @pytest.mark.parametrize("pressure", [50.0, -40.0])
 def test_calculix_finds_the_same_state(actuator: FullModel, tmp_path: Path, pressure: float) -> None:
-    """The exported deck, run as it is: tip within 0.1 % (asked: 1 %), every node within 0.2 % of the tip's way."""
+    """The exported deck, run as it is: tip within 0.1 % (required: 1 %), every node within 0.2 % of it."""
     if shutil.which("ccx") is None:
         pytest.skip("CalculiX (ccx, Debian's calculix-ccx) is not installed")
     state = actuator.solve(pressure_kpa=pressure)

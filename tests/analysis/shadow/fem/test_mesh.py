@@ -13,7 +13,7 @@ from analysis.shadow.fem.parameters import ActuatorParameters
 
 
 def test_parts_lie_where_they_belong() -> None:
-    """Base at 0, tip at the length, wetted edges on the bladder's curve, the wall as thick as asked."""
+    """Base at 0, tip at the length, wetted edges on the bladder's curve, the wall as thick as specified."""
     chosen = ActuatorParameters()
     mesh = build_mesh(chosen)
     assert (mesh.nodes[mesh.base, 1] == 0.0).all()

@@ -94,7 +94,7 @@ def altered(mesh: Mesh, change: dict[int, Callable[[np.ndarray], np.ndarray]]) -
 
 
 @pytest.mark.parametrize(
-    ("part", "change", "said"),
+    ("part", "change", "message"),
     [
         ("cavity", lambda e: np.delete(e, len(e) // 2, axis=0), "not one chain of edges from base to tip .4 ends"),
         ("cavity", lambda e: e[1:], "2 ends, 1 of them neither"),
@@ -104,14 +104,14 @@ def altered(mesh: Mesh, change: dict[int, Callable[[np.ndarray], np.ndarray]]) -
     ],
 )
 def test_parts_that_are_not_whole_are_refused(
-    actuator: FullModel, part: str, change: Callable[[np.ndarray], np.ndarray], said: str
+    actuator: FullModel, part: str, change: Callable[[np.ndarray], np.ndarray], message: str
 ) -> None:
     """A cavity with a hole, an open end or an edge twice, ends in part: each moved the tip by 1 to 12 % in silence."""
-    with pytest.raises(FileError, match=said):
+    with pytest.raises(FileError, match=message):
         from_meshio(altered(actuator.mesh, {PARTS[part]: change}), Path("x.vtu"))
 
 
-def test_ends_the_wrong_way_round_are_refused(actuator: FullModel) -> None:
+def test_exchanged_ends_are_rejected(actuator: FullModel) -> None:
     """Base for tip, and r for z, gave a tip of the other sign; metres put the guides outside the lattice."""
     made = to_meshio(actuator.mesh)
     exchange = np.array([0, 1, 2, 3, 5, 4])
@@ -126,7 +126,7 @@ def test_ends_the_wrong_way_round_are_refused(actuator: FullModel) -> None:
         _ = FullModel(actuator.parameters, mesh=metres).guides
 
 
-def test_formats_and_folders_that_are_none(actuator: FullModel, tmp_path: Path) -> None:
+def test_unknown_formats_and_missing_folders_are_rejected(actuator: FullModel, tmp_path: Path) -> None:
     """An unknown format and a folder that is not there."""
     rest = actuator.solver.rest()
     with pytest.raises(RequestError, match="vtk"):

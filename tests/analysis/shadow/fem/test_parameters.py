@@ -30,8 +30,8 @@ from tests.analysis.shadow.geometry_fit import fit_geometry
         ("pitch_mm", "12.5"),
     ],
 )
-def test_parameters_that_are_none_are_named(name: str, value: float) -> None:
-    """The refusal names the parameter or what is wrong with it, and says what to do."""
+def test_impossible_parameters_are_named(name: str, value: float) -> None:
+    """The refusal names the parameter or what is wrong with it, and has a remedy."""
     with pytest.raises(RequestError) as refusal:
         replace(ActuatorParameters(), **{name: value})  # type: ignore[arg-type]
     assert refusal.value.cause
@@ -54,7 +54,7 @@ def test_the_fit_finds_the_defaults_from_elsewhere() -> None:
     assert fit.sensitivity[0, 0] < 0 < fit.sensitivity[1, 0]  # a stiffer wall moves less, either way
 
 
-def test_a_fit_that_cannot_be_is_said() -> None:
+def test_an_impossible_fit_is_rejected_with_its_misfit() -> None:
     """A bladder that is nearly a straight tube does not meet both targets: the best misfit is shown."""
     tube = ActuatorParameters(belly_radius_mm=4.3, neck_radius_mm=4.2, axial_elements=4, lattice_elements=2)
     with pytest.raises(ConvergenceError, match="misfit"):

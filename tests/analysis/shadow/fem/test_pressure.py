@@ -31,7 +31,7 @@ def test_volume_of_a_straight_cavity_is_a_cylinder() -> None:
     assert volume == pytest.approx(np.pi * 36 * 75, rel=1e-13)
 
 
-def test_gradient_knows_translation_and_stretch(mesh: Mesh) -> None:
+def test_gradient_of_translation_and_stretch(mesh: Mesh) -> None:
     """Moving all along the axis changes no volume; stretching along it changes the volume in proportion."""
     u = np.zeros_like(mesh.nodes)
     along = gradient(mesh, u)[:, 1]

@@ -150,7 +150,7 @@ def test_a_warm_start_finds_the_cold_state(first: float, then: float) -> None:
     np.testing.assert_allclose(warm.displacement_mm, cold.displacement_mm, atol=1e-6)
 
 
-def test_no_equilibrium_is_said(actuator: FullModel) -> None:
+def test_missing_equilibrium_is_an_error(actuator: FullModel) -> None:
     """A load without a stable state ends in an error that names the last state reached, not in a wrong number."""
     with pytest.raises(ConvergenceError) as failure:
         Solver(actuator.problem).solve(pressure_kpa=-400.0)

@@ -16,7 +16,7 @@ def shadow(table: ReducedModel) -> Shadow:
 
 
 @pytest.mark.parametrize("colour", ["displacement", "strain"])
-def test_the_figure_says_the_frame(shadow: Shadow, colour: str) -> None:
+def test_the_figure_shows_the_frame(shadow: Shadow, colour: str) -> None:
     """Title with pressure, elongation, deviation and model; a labelled colour scale; both guides in the legend."""
     state = shadow.state(elongation_mm=3.5, pressure_kpa=50.0)
     figure = shadow_figure(state, shadow.topology, colour)  # type: ignore[arg-type]

@@ -48,7 +48,7 @@ def test_a_softer_lattice_moves_more() -> None:
     assert soft.solve(pressure_kpa=50.0).elongation_mm - 3.8 == pytest.approx(0.144, abs=0.01)
 
 
-def test_a_coarse_mesh_is_told_where_it_is_used() -> None:
+def test_a_coarse_mesh_has_a_warning() -> None:
     """The default mesh has no warning; a coarse one has, in Python and on the command line."""
     assert FullModel().warnings == ()
     assert "2 in the lattice" in FullModel(ActuatorParameters(cells=2, lattice_elements=2)).warnings[0].text

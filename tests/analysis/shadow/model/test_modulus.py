@@ -94,7 +94,7 @@ def test_what_is_no_compression_test_is_refused(test: CompressionTest) -> None:
     assert refusal.value.remedy
 
 
-def test_requests_that_are_none() -> None:
+def test_impossible_requests_are_rejected() -> None:
     """No file, no height, no area, no window."""
     with pytest.raises(RequestError):
         effective_modulus([])
@@ -125,7 +125,7 @@ def test_files_of_several_makers(tmp_path: Path, header: str) -> None:
     assert specimen_modulus(chosen).modulus_kpa == pytest.approx(18.0, rel=1e-4)
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_unsuitable_files_are_rejected(tmp_path: Path) -> None:
     """A table without such columns, an unknown unit, no table at all."""
     path = tmp_path / "s1.csv"
     for text in ("time_s,x\n1,2\n2,3\n3,4\n", "displacement_mm,force (furlong)\n1,2\n2,3\n3,4\n", "hello"):

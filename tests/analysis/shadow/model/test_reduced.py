@@ -14,7 +14,7 @@ from analysis.shadow.model.reduced import ReducedModel
 
 
 def test_fresh_states_keep_the_stated_bound(actuator: FullModel, table: ReducedModel) -> None:
-    """Tracked points of states that neither built nor judged the table lie within its bound, far below 0.1 %."""
+    """Tracked points of states that neither built nor tested the table lie within its bound, far below 0.1 %."""
     rng = np.random.default_rng(7)
     (p0, p1), (q0, q1) = table.pressure_range_kpa, table.elongation_range_mm
     for p, q in zip(rng.uniform(p0, p1, 12), rng.uniform(q0, q1, 12), strict=True):

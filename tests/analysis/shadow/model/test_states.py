@@ -57,7 +57,7 @@ def test_states_are_kept_by_parameters(states: GuideStates, tmp_path: Path, monk
 
 
 def test_guides_straighten_as_the_actuator_lengthens(states: GuideStates) -> None:
-    """What this mechanics says, against the paper's words: curvature falls with elongation, by a tenth in all."""
+    """Unlike in the paper: curvature falls with elongation, by a tenth in all."""
     curvature = states.curvature_per_mm()
     assert (np.diff(curvature) < 0).all()
     assert 1 - curvature[-1] / curvature[0] == pytest.approx(0.10, abs=0.02)

@@ -14,7 +14,7 @@ from analysis.shadow.model.table import build_table, load_table, read_table, tab
 SMALL = TableSettings(pressures=4, elongations=4, modes=6, held_out=8)
 
 
-def test_cache_is_used_mended_and_done_without(short: ActuatorParameters, tmp_path: Path) -> None:
+def test_cache_is_used_rebuilt_or_skipped(short: ActuatorParameters, tmp_path: Path) -> None:
     """The second call builds nothing; a torn file is built again; a folder that cannot be made does not matter."""
     calls: list[float] = []
 

@@ -17,9 +17,9 @@ def test_smallest_shift_falls_with_history() -> None:
     assert 0.5 < seen[-1] < 0.52
 
 
-def test_correlated_history_is_told_from_an_independent_one() -> None:
+def test_correlated_history_is_recognised() -> None:
     """Before a step of five sd most independent histories are so called, and next to none of correlated ones (0.5)."""
-    told = []
+    found = []
     for correlation in (0.0, 0.5):
         rows = np.random.default_rng(8).standard_normal((110, 400))
         for k in range(1, 110):
@@ -28,9 +28,9 @@ def test_correlated_history_is_told_from_an_independent_one() -> None:
         cusum = SelfStartingCusum(np.full(400, 1e-9))
         for row in rows:
             cusum.update(row)
-        told.append(float(cusum.dependent()[:, 0].mean()))
-    assert told[0] < 0.45
-    assert told[1] > 0.95
+        found.append(float(cusum.dependent()[:, 0].mean()))
+    assert found[0] < 0.45
+    assert found[1] > 0.95
 
 
 def false_alarms(runs: int, cycles: int, seed: int) -> float:

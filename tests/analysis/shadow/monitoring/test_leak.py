@@ -40,7 +40,7 @@ def test_hysteresis_and_the_length_of_holds_are_no_leak() -> None:
     np.testing.assert_allclose(losses[6:], 2.0, atol=0.3)
 
 
-def test_a_loop_of_nothing_is_none() -> None:
-    """Pressure that stands still, or no residual at all."""
+def test_without_span_or_residual_there_is_no_loop() -> None:
+    """Constant pressure, or no residual at all."""
     assert HealthyLoop.of([(np.full(20, 5.0), np.zeros(20))]) is None
     assert HealthyLoop.of([(np.linspace(-40, 50, 20), np.full(20, np.nan))]) is None

@@ -8,7 +8,7 @@ import pytest
 from analysis.shadow.monitoring.periodic_interference import find_interference
 
 
-def test_a_hum_is_found_and_noise_is_none() -> None:
+def test_interference_is_found_and_noise_is_not() -> None:
     """A sine's values come back within its error; noise, or fewer than three cycles, gives none."""
     time, rng = np.arange(0, 200, 0.5), np.random.default_rng(0)
     columns = np.stack([np.ones_like(time), np.sin(2 * np.pi * time / 20), time / 200], axis=1)

@@ -26,8 +26,8 @@ help:            ## this list
 demo: setup      ## set up, then a whole calibration session on the virtual board
 	$(BIN)/boat-daq demo --out $(OUT)
 
-test: setup-test  ## set up, then linters, types, import directions and the tests
-	@$(MAKE) --no-print-directory -j 2 check compiled collected
+test: setup-test  ## set up, then linters, types, import directions, documentation and the tests
+	@$(MAKE) --no-print-directory -j 2 check compiled collected docs
 	QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not nightly and not benchmark_run"
 
 check: setup-test

@@ -139,8 +139,8 @@ class OutsideWrites:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Watch from the process that starts the workers, or runs the tests itself."""
-    if not hasattr(config, "workerinput"):
+    """Watch from the process that starts the workers, or that runs the tests itself."""
+    if not hasattr(config, "workerinput") and not config.option.collectonly:
         watch = OutsideWrites(config.rootpath)
         config.pluginmanager.register(watch, "outside writes of this run")
         home = ExitStack()

@@ -13,6 +13,7 @@ import pytest
 from tests.docs.pages import ROOT, runnable, script
 
 
+@pytest.mark.nightly  # with every change by `make docs`, beside the linters: it takes 20 s of processor time
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-c", "docs"]
     built = subprocess.run(

@@ -11,7 +11,6 @@ Sources: Draper and Smith, Applied Regression Analysis (1998), 2.1 (lack of fit)
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -142,48 +141,31 @@ def fit_checks(calibration: Calibration, group: FloatArray | None = None) -> dic
     return content
 
 
-@dataclass(frozen=True, slots=True)
-class PointNames:
-    """How the points and units of a calibration are called; by default a point is its x and y without units."""
+def calibration_warnings(
+    calibration: Calibration, point: Callable[[int], str] | None = None, units: tuple[str, str] = ("", "")
+) -> tuple[Warning, ...]:
+    """Return what the coefficients and their uncertainties alone do not show.
 
-    point: Callable[[int], str] | None = None
-    x_unit: str = ""
-    y_unit: str = ""
-
-    def at(self, calibration: Calibration, i: int, *, both: bool = False) -> str:
-        """Return the name of point `i`, with its y where `both`.
-
-        Parameters
-        ----------
-        calibration : that the point is of.
-        i : the point, counted from 0.
-        both : name its y as well.
-        """
-        if self.point is not None:
-            return self.point(i)
-        y = f", y = {calibration.y[i]:.6g}" if both else ""
-        return f"the point at x = {calibration.x[i]:.4g}{y}"
-
-    def x(self, value: str) -> str:
-        """Return a value of x with its unit."""
-        return f"{value} {self.x_unit}".strip()
-
-    def y(self, value: str) -> str:
-        """Return a value of y with its unit."""
-        return f"{value} {self.y_unit}".strip()
+    Parameters
+    ----------
+    calibration : to check.
+    point : name of a point, counted from 0; None names it by its x and y.
+    units : of x and y in the texts.
+    """
+    x_unit, y_unit = (f" {unit}" if unit else "" for unit in units)
+    found = [
+        *_texts(calibration, y_unit),
+        *_near_turning_points(calibration, x_unit),
+        *_suspect_points(calibration, point, y_unit),
+    ]
+    constant = [item for item in found if item[0] is WarningCode.CONSTANT_Y]
+    return tuple(Warning(code, "", text) for code, text in constant or found)
 
 
-def calibration_warnings(calibration: Calibration, names: PointNames | None = None) -> tuple[Warning, ...]:
-    """Return what the coefficients and their uncertainties alone do not show."""
-    names = names or PointNames()
-    return tuple(Warning(code, "", text) for code, text in _texts(calibration, names))
-
-
-def _texts(calibration: Calibration, names: PointNames) -> Iterator[tuple[WarningCode, str]]:
+def _texts(calibration: Calibration, y_unit: str) -> Iterator[tuple[WarningCode, str]]:
     value, last = calibration.y_range
     if value == last and calibration.n > 1 and calibration.degree > 0:
-        constant = names.y(f"{value:.6g}")
-        at_all = f"y is constant, {constant} at all {calibration.n} points"
+        at_all = f"y is constant, {value:.6g}{y_unit} at all {calibration.n} points"
         yield WarningCode.CONSTANT_Y, f"{at_all}: it does not depend on x"
         return
     if calibration.dof < 1:
@@ -196,14 +178,12 @@ def _texts(calibration: Calibration, names: PointNames) -> Iterator[tuple[Warnin
     if rounding > MONOMIAL_ROUNDING * (last - value) and rounding > 1e-12 * max(np.abs(calibration.y_range)):
         yield (
             WarningCode.MONOMIAL_ROUNDING,
-            f"the coefficients b0, b1, ... give the curve only to {names.y(f'{rounding:.2g}')}: x lies far from zero "
+            f"the coefficients b0, b1, ... give the curve only to {rounding:.2g}{y_unit}: x lies far from zero "
             f"for its range; fit x - {calibration.fit.basis.centre:g} instead",
         )
-    yield from _near_turning_points(calibration, names)
-    yield from _suspect_points(calibration, names)
 
 
-def _near_turning_points(calibration: Calibration, names: PointNames) -> Iterator[tuple[WarningCode, str]]:
+def _near_turning_points(calibration: Calibration, x_unit: str) -> Iterator[tuple[WarningCode, str]]:
     """Name turning points so near to the range that an x beyond the turn would be read as one inside."""
     low, high = calibration.x_range
     for turn in calibration.turning_points:
@@ -211,25 +191,25 @@ def _near_turning_points(calibration: Calibration, names: PointNames) -> Iterato
         if calibration.monotone and 0.0 <= beyond < NEAR_TURN * (high - low):
             yield (
                 WarningCode.NEAR_TURNING_POINT,
-                f"the curve turns at x = {names.x(f'{turn:.4g}')}, {names.x(f'{beyond:.2g}')} beyond its "
+                f"the curve turns at x = {turn:.4g}{x_unit}, {beyond:.2g}{x_unit} beyond its "
                 "range: an x as far on the other side of the turn is read as one inside",
             )
 
 
-def _suspect_points(calibration: Calibration, names: PointNames) -> Iterator[tuple[WarningCode, str]]:
+def _suspect_points(
+    calibration: Calibration, point: Callable[[int], str] | None, y_unit: str
+) -> Iterator[tuple[WarningCode, str]]:
     """Name the point that is off the curve, and one that could be off unseen; none of an exact fit.
 
     The largest externally studentised residual against Student's t, Bonferroni's bound over all points (R. D. Cook,
     S. Weisberg, Residuals and Influence in Regression, 1982, 2.2.2).
     """
-    fit, dof = calibration.fit, calibration.dof
+    fit, dof, x, y = calibration.fit, calibration.dof, calibration.x, calibration.y
     alone = int(np.argmax(fit.leverage))
     if dof > 0 and fit.leverage[alone] > HIGHEST_LEVERAGE and calibration.degree > 0:
-        yield (
-            WarningCode.HIGH_LEVERAGE,
-            f"{names.at(calibration, alone)} alone determines the curve there (leverage {fit.leverage[alone]:.2f}): "
-            "an error in it would not be seen",
-        )
+        name = point(alone) if point else f"the point at x = {x[alone]:.4g}"
+        alone_there = f"{name} alone determines the curve there (leverage {fit.leverage[alone]:.2f})"
+        yield WarningCode.HIGH_LEVERAGE, f"{alone_there}: an error in it would not be seen"
     weighted = np.sqrt(fit.weights) * fit.residuals
     left = 1.0 - fit.leverage
     if dof < 2 or not calibration.residual_sd > 1e-12 * np.abs(calibration.y).max() or left.min() < 1e-9:
@@ -242,8 +222,5 @@ def _suspect_points(calibration: Calibration, names: PointNames) -> Iterator[tup
     if calibration.n * 2.0 * float(stats.t.sf(studentised[worst], dof - 1)) < OUTLIER_CHANCE:
         exact = np.sqrt(rest[worst]) <= EXACT * np.abs(calibration.y).max()
         far = " on which all others lie" if exact else f", {studentised[worst]:.1f} of its standard deviations"
-        yield (
-            WarningCode.OUTLIER,
-            f"{names.at(calibration, worst, both=True)} is {names.y(f'{abs(fit.residuals[worst]):.3g}')} off the curve"
-            f"{far}",
-        )
+        name = point(worst) if point else f"the point at x = {x[worst]:.4g}, y = {y[worst]:.6g}"
+        yield WarningCode.OUTLIER, f"{name} is {abs(fit.residuals[worst]):.3g}{y_unit} off the curve{far}"

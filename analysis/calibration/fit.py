@@ -156,18 +156,12 @@ class Calibration:
 
     def as_json(self) -> dict[str, Any]:
         """Return the keys of `fit --json`."""
+        arrays = ("coefficients", "std_errors", "covariance", "std_errors_with_reading", "covariance_with_reading")
         return {
             "degree": self.degree,
             "n": self.n,
-            "coefficients": self.coefficients.tolist(),
-            "std_errors": self.std_errors.tolist(),
-            "covariance": self.covariance.tolist(),
-            "std_errors_with_reading": self.std_errors_with_reading.tolist(),
-            "covariance_with_reading": self.covariance_with_reading.tolist(),
-            "r2": self.r2,
-            "adjusted_r2": self.adjusted_r2,
-            "rmse": self.rmse,
-            "residual_sd": self.residual_sd,
+            **{name: getattr(self, name).tolist() for name in arrays},
+            **{name: getattr(self, name) for name in ("r2", "adjusted_r2", "rmse", "residual_sd")},
             "range": list(self.x_range),
             "turning_points": list(self.turning_points),
             "monotone": self.monotone,

@@ -51,8 +51,6 @@ class Inverse:
     """mV -> mm for one sensor. Make one with `Inverse.of(calibration)`; call it with an array of mV."""
 
     calibration: Calibration
-    centre: float
-    half_width: float
     power_coefficients: FloatArray
     nodes: FloatArray
     noise_sd: float
@@ -89,11 +87,10 @@ class Inverse:
             )
         # over the range itself, so that u = -1 and 1 are its ends
         u = np.linspace(-1.0, 1.0, NODES)
-        basis = calibration.fit.basis
         powers = np.asarray(legendre.leg2poly(calibration.fit.basis_coefficients), dtype=np.float64)
         nodes = np.asarray(np.polynomial.polynomial.polyval(u, powers), dtype=np.float64)
         noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
-        return cls(calibration, basis.centre, basis.half_width, powers, nodes, noise, model_sd)
+        return cls(calibration, powers, nodes, noise, model_sd)
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
         """Return x for every signal; NaN outside the range, or its end with `clamp`.
@@ -104,7 +101,8 @@ class Inverse:
         """
         values = np.asarray(signal, dtype=np.float64)
         u = _invert(np.ascontiguousarray(values).ravel(), self.power_coefficients, self.nodes, clamp)
-        return np.asarray(self.centre + self.half_width * u.reshape(values.shape), dtype=np.float64)
+        basis = self.calibration.fit.basis
+        return np.asarray(basis.centre + basis.half_width * u.reshape(values.shape), dtype=np.float64)
 
     def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
         """Return u(x) of one new reading: noise and curve through the local slope."""

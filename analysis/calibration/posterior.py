@@ -85,8 +85,7 @@ class Posterior:
 
     def curve_band(self, x: npt.ArrayLike, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
         """Return the equal-tailed credible band of the curve."""
-        low, high = np.percentile(self.curves(x), [50 - 50 * level, 50 + 50 * level], axis=0)
-        return low, high
+        return _equal_tails(self.curves(x), level)
 
     def new_reading_band(
         self, x: npt.ArrayLike, level: float = 0.95, *, seed: int = 0
@@ -104,9 +103,7 @@ class Posterior:
         Lower and upper limit, [points], in the unit of y.
         """
         noise = np.random.default_rng(seed).standard_normal((self.sigma_samples.size, 1))
-        readings = self.curves(x) + self.sigma_samples[:, None] * noise
-        low, high = np.percentile(readings, [50 - 50 * level, 50 + 50 * level], axis=0)
-        return low, high
+        return _equal_tails(self.curves(x) + self.sigma_samples[:, None] * noise, level)
 
     def inverse_band(self, y: npt.ArrayLike, level: float = 0.95, *, seed: int = 0) -> tuple[FloatArray, FloatArray]:
         """Return the band of x for one new signal y; NaN where more than half of the draws find no x in the range.
@@ -164,6 +161,11 @@ class Posterior:
             text = f"the posterior is not converged: {self.steps} steps, autocorrelation time {self.tau:.0f}"
             found.append(Warning(WarningCode.NOT_CONVERGED, "", text))
         return tuple(found)
+
+
+def _equal_tails(draws: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+    low, high = np.percentile(draws, [50 - 50 * level, 50 + 50 * level], axis=0)
+    return low, high
 
 
 def sample_posterior(

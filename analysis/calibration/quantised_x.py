@@ -82,24 +82,25 @@ class Positions:
         """
         variance = fit.slope(self.x) ** 2 * self.x_variance + self.mean_variance
         variance = variance + self.misfit_sd**2 * self.relative_variance
-        influence, flattened = self._influence(fit)
-        return np.asarray((influence * variance) @ influence.T + np.outer(flattened, flattened), dtype=np.float64)
+        return self._propagated(fit, variance)
 
     def beyond_fit(self, fit: LeastSquares) -> FloatArray:
         """Return what the reading alone adds to the fit's own covariance, which takes every point's error for its own:
         sum_p (1 - 1 / n_p) f'^2 Var(x_p) g_p g_p^T, and the flattening, [degree + 1, degree + 1].
         """
         variance = (1.0 - 1.0 / self.count) * fit.slope(self.x) ** 2 * self.x_variance
-        influence, flattened = self._influence(fit)
-        return np.asarray((influence * variance) @ influence.T + np.outer(flattened, flattened), dtype=np.float64)
+        return self._propagated(fit, variance)
 
-    def _influence(self, fit: LeastSquares) -> tuple[FloatArray, FloatArray]:
-        """Return d coefficients / d y_p of a fit through the positions' means, [degree + 1, positions], and how far its
-        coefficients are from those of the fit through all points, [degree + 1].
+    def _propagated(self, fit: LeastSquares, variance: FloatArray) -> FloatArray:
+        """Return the covariance that variances of the positions' means make, [degree + 1, degree + 1].
+
+        The influence d coefficients / d y_p is that of a fit through the positions' means; how far its coefficients are
+        from those of the fit through all points is added as an uncertainty of its own.
         """
         root = np.sqrt(np.bincount(self.of_point, fit.weights))
-        influence: FloatArray = np.asarray(np.linalg.pinv(fit.basis.design(self.x) * root[:, None]) * root, dtype=float)
-        return influence, influence @ self.y - fit.basis_coefficients
+        influence = np.linalg.pinv(fit.basis.design(self.x) * root[:, None]) * root
+        flattened = influence @ self.y - fit.basis_coefficients
+        return np.asarray((influence * variance) @ influence.T + np.outer(flattened, flattened), dtype=np.float64)
 
 
 def gather(

@@ -165,32 +165,25 @@ class Recording:
         n = time.size
         _check_columns(n, {"pressure_kpa": pressure_kpa, "signal_mv": signal, **columns})
         pressure = np.asarray(pressure_kpa, dtype=np.float64)
-        flags = np.asarray(columns.get("flags", np.zeros(n)), dtype=np.uint16)
-        segment = np.asarray(columns.get("segment", np.zeros(n)), dtype=np.int64)
-        indexed = columns.get("index") is not None
-        index = np.asarray(columns["index"] if indexed else np.arange(n), dtype=np.int64)
-        usable, pressure_usable, masked = _usable(time, pressure, signal, flags)
+        given = {name: column for name, column in columns.items() if column is not None}
+        defaults = {"target_kpa": (np.nan, np.float64), "state": (0, np.uint8), "flags": (0, np.uint16),
+                    "segment": (0, np.int64)}  # fmt: skip
+        filled = {
+            name: np.asarray(given.get(name, np.full(n, value)), dtype=kind) for name, (value, kind) in defaults.items()
+        }
+        index = np.asarray(given.get("index", np.arange(n)), dtype=np.int64)
+        usable, pressure_usable, masked = _usable(time, pressure, signal, filled["flags"])
         return cls(
-            time_s=_frozen(time),
-            pressure_kpa=_frozen(pressure),
-            target_kpa=_frozen(np.asarray(columns.get("target_kpa", np.full(n, np.nan)), dtype=np.float64)),
-            signal_mv=_frozen(signal),
-            lit=_counts(columns.get("lit"), n),
-            dark=_counts(columns.get("dark"), n),
-            state=_frozen(np.asarray(columns.get("state", np.zeros(n)), dtype=np.uint8)),
-            flags=_frozen(flags),
-            segment=_frozen(segment),
-            index=_frozen(index),
-            usable=_frozen(usable),
-            pressure_usable=_frozen(pressure_usable),
-            masked=masked,
+            time_s=_frozen(time), pressure_kpa=_frozen(pressure), signal_mv=_frozen(signal),
+            **{name: _frozen(column) for name, column in filled.items()},
+            lit=_counts(columns.get("lit"), n), dark=_counts(columns.get("dark"), n), index=_frozen(index),
+            usable=_frozen(usable), pressure_usable=_frozen(pressure_usable), masked=masked,
             interval_s=_typical_interval(time),
-            gaps=find_gaps(time, segment, index if indexed else None),
-            steps=columns.get("steps", pd.DataFrame(columns=list(STEP_COLUMNS))),
-            readings=columns.get("readings", pd.DataFrame(columns=list(READING_COLUMNS))),
-            meta=dict(columns.get("meta", {})),
-            source=str(columns.get("source", "")),
-        )
+            gaps=find_gaps(time, filled["segment"], index if "index" in given else None),
+            steps=given.get("steps", pd.DataFrame(columns=list(STEP_COLUMNS))),
+            readings=given.get("readings", pd.DataFrame(columns=list(READING_COLUMNS))),
+            meta=dict(given.get("meta", {})), source=str(given.get("source", "")),
+        )  # fmt: skip
 
 
 def find_gaps(time_s: FloatArray, segment: IntArray, index: IntArray | None) -> tuple[Gap, ...]:

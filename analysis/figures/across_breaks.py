@@ -199,15 +199,11 @@ def _test(
     y, unit = values
     before, after = before[np.isfinite(y[before])], after[np.isfinite(y[after])]
     with_drift = min(before.size, after.size) >= FOR_DRIFT
-    step, low, high, drift, t, t_df, t_p = _step(y, before, after, with_drift=with_drift)
     (var1, df1), (var2, df2) = (_variance(part, y[part], with_drift=with_drift) for part in (before, after))
     f, f_p = _ratio(var1, df1, var2, df2)
     return Comparison(
-        sensor=name[0], quantity=name[1], unit=unit, n_before=before.size, n_after=after.size,
-        mean_before=mean(y[before]), mean_after=mean(y[after]),
-        sd_before=float(np.sqrt(var1)), sd_after=float(np.sqrt(var2)),
-        difference=step, difference_low=low, difference_high=high, drift_per_cycle=drift, t=t, t_df=t_df, t_p=t_p,
-        f=f, f_df_before=df1, f_df_after=df2, f_p=f_p,
+        name[0], name[1], unit, before.size, after.size, mean(y[before]), mean(y[after]), float(np.sqrt(var1)),
+        float(np.sqrt(var2)), *_step(y, before, after, with_drift=with_drift), f, df1, df2, f_p,
     )  # fmt: skip
 
 

@@ -31,11 +31,6 @@ class FigureDefinition:
         return f"{self.label}, {self.unit}"
 
     @property
-    def phrase_with_unit(self) -> str:
-        """The phrase as the title of an axis, e.g. `noise, rms, mV`."""
-        return f"{self.phrase}, {self.unit}"
-
-    @property
     def phrase(self) -> str:
         """The label inside a sentence, e.g. `noise, rms`."""
         return self.label[0].lower() + self.label[1:]

@@ -72,8 +72,7 @@ class SensorAnalysis:
     calibration, calibration_void : the fit, or None and why there is none.
     posterior : of the calibration; None where it was not sampled.
     figures : by key.
-    hysteresis_abscissa, hysteresis_per_cycle : % FSO over elongation where there is a calibration, else over pressure.
-    system_hysteresis_per_cycle : % FSO over pressure.
+    sensor_hysteresis_per_cycle, system_hysteresis_per_cycle : [cycles] % FSO over elongation, and over pressure.
     point_plateau : [points] plateau of each point of the calibration, counted from 0.
     system_loop : the mean loop over pressure.
     by_cycle : the figures of each cycle.
@@ -85,8 +84,7 @@ class SensorAnalysis:
     calibration_void: str
     posterior: Posterior | None
     figures: Mapping[str, Figure]
-    hysteresis_abscissa: str
-    hysteresis_per_cycle: tuple[float, ...]
+    sensor_hysteresis_per_cycle: tuple[float, ...]
     system_hysteresis_per_cycle: tuple[float, ...]
     point_plateau: FloatArray
     system_loop: LoopWidth
@@ -96,7 +94,15 @@ class SensorAnalysis:
     def as_json(self) -> dict[str, Any]:
         """Return the sensor's object of `analyze --json`."""
         figures = self.figures
-        chosen = "sensor_hysteresis_percent_fso" if self.calibration is not None else "system_hysteresis_percent_fso"
+        system = {
+            "abscissa": "pressure_kpa",
+            "mean": figures["system_hysteresis_percent_fso"].value,
+            "per_cycle": list(self.system_hysteresis_per_cycle),
+        }
+        hysteresis = system
+        if self.calibration is not None:
+            mean, per_cycle = figures["sensor_hysteresis_percent_fso"].value, list(self.sensor_hysteresis_per_cycle)
+            hysteresis = {"abscissa": "elongation_mm", "mean": mean, "per_cycle": per_cycle}
         plain = {name: figure.value for name, figure in figures.items() if "hysteresis" not in name}
         plain.setdefault("sensitivity_mv_per_mm", float("nan"))
         return {
@@ -105,16 +111,8 @@ class SensorAnalysis:
             "calibration_void": self.calibration_void if self.calibration is None else "",
             "posterior": self.posterior.as_json() if self.posterior else None,
             **plain,
-            "hysteresis_percent_fso": {
-                "abscissa": self.hysteresis_abscissa,
-                "mean": figures[chosen].value,
-                "per_cycle": list(self.hysteresis_per_cycle),
-            },
-            "system_hysteresis_percent_fso": {
-                "abscissa": "pressure_kpa",
-                "mean": figures["system_hysteresis_percent_fso"].value,
-                "per_cycle": list(self.system_hysteresis_per_cycle),
-            },
+            "hysteresis_percent_fso": hysteresis,
+            "system_hysteresis_percent_fso": system,
             "figures": {name: figure.as_json() for name, figure in figures.items()},
         }
 
@@ -197,20 +195,17 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     noise = _noise(run, sensor)
     system = loop_width(run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
     loops_figures, per_cycle = _loop_figures(run, sensor, calibration, fso, system, noise)
-    system_per_cycle = _percent(system.per_cycle, fso)
     if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
         loops_figures = {name: metrics.with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
     figures = loops_figures | figures
-    abscissa = "elongation_mm" if calibration is not None else "pressure_kpa"
     chosen = "sensor_hysteresis_percent_fso" if calibration is not None else "system_hysteresis_percent_fso"
     figures["combined_error_percent_fso"] = metrics.combined_error(
         [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
     )
     figures = with_losses(run, sensor, figures)
     return SensorAnalysis(
-        run.recording.sensor_names[sensor], calibration, reason, posterior, figures, abscissa,
-        per_cycle if calibration is not None else system_per_cycle, system_per_cycle,
-        points.astype(np.float64), system,
+        run.recording.sensor_names[sensor], calibration, reason, posterior, figures, per_cycle,
+        _percent(system.per_cycle, fso), points.astype(np.float64), system,
         figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
         fit_checks(calibration, cycle_of) if calibration is not None else None,
     )  # fmt: skip

@@ -125,29 +125,20 @@ def full_scale(
 def sensitivities(calibration: Calibration, resampled: ResampledFit) -> dict[str, Figure]:
     """Return the end-to-end sensitivity, the slope at rest and the least-squares slope, mV/mm."""
     low, high = calibration.x_range
-    ends = np.asarray([low, high])
-    values = resampled.values(ends)
+    ends = resampled.values(np.asarray([low, high]))
     centred = calibration.x - calibration.x.mean()
-    line = float(centred @ calibration.y / (centred @ centred))
-    figures = {
-        "sensitivity_mv_per_mm": _figure(
-            calibration.full_scale / (high - low), np.abs(values[:, 1] - values[:, 0]) / (high - low), "mV/mm",
-            resampled.n_cycles, "|y(x_max) - y(x_min)| / (x_max - x_min) of the fit",
-        ),
-        "least_squares_slope_mv_per_mm": _figure(
-            line, resampled.values(calibration.x) @ centred / (centred @ centred), "mV/mm", resampled.n_cycles,
-            "slope of the straight line through all points",
-        ),
-    }  # fmt: skip
-    if low <= 0.0 <= high:
-        at_rest = float(calibration.slope(0.0))
-        figures["slope_at_rest_mv_per_mm"] = _figure(
-            at_rest, resampled.slopes(np.zeros(1))[:, 0], "mV/mm", resampled.n_cycles, "dy/dx at x = 0, with its sign"
-        )
-    else:
-        figures["slope_at_rest_mv_per_mm"] = Figure.nothing(
-            "mV/mm", Reason.REST_OUTSIDE_RANGE, "x = 0 is outside the calibrated range"
-        )
+    line, lines = (y @ centred / (centred @ centred) for y in (calibration.y, resampled.values(calibration.x)))
+    at_rest, at_rests = float(calibration.slope(0.0)), resampled.slopes(np.zeros(1))[:, 0]
+    end_to_end, end_to_ends = calibration.full_scale / (high - low), np.abs(ends[:, 1] - ends[:, 0]) / (high - low)
+    found = {
+        "sensitivity_mv_per_mm": (end_to_end, end_to_ends, "|y(x_max) - y(x_min)| / (x_max - x_min) of the fit"),
+        "least_squares_slope_mv_per_mm": (line, lines, "slope of the straight line through all points"),
+        "slope_at_rest_mv_per_mm": (at_rest, at_rests, "dy/dx at x = 0, with its sign"),
+    }
+    figures = {key: _figure(v, each, "mV/mm", resampled.n_cycles, text) for key, (v, each, text) in found.items()}
+    if not low <= 0.0 <= high:
+        outside = Figure.nothing("mV/mm", Reason.REST_OUTSIDE_RANGE, "x = 0 is outside the calibrated range")
+        figures["slope_at_rest_mv_per_mm"] = outside
     return figures
 
 

@@ -71,10 +71,7 @@ class UnitHistory:
         rows = zip(self.when, self.coefficients, self.std_errors, self.value_mv, self.expanded_mv, self.en, strict=True)
         return {
             "name": self.sensor,
-            "check_point_mm": self.check_point_mm,
-            "centre_mv": self.centre_mv,
-            "lower_mv": self.lower_mv,
-            "upper_mv": self.upper_mv,
+            **{name: getattr(self, name) for name in ("check_point_mm", "centre_mv", "lower_mv", "upper_mv")},
             "drift_per_calibration": self.drift_per_calibration.tolist(),
             "calibrations": [
                 {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.calibration.checks import PointNames, calibration_warnings
+from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
 from analysis.numbers import percent
 from analysis.segmentation.cycles import disagreements_with_marks
@@ -129,8 +129,8 @@ def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator
         where = f"turns at {', '.join(f'{t:.2f}' for t in inside)} mm" if inside else "is flat"
         yield Warning(WarningCode.NOT_MONOTONE, "", f"the curve {where}: it has no inverse")
     plateaus = [run.plateaus[int(i)] for i in sensor.point_plateau]
-    names = PointNames(lambda i: f"the reading {calibration.x[i]:+.2f} mm at {plateaus[i].place}", "mm", "mV")
-    yield from calibration_warnings(calibration, names)
+    readings = [f"the reading {x:+.2f} mm at {p.place}" for x, p in zip(calibration.x, plateaus, strict=True)]
+    yield from calibration_warnings(calibration, readings.__getitem__, ("mm", "mV"))
     if posterior is None and run.options.mcmc:
         yield Warning(WarningCode.NO_POSTERIOR, "", sensor.calibration_void)
     if posterior is not None:

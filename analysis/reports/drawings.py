@@ -243,7 +243,7 @@ def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
     names = [_label(analyses[run].recording.unit, run + 1, len(order)) for run in order]
     ax.set_xticks(range(len(order)), names, fontfamily=list(families("".join(names))), parse_math=False)
     ax.set_xlim(-0.6, len(order) - 0.4)
-    ax.set(xlabel="unit and number of the run", ylabel=SENSOR_FIGURES[name].phrase_with_unit)
+    ax.set(xlabel="unit and number of the run", ylabel=f"{SENSOR_FIGURES[name].phrase}, {SENSOR_FIGURES[name].unit}")
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.15 * (high - low))  # space for the legend
     _legend(ax, loc="upper left", ncols=4)

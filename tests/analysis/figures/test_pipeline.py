@@ -71,7 +71,7 @@ def test_continuous_cycles_give_the_systems_figures() -> None:
     analysis = analyse(plant.run(*triangle(30, 20)))
     for sensor, cubic, noise in zip(analysis.sensors, PAPER, PAPER_NOISE, strict=True):
         hysteresis, fso = true_hysteresis(cubic)
-        assert sensor.hysteresis_abscissa == "pressure_kpa"
+        assert sensor.as_json()["hysteresis_percent_fso"]["abscissa"] == "pressure_kpa"
         assert sensor.figures["system_hysteresis_percent_fso"].value == pytest.approx(hysteresis, abs=0.3)
         assert sensor.figures["fso_mv"].value == pytest.approx(fso, rel=0.005)
         assert sensor.figures["snr_db"].value == pytest.approx(20 * np.log10(fso / noise), abs=0.2)

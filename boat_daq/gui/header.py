@@ -7,7 +7,7 @@ from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QPushButton, QSizePolicy, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -35,24 +35,18 @@ class Header(QWidget):
         self.simulated = widgets.label("SIMULATED", "simulated", name="This board is simulated")
         self.link = widgets.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
         self.figures = [widgets.label("", "muted") for _ in range(FIGURES)]
-        self.unit = widgets.button(
-            "",
-            partial(services.show, Page.RUNS),
-            name="Unit and calibration",
-            tip="Unit on the bench and its calibration",
-        )
+        show_unit = partial(services.show, Page.RUNS)
+        self.unit = widgets.button("", show_unit, name="Unit and calibration")
         self._unit_text = ""
         self._lengths: tuple[object, ...] = ()
         self.vent = vent_button(vent)
-        layout = self.line = QHBoxLayout(self)
-        layout.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
-        layout.setSpacing(style.CARD_PADDING)
         self.brand = widgets.label("boat-daq", "brand")
-        for widget in (self.brand, self.simulated, self.link, *self.figures):
-            layout.addWidget(widget, 0, Qt.AlignmentFlag.AlignVCenter)
-        layout.addStretch(1)
-        layout.addWidget(self.unit)
-        layout.addWidget(self.vent)
+        left = (self.brand, self.simulated, self.link, *self.figures)
+        self.line = widgets.row(*left, None, self.unit, self.vent, spacing=style.CARD_PADDING)
+        for widget in left:
+            self.line.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
+        self.line.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
+        self.setLayout(self.line)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave out what does not fit a narrow window: VENT is never cut."""
@@ -111,12 +105,8 @@ class Header(QWidget):
         self._unit_text = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
         self.unit.setToolTip(f"{self._unit_text}\nThe unit on the bench and its calibration")
-        lengths = (
-            words,
-            snapshot.simulated,
-            self._unit_text,
-            *((len(figure), state) for figure, state in text.figures),
-        )
+        widths = ((len(figure), state) for figure, state in text.figures)
+        lengths = (words, snapshot.simulated, self._unit_text, *widths)
         if lengths != self._lengths:  # digits have one width: where no figure is longer, nothing is measured again
             self._lengths = lengths
             self._fit()

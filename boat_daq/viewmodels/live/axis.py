@@ -65,7 +65,7 @@ class SteadyRange:
         if not (math.isfinite(low) and math.isfinite(high)):
             return (self.low, self.high) if math.isfinite(self.low) else (0.0, self.smallest)
         wanted = framed(low, high, smallest=self.smallest)
-        if not math.isfinite(self.low) or low < self.low or high > self.high:
+        if not (math.isfinite(self.low) and self.holds(low, high)):
             self._take(wanted)
         elif wanted[1] - wanted[0] < 0.7 * (self.high - self.low):
             if math.isnan(self._roomy_since):
@@ -75,6 +75,10 @@ class SteadyRange:
         else:
             self._roomy_since = math.nan
         return self.low, self.high
+
+    def holds(self, low: float, high: float) -> bool:
+        """Return whether these extremes are inside; those of no value (NaN) are."""
+        return not (low < self.low or high > self.high)
 
     def _take(self, wanted: tuple[float, float]) -> None:
         self.low, self.high = wanted

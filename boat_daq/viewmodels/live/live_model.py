@@ -81,7 +81,6 @@ class PlotFrame:
     high_s: float
     columns: Columns
     elongation: LiveElongation | None
-    sensors: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +273,9 @@ class LiveModel:
             return None
         added = self._picture(width, frame.low_s, frame.high_s, columns)
         known = added.elongation is None or frame.elongation is not None
-        return added if known and all(self._inside(*one) for one in self._extremes(added).items()) else None
+        shown = self._ranges
+        inside = (name in shown and shown[name].holds(*ends) for name, ends in self._extremes(added).items())
+        return added if known and all(inside) else None
 
     def _shown_s(self, width: int) -> tuple[float, float]:
         """Return the horizontal range on `width` pixels: while following it ends with a whole column."""
@@ -286,12 +287,7 @@ class LiveModel:
 
     def _picture(self, width: int, low_s: float, high_s: float, columns: Columns) -> PlotFrame:
         elongation = self.inverse(signals(columns)) if self.inverse is not None else None
-        return PlotFrame(width, low_s, high_s, columns, elongation, len(sensor_names(columns)))
-
-    def _inside(self, name: str, extremes_: tuple[float, float]) -> bool:
-        """Return whether a column stays inside the current vertical range; one without a value does."""
-        shown = self._ranges.get(name)
-        return shown is not None and not (extremes_[0] < shown.low or extremes_[1] > shown.high)
+        return PlotFrame(width, low_s, high_s, columns, elongation)
 
     def frame_interval_ms(self, width: int, *, connected: bool) -> int:
         """Return the time between frames: no frame is drawn whose change is invisible."""
@@ -368,35 +364,32 @@ class LiveModel:
 
     def statistics(self) -> list[Span]:
         """Return the statistics of every column between the two cursors; empty without two."""
-        ring = self.ring()
-        if ring is None or self.cursor_a is None or self.cursor_b is None:
+        if self.cursor_a is None or self.cursor_b is None:
             return []
-        low, high = sorted((self.cursor_a, self.cursor_b))
-        columns = ring.view(low)
-        inside = columns["time_s"] <= high
-        time_s = columns["time_s"][inside]
+        columns = self._samples(*sorted((self.cursor_a, self.cursor_b)))
+        time_s = columns.get("time_s", np.zeros(0))
         if time_s.size < 2:
             return []
         sign = 1.0 if self.cursor_b >= self.cursor_a else -1.0
-        result = [
-            _span(f"Sensor {name[1:-3]}", "mV", 1, time_s, columns[name][inside], sign)
-            for name in sensor_names(columns)
-        ]
+        result = [_span(f"Sensor {name[1:-3]}", "mV", 1, time_s, columns[name], sign) for name in sensor_names(columns)]
         if self.inverse is not None:
-            mm = self.inverse(signals({k: v[inside] for k, v in columns.items()})).mm
-            result.append(_span("Elongation", "mm", 3, time_s, mm, sign))
-        result.append(_span("Pressure", "kPa", 2, time_s, columns["pressure_kpa"][inside], sign))
+            result.append(_span("Elongation", "mm", 3, time_s, self.inverse(signals(columns)).mm, sign))
+        result.append(_span("Pressure", "kPa", 2, time_s, columns["pressure_kpa"], sign))
         return result
+
+    def _samples(self, low_s: float, high_s: float) -> dict[str, FloatArray]:
+        """Return every sample of a span; empty before the first connection."""
+        ring = self.ring()
+        if ring is None:
+            return {}
+        columns = ring.view(low_s)
+        inside = columns["time_s"] <= high_s
+        return {name: values[inside] for name, values in columns.items()}
 
     def table(self, frame: PlotFrame | None) -> dict[str, FloatArray]:
         """Return every sample of the span shown, for a CSV."""
-        ring = self.ring()
-        if ring is None or frame is None:
-            return {}
-        columns = ring.view(frame.low_s)
-        inside = columns["time_s"] <= frame.high_s
-        result = {name: values[inside] for name, values in columns.items()}
-        if self.inverse is not None:
+        result = self._samples(frame.low_s, frame.high_s) if frame is not None else {}
+        if result and self.inverse is not None:
             found = self.inverse(signals(result))
             result |= {"elongation_mm": found.mm, "elongation_expanded_mm": found.expanded_mm}
         return result

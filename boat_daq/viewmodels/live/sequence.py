@@ -7,6 +7,8 @@ are one table over the states.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -50,23 +52,14 @@ ENTRIES = (
 )
 
 S = SessionState
-BUTTONS = {
-    S.IDLE: ("arm",),
-    S.ARMED: ("start", "disarm"),
-    S.RUNNING: ("pause", "stop"),
-    S.PAUSED: ("resume", "stop"),
-    S.FINISHING: (),
-    S.ABORTED: ("arm",),
-    S.FAULT: ("clear",),
-}
-STATE_WORDS = {
-    S.IDLE: ("\u25cb", "Idle"),
-    S.ARMED: ("\u25d4", "Armed"),
-    S.RUNNING: ("\u25b6", "Running"),
-    S.PAUSED: ("\u2016", "Paused, vented"),
-    S.FINISHING: ("\u25d1", "Finishing"),
-    S.ABORTED: ("\u25a0", "Stopped early"),
-    S.FAULT: ("\u25a0", "Fault, vented"),
+STATES = {  # shape, text, buttons
+    S.IDLE: ("\u25cb", "Idle", ("arm",)),
+    S.ARMED: ("\u25d4", "Armed", ("start", "disarm")),
+    S.RUNNING: ("\u25b6", "Running", ("pause", "stop")),
+    S.PAUSED: ("\u2016", "Paused, vented", ("resume", "stop")),
+    S.FINISHING: ("\u25d1", "Finishing", ()),
+    S.ABORTED: ("\u25a0", "Stopped early", ("arm",)),
+    S.FAULT: ("\u25a0", "Fault, vented", ("clear",)),
 }
 PHASE_WORDS = {
     Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
@@ -77,24 +70,27 @@ BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loadin
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Staircase:
-    """Pressure over estimated time, and the begin of each step; compared by identity."""
+    """Pressure over estimated time: the begin, then end of ramp and end of each step; compared by identity."""
 
     time_s: FloatArray
     pressure_kpa: FloatArray
-    step_starts_s: FloatArray
+
+    @property
+    def step_edges_s(self) -> FloatArray:
+        """Return the begin of each step, and the end of the last."""
+        return self.time_s[::2]
 
 
 def staircase(plan: Plan) -> Staircase:
     """Return the staircase of a plan, with its own estimate of the duration of each step."""
-    time_s, pressure, starts = [0.0], [0.0], []
+    time_s, pressure = [0.0], [0.0]
     for step in plan.steps:
         begin, before = time_s[-1], pressure[-1]
         whole = plan.step_duration_s(before, step.target_kpa)
         ramp = min(abs(step.target_kpa - before) / plan.ramp_kpa_per_s, whole)
-        starts.append(begin)
         time_s += [begin + ramp, begin + whole]
         pressure += [step.target_kpa, step.target_kpa]
-    return Staircase(np.array(time_s), np.array(pressure), np.array(starts))
+    return Staircase(np.array(time_s), np.array(pressure))
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,36 +138,27 @@ class SequenceModel:
     ----------
     session : runs the plan.
     undo : takes the edits of the plan.
+    preferences : keep the plan between starts; a stored one that is invalid is ignored.
     """
 
-    def __init__(self, session: Session, undo: UndoHistory) -> None:
-        self.session = session
-        self._undo = undo
+    def __init__(self, session: Session, undo: UndoHistory, preferences: Preferences) -> None:
+        self.session, self._undo, self._preferences = session, undo, preferences
         self.plans = built_in_plans()
         self.plan = self.plans["calibration"]
-        self.wait_for_reading = True
+        with suppress(BoatDaqError):
+            self.plan = plan_from_toml(preferences.get("plan", self.plan.to_toml()), "the stored plan")
+        self.plans.setdefault(self.plan.name, self.plan)
+        self.wait_for_reading = preferences.get("wait_for_reading", True)
         self.refused: dict[str, str] = {}  # field -> why its last entry is invalid
         self._typed: dict[str, int | float] = {}  # invalid alone; tried again with the next entry
         self.revision = 0
         self._picture: tuple[Plan, Staircase] | None = None
-        self._preferences: Preferences | None = None
         self._needs_readings = False
 
-    def remember_in(self, preferences: Preferences) -> None:
-        """Restore the stored plan, an invalid one is ignored; store every change from now on."""
-        try:
-            self.plan = plan_from_toml(preferences.get("plan", self.plan.to_toml()), "the stored plan")
-        except BoatDaqError:
-            self.plan = self.plans["calibration"]
-        self.plans.setdefault(self.plan.name, self.plan)
-        self.wait_for_reading = preferences.get("wait_for_reading", True)
-        self._preferences = preferences
-
-    def _remember(self) -> None:
+    def _store(self) -> None:
         self.revision += 1
-        if self._preferences is not None:
-            self._preferences.set("plan", self.plan.to_toml())
-            self._preferences.set("wait_for_reading", self.wait_for_reading)
+        self._preferences.set("plan", self.plan.to_toml())
+        self._preferences.set("wait_for_reading", self.wait_for_reading)
 
     @property
     def estimate(self) -> str:
@@ -191,7 +178,7 @@ class SequenceModel:
 
     def choose(self, name: str) -> None:
         """Select one of the plans by name."""
-        self._replace(self.plans[name], f"choice of plan {name}")
+        self.take(self.plans[name])
 
     def require_readings(self, wanted: bool) -> None:
         """Wait for a reading at each plateau, or not."""
@@ -201,10 +188,10 @@ class SequenceModel:
 
     def _wait(self, wanted: bool) -> None:
         self.wait_for_reading = wanted
-        self._remember()
+        self._store()
 
     def take(self, plan: Plan) -> None:
-        """Select the plan of a run that resumes."""
+        """Select a plan, e.g. that of a run that resumes."""
         self._replace(plan, f"choice of plan {plan.name}")
 
     def open(self, path: Path) -> None:
@@ -216,7 +203,7 @@ class SequenceModel:
         """
         plan = plan_from_toml(read_text(path), path.name)
         self.plans[plan.name] = plan
-        self._replace(plan, f"choice of plan {plan.name}")
+        self.take(plan)
 
     def save(self, path: Path) -> None:
         """Write the plan as TOML."""
@@ -271,32 +258,29 @@ class SequenceModel:
     def _take(self, plan: Plan) -> None:
         self.plan = plan
         self.refused, self._typed = {}, {}
-        self._remember()
+        self._store()
 
     def allowed(self, snapshot: SessionSnapshot) -> tuple[str, ...]:
         """Return the buttons that may be pressed."""
-        return BUTTONS[snapshot.state] if snapshot.can_command else ()
+        return STATES[snapshot.state][2] if snapshot.can_command else ()
 
     def needs_readings(self, snapshot: SessionSnapshot) -> bool:
         """Return whether the current run waits for readings at its plateaus."""
-        running = snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
-        return running and self._needs_readings
+        return self._needs_readings and snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
 
     def press(self, button: str) -> None:
-        """Press a button of `BUTTONS`.
+        """Press a button of the current state.
 
         Raises
         ------
         BoatDaqError : it is not allowed now.
         """
-        if button == "arm":
-            self.arm()
-        else:
-            actions = {
-                "start": self.session.start, "disarm": self.session.disarm, "pause": self.session.pause,
-                "resume": self.session.resume, "stop": self.session.stop, "clear": self.session.clear_fault,
-            }  # fmt: skip
-            actions[button]()
+        s = self.session
+        actions: dict[str, Callable[[], object]] = {
+            "arm": self.arm, "start": s.start, "disarm": s.disarm, "pause": s.pause, "resume": s.resume,
+            "stop": s.stop, "clear": s.clear_fault,
+        }  # fmt: skip
+        actions[button]()
 
     def arm(self, *, resume: bool = False) -> None:
         """Make the plan ready; with `resume`, at the next whole cycle of the interrupted run.
@@ -339,7 +323,7 @@ def _in_terms_of_form(text: str) -> str:
 
 def state_text(snapshot: SessionSnapshot) -> str:
     """Return the run's state with its shape, e.g. `Running`."""
-    shape, word = STATE_WORDS[snapshot.state]
+    shape, word, _ = STATES[snapshot.state]
     return f"{shape} {word}"
 
 
@@ -368,9 +352,9 @@ def done_s(picture: Staircase, snapshot: SessionSnapshot) -> float:
     progress = snapshot.progress
     if progress is None or not progress.step:
         return 0.0
-    i = min(progress.step, picture.step_starts_s.size) - 1
-    end = picture.step_starts_s[i + 1] if i + 1 < picture.step_starts_s.size else picture.time_s[-1]
-    return float(min(picture.step_starts_s[i] + progress.step_time_s, end))
+    edges = picture.step_edges_s
+    i = min(progress.step, edges.size - 1) - 1
+    return float(min(edges[i] + progress.step_time_s, edges[i + 1]))
 
 
 def limits_text(limits: Limits | None) -> str:

@@ -20,7 +20,9 @@ from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 def resumption(tmp_path, session, read=lambda path, then: None):
     """A `ResumeRun` on a session that only shows, and its notices."""
     services = services_in(tmp_path)
-    return ResumeRun(session, SequenceModel(session, UndoHistory()), read, services), services.notices
+    return ResumeRun(
+        session, SequenceModel(session, UndoHistory(), services.preferences), read, services
+    ), services.notices
 
 
 def marks(plan, cycles):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -12,15 +13,14 @@ import pytest
 from boat_daq.engine.snapshot import Phase, Progress, SessionState
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.undo import UndoHistory
-from boat_daq.viewmodels.live.sequence import BUTTONS, SequenceModel, drawing, staircase
+from boat_daq.viewmodels.live.sequence import STATES, SequenceModel, drawing, staircase
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 from tests.boat_daq.viewmodels.helpers import PLAN
 
 
-def sequence(folder: Path) -> SequenceModel:
-    model = SequenceModel(Mock(), UndoHistory())
-    model.remember_in(Preferences(folder))
-    return model
+def sequence(folder: Path, session: Any = None, undo: UndoHistory | None = None) -> SequenceModel:
+    """Return the model of a session, with preferences in `folder`."""
+    return SequenceModel(session or Mock(), undo or UndoHistory(), Preferences(folder))
 
 
 def test_plan_is_restored_at_the_next_start(tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_staircase_has_the_duration_of_the_plan():
     """The picture ends when the plan's estimate ends, and each step begins where the one before ended."""
     picture = staircase(PLAN)
     assert picture.time_s[-1] == pytest.approx(PLAN.duration_s)
-    assert picture.step_starts_s.size == len(PLAN.steps)
+    assert picture.step_edges_s.size == len(PLAN.steps) + 1
     assert np.all(np.diff(picture.time_s) >= 0)
     assert set(picture.pressure_kpa[1::2]) == {step.target_kpa for step in PLAN.steps}
 
@@ -62,20 +62,20 @@ def test_done_part_ends_at_the_current_time():
     assert drawing(picture, 0.0, None).done == ()
 
 
-def test_every_state_has_its_buttons():
+def test_every_state_has_its_buttons(tmp_path):
     """No state of a session is without a line in the table, and every button does something."""
-    assert set(BUTTONS) == set(SessionState)
+    assert set(STATES) == set(SessionState)
     session = RecordedSession(connected())
-    model = SequenceModel(session, UndoHistory())
-    for button in {b for row in BUTTONS.values() for b in row}:
+    model = sequence(tmp_path, session)
+    for button in {b for _, _, buttons in STATES.values() for b in buttons}:
         model.press(button)
     assert sorted(session.asked) == sorted(["arm", "start", "disarm", "pause", "resume", "stop", "clear_fault"])
 
 
-def test_board_that_cannot_be_commanded_has_no_buttons():
+def test_board_that_cannot_be_commanded_has_no_buttons(tmp_path):
     """A replay or a text profile shows data; no button of the run is offered."""
     session = RecordedSession(dataclasses.replace(connected(), can_command=False))
-    assert SequenceModel(session, UndoHistory()).allowed(session.snapshot()) == ()
+    assert sequence(tmp_path, session).allowed(session.snapshot()) == ()
 
 
 @pytest.mark.parametrize(
@@ -87,17 +87,17 @@ def test_board_that_cannot_be_commanded_has_no_buttons():
         ("high_kpa", "80", "limit"),
     ],
 )
-def test_invalid_entry_is_refused_and_changes_nothing(key, text, part):
+def test_invalid_entry_is_refused_and_changes_nothing(tmp_path, key, text, part):
     """The refusal names the reason; the plan stays as it was."""
-    model = SequenceModel(RecordedSession(idle()), UndoHistory())
+    model = sequence(tmp_path, RecordedSession(idle()))
     assert part in model.edit(key, text)
     assert model.plan == PLAN
 
 
-def test_entry_is_kept_and_undone():
+def test_entry_is_kept_and_undone(tmp_path):
     """A good entry changes the plan through the history."""
     history = UndoHistory()
-    model = SequenceModel(RecordedSession(idle()), history)
+    model = sequence(tmp_path, RecordedSession(idle()), history)
     assert model.edit("low_kpa", "\u221230") == ""
     assert model.plan.low_kpa == -30.0
     history.undo()

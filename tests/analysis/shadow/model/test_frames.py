@@ -49,7 +49,7 @@ def test_one_measured_value_is_enough(shadow: Shadow, asked: dict[str, float]) -
     assert abs(state.tip_force_mn) < 1.0
 
 
-@pytest.mark.fault(46, how="states outside the table, asked of the shadow", times=3)
+@pytest.mark.fault(46, how="states outside the table, requested from the shadow", times=3)
 def test_outside_the_table_the_full_model_answers(shadow: Shadow) -> None:
     """Beyond the rectangle the frame comes from the full model and names it; beyond the limit it is refused."""
     assert shadow.state(pressure_kpa=60.0, elongation_mm=4.0).model == "full"

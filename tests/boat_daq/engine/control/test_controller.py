@@ -354,7 +354,7 @@ def test_a_vent_between_start_and_its_acknowledgements_cancels_the_run() -> None
     assert not rig.sent_of(SetPressure) and rig.state is SessionState.IDLE
 
 
-@pytest.mark.fault(4, how="an untrue sample while a pressure set by hand stands", times=1)
+@pytest.mark.fault(4, how="an implausible sample during a manual pressure", times=1)
 def test_a_trip_vents_a_manual_pressure() -> None:
     """Without a run as well: an untrue sample, and the vent leaves although the board sees nothing wrong."""
     rig = ControllerRig().connected()

@@ -178,7 +178,9 @@ class Controller:
         OperatorError : see `Session.arm`.
         """
         self.preflight.require_plan(plan)
-        self.preflight.require_unlatched("arm")
+        latched = self.interlock.latched
+        if latched is not None:
+            raise OperatorError(f"cannot arm: {latched.cause}", latched.remedy or "clear the fault first")
         self.sequencer.arm(
             plan, wait_for_reading=wait_for_reading, first_cycle=first_cycle, complete_cycles=complete_cycles
         )
@@ -382,8 +384,9 @@ class Controller:
         if status != AckStatus.DONE:
             self._trip(self.board.refused(command, status, pressurised=self.pressurised))
             return
-        if isinstance(command, SetPressure) and command.target_pa == _pascal(self.target_kpa):
-            self.sequencer.commanded()
+        if isinstance(command, SetPressure):
+            if self.target_kpa is not None and command.target_pa == round(self.target_kpa * 1000):
+                self.sequencer.commanded()
         elif isinstance(command, ClearFault):
             self._cleared()
         self.board.done(command)
@@ -452,10 +455,6 @@ class Controller:
         self.board.note(found.kind, found.cause, "error", found.remedy, value=found.value)
         self.sequencer.abort(found.cause, SessionState.FAULT)
         self._act()
-
-
-def _pascal(pressure_kpa: float | None) -> int | None:
-    return None if pressure_kpa is None else round(pressure_kpa * 1000)
 
 
 def _boot_reason(value: int) -> str:

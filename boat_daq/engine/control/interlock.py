@@ -26,6 +26,24 @@ FLAT_PRESSURE_KPA = 20.0  # a sensor whose reading stays the same while the pres
 FLAT_SAMPLES = 20
 _TRIPPING = int(SampleFlag.ESTOP | SampleFlag.PRESSURE_INVALID)
 
+_LEVELS = {  # cause and remedy of a trip by each level
+    MessageKind.ESTOP: ("the e-stop is pressed", "release it when it is safe, then clear the fault"),
+    MessageKind.PRESSURE_INVALID: (
+        "the board reports its pressure sensor as invalid",
+        "check the sensor and its cable",
+    ),
+    MessageKind.IMPLAUSIBLE: ("the pressure reads {pressure:.0f} kPa, which no unit reaches", "check the sensor"),
+    MessageKind.OVER_PRESSURE: (
+        "{pressure:.1f} kPa, more than {margin:g} kPa above the limit of {high:g} kPa",
+        "let it vent; check the supply and its valve",
+    ),
+    MessageKind.UNDER_PRESSURE: (
+        "{pressure:.1f} kPa, more than {margin:g} kPa below the limit of {low:g} kPa",
+        "let it vent; check the vacuum line and its valve",
+    ),
+    MessageKind.BOARD_FAULT: ("the board has latched a fault and vented", "find its cause, then clear the fault"),
+}
+
 
 @dataclass(frozen=True, slots=True)
 class Trip:
@@ -181,7 +199,10 @@ class Interlock:
         kind = next((kind for kind, level in levels.items() if level[at]), None)
         if kind is None:
             return None
-        return _trip(kind, float(block.pressure_kpa[at]), int(block.time_us[at]), self._bounds)
+        pressure_kpa, (low, high) = float(block.pressure_kpa[at]), self._bounds
+        cause, remedy = _LEVELS[kind]
+        cause = cause.format(pressure=pressure_kpa, low=low, high=high, margin=MARGIN_KPA)
+        return Trip(kind, cause, remedy, pressure_kpa, int(block.time_us[at]))
 
     @property
     def _bounds(self) -> tuple[float, float]:
@@ -195,32 +216,6 @@ def _tightest(limits_kpa: dict[str, tuple[float, float]]) -> Limits | None:
     low_source = max(limits_kpa, key=lambda source: limits_kpa[source][0])
     high_source = min(limits_kpa, key=lambda source: limits_kpa[source][1])
     return Limits(limits_kpa[low_source][0], limits_kpa[high_source][1], low_source, high_source)
-
-
-def _trip(kind: MessageKind, pressure_kpa: float, time_us: int, limits_kpa: tuple[float, float]) -> Trip:
-    """Return the trip that a level means."""
-    low, high = limits_kpa
-    cause, remedy = {
-        MessageKind.ESTOP: ("the e-stop is pressed", "release it when it is safe, then clear the fault"),
-        MessageKind.PRESSURE_INVALID: (
-            "the board reports its pressure sensor as invalid",
-            "check the sensor and its cable",
-        ),
-        MessageKind.IMPLAUSIBLE: (
-            f"the pressure reads {pressure_kpa:.0f} kPa, which no unit reaches",
-            "check the sensor",
-        ),
-        MessageKind.OVER_PRESSURE: (
-            f"{pressure_kpa:.1f} kPa, more than {MARGIN_KPA:g} kPa above the limit of {high:g} kPa",
-            "let it vent; check the supply and its valve",
-        ),
-        MessageKind.UNDER_PRESSURE: (
-            f"{pressure_kpa:.1f} kPa, more than {MARGIN_KPA:g} kPa below the limit of {low:g} kPa",
-            "let it vent; check the vacuum line and its valve",
-        ),
-        MessageKind.BOARD_FAULT: ("the board has latched a fault and vented", "find its cause, then clear the fault"),
-    }[kind]
-    return Trip(kind, cause, remedy, pressure_kpa, time_us)
 
 
 class FlatLine:

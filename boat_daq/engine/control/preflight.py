@@ -158,14 +158,3 @@ class Preflight:
             raise OperatorError(f"this link is read only{why}", "use firmware or a profile that commands pressure")
         if self._no_pressure is not None:
             raise OperatorError(*self._no_pressure)
-
-    def require_unlatched(self, what: str) -> None:
-        """Refuse while a fault is latched.
-
-        Raises
-        ------
-        OperatorError : one is.
-        """
-        latched = self._interlock.latched
-        if latched is not None:
-            raise OperatorError(f"cannot {what}: {latched.cause}", latched.remedy or "clear the fault first")

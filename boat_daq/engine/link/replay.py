@@ -11,6 +11,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 from boat_daq.engine.link.transport import READ_WAIT_S
@@ -120,11 +121,8 @@ def _chunks(path: Path) -> Iterator[tuple[float, bytes]]:
     sql = "SELECT id, host_ns, raw FROM chunk WHERE id > ? AND direction = 0 ORDER BY id LIMIT ?"
     slowed = _slowed(path)
     while True:
-        connection = open_recording(path)
-        try:
-            rows = connection.execute(sql, (last, _ROWS)).fetchall()
-        finally:
-            connection.close()
+        with closing(open_recording(path)) as db:
+            rows = db.execute(sql, (last, _ROWS)).fetchall()
         if not rows:
             return
         for at, host_ns, raw in rows:
@@ -152,22 +150,19 @@ def _slowed(path: Path) -> dict[int, float]:
 
     A block's time is divided by bytes: the host's clock does not resolve a faster board.
     """
-    connection = open_recording(path)
-    try:
-        segments = connection.execute(
+    slowed: dict[int, float] = {}
+    fast = False  # a segment too short to have a pace has that of the one before it
+    with closing(open_recording(path)) as db:
+        segments = db.execute(
             "SELECT s.id, s.first_chunk, min(b.first_time_us), max(b.last_time_us), s.host_ns, max(c.host_ns) "
             "FROM segment s JOIN block b ON b.segment = s.id JOIN chunk c ON c.id = b.last_chunk "
             "GROUP BY s.id ORDER BY s.first_chunk"
         ).fetchall()
-        slowed: dict[int, float] = {}
-        fast = False  # a segment too short to have a pace has that of the one before it
         for number, first_chunk, first_us, last_us, first_ns, last_ns in segments:
             if last_ns - first_ns > _PACE_FROM_NS and last_us > first_us:
                 fast = abs(1000.0 * (last_us - first_us) / (last_ns - first_ns) - 1.0) >= _REAL
             if fast:
-                slowed |= _by_bytes(connection, number, first_chunk, first_us)
-    finally:
-        connection.close()
+                slowed |= _by_bytes(db, number, first_chunk, first_us)
     return slowed
 
 

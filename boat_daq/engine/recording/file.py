@@ -72,7 +72,7 @@ def _sqlite_code(error: Exception) -> int:
 
 
 class RecordingFile:
-    """A recording open for writing. Made by `create`, `reopen` or `resume`.
+    """A recording open for writing. Made by `create` or `reopen`.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ class RecordingFile:
             raise storage_error(path, error) from error
 
     @classmethod
-    def reopen(cls, path: Path) -> RecordingFile:
-        """Open an existing recording to add to it.
+    def reopen(cls, path: Path, *, resume: bool = False) -> RecordingFile:
+        """Open an existing, closed recording to add to it; to `resume` it, with its log on.
 
         Raises
         ------
@@ -127,26 +127,12 @@ class RecordingFile:
         try:
             connection = _connect(path)
             connection.execute("PRAGMA synchronous=FULL")
+            if resume:
+                _into_wal(connection)
             return cls(path, connection, lock)
         except (OSError, sqlite3.Error) as error:
             lock.release()
             raise storage_error(path, error) from error
-
-    @classmethod
-    def resume(cls, path: Path) -> RecordingFile:
-        """Open an existing, closed recording to resume it, with its log on.
-
-        Raises
-        ------
-        RecordingError, StorageError : as `reopen`.
-        """
-        file = cls.reopen(path)
-        try:
-            _into_wal(file._connection)
-        except sqlite3.Error as error:
-            file.abandon()
-            raise storage_error(path, error) from error
-        return file
 
     def commit(self, statements: Iterable[Statement]) -> None:
         """Write statements in one transaction; all of them or, when it raises, none.

@@ -11,7 +11,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,13 +19,7 @@ from boat_daq.engine.log import note_failure
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, set_meta
 from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
-from boat_daq.engine.recording.rows import (
-    Counters,
-    RowMaker,
-    health_row,
-    reading_row,
-    step_row,
-)
+from boat_daq.engine.recording.rows import Counters, RowMaker, health_row, reading_row, step_row
 from boat_daq.engine.snapshot import HealthSnapshot, Reading, RunEnding
 from boat_daq.errors import StorageError
 from protocol.recording import RunEnd, describe_dtype, sample_dtype
@@ -37,18 +30,6 @@ MEMORY_BYTES_MAX = 128 * 2**20  # of what is not yet written
 _ITEM_BYTES = 400  # a block costs its bytes about twice, and this
 
 _Item: TypeAlias = Block | Callable[[RowMaker], Iterator[Statement]]
-
-
-@dataclass(frozen=True, slots=True)
-class Acknowledged:
-    """What is safely in the file.
-
-    Survives a kill of this process at any later instant.
-    """
-
-    chunks: int = 0
-    bytes: int = 0
-    samples: int = 0
 
 
 class Recorder:
@@ -100,7 +81,7 @@ class Recorder:
         self._taken = self._committed = 0  # items
         self._steps = before.step
         self._break_kept = resumes is not None
-        self.acknowledged = Acknowledged()
+        self.acknowledged = Counters()  # what is safely in the file, whatever happens to this process
         self._error: StorageError | None = None  # of the last commit
         self._reported: set[str] = set()
         self._refusing: StorageError | None = None  # why no later byte is taken
@@ -310,7 +291,7 @@ class Recorder:
         self._waiting.extend(self._rows.flush())
         if self._waiting:
             self._write()
-        self.acknowledged = Acknowledged(self._rows.chunks, self._rows.bytes, self._rows.samples)
+        self.acknowledged = Counters(chunks=self._rows.chunks, bytes=self._rows.bytes, samples=self._rows.samples)
         with self._changed:
             self._oldest_ns = None
             self._committed = taken

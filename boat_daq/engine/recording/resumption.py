@@ -186,7 +186,7 @@ def reopen(broken: BrokenRun, metadata: Mapping[str, Any]) -> tuple[RecordingFil
     ------
     StorageError : another program writes it, or the folder cannot be written.
     """
-    file = RecordingFile.resume(broken.path)
+    file = RecordingFile.reopen(broken.path, resume=True)
     try:
         counters = _count(broken.path)
         entry = _break(broken, counters, metadata)

@@ -20,14 +20,7 @@ from pathlib import Path
 from boat_daq.engine.recording.file import storage_error
 from boat_daq.engine.recording.file_lock import WriterLock
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import (
-    ADDED,
-    SCHEMA_VERSION,
-    layout_version,
-    open_recording,
-    read_session,
-    refuse_newer,
-)
+from protocol.recording import ADDED, SCHEMA_VERSION, layout_version, open_recording, read_session, refuse_newer
 from protocol.recording.checks import DAMAGE, columns_of, harden
 
 

@@ -27,7 +27,7 @@ from boat_daq.engine.recording.rows import OverviewRows
 from boat_daq.engine.sample_columns import mv_per_count
 from protocol.errors import ProfileError
 from protocol.link.bulk import decode_chunks
-from protocol.link.events import Link, LinkEvent, SampleGap, Samples
+from protocol.link.events import Link, SampleGap, Samples
 from protocol.recording import check_long_tables, open_recording, read_session, session_dtype
 from protocol.recording.checks import DAMAGE
 
@@ -152,14 +152,10 @@ def _derived(
     for (first, state), (after, _) in zip(begins, [*begins[1:], (1 << 62, None)], strict=True):
         link = _resumed_link(meta, state, first)
         for event in chain.from_iterable(decode_chunks(_chunks(db, first, after, tally), link)):
-            yield from _take(event, gaps)
-
-
-def _take(event: LinkEvent, gaps: list[tuple[int, int, int]]) -> Iterator[NDArray[np.void]]:
-    if isinstance(event, Samples):
-        yield event.array
-    elif isinstance(event, SampleGap):
-        gaps.append((event.lost, event.before_index, event.time_us))
+            if isinstance(event, Samples):
+                yield event.array
+            elif isinstance(event, SampleGap):
+                gaps.append((event.lost, event.before_index, event.time_us))
 
 
 def _chunks(db: sqlite3.Connection, first: int, after: int, tally: dict[str, int]) -> Iterator[tuple[int, bytes]]:

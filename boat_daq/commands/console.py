@@ -108,7 +108,14 @@ def show(text: str) -> None:
 
 
 def present(content: Any, *lines: str, as_json: bool) -> None:
-    """Print a result on standard output: as the JSON object, or as lines of text."""
+    """Print a result on standard output: as the JSON object, or as lines of text.
+
+    Parameters
+    ----------
+    content : of the JSON object.
+    lines : of the text.
+    as_json : which of the two.
+    """
     if as_json:
         emit_json(content)
     else:

@@ -76,7 +76,7 @@ def record(
     )
     if as_json:
         emit_json({**dataclasses.asdict(summary), "failed": bool(failure), "failure": failure})
-    report(summary, failure, request)
+    _report(summary, failure, request)
     if failure:
         raise typer.Exit(1)
 
@@ -94,7 +94,7 @@ def resumed(request: SessionRequest, broken: BrokenRun) -> SessionRequest:
     )
 
 
-def report(summary: Summary, failure: str, request: SessionRequest) -> None:
+def _report(summary: Summary, failure: str, request: SessionRequest) -> None:
     """Print what was recorded, and how to resume a run that failed."""
     notify(
         f"{summary.path}: {summary.samples} samples in {summary.duration_s:.1f} s, {summary.lost_samples} lost, "

@@ -19,7 +19,9 @@ def report(
     ] = None,
     limit: Annotated[
         list[str] | None,
-        typer.Option("--limit", metavar="NAME=VALUE", help="hysteresis, repeatability, drift, snr, ..."),
+        typer.Option(
+            "--limit", metavar="NAME=VALUE", help="Acceptance limit: hysteresis, repeatability, drift, snr, ..."
+        ),
     ] = None,
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,

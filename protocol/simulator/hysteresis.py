@@ -63,7 +63,12 @@ class Hysteresis:
 
 
 def clamp(value: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return `value` limited to [low, high]."""
+    """Return `value` limited to [low, high].
+
+    Parameters
+    ----------
+    value, low, high : of one shape, or broadcast to it; low <= high.
+    """
     clamped: FloatArray = np.minimum(np.maximum(value, low), high)
     return clamped
 

@@ -26,6 +26,12 @@ class Transmitter:
 
     `free_bytes` are free in the transmit buffer until the next `take`; None = unlimited. While `off`, as on a booting
     board, nothing is sent.
+
+    Parameters
+    ----------
+    n_sensors : number of sensors of a sample.
+    schedule : the active faults.
+    seed : of the damage in the channel.
     """
 
     def __init__(self, n_sensors: int, schedule: FaultSchedule, seed: int) -> None:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,13 +47,15 @@ def with_uncertainty(value: float, uncertainty: float) -> str:
 
 
 def finite(value: Any) -> Any:
-    """Return `value` in JSON's own types, NaN and infinities as None."""
+    """Return `value` in JSON's own types: arrays as lists, NaN and infinities as None."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return finite(asdict(value))
     if isinstance(value, Mapping):
         return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
+    if isinstance(value, list | tuple | set | frozenset):
         return [finite(item) for item in value]
-    if isinstance(value, np.generic):
-        return finite(value.item())
+    if isinstance(value, np.ndarray | np.generic):
+        return finite(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    return value
+    return str(value) if isinstance(value, Path) else value

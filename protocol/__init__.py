@@ -44,7 +44,8 @@ from protocol.link.messages import (
     Vent,
 )
 from protocol.recording import BoardState, SampleFlag, sample_dtype
-from protocol.text.connection import TextConnection, TextProfile, load_profile
+from protocol.text.connection import TextConnection
+from protocol.text.profile import TextProfile, load_profile
 
 Gap = SampleGap  # the name that scripts import
 

@@ -7,20 +7,18 @@ Rules: `show` and `emit_json` print results; `notify` and `progress_bar` print m
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
+from analysis.numbers import finite
 from boat_daq.errors import StorageError
 
 
@@ -61,29 +59,10 @@ class Advance(Protocol):
     def __call__(self, done: float, total: float, /) -> None: ...
 
 
-def plain(value: Any) -> Any:
-    """Return `value` as JSON's own types; arrays become lists, NaN and infinities become null."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Path):
-        return str(value)
-    return value
-
-
 def emit_json(value: Any) -> None:
     """Print one JSON object on standard output."""
     _Json.pending = False
-    text = json.dumps(plain(value), ensure_ascii=False, allow_nan=False)
+    text = json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
     typer.echo(text.encode("utf-8", "backslashreplace").decode())  # a name that is not UTF-8 becomes JSON's escape
 
 

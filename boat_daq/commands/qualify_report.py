@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+from analysis.numbers import finite
 from analysis.reports.document import Report, ReportTable, Section
 from analysis.reports.html import write_html
 from analysis.reports.pdf import write_pdf
-from boat_daq.commands.console import plain
 
 SCOPE = (
     "I have read this report. It tests program, computer, disk and port with a virtual board; it does not cover the "
@@ -23,7 +23,7 @@ def write_reports(content: dict[str, Any], folder: Path) -> list[Path]:
     paths = [folder / f"qualification{suffix}" for suffix in (".html", ".pdf", ".json")]
     write_html(report, paths[0])
     write_pdf(report, paths[1])
-    paths[2].write_text(json.dumps(plain(content), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    paths[2].write_text(json.dumps(finite(content), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return paths
 
 

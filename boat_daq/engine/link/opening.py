@@ -16,7 +16,8 @@ from boat_daq.engine.toml_values import read_text
 from protocol.link.connection import Connection
 from protocol.link.events import Link
 from protocol.recording import open_recording, read_session
-from protocol.text.connection import TextConnection, load_profile
+from protocol.text.connection import TextConnection
+from protocol.text.profile import load_profile
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,8 @@ from protocol import Connection, Start
 from protocol.recording import RunEnd, dtype_from_description, open_recording, read_session
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
-from protocol.text.connection import TextConnection, load_profile
+from protocol.text.connection import TextConnection
+from protocol.text.profile import load_profile
 from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified, meta_of, record_run
 from tests.boat_daq.engine.recording_source import add_result
 

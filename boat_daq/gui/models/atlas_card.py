@@ -14,6 +14,7 @@ from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.models.atlas import OUTCOMES, AtlasModel, MapView
 
 HATCHING = {
@@ -135,7 +136,7 @@ class AtlasCard(PlotCard):
             for i, cell in enumerate(row)
         ]
         names = ("map", "x is", "x", "y is", "y", "outcome", "error", "unit of the error", "message")
-        return {name: [row[i] for row in rows] for i, name in enumerate(names)} if rows else {}
+        return tables.by_column(names, rows)
 
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""

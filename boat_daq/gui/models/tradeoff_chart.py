@@ -18,6 +18,7 @@ from boat_daq.gui.plotting.axes import LogAxis
 from boat_daq.gui.plotting.plot import Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
+from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.formatting import duration_text
 from boat_daq.viewmodels.models.tradeoff_report import MethodChart, TradeoffPoint
 
@@ -100,14 +101,12 @@ class TradeoffCard(PlotCard):
         chart = self.shown
         if chart is None:
             return {}
-        return {
-            "setting": [p.setting for p in chart.points],
-            "processor time (s)": [p.seconds for p in chart.points],
-            "spread (s)": [p.spread_s for p in chart.points],
-            f"error ({chart.unit})": [p.error for p in chart.points],
-            f"error spread ({chart.unit})": [p.error_spread for p in chart.points],
-            "marks": [", ".join(p.marks) for p in chart.points],
-        }
+        units = f"error ({chart.unit})", f"error spread ({chart.unit})"
+        names = ("setting", "processor time (s)", "spread (s)", *units, "marks")
+        return tables.by_column(
+            names,
+            [(p.setting, p.seconds, p.spread_s, p.error, p.error_spread, ", ".join(p.marks)) for p in chart.points],
+        )
 
 
 def spread_bars(points: Sequence[TradeoffPoint], floor: float) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +24,17 @@ def cell(value: Any) -> str:
     return repr(float(value)) if isinstance(value, float) or hasattr(value, "dtype") else str(value)
 
 
+def by_column(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> dict[str, list[Any]]:
+    """Return rows as columns, name -> values; none without rows."""
+    return {name: [row[i] for row in rows] for i, name in enumerate(names)} if rows else {}
+
+
 def csv_text(columns: Mapping[str, Sequence[Any]]) -> str:
     """Return `columns` (name -> values) as CSV; shorter columns end in empty cells."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([cell(name) for name in columns])
-    length = max((len(values) for values in columns.values()), default=0)
-    for i in range(length):
-        writer.writerow([cell(values[i]) if i < len(values) else "" for values in columns.values()])
+    writer.writerows(map(cell, row) for row in zip_longest(*columns.values()))
     return out.getvalue()
 
 

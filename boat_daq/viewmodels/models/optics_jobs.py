@@ -38,14 +38,11 @@ class StateScene:
 class DesignResult:
     """One design in all states."""
 
-    values: tuple[int, float, float, float]
-    face: str
     scenes: tuple[StateScene, ...]
     elongation_mm: FloatArray
     ndr: FloatArray
     ndr_sd: FloatArray
     andr: FloatArray
-    power: FloatArray
     p: float
     delta: float
     n_sign: int
@@ -68,7 +65,6 @@ class SweepSummary:
     ranks: IntArray
     seconds: float
     simulated: int
-    hits: int
     rays: int
 
     def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> FloatArray:
@@ -96,10 +92,6 @@ class OptimumSummary:
     p: float
     start: tuple[int, float, float, float]
     start_p: float
-    paper_p: float
-    designs: int
-    seconds: float
-    checked_rays: int
     finished: bool
 
 
@@ -173,9 +165,8 @@ def trace_design(
     ndr = np.array([outcome.ndr for outcome in outcomes])
     found = merit(ndr, float(resolution(rays)))
     return DesignResult(
-        values, face, tuple(scenes), elongations_of(curves, states), ndr, np.array([o.ndr_sd for o in outcomes]),
-        np.asarray(found.andr), np.array([o.power for o in outcomes]), float(found.p), float(found.delta),
-        int(found.n_sign), float(found.rmse),
+        tuple(scenes), elongations_of(curves, states), ndr, np.array([o.ndr_sd for o in outcomes]),
+        np.asarray(found.andr), float(found.p), float(found.delta), int(found.n_sign), float(found.rmse),
     )  # fmt: skip
 
 
@@ -227,7 +218,7 @@ def sweep(
         np.asarray(result.uncertainty().tied, dtype=bool),
         np.asarray(pareto(found.delta, found.rmse, found.n_sign), dtype=bool),
         int(np.argmax(found.p)), -1 if paper is None else paper, np.asarray(result.ranks()), result.seconds,
-        result.simulated, result.hits, rays,
+        result.simulated, rays,
     )  # fmt: skip
 
 
@@ -249,8 +240,8 @@ def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress
 
     found = optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
     return OptimumSummary(
-        _values(found.best), found.best.face, found.best_p, _values(found.start), found.start_p, found.paper_p,
-        found.evaluations, found.seconds, found.checked_rays, found.finished,
+        _values(found.best), found.best.face, found.best_p, _values(found.start), found.start_p,
+        found.finished,
     )  # fmt: skip
 
 

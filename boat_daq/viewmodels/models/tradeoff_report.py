@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from boat_daq.errors import OperatorError
+from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.formatting import power_text, quantity
 
 
@@ -152,21 +153,19 @@ def merged(old: Mapping[str, Any] | None, new: Mapping[str, Any]) -> dict[str, A
 
 def report_columns(charts: Mapping[str, MethodChart]) -> dict[str, list[Any]]:
     """Return every point of every method as columns, for a CSV."""
-    rows = [(chart, point) for chart in charts.values() for point in chart.points]
-    return {
-        "method": [c.name for c, _ in rows],
-        "setting": [p.setting for _, p in rows],
-        "cpu_seconds": [p.seconds for _, p in rows],
-        "spread_seconds": [p.spread_s for _, p in rows],
-        "error": [p.error for _, p in rows],
-        "error_spread": [p.error_spread for _, p in rows],
-        "unit": [c.unit for c, _ in rows],
-        "tolerance": [c.tolerance for c, _ in rows],
-        "repeats": [p.repeats for _, p in rows],
-        "on_front": [int(p.on_front) for _, p in rows],
-        "default": [int(p.default) for _, p in rows],
-        "chosen": [int(p.chosen) for _, p in rows],
-    }
+    names = (
+        "method", "setting", "cpu_seconds", "spread_seconds", "error", "error_spread", "unit", "tolerance", "repeats",
+        "on_front", "default", "chosen",
+    )  # fmt: skip
+    rows = [
+        (
+            c.name, p.setting, p.seconds, p.spread_s, p.error, p.error_spread, c.unit, c.tolerance, p.repeats,
+            int(p.on_front), int(p.default), int(p.chosen),
+        )
+        for c in charts.values()
+        for p in c.points
+    ]  # fmt: skip
+    return tables.by_column(names, rows)
 
 
 def error_text(error: float) -> str:

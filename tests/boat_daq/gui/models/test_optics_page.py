@@ -50,7 +50,7 @@ def traced(values=PAPER, face="outer"):
     """A design with fifteen straight rays."""
     scene, x = StateScene(LINE, LINE, LINE, LINE), np.linspace(-2.7, 3.8, 15)
     flat = np.full(15, 100.0)
-    return DesignResult(values, face, (scene,) * 15, x, flat, flat, flat, flat, 1.0, 2.0, 3, 4.0)
+    return DesignResult((scene,) * 15, x, flat, flat, flat, 1.0, 2.0, 3, 4.0)
 
 
 def swept(rays=250):
@@ -59,7 +59,7 @@ def swept(rays=250):
     p, flags = np.array([1.0, 0.25]), np.array([True, False])
     return SweepSummary(
         values, p, np.array([40.0, 10.0]), np.array([3.0, 6.0]), np.array([2, 7]), flags, flags, 0, 1,
-        np.array([1, 2]), 1.0, 30, 9, rays,
+        np.array([1, 2]), 1.0, 30, rays,
     )  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def test_the_search_is_started_stopped_and_says_what_it_gained(page):
     tell(page)
     assert (page.search_button.text(), page.model.optimum) == ("Optimise", None)
     page.search_button.click()
-    found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, PAPER, 2.5, 0.4, 900, 50.0, 5000, True)
+    found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, PAPER, 2.5, True)
     FakeJob.made[-1].bring(found)
     tell(page)
     assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()

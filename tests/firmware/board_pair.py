@@ -1,7 +1,7 @@
-"""The same orders to the virtual board and to the firmware, in step, and what both say.
+"""The virtual board and the firmware, given the same input in step, and the messages of both.
 
-The firmware is given the very pressure that the virtual board's control found at each tick, so that both must come to
-the same decisions; noise, counts and the pressure in the samples are the plant's and are not compared. A board may see
+The firmware is given the pressure that the virtual board's control measured at each tick, so that both must reach
+the same decisions; noise, counts and the pressure in the samples are the plant's and are not compared. A board may pass
 a threshold one control tick (10 ms) sooner or later than the other: the one counts its setpoint in fractions of a
 kPa, the other in hundredths of a Pa.
 """
@@ -21,17 +21,17 @@ from protocol.simulator.board import VirtualBoard
 from protocol.simulator.board_control import BoardControl
 from protocol.simulator.faults import Fault
 from protocol.simulator.plant import TICK_US
-from tests.firmware.firmware_build import Bench
+from tests.firmware.firmware_build import FirmwareProcess
 
-PLANT_FAULTS = ("beyond_limit", "dead_pump", "stall", "leak")  # the pressures tell of them
+PLANT_FAULTS = ("beyond_limit", "dead_pump", "stall", "leak")  # they act through the pressure
 TRIP_PA = 500  # a pressure one tick later
-MOST_TICKS = 100  # for one order: what both send meanwhile finds room in the bench's buffer at any rate
+MOST_TICKS = 100  # for one request: the output of that time fits the process's buffer at any rate
 
 
 class BoardPair:
     """Both boards, just booted."""
 
-    def __init__(self, bench: Bench, monkeypatch: pytest.MonkeyPatch, faults: Iterable[Fault] = ()) -> None:
+    def __init__(self, process: FirmwareProcess, monkeypatch: pytest.MonkeyPatch, faults: Iterable[Fault] = ()) -> None:
         self._found = found = []
 
         class WatchedControl(BoardControl):
@@ -42,13 +42,13 @@ class BoardPair:
         monkeypatch.setattr(protocol.simulator.board, "BoardControl", WatchedControl)
         faults = tuple(faults)
         self._board = VirtualBoard(faults=faults)
-        self._bench = bench
+        self._process = process
         self._tick = 0
-        self._switches = sorted(bench_orders(faults))
+        self._switches = sorted(requests_of(faults))
         clock_wrap = next((fault.start_us for fault in faults if fault.name == "clock_wrap"), 0)
-        bench.order("Z")
+        process.transmitted("Z")
         self.virtual = self._board.advance(0)
-        self.firmware = bench.boot(clock_us=-clock_wrap % 2**32)
+        self.firmware = process.boot(clock_us=-clock_wrap % 2**32)
         self._switch()
 
     def wait(self, ticks: int) -> None:
@@ -61,24 +61,24 @@ class BoardPair:
             )
             self._found.clear()
             self.virtual += self._board.advance(part * TICK_US)
-            self.firmware += self._bench.order("T " + " ".join(map(str, self._found)))
+            self.firmware += self._process.transmitted("T " + " ".join(map(str, self._found)))
             self._tick += part
             self._switch()
-            self.firmware += self._bench.order(f"P {round(1000 * self._board.pressure_kpa)}")
+            self.firmware += self._process.transmitted(f"P {round(1000 * self._board.pressure_kpa)}")
 
     def receive(self, data: bytes) -> None:
-        """Hand the same bytes to both."""
+        """Give the same bytes to both."""
         self._board.receive(data)
         self.virtual += self._board.advance(0)
-        self.firmware += self._bench.receive(data)
+        self.firmware += self._process.receive(data)
 
     def _switch(self) -> None:
         while self._switches and self._switches[0][0] <= self._tick:
-            self.firmware += self._bench.order(self._switches.pop(0)[1])
+            self.firmware += self._process.transmitted(self._switches.pop(0)[1])
 
 
-def bench_orders(faults: Iterable[Fault]) -> list[tuple[int, str]]:
-    """Return (tick, order to the bench) for what the faults do to the board itself."""
+def requests_of(faults: Iterable[Fault]) -> list[tuple[int, str]]:
+    """Return (tick, request to the firmware) for the faults that act on the board itself."""
     orders = []
     for fault in faults:
         tick, value = fault.start_us // TICK_US, int(fault.value)
@@ -101,19 +101,19 @@ def bench_orders(faults: Iterable[Fault]) -> list[tuple[int, str]]:
     return orders
 
 
-# ---- what they say -------------------------------------------------------------------------------------------------
+# ---- messages ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """What a board has said: its samples, and everything else, each in order."""
+class Messages:
+    """Messages of a board: its samples and all others, each in order."""
 
     samples: list[Sample]
     others: list[BoardMessage]
 
 
-def hear(data: bytes) -> Said:
-    """Decode a board's bytes: good frames, numbered in a row from each boot on."""
+def messages_of(data: bytes) -> Messages:
+    """Decode a board's bytes: valid frames, numbered consecutively from each boot."""
     reader = FrameReader()
     messages = []
     seq = 0
@@ -127,12 +127,12 @@ def hear(data: bytes) -> Said:
         messages.append(message)
     assert (reader.crc_errors, reader.malformed, reader.oversize) == (0, 0, 0)
     samples = [message for message in messages if isinstance(message, Sample)]
-    return Said(samples, [message for message in messages if not isinstance(message, Sample)])
+    return Messages(samples, [message for message in messages if not isinstance(message, Sample)])
 
 
 def assert_the_same(virtual: bytes, firmware: bytes) -> None:
-    """Fail on the first message, in its order, in which the two boards differ."""
-    one, other = hear(virtual), hear(firmware)
+    """Fail on the first message in which the two boards differ."""
+    one, other = messages_of(virtual), messages_of(firmware)
     for expected, found in zip(one.others, other.others, strict=False):
         assert same_message(expected, found), f"virtual board: {expected}\nfirmware: {found}"
     assert one.others[len(other.others) :] == []
@@ -145,7 +145,7 @@ def assert_the_same(virtual: bytes, firmware: bytes) -> None:
 
 
 def same_message(expected: BoardMessage, found: BoardMessage) -> bool:
-    """Whether two messages mean the same; what follows from a threshold may be a tick away."""
+    """Return whether two messages mean the same; those that follow from a threshold may be a tick apart."""
     if isinstance(expected, Hello) and isinstance(found, Hello):
         return expected == dataclasses.replace(found, board_id=expected.board_id)
     if isinstance(expected, BoardEvent) and isinstance(found, BoardEvent):

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.firmware.firmware_build import Bench, compile_host
+from tests.firmware.firmware_build import FirmwareProcess, compile_host
 
 
 @pytest.fixture(scope="session")
-def bench_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The firmware with a pipe for a board."""
-    return compile_host(tmp_path_factory.mktemp("bench"), "bench", "host.c", "bench.c")
+def firmware_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the program of the firmware at a pipe."""
+    return compile_host(tmp_path_factory.mktemp("firmware"), "pipe_board", "host.c", "pipe_board.c")
 
 
 @pytest.fixture
-def bench(bench_program: Path) -> Iterator[Bench]:
-    """A firmware that has not booted yet."""
-    bench = Bench(bench_program)
-    yield bench
-    bench.close()
+def process(firmware_program: Path) -> Iterator[FirmwareProcess]:
+    """Yield a firmware process that has not booted yet."""
+    process = FirmwareProcess(firmware_program)
+    yield process
+    process.close()

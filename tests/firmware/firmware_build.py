@@ -1,4 +1,4 @@
-"""Compiles the firmware for this computer, every warning an error and both sanitizers on, and talks to it."""
+"""Compiles the firmware for this computer, warnings as errors and both sanitizers on, and runs it as a process."""
 
 from __future__ import annotations
 
@@ -31,35 +31,35 @@ def compile_host(folder: Path, name: str, *sources: str) -> Path:
     return program
 
 
-class Bench:
-    """The firmware at the end of a pipe (c/bench.c)."""
+class FirmwareProcess:
+    """The firmware as a process that reads requests from a pipe (c/pipe_board.c)."""
 
     def __init__(self, program: Path) -> None:
         self._process = subprocess.Popen([str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
-    def tell(self, order: str) -> str:
-        """Give one order; return the line that answers it."""
+    def request(self, text: str) -> str:
+        """Send one request and return the line that answers it."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(order + "\n")
+        self._process.stdin.write(text + "\n")
         self._process.stdin.flush()
         line = self._process.stdout.readline()
-        assert line.endswith("\n"), f"the firmware died of {order[:200]!r}"
+        assert line.endswith("\n"), f"the firmware ended at {text[:200]!r}"
         return line.strip()
 
-    def order(self, order: str) -> bytes:
-        """Give one order; return what was transmitted meanwhile."""
-        return bytes.fromhex(self.tell(order))
+    def transmitted(self, text: str) -> bytes:
+        """Send one request and return the bytes transmitted meanwhile."""
+        return bytes.fromhex(self.request(text))
 
     def boot(self, *, reason: int = 0, clock_us: int = 0) -> bytes:
-        """Boot anew on a fresh computer."""
-        return self.order(f"B {reason} {clock_us}")
+        """Boot with this reason and clock and return the bytes transmitted."""
+        return self.transmitted(f"B {reason} {clock_us}")
 
     def receive(self, data: bytes) -> bytes:
-        """Hand over bytes of the host."""
-        return self.order(f"R {data.hex()}")
+        """Receive bytes of the host and return those transmitted."""
+        return self.transmitted(f"R {data.hex()}")
 
     def close(self) -> None:
-        """End it, and see that it found nothing to complain of."""
+        """End the process and check that no sanitizer reported anything."""
         assert self._process.communicate(timeout=10) == ("", None)
         assert self._process.returncode == 0

@@ -1,4 +1,4 @@
-"""What the firmware does that the virtual board has no need of: its own regulator, a late main loop, a full buffer."""
+"""Parts of the firmware that the virtual board does not have: regulator, late main loop, full transmit buffer."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ from protocol.link.messages import (
     encode_command,
 )
 from protocol.recording import BoardState, SampleFlag
-from tests.firmware.firmware_build import Bench
+from tests.firmware.firmware_build import FirmwareProcess
 
 
 class Lab:
     """A booted firmware at ambient pressure, and the samples it has sent."""
 
-    def __init__(self, bench: Bench) -> None:
-        self._bench = bench
+    def __init__(self, process: FirmwareProcess) -> None:
+        self._process = process
         self._reader = FrameReader()
         self._seq = itertools.count()
         self.samples: list[Sample] = []
-        self.order("Z")
+        self.request("Z")
         self.boot()
 
     def boot(self) -> list[BoardMessage]:
-        """Boot, whatever the switches are; return what is said."""
-        return self._hear(self._bench.boot())
+        """Boot with the switches as they are and return the messages."""
+        return self._hear(self._process.boot())
 
-    def order(self, order: str) -> list[BoardMessage]:
-        """Give an order to the bench; return what is said meanwhile."""
-        return self._hear(self._bench.order(order))
+    def request(self, text: str) -> list[BoardMessage]:
+        """Send a request to the process and return the messages of that time."""
+        return self._hear(self._process.transmitted(text))
 
     def _hear(self, data: bytes) -> list[BoardMessage]:
         messages = [decode_message(frame, 2) for frame in self._reader.receive(data)]
@@ -54,36 +54,36 @@ class Lab:
         return [message for message in messages if message is not None]
 
     def send(self, command: Command) -> list[BoardMessage]:
-        """Send a command; return what is said at once."""
-        return self.order("R " + encode_command(command, next(self._seq) % 256).hex())
+        """Send a command and return the messages that follow at once."""
+        return self.request("R " + encode_command(command, next(self._seq) % 256).hex())
 
-    def ask(self, command: Command) -> int:
-        """Send a command; return its status."""
+    def command(self, command: Command) -> int:
+        """Send a command and return the status of its answer."""
         (answer,) = [message for message in self.send(command) if isinstance(message, Ack)]
         return answer.status
 
     @property
     def gauge(self) -> tuple[int, int, int, int]:
-        """Pressure Pa, drive permille, valve open, state."""
-        pressure_pa, permille, vent, state = map(int, self._bench.tell("Q").split())
+        """Return pressure in Pa, drive in permille, valve open, state."""
+        pressure_pa, permille, vent, state = map(int, self._process.request("Q").split())
         return pressure_pa, permille, vent, state
 
 
 @pytest.fixture
-def lab(bench: Bench) -> Lab:
+def lab(process: FirmwareProcess) -> Lab:
     """A firmware that has just booted at ambient pressure."""
-    return Lab(bench)
+    return Lab(process)
 
 
 @pytest.mark.parametrize("ramp_kpa_per_s", [2, 10, 40])
 def test_regulator_follows_the_ramp_and_holds(lab: Lab, ramp_kpa_per_s: int) -> None:
-    """Up and down through the whole range: on target when the ramp is over, less than 2 kPa beyond it, then HOLDING."""
-    lab.ask(Start(100))
+    """Through the whole range: on target at the end of the ramp, less than 2 kPa overshoot, then HOLDING."""
+    lab.command(Start(100))
     before_kpa = 0
     for target_kpa in (50, -40, 0):
-        assert lab.ask(SetPressure(1000 * target_kpa, 1000 * ramp_kpa_per_s)) == AckStatus.DONE
+        assert lab.command(SetPressure(1000 * target_kpa, 1000 * ramp_kpa_per_s)) == AckStatus.DONE
         ticks = 100 * abs(target_kpa - before_kpa) // ramp_kpa_per_s + 100
-        samples = [m for m in lab.order(f"G {ticks}") if isinstance(m, Sample)]
+        samples = [m for m in lab.request(f"G {ticks}") if isinstance(m, Sample)]
         ahead = 1 if target_kpa > before_kpa else -1
         assert max(ahead * (sample.pressure_pa - 1000 * target_kpa) for sample in samples) < 2000
         pressure_pa, _, vent, state = lab.gauge
@@ -92,70 +92,70 @@ def test_regulator_follows_the_ramp_and_holds(lab: Lab, ramp_kpa_per_s: int) -> 
         before_kpa = target_kpa
 
 
-def test_regulator_makes_a_leak_good(lab: Lab) -> None:
+def test_regulator_compensates_a_leak(lab: Lab) -> None:
     """A bladder that loses 5 % a second is held within the tolerance of its target."""
-    lab.order("L 0.05 90")
-    lab.ask(SetPressure(40_000, 20_000))
-    lab.order("G 600")
+    lab.request("L 0.05 90")
+    lab.command(SetPressure(40_000, 20_000))
+    lab.request("G 600")
     pressure_pa, permille, _, state = lab.gauge
     assert state == BoardState.HOLDING
     assert pressure_pa == pytest.approx(40_000, abs=500)
     assert permille > 0
 
 
-def test_a_target_out_of_the_pumps_reach_is_given_up(lab: Lab) -> None:
-    """2 s of ramp and 8 s of patience, then EVENT 8 with the pressure reached; vented, FAULT."""
-    lab.order("L 0 30")
-    lab.ask(SetPressure(40_000, 20_000))
-    (event,) = lab.order("G 1100")
+def test_target_beyond_the_pump_is_reported(lab: Lab) -> None:
+    """After 2 s of ramp and 8 s of timeout EVENT 8 with the pressure reached; vented, FAULT."""
+    lab.request("L 0 30")
+    lab.command(SetPressure(40_000, 20_000))
+    (event,) = lab.request("G 1100")
     assert isinstance(event, BoardEvent)
     assert (event.code, event.value) == (EventCode.TARGET_NOT_REACHED, 30_000)
     assert event.time_us == pytest.approx(10_000_000, abs=10_000)
     assert lab.gauge[2:] == (1, BoardState.FAULT)
 
 
-def test_a_dead_host_finds_the_board_vented(lab: Lab) -> None:
-    """Under pressure and unfed for 500 ms the valve opens; the event waits in the log."""
-    lab.ask(Heartbeat(500))
-    lab.ask(SetPressure(40_000, 0))
-    lab.order("G 49")
+def test_board_vents_without_heartbeat(lab: Lab) -> None:
+    """Under pressure, 500 ms without a heartbeat open the valve; the event is stored."""
+    lab.command(Heartbeat(500))
+    lab.command(SetPressure(40_000, 0))
+    lab.request("G 49")
     assert lab.gauge[2:] == (0, BoardState.RAMPING)
-    (event,) = lab.order("G 1")
+    (event,) = lab.request("G 1")
     assert (event.code, event.value) == (EventCode.HEARTBEAT_LOST, 500)
     assert lab.gauge[1:] == (0, 1, BoardState.FAULT)
-    lab.order("G 200")
+    lab.request("G 200")
     assert lab.gauge[0] < 1000
 
 
 def test_valve_opens_with_the_command_not_with_the_next_tick(lab: Lab) -> None:
     """VENT sets the valve before it is answered."""
-    lab.ask(SetPressure(40_000, 0))
-    lab.order("G 20")
+    lab.command(SetPressure(40_000, 0))
+    lab.request("G 20")
     assert lab.gauge[2] == 0
-    lab.ask(Vent())
+    lab.command(Vent())
     assert lab.gauge[1:] == (0, 1, BoardState.VENTED)
 
 
-def test_estop_pressed_at_power_on_is_a_level(lab: Lab) -> None:
-    """No event tells of it, but the board is in FAULT and stays there; its release is told."""
-    lab.order("E 1")
+def test_estop_pressed_at_power_on_is_a_fault(lab: Lab) -> None:
+    """It is not reported by an event, but the board stays in FAULT; its release is reported."""
+    lab.request("E 1")
     hello, booted = lab.boot()
     assert isinstance(hello, Hello)
     assert booted.code == EventCode.BOOTED
     assert lab.gauge[3] == BoardState.FAULT
-    (event,) = lab.order("E 0")
+    (event,) = lab.request("E 0")
     assert event.code == EventCode.ESTOP_RELEASED
 
 
-def test_samples_without_room_are_counted_exactly(lab: Lab) -> None:
-    """A host that does not read: the index goes on, EVENT 9 says how many, the next sample is flagged."""
-    lab.ask(Start(1000))
-    lab.order("T 0 0 0")
-    lab.order("M 0")
+def test_samples_without_buffer_space_are_counted_exactly(lab: Lab) -> None:
+    """The host does not read: the index advances, EVENT 9 has the number, the next sample is flagged."""
+    lab.command(Start(1000))
+    lab.request("T 0 0 0")
+    lab.request("M 0")
     for _ in range(7):
-        assert lab.order("T 0") == []
-    lab.order("M 100000")
-    event, first, *rest = lab.order("T 0")
+        assert lab.request("T 0") == []
+    lab.request("M 100000")
+    event, first, *rest = lab.request("T 0")
     assert isinstance(event, BoardEvent)
     assert isinstance(first, Sample)
     assert (event.code, event.value, first.index) == (EventCode.SAMPLES_DROPPED, 70, 101)
@@ -163,46 +163,46 @@ def test_samples_without_room_are_counted_exactly(lab: Lab) -> None:
     assert not any(sample.flags & SampleFlag.DROPPED_BEFORE for sample in rest)
 
 
-def test_a_late_main_loop_drops_what_it_missed(lab: Lab) -> None:
-    """Away for 95 ms at 100 Hz: eight instants are over, the ninth is sampled; never two samples of one moment."""
-    lab.ask(Start(100))
-    lab.order("T 0")
-    event, sample = lab.order("J 95000")
+def test_late_main_loop_counts_missed_samples(lab: Lab) -> None:
+    """A main loop late by 95 ms at 100 Hz skips eight instants and samples the ninth; never two at one instant."""
+    lab.command(Start(100))
+    lab.request("T 0")
+    event, sample = lab.request("J 95000")
     assert (event.code, event.value) == (EventCode.SAMPLES_DROPPED, 8)
     assert (sample.index, sample.time_us) == (10, 105_000)
-    assert [m.index for m in lab.order("T 0")] == [11]
+    assert [m.index for m in lab.request("T 0")] == [11]
 
 
-def test_events_wait_for_room_and_keep_their_times(lab: Lab) -> None:
-    """With nobody to read, the first eight are kept in order: they are the cause."""
-    lab.order("M 0")
+def test_events_wait_for_buffer_space_and_keep_their_times(lab: Lab) -> None:
+    """Without a reader the first eight events are kept in order: they show the cause."""
+    lab.request("M 0")
     for pressed in (1, 0) * 6:
-        lab.order(f"E {pressed}")
-        lab.order("T 0")
-    lab.order("M 100000")
-    events = lab.order("T 0")
+        lab.request(f"E {pressed}")
+        lab.request("T 0")
+    lab.request("M 100000")
+    events = lab.request("T 0")
     assert [event.code for event in events] == [EventCode.ESTOP_PRESSED, EventCode.ESTOP_RELEASED] * 4
     assert [event.time_us for event in events] == [10_000 * n for n in range(8)]
 
 
 def test_modem_manager_is_not_answered(lab: Lab) -> None:
-    """AT commands, as Linux sends them to a new serial port, are no frames; the host's lone 00 ends them."""
-    assert lab.order("R " + b"AT\r\nATE1 E0\r\nAT+CGMI\r\n".hex()) == []
-    lab.order("R 00")
+    """AT commands, as Linux sends them to a new serial port, are no frames; a single 00 of the host ends them."""
+    assert lab.request("R " + b"AT\r\nATE1 E0\r\nAT+CGMI\r\n".hex()) == []
+    lab.request("R 00")
     (hello,) = lab.send(Identify())
     assert isinstance(hello, Hello)
 
 
 def test_watchdog_over_wraps_of_the_clock(lab: Lab) -> None:
-    """The 32-bit clock wraps after 71.6 min; neither the watchdog nor the sampling notices."""
-    lab.ask(Heartbeat(5000))
-    lab.ask(Start(1))
+    """The 32-bit clock wraps after 71.6 min without an effect on watchdog and sampling."""
+    lab.command(Heartbeat(5000))
+    lab.command(Start(1))
     for _ in range(1200):  # 80 min
-        lab.ask(Heartbeat(5000))
-        lab.order("J 4000000")
+        lab.command(Heartbeat(5000))
+        lab.request("J 4000000")
     assert lab.gauge[3] == BoardState.IDLE
     assert lab.samples[-1].index == 4800
     assert lab.samples[-1].time_us == 4_800_000_000 % 2**32
-    assert lab.ask(Stop()) == AckStatus.DONE
-    (event,) = lab.order("J 5000000")
+    assert lab.command(Stop()) == AckStatus.DONE
+    (event,) = lab.request("J 5000000")
     assert (event.code, event.value) == (EventCode.HEARTBEAT_LOST, 5000)

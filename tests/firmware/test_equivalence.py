@@ -1,4 +1,4 @@
-"""The firmware and the virtual board, given the same bytes at the same board times, cannot be told apart."""
+"""The firmware and the virtual board, given the same bytes at the same board times, send the same messages."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from protocol.link.messages import (
 )
 from protocol.simulator.faults import Fault, make_fault
 from tests.firmware.board_pair import BoardPair, assert_the_same
-from tests.firmware.firmware_build import Bench
+from tests.firmware.firmware_build import FirmwareProcess
 
 PRESSURES_PA = st.one_of(
     st.integers(-45, 55).map(lambda kpa: 1000 * kpa),
@@ -69,10 +69,10 @@ FAULTS = st.lists(
 QUIET = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 
 
-def play(bench: Bench, script: list[tuple[int, bytes]], faults: list[Fault], *, after: int) -> BoardPair:
-    """Hand a script to both boards; what each said is in the pair."""
+def play(process: FirmwareProcess, script: list[tuple[int, bytes]], faults: list[Fault], *, after: int) -> BoardPair:
+    """Give a script to both boards and return the pair with the bytes of both."""
     with pytest.MonkeyPatch.context() as monkeypatch:
-        pair = BoardPair(bench, monkeypatch, faults)
+        pair = BoardPair(process, monkeypatch, faults)
         for pause, frame in script:
             pair.wait(pause)
             pair.receive(frame)
@@ -81,7 +81,7 @@ def play(bench: Bench, script: list[tuple[int, bytes]], faults: list[Fault], *, 
 
 
 def frames(*steps: tuple[int, Command]) -> list[tuple[int, bytes]]:
-    """Return commands, numbered in a row, as a script."""
+    """Return commands, numbered consecutively, as a script."""
     return [(pause, encode_command(command, seq)) for seq, (pause, command) in enumerate(steps)]
 
 
@@ -114,16 +114,20 @@ STARTED_TWICE = frames((10, Start(100)), (150, Start(100)), (10, SetPressure(20_
 @example(PAUSED, [make_fault("saturate", 0.5, 1)])
 @example(FASTEST, [])
 @example(TURNED_BACK, [])
-def test_any_order_of_commands_and_faults(bench: Bench, script: list[tuple[int, bytes]], faults: list[Fault]) -> None:
+def test_any_script_gives_the_same_messages(
+    process: FirmwareProcess, script: list[tuple[int, bytes]], faults: list[Fault]
+) -> None:
     """ACK statuses, states, flags, events and their values, sampling instants: the same, in the same order."""
-    pair = play(bench, script, faults, after=45)
+    pair = play(process, script, faults, after=45)
     assert_the_same(pair.virtual, pair.firmware)
 
 
 @pytest.mark.nightly
 @settings(max_examples=3000, deadline=None, suppress_health_check=QUIET)
 @given(SCRIPTS, FAULTS)
-def test_any_order_at_length(bench: Bench, script: list[tuple[int, bytes]], faults: list[Fault]) -> None:
+def test_long_scripts_give_the_same_messages(
+    process: FirmwareProcess, script: list[tuple[int, bytes]], faults: list[Fault]
+) -> None:
     """The same with three thousand scripts, each long enough for a target to count as not reached."""
-    pair = play(bench, script, faults, after=1000)
+    pair = play(process, script, faults, after=1000)
     assert_the_same(pair.virtual, pair.firmware)

@@ -1,4 +1,4 @@
-"""What the firmware takes on the chip: less than 4 KiB of flash as compiled for its Cortex-M3, and no library."""
+"""Memory of the firmware on the chip: less than 4 KiB of flash as compiled for its Cortex-M3, and no library."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def sizes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, int]:
     return {row[0]: int(row[1]) for row in rows}
 
 
-def test_flash(sizes: dict[str, int], capsys: pytest.CaptureFixture[str]) -> None:
+def test_firmware_fits_4_kib_of_flash(sizes: dict[str, int], capsys: pytest.CaptureFixture[str]) -> None:
     """Code, constants and what the compiler adds for 64-bit numbers fit; linking proves that nothing else is needed."""
     flash = sizes[".text"] + sizes.get(".rodata", 0) + sizes.get(".data", 0)
     with capsys.disabled():
@@ -45,7 +45,7 @@ def test_flash(sizes: dict[str, int], capsys: pytest.CaptureFixture[str]) -> Non
     assert 1000 < flash < FLASH_MAX
 
 
-def test_ram(sizes: dict[str, int]) -> None:
+def test_state_takes_less_than_a_kilobyte(sizes: dict[str, int]) -> None:
     """A board's whole state is one variable of less than a kilobyte; the firmware has no other."""
     assert 0 < sizes[".bss"] < RAM_MAX
     assert sizes.get(".data", 0) == 0

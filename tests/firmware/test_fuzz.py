@@ -1,4 +1,4 @@
-"""Any bytes, any order: the decoder and the whole board under a fuzzer, sanitizers on."""
+"""The decoder and the whole board under a fuzzer, sanitizers on."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ def target(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def fuzz(program: Path, seconds: float, seed: int) -> int:
-    """Return how many inputs were tried; the program aborts at the first that breaks a promise."""
+    """Return how many inputs were tried; the program aborts at the first that violates an invariant."""
     run = subprocess.run([str(program), str(seconds), str(seed)], capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return int(run.stdout)
 
 
-def test_half_a_second_of_fuzzing_finds_nothing(target: tuple[str, Path]) -> None:
-    """The promises of c/fuzz_decoder.c and c/fuzz_board.c hold; half a second of processor time tries thousands."""
+def test_fuzzing_for_half_a_second_finds_nothing(target: tuple[str, Path]) -> None:
+    """The invariants of c/fuzz_decoder.c and c/fuzz_board.c hold in half a second of processor time."""
     name, program = target
     assert fuzz(program, 0.5, seed=1) > TARGETS[name] / 8
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(2, 6))
-def test_minutes_of_fuzzing_find_nothing(target: tuple[str, Path], seed: int) -> None:
-    """The same for half a minute from each of four seeds; prints how many inputs that were."""
+def test_fuzzing_for_minutes_finds_nothing(target: tuple[str, Path], seed: int) -> None:
+    """The same for half a minute from each of four seeds; prints the number of inputs."""
     name, program = target
     tried = fuzz(program, 30.0, seed)
     print(f"{name} seed {seed}: {tried} inputs")

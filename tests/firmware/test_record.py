@@ -1,4 +1,4 @@
-"""The whole program records from the firmware: a real port, a real file, every sample that was sent."""
+"""The whole program records from the firmware over a real port: the file has every sample that was sent."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 
 from analysis import load_recording
 from protocol.link.messages import BoardEvent, EventCode
-from tests.firmware.board_pair import Said, hear
+from tests.firmware.board_pair import Messages, messages_of
 from tests.firmware.firmware_build import compile_host
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
@@ -36,16 +36,16 @@ min_dwell_s = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """What the firmware sent, and what the program made of it."""
+    """What the firmware sent, and the recording of it."""
 
     run: Path
-    said: Said
+    messages: Messages
     summary: dict[str, Any]
 
 
 @pytest.fixture(scope="module")
 def board_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The firmware on a pseudo-terminal."""
+    """Return the program of the firmware on a pseudo-terminal."""
     return compile_host(tmp_path_factory.mktemp("board"), "pty_board", "host.c", "pty_board.c")
 
 
@@ -69,15 +69,17 @@ def record(board_program: Path, folder: Path, speed: int, *plan: str) -> Session
             assert board.poll() is None, "a sanitizer has ended the board"
         finally:
             board.kill()
-    return Session(run, hear(sent.read_bytes()), summary)
+    return Session(run, messages_of(sent.read_bytes()), summary)
 
 
 def check(session: Session) -> None:
-    """The plan was run to its end without a loss, and the file holds every sample as it was sent."""
-    summary, samples = session.summary, session.said.samples
+    """Check that the plan ended without a loss and that the file holds every sample as it was sent."""
+    summary, samples = session.summary, session.messages.samples
     recording = load_recording(session.run)
     assert (summary["stop_reason"], summary["lost_samples"], summary["cycles"]["complete"]) == ("finished", 0, 1)
-    assert [message.code for message in session.said.others if isinstance(message, BoardEvent)] == [EventCode.BOOTED]
+    assert [message.code for message in session.messages.others if isinstance(message, BoardEvent)] == [
+        EventCode.BOOTED
+    ]
     assert [sample.index for sample in samples] == list(range(recording.n))
     np.testing.assert_array_equal(np.round(recording.pressure_kpa * 1000), [s.pressure_pa for s in samples])
     np.testing.assert_array_equal(recording.lit, [s.lit for s in samples])
@@ -86,13 +88,13 @@ def check(session: Session) -> None:
     assert program("verify", str(session.run))["identical"] is True
 
 
-def test_a_short_plan_at_the_board_s_own_pace(board_program: Path, tmp_path: Path) -> None:
+def test_short_plan_is_recorded_in_real_time(board_program: Path, tmp_path: Path) -> None:
     """At 1x: three plateaus regulated by the firmware's own loop, recorded, identical when derived again."""
     plan = tmp_path / "short.toml"
     plan.write_text(SHORT_PLAN, encoding="utf-8")
     check(record(board_program, tmp_path, 1, "--plan", str(plan)))
 
 
-def test_a_calibration_at_50x(board_program: Path, tmp_path: Path) -> None:
-    """The calibration plan's cycle of 19 plateaus, fifty times as fast."""
+def test_calibration_is_recorded_at_50x(board_program: Path, tmp_path: Path) -> None:
+    """The calibration plan's cycle of 19 plateaus at 50 times real time."""
     check(record(board_program, tmp_path, 50, "--plan", "calibration", "--cycles", "1"))

@@ -1,13 +1,13 @@
-/* The firmware at the end of a pipe: an order a line in, and for each a line out with what it transmitted meanwhile.
+/* The firmware at a pipe: one request per line in, and for each a line out with the bytes transmitted meanwhile.
 
-     Z                a fresh computer, to be booted
+     Z                reset the simulated hardware
      B REASON CLOCK   boot, the clock showing CLOCK microseconds
      R HEX            receive bytes
      T PA PA ...      a control tick (10 ms) for each PA, the pressure found at that tick; samples on the way
      J N              the main loop comes back after N microseconds, once
      G N              N control ticks on the plant of host.c
      P PA  V 0|1  E 0|1  S MASK   pressure, its validity, e-stop, saturated sensors; then a poll
-     D N              N samples find no room
+     D N              no space for the next N samples
      M BYTES          size of the transmit buffer, which every line of output empties
      L LEAK REACH     the plant's leak, share per second, and the pumps' reach, kPa
      N SENSORS        number of sensors, from the next boot on

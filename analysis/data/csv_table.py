@@ -113,9 +113,9 @@ def _with_clocks(table: Table) -> Table:
         clock = seconds_of(words)
         if clock is None:
             continue
-        columns[position], units[position] = clock.seconds, "s"
+        (columns[position], kind), units[position] = clock, "s"
         del text[position]
-        cause = f"column {table.names[position]!r} holds {clock.kind}: taken as seconds since its first"
+        cause = f"column {table.names[position]!r} holds {kind}: taken as seconds since its first"
         warnings.append(Warning(WarningCode.CLOCK_COLUMN, "", cause))
     return replace(table, columns=tuple(columns), units=tuple(units), text=text, warnings=tuple(warnings))
 
@@ -241,23 +241,15 @@ def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
     return dialect.data_line + row + 1
 
 
-@dataclass(frozen=True, slots=True)
-class Clock:
-    """Seconds since the first row [n], and what the cells are."""
-
-    seconds: npt.NDArray[np.float64]
-    kind: str
-
-
-def seconds_of(cells: Sequence[str]) -> Clock | None:
-    """Return clock times as seconds since the first; None where any cell is something else."""
+def seconds_of(cells: Sequence[str]) -> tuple[npt.NDArray[np.float64], str] | None:
+    """Return clock times as seconds since the first [n], and their kind; None where any cell is something else."""
     if not cells:
         return None
     if all(_OF_DAY.match(cell) for cell in cells):
         seconds = np.asarray([_of_day(cell) for cell in cells])
         midnights = np.cumsum(np.diff(seconds, prepend=seconds[0]) < -DAY_S / 2)
         over = f", over midnight {midnights[-1]} time{'s' if midnights[-1] > 1 else ''}" if midnights[-1] else ""
-        return Clock(np.round(seconds + DAY_S * midnights - seconds[0], 9), f"times of day{over}")
+        return np.round(seconds + DAY_S * midnights - seconds[0], 9), f"times of day{over}"
     dated = [_two_digits(_DOTTED.sub(r"\3-\2-\1 \4", cell).replace(",", ".")) for cell in cells]
     if not all(_ISO.match(cell) for cell in dated):
         return None
@@ -265,7 +257,7 @@ def seconds_of(cells: Sequence[str]) -> Clock | None:
         instants = pd.to_datetime(dated, format="ISO8601", utc=True)
     except (ValueError, OverflowError):
         return None  # the 31st of February
-    return Clock((instants - instants[0]).total_seconds().to_numpy(dtype=np.float64), "dates and times")
+    return (instants - instants[0]).total_seconds().to_numpy(dtype=np.float64), "dates and times"
 
 
 def _of_day(cell: str) -> float:

@@ -74,7 +74,7 @@ class SensorAnalysis:
     figures : by key.
     sensor_hysteresis_per_cycle, system_hysteresis_per_cycle : [cycles] % FSO over elongation, and over pressure.
     point_plateau : [points] plateau of each point of the calibration, counted from 0.
-    system_loop : the mean loop over pressure.
+    system_loop, sensor_loop : the mean loop over pressure, and over elongation where x was read.
     by_cycle : the figures of each cycle.
     checks : of the calibration, see `analysis.calibration.checks.fit_checks`.
     """
@@ -88,6 +88,7 @@ class SensorAnalysis:
     system_hysteresis_per_cycle: tuple[float, ...]
     point_plateau: FloatArray
     system_loop: LoopWidth
+    sensor_loop: LoopWidth | None
     by_cycle: FiguresByCycle
     checks: Mapping[str, Any] | None
 
@@ -194,7 +195,10 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     fso = figures["fso_mv"].value
     noise = _noise(run, sensor)
     system = loop_width(run.loops.pressure_kpa, run.loops.signal_mv[sensor], run.weights)
-    loops_figures, per_cycle = _loop_figures(run, sensor, calibration, fso, system, noise)
+    own = None
+    if run.loops.elongation_mm is not None:
+        own = metrics.sensor_loop_width(run.loops, sensor, calibration, run.weights)
+    loops_figures = _loop_figures(run, sensor, calibration, fso, (system, own), noise)
     if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
         loops_figures = {name: metrics.with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
     figures = loops_figures | figures
@@ -204,8 +208,9 @@ def analyse_sensor(run: SegmentedRun, sensor: int) -> SensorAnalysis:
     )
     figures = with_losses(run, sensor, figures)
     return SensorAnalysis(
-        run.recording.sensor_names[sensor], calibration, reason, posterior, figures, per_cycle,
-        _percent(system.per_cycle, fso), points.astype(np.float64), system,
+        run.recording.sensor_names[sensor], calibration, reason, posterior, figures,
+        _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),
+        points.astype(np.float64), system, own,
         figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, noise),
         fit_checks(calibration, cycle_of) if calibration is not None else None,
     )  # fmt: skip
@@ -237,26 +242,17 @@ def _loop_figures(
     sensor: int,
     calibration: Calibration | None,
     fso: float,
-    system: LoopWidth,
+    widths: tuple[LoopWidth, LoopWidth | None],
     noise: tuple[FloatArray, FloatArray, FloatArray],
-) -> tuple[dict[str, Figure], tuple[float, ...]]:
-    """Return the figures that rest on loops, and the hysteresis over elongation of each cycle, % FSO."""
-    loops, n = run.loops, run.loops.n_cycles
-    figures: dict[str, Figure] = {}
-    figures["system_hysteresis_percent_fso"] = metrics.hysteresis(
-        system, fso, n, "max over p of |loading - unloading| / FSO, mean loop"
-    )
-    per_cycle: tuple[float, ...] = ()
-    if loops.elongation_mm is not None:
-        own = metrics.sensor_loop_width(loops, sensor, calibration, run.weights)
-        figures["sensor_hysteresis_percent_fso"] = metrics.hysteresis(
-            own, fso, n, "max over x of |loading - unloading| / FSO, mean loop"
-        )
-        per_cycle = _percent(own.per_cycle, fso)
+) -> dict[str, Figure]:
+    """Return the figures that rest on loops; `widths` are of the loops over pressure and over elongation."""
+    loops, (system, own) = run.loops, widths
+    definition = "max over {} of |loading - unloading| / FSO, mean loop"
+    figures = {"system_hysteresis_percent_fso": metrics.hysteresis(system, fso, loops.n_cycles, definition.format("p"))}
+    if own is not None and loops.elongation_mm is not None:
+        found = metrics.hysteresis(own, fso, loops.n_cycles, definition.format("x"))
         per_mm = _percent_per_mm(calibration, loops.elongation_mm)
-        figures["sensor_hysteresis_percent_fso"] = limited_by_reading(
-            figures["sensor_hysteresis_percent_fso"], run.reading_sd_mm, per_mm
-        )
+        figures["sensor_hysteresis_percent_fso"] = limited_by_reading(found, run.reading_sd_mm, per_mm)
     usable = run.recording.signal_mv[run.recording.usable[:, sensor], sensor]
     rounding = 4.0 * float(np.spacing(np.abs(usable).max(initial=0.0)))
     figures["noise_mv"], figures["snr_db"] = metrics.noise_and_snr(noise, loops.numbers, fso, run.weights, rounding)
@@ -269,7 +265,7 @@ def _loop_figures(
     figures["nonlinearity_percent_fso"] = metrics.pressure_nonlinearity(loops, sensor, fso, run.weights)
     figures |= metrics.repeatability(loops, sensor, fso, run.weights)
     figures["drift_percent_fso_per_100_cycles"] = metrics.drift(loops, sensor, fso)
-    return figures, per_cycle
+    return figures
 
 
 def limited_by_reading(figure: Figure, reading_sd_mm: float, percent_per_mm: float) -> Figure:

@@ -22,7 +22,6 @@ from analysis.calibration.compare import between_calibrations_mm
 from analysis.calibration.inverse import Fusion, Inverse
 from analysis.errors import AnalysisError, DataError
 from analysis.figures.sensor_analysis import AnalysedRun
-from analysis.figures.sensor_figures import sensor_loop_width
 from analysis.numbers import percent
 
 COVERAGE_FACTOR = 2.0
@@ -241,12 +240,8 @@ def _inverse(analysis: AnalysedRun, sensor: int) -> Inverse:
 
 def _hysteresis(analysis: AnalysedRun, sensor: int) -> float:
     """Rms of half the distance of the branches over x, less what the reading error of x alone makes of it."""
-    calibration, x = analysis.sensors[sensor].calibration, analysis.loops.elongation_mm
-    if calibration is None or x is None:
-        return 0.0
-    ones = np.ones((1, analysis.loops.n_cycles))
-    width = sensor_loop_width(analysis.loops, sensor, calibration, ones)
-    if width.void:
+    calibration, width = analysis.sensors[sensor].calibration, analysis.sensors[sensor].sensor_loop
+    if calibration is None or width is None or width.void:
         return 0.0
     half = 0.5 * (width.loading - width.unloading)
     slope = np.abs(calibration.slope(width.grid))

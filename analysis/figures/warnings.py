@@ -82,14 +82,11 @@ def _sensor_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> list[Warning]
     found = [
         *_signal_texts(run, run.recording.sensor_names.index(sensor.name)),
         *_figure_texts(sensor),
-        *([(WarningCode.NO_CALIBRATION, sensor.calibration_void)] if _lacks_calibration(sensor, run) else ()),
     ]
+    if sensor.calibration is None and run.plateaus:
+        found.append((WarningCode.NO_CALIBRATION, sensor.calibration_void))
     warnings = [Warning(code, sensor.name, text) for code, text in found]
     return [*warnings, *(replace(w, subject=sensor.name) for w in _calibration_warnings(sensor, run))]
-
-
-def _lacks_calibration(sensor: SensorAnalysis, run: SegmentedRun) -> bool:
-    return sensor.calibration is None and bool(run.plateaus)
 
 
 def _signal_texts(run: SegmentedRun, sensor: int) -> Iterator[tuple[WarningCode, str]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -53,11 +53,11 @@ class Stairs:
     bulge_percent: float = 0.0
     bulge_at: float = 0.5
     seed: int = 0
-    levels_kpa: FloatArray = field(init=False)
 
-    def __post_init__(self) -> None:
-        levels = MIDDLE_KPA + self.span_kpa * np.linspace(0.5, -0.5, STEPS + 1)
-        object.__setattr__(self, "levels_kpa", levels)
+    @cached_property
+    def levels_kpa(self) -> FloatArray:
+        """Return the levels from the upper end to the lower."""
+        return MIDDLE_KPA + self.span_kpa * np.linspace(0.5, -0.5, STEPS + 1)
 
     def elongation(self, pressure_kpa: FloatArray, loading: FloatArray) -> FloatArray:
         """Return x of a pressure on the loading (1) or unloading (0) branch, mm."""

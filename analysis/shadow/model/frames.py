@@ -18,12 +18,11 @@ from typing import Literal
 import numpy as np
 
 from analysis.arrays import FloatArray, IntArray
-from analysis.errors import DataError, RequestError
 from analysis.progress import Progress
 from analysis.shadow.fem.element import deformation_gradients, nodal_stretch
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
-from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.full import FullModel, check_values
 from analysis.shadow.model.guides import both_guides
 from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.model.table import load_table
@@ -174,14 +173,7 @@ class Shadow:
 
     def _complete(self, q: float | None, p: float | None) -> tuple[float | None, float | None]:
         """Complete what is not measured from the nominal curve; None outside the table."""
-        for name, value in (("elongation", q), ("pressure", p)):
-            if value is not None and not math.isfinite(value):
-                raise DataError(
-                    f"the {name} is {value}, not a number",
-                    "the calibration is NaN outside its range: check the reading, or leave it out",
-                )
-        if q is None and p is None:
-            raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
+        check_values(p, q)
         if q is None:
             q = float(self.table.nominal_elongation(np.array(p))[0])
         elif p is None:

@@ -38,6 +38,26 @@ def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: 
     )
 
 
+def check_values(pressure_kpa: float | None, elongation_mm: float | None) -> None:
+    """Reject a state without a value, or with one that is not finite.
+
+    Raises
+    ------
+    DataError
+        If a given value is NaN or infinite, as a calibration returns outside its range.
+    RequestError
+        If neither is given.
+    """
+    if pressure_kpa is None and elongation_mm is None:
+        raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
+    for name, value in (("pressure", pressure_kpa), ("elongation", elongation_mm)):
+        if value is not None and not math.isfinite(value):
+            raise DataError(
+                f"the {name} is {value}, not a number",
+                "the calibration is NaN outside its range: check the reading, or leave it out",
+            )
+
+
 class FullModel:
     """The actuator by finite elements.
 
@@ -119,14 +139,7 @@ class FullModel:
         ConvergenceError
             If no equilibrium is found.
         """
-        if pressure_kpa is None and elongation_mm is None:
-            raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
-        for name, value in (("pressure", pressure_kpa), ("elongation", elongation_mm)):
-            if value is not None and not math.isfinite(value):
-                raise DataError(
-                    f"the {name} is {value}, not a number",
-                    "the calibration is NaN outside its range: check the reading, or leave it out",
-                )
+        check_values(pressure_kpa, elongation_mm)
         self.check_limits(pressure_kpa, elongation_mm)
         return self.solver.solve(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm, start=start)
 

@@ -75,16 +75,10 @@ def build_table(
     displacement, force = _grid(
         model, chebyshev.points(pressures, chosen.pressures), chebyshev.points(reach, chosen.elongations), count
     )
-    nominal, spread, inverse = _nominal_curves(model, pressures, count)
-    table = _compress(model, displacement, force, chosen.modes)
-    table = replace(
-        table,
-        pressure_range_kpa=pressures,
-        elongation_range_mm=reach,
-        nominal_mm=nominal,
-        nominal_sd_mm=spread,
-        nominal_kpa=inverse,
-    )
+    nominal = _nominal_curves(model, pressures, count)
+    compressed = _compress(model, displacement, force, chosen.modes)
+    critical = np.array(model.vacuum_limit.pressure_kpa)
+    table = ReducedModel(pressures, reach, *compressed, *nominal, np.zeros(chosen.modes), critical)
     return replace(table, errors_mm=_held_out_errors(model, table, chosen.held_out, count))
 
 
@@ -109,29 +103,19 @@ def _alternating(rows: int, columns: int) -> Iterator[tuple[int, int]]:
             yield i, j
 
 
-def _compress(model: FullModel, displacement: FloatArray, force: FloatArray, modes: int) -> ReducedModel:
-    """Decompose the samples and fit the amplitudes; ranges, nominal curves and errors are filled in later."""
+def _compress(
+    model: FullModel, displacement: FloatArray, force: FloatArray, modes: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Decompose the samples and fit the amplitudes; return mean, shapes, amplitudes, force and the tracked points'."""
     flat = displacement.reshape(-1, displacement.shape[-1])
     mean = flat.mean(axis=0)
     _, _, right = np.linalg.svd(flat - mean, full_matrices=False)
     shapes = right[:modes].T
     amplitudes = ((flat - mean) @ shapes).reshape(*force.shape, -1)
-    tracked, nothing = model.guides.tracked, np.zeros(1)
-    return ReducedModel(
-        pressure_range_kpa=nothing,
-        elongation_range_mm=nothing,
-        mean=mean,
-        shapes=shapes,
-        amplitudes=chebyshev.tensor_coefficients(amplitudes),
-        force=chebyshev.tensor_coefficients(force),
-        tracked_mean=tracked.positions(mean.reshape(-1, 2)).ravel(),
-        tracked_shapes=np.stack([(tracked.weights @ column.reshape(-1, 2)).ravel() for column in shapes.T], axis=1),
-        nominal_mm=nothing,
-        nominal_sd_mm=nothing,
-        nominal_kpa=nothing,
-        errors_mm=np.zeros(shapes.shape[1]),
-        critical_kpa=np.array(model.vacuum_limit.pressure_kpa),
-    )
+    tracked = model.guides.tracked
+    moved = np.stack([(tracked.weights @ column.reshape(-1, 2)).ravel() for column in shapes.T], axis=1)
+    coefficients = chebyshev.tensor_coefficients(amplitudes), chebyshev.tensor_coefficients(force)
+    return mean, shapes, *coefficients, tracked.positions(mean.reshape(-1, 2)).ravel(), moved
 
 
 def _nominal_curves(model: FullModel, pressures: FloatArray, count: Count) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -130,6 +130,25 @@ def pressure_residual_kpa(table: ReducedModel, pressure_kpa: FloatArray, elongat
     return np.asarray(pressure_kpa) - table.nominal_pressure(elongation_mm)
 
 
+def as_columns(
+    time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times and pressures of shape (n,) and elongations of shape (n, sensors), of (n,) or (n, sensors).
+
+    Raises
+    ------
+    DataError
+        If their lengths differ.
+    """
+    t, p, x = (np.asarray(values, dtype=float) for values in (time_s, pressure_kpa, elongations_mm))
+    if not len(t) == len(p) == len(x):
+        raise DataError(
+            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations differ in number",
+            "give one of each for every sample",
+        )
+    return t, p, x[:, None] if x.ndim == 1 else x
+
+
 def mean_over_sensors(elongations_mm: FloatArray) -> FloatArray:
     """Return the mean of the sensors that have one, shape (n,), of (n, sensors); NaN where none has."""
     known = np.isfinite(elongations_mm)
@@ -228,14 +247,7 @@ def cycle_figures(
     DataError
         If lengths differ, time does not rise, or no elongation is known.
     """
-    x = np.asarray(elongations_mm, dtype=float)
-    x = x[:, None] if x.ndim == 1 else x
-    t, p = np.asarray(time_s, dtype=float), np.asarray(pressure_kpa, dtype=float)
-    if not len(t) == len(p) == len(x):
-        raise DataError(
-            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations differ in number",
-            "give one of each for every sample",
-        )
+    t, p, x = as_columns(time_s, pressure_kpa, elongations_mm)
     if len(t) < 10 or not (np.diff(t) > 0).all():
         raise DataError("a cycle needs ten samples or more, in rising time", "give whole cycles, in order")
     if not np.isfinite(x).any():

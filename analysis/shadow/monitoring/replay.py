@@ -24,6 +24,7 @@ from analysis.shadow.monitoring.monitor import (
     Alarm,
     CycleFigures,
     Monitor,
+    as_columns,
     deviation_mm,
     mean_over_sensors,
     pressure_residual_kpa,
@@ -105,7 +106,12 @@ def replay(
     DataError
         If the arrays differ in length or have nothing to compare.
     """
-    t, p, x = _together(time_s, pressure_kpa, elongations_mm)
+    t, p, x = as_columns(time_s, pressure_kpa, elongations_mm)
+    if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():
+        raise DataError(
+            "the recording has no sample with both pressure and elongation",
+            "give a calibration that covers its signals",
+        )
     mean = mean_over_sensors(x)
     deviation = deviation_mm(table, p, mean)
     monitor = Monitor(table)
@@ -135,25 +141,6 @@ def replay(
         left_out=tuple(left_out),
         smallest_shift=monitor.smallest_shift(),
     )
-
-
-def _together(
-    time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times and pressures of shape (n,) and elongations of shape (n, sensors), or raise why they do not fit."""
-    t, p, x = (np.asarray(values, dtype=float) for values in (time_s, pressure_kpa, elongations_mm))
-    x = x[:, None] if x.ndim == 1 else x
-    if not len(t) == len(p) == len(x):
-        raise DataError(
-            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations differ in number",
-            "give one of each for every sample",
-        )
-    if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():
-        raise DataError(
-            "the recording has no sample with both pressure and elongation",
-            "give a calibration that covers its signals",
-        )
-    return t, p, x
 
 
 def drift(levels_mm: FloatArray) -> tuple[float, float, float]:

@@ -49,8 +49,8 @@ from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
 
 CALM_MS = 150
-LEAVE_S = 10.0  # a run is stopped where closing is asked for twice within it
-FRAME = 48  # what a system puts around a window, at most
+LEAVE_S = 10.0  # two requests to close within it stop a run
+FRAME = 48  # of the system around a window, at most
 UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
@@ -149,7 +149,7 @@ class MainWindow(QMainWindow):
     # ---- the two timers ------------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        """Draw the moving parts of the visible page, and say when to come again."""
+        """Draw the moving parts of the visible page, and set the time of the next frame."""
         live = self.page is Page.LIVE
         if live and not self.isMinimized():
             self.live.draw()
@@ -159,19 +159,19 @@ class MainWindow(QMainWindow):
             self.frame_timer.setInterval(wanted)
 
     def refresh(self) -> None:
-        """Show the head, the visible page and the strip as they are now."""
+        """Show the current state in header, visible page and strip."""
         snapshot = self.model.tick()
         self.header.refresh(snapshot)
         self.pages[self.page].refresh(snapshot)
-        asks = snapshot.waiting_for_reading is not None and self.page is not Page.LIVE
-        self.navigation.mark(Page.LIVE, "a reading is asked for" if asks else "")
+        due = snapshot.waiting_for_reading is not None and self.page is not Page.LIVE
+        self.navigation.mark(Page.LIVE, "a reading is due" if due else "")
         self.strip.refresh()
         self.connect_panel.refresh(snapshot)
         title = self.model.title()
         if title != self.windowTitle():
             self.setWindowTitle(title)
 
-    # ---- going about ---------------------------------------------------------------------------------------------
+    # ---- navigation ----------------------------------------------------------------------------------------------
 
     @property
     def page(self) -> Page:
@@ -208,11 +208,11 @@ class MainWindow(QMainWindow):
                 self.live.open_photograph()
 
     def show_palette(self) -> None:
-        """Open the command palette."""
+        """Show the command palette."""
         self.palette_.open_fresh()
 
     def show_first_steps(self) -> None:
-        """Show the three first steps over the live page."""
+        """Show the first steps on the live page."""
         self.go(Page.LIVE)
         self.live.show_first_steps(True)
 
@@ -228,7 +228,7 @@ class MainWindow(QMainWindow):
             front.reject()
 
     def toggle_full_screen(self) -> None:
-        """Fill the screen, or go back."""
+        """Toggle full screen."""
         self.setWindowState(self.windowState() ^ Qt.WindowState.WindowFullScreen)
 
     def show_keys(self) -> None:
@@ -239,29 +239,29 @@ class MainWindow(QMainWindow):
         self.keys.raise_()
 
     def ask_report(self) -> None:
-        """Ask where to put the report of the run that is analysed."""
+        """Save the report of the run that is shown."""
         path = self.model.analysed_path(self.page)
         if path is not None:
             make = partial(self.model.runs.report, [path])
             ask_save(self, self.model.services, f"{path.stem} report", "pdf html", make, done="")
 
     def copy_plot(self, card: PlotCard | ShadowPane) -> None:
-        """Put a plot's picture on the clipboard, and say so."""
+        """Copy the picture of a plot to the clipboard."""
         self.model.notices.attempt(card.copy, done=f"Copied: {card.title}")
 
     def save_plot(self, card: PlotCard | ShadowPane, suffix: str) -> None:
-        """Ask where to save a plot."""
+        """Save a plot to a file."""
         if self.model.notices.attempt(card.require_data):
             ask_save(self, self.model.services, card.title, suffix, card.save)
 
     # ---- look ----------------------------------------------------------------------------------------------------
 
     def follow_theme(self, *_: object) -> None:
-        """Take the theme that is preferred, or the system's."""
+        """Apply the preferred theme, or the system's."""
         self.set_theme(THEMES.get(self.model.preferences.get("theme", "system")) or style.system_theme())
 
     def choose_theme(self, name: str) -> None:
-        """Prefer a theme: system, light or dark."""
+        """Store and apply a theme: system, light or dark."""
         self.model.preferences.set("theme", name)
         self.follow_theme()
 
@@ -270,33 +270,33 @@ class MainWindow(QMainWindow):
         self.theme = theme
         app = application()
         sheet = style.style_sheet(theme)
-        if self.styleSheet() != sheet:  # a sheet that is set again is worked out again for every widget
+        if self.styleSheet() != sheet:  # setting it again would restyle every widget
             app.setPalette(style.palette(theme))
-            self.setStyleSheet(sheet)  # not the application's: pyqtgraph's own hidden forms are a thousand widgets
+            self.setStyleSheet(sheet)  # not the application's: pyqtgraph has a thousand hidden widgets
         self._paint(self)
 
     def _paint(self, root: QWidget) -> None:
-        """Paint what the style sheet does not reach in `root`: plots, pictures, figures."""
+        """Apply the theme to what the style sheet does not reach in `root`: plots and pictures."""
         for widget in (root, *root.findChildren(QWidget)):
             paint = getattr(widget, "paint_theme", None)
             if paint is not None:
                 paint(self.theme)
 
-    # ---- coming and going ----------------------------------------------------------------------------------------
+    # ---- open and close -------------------------------------------------------------------------------------------
 
     def sizeHint(self) -> QSize:
         """Return the size of a first start."""
         return QSize(*style.WINDOW_SIZE)
 
     def fit_screen(self) -> None:
-        """Fill a screen that has no room for the window, at a first start or as remembered; before it is shown.
+        """Maximise a window that does not fit the screen, before it is shown.
 
-        A window remembered at 100 % would else stand with VENT beyond the edge of the same screen at 150 %.
+        A size stored at 100 % would put VENT beyond the edge of the same screen at 150 %.
         """
-        room = self.screen().availableSize()
-        remembered = bool(self.model.preferences.get("geometry", ""))
-        wanted = self.size() if remembered else QSize(style.WINDOW_SIZE[0] + FRAME, style.WINDOW_SIZE[1] + FRAME)
-        if room.width() < wanted.width() or room.height() < wanted.height():
+        available = self.screen().availableSize()
+        stored = bool(self.model.preferences.get("geometry", ""))
+        wanted = self.size() if stored else QSize(style.WINDOW_SIZE[0] + FRAME, style.WINDOW_SIZE[1] + FRAME)
+        if available.width() < wanted.width() or available.height() < wanted.height():
             self.setWindowState(Qt.WindowState.WindowMaximized)
 
     def _restore(self) -> None:
@@ -308,21 +308,20 @@ class MainWindow(QMainWindow):
         self.go(next((page for page in Page if page == kept), Page.LIVE))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Leave the pages more room where there is little."""
-        self.navigation.setFixedWidth(
-            style.NAVIGATION_WIDTH_NARROW if self.width() < style.NARROW_BELOW else style.NAVIGATION_WIDTH
-        )
+        """Narrow the navigation in a narrow window."""
+        narrow = self.width() < style.NARROW_BELOW
+        self.navigation.setFixedWidth(style.NAVIGATION_WIDTH_NARROW if narrow else style.NAVIGATION_WIDTH)
         super().resizeEvent(event)
 
     def leave(self) -> None:
-        """Close the window, as a hand asks for it."""
+        """Close the window, unless a run is in progress and this is the first request."""
         if self._may_leave():
             self.close()
 
     def _may_leave(self) -> bool:
-        """Whether closing is meant: a slip of the hand must not end a run of a hundred cycles."""
-        asked_again = monotonic() < self._leave_until
-        if asked_again or self.model.snapshot.state not in UNDER_WAY:
+        """Return whether to close: during a run only at the second request, so that a slip ends no run."""
+        again = monotonic() < self._leave_until
+        if again or self.model.snapshot.state not in UNDER_WAY:
             return True
         self._leave_until = monotonic() + LEAVE_S
         remedy = f"Press Close again within {LEAVE_S:.0f} s to stop it, vent and save."
@@ -330,7 +329,7 @@ class MainWindow(QMainWindow):
         return False
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Remember the window; vent and close properly."""
+        """Store the state of the window; vent and close."""
         if event.spontaneous() and not self._may_leave():
             event.ignore()
             return

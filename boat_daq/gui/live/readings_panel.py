@@ -116,15 +116,14 @@ class ReadingsTableModel(QAbstractTableModel):
         """Show other rows; present ones are updated in place, so that an edit is not lost."""
         if rows == self.rows:
             return
-        grown = len(rows) - len(self.rows)
-        if grown > 0:
-            self.beginInsertRows(QModelIndex(), len(self.rows), len(rows) - 1)
-            self.rows = rows
-            self.endInsertRows()
-        elif grown < 0:
+        if len(rows) < len(self.rows):
             self.beginResetModel()
             self.rows = rows
             self.endResetModel()
+        if len(rows) > len(self.rows):
+            self.beginInsertRows(QModelIndex(), len(self.rows), len(rows) - 1)
+            self.rows = rows
+            self.endInsertRows()
         self.rows = rows
         if rows:
             self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(HEADINGS) - 1))
@@ -139,11 +138,10 @@ class ReadingsTableModel(QAbstractTableModel):
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a heading."""
-        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
-            return HEADINGS[section]
-        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.TextAlignmentRole:
-            return side(section)
-        return None
+        if orientation is Qt.Orientation.Vertical:
+            return None
+        cell: dict[int, Any] = {Qt.ItemDataRole.DisplayRole: HEADINGS[section]}
+        return (cell | {Qt.ItemDataRole.TextAlignmentRole: side(section)}).get(role)
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a cell's text, place and weight."""
@@ -176,9 +174,10 @@ class ReadingsTableModel(QAbstractTableModel):
 class ReadingsView(QTableView):
     """The table; Ctrl+V pastes a column from the selected plateau on, Delete withdraws."""
 
-    def __init__(self, readings: ReadingsModel, notices: Notices) -> None:
+    def __init__(self, rows: ReadingsTableModel) -> None:
         super().__init__()
-        self.readings, self.notices = readings, notices
+        self.rows, self.readings, self.notices = rows, rows.readings, rows.notices
+        self.setModel(rows)
         self.setAccessibleName("Readings of elongation")
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setAlternatingRowColors(True)
@@ -198,7 +197,7 @@ class ReadingsView(QTableView):
 
     def paste(self, text: str) -> None:
         """Enter a column from the selected plateau on, or from the first without a reading."""
-        steps = [row.step_id for row in self.model_rows()]
+        steps = [row.step_id for row in self.rows.rows]
 
         def enter() -> None:
             if not steps:
@@ -208,15 +207,10 @@ class ReadingsView(QTableView):
 
         self.notices.attempt(enter)
 
-    def model_rows(self) -> list[Row]:
-        """Return the rows shown."""
-        model = self.model()
-        return model.rows if isinstance(model, ReadingsTableModel) else []
-
     def _withdraw(self) -> None:
         row = self.currentIndex().row()
         if row >= 0:
-            self.notices.attempt(lambda: self.readings.put(self.model_rows()[row].step_id, None, "typed"))
+            self.notices.attempt(lambda: self.readings.put(self.rows.rows[row].step_id, None, "typed"))
 
 
 class ReadingsTable(QWidget):
@@ -232,8 +226,7 @@ class ReadingsTable(QWidget):
         super().__init__()
         self.readings, self.services = readings, services
         self.model = ReadingsTableModel(readings, services.notices)
-        self.view = ReadingsView(readings, services.notices)
-        self.view.setModel(self.model)
+        self.view = ReadingsView(self.model)
         header = self.view.horizontalHeader()
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header.setStretchLastSection(True)

@@ -1,4 +1,4 @@
-"""Asking for a file without stopping the window: no dialog here is modal, VENT stays in reach while one is open."""
+"""File dialogs that do not block the window: none is modal, so that VENT can always be pressed."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ Then = Callable[[Path], object]
 
 
 class FileDialog(QFileDialog):
-    """Asks for a file, and never through a box of Qt's own: while that is open no click reaches VENT."""
+    """A file dialog without Qt's message boxes, which are modal and would block VENT."""
 
     def __init__(self, parent: QWidget, title: str, folder: str, kinds: str) -> None:
         super().__init__(parent, title, folder, kinds)
         self.setOption(QFileDialog.Option.DontUseNativeDialog)
         self.setOption(QFileDialog.Option.DontConfirmOverwrite)
-        self._told: Path | None = None
+        self._confirmed: Path | None = None
 
     def accept(self) -> None:
-        """Take the file; one that is missing is refused, one that is there already is asked for twice."""
+        """Accept the file; refuse a missing one, confirm the replacement of an existing one in the title."""
         path = Path((self.selectedFiles() or ["."])[0])
         saves = self.acceptMode() is QFileDialog.AcceptMode.AcceptSave
-        if saves and path.is_file() and path != self._told:
-            self._told = path
-            self.setWindowTitle(f"{path.name} is there already: Replace it, or type another name")
+        if saves and path.is_file() and path != self._confirmed:
+            self._confirmed = path
+            self.setWindowTitle(f"{path.name} exists: press Replace, or type another name")
             self.setLabelText(QFileDialog.DialogLabel.Accept, "Replace")
         elif not saves and not path.exists():
             self.setWindowTitle(f"There is no {path.name} in {path.parent}")
@@ -40,12 +40,16 @@ class FileDialog(QFileDialog):
 def ask_save(
     parent: QWidget, services: Services, stem: str, suffix: str, then: Then, *, done: str | None = None
 ) -> QFileDialog:
-    """Ask where to save a file, then call `then(path)`; its error goes to the strip.
+    """Show a dialog to save a file, then call `then(path)`; its error becomes a notice.
 
     Parameters
     ----------
-    suffix : the endings allowed, without dots, parted by spaces; the first is the one taken by default.
-    done : what is said when `then` has returned; "Saved" and the name when None, nothing when empty.
+    parent : of the dialog.
+    services : notices and the last folder.
+    stem : of the proposed name.
+    suffix : the endings allowed, without dots, separated by spaces; the first is the default.
+    then : writes the file.
+    done : notice after `then` has returned; "Saved" and the name when None, no notice when empty.
     """
     dialog = _dialog(parent, services, f"Save {suffix.upper().replace(' ', ' or ')}", suffix)
     first = suffix.split()[0]
@@ -59,7 +63,16 @@ def ask_save(
 
 
 def ask_open(parent: QWidget, services: Services, title: str, suffixes: str, then: Then) -> QFileDialog:
-    """Ask for an existing file with one of the `suffixes` (parted by spaces), then call `then(path)`."""
+    """Show a dialog to open a file, then call `then(path)`; its error becomes a notice.
+
+    Parameters
+    ----------
+    parent : of the dialog.
+    services : notices and the last folder.
+    title : of the dialog.
+    suffixes : the endings allowed, separated by spaces.
+    then : reads the file.
+    """
     dialog = _dialog(parent, services, title, suffixes)
     dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
     dialog.fileSelected.connect(lambda name: _finish(services, Path(name), then, ""))

@@ -1,4 +1,4 @@
-"""The place of a page: it scrolls where the window is too small for it, and only then."""
+"""Scroll area of a page, and a stack that takes the size of its visible widget."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from PySide6.QtWidgets import QFrame, QScrollArea, QVBoxLayout, QWidget
 
 
 class PageScroll(QScrollArea):
-    """Gives its page the window's room, but not less than the page's least.
+    """Gives its page the size of the window, but not less than the minimum of the page; scrolls only below it.
 
-    Qt's own way (`widgetResizable`) asks a page with wrapped words for the height it would like, and scrolls sooner.
+    Qt's own `widgetResizable` uses the preferred height of wrapped labels, and scrolls sooner.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self.setObjectName("room")
+        self.setObjectName("scroll")
         self.setFrameShape(QFrame.Shape.NoFrame)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
     def setWidget(self, page: QWidget) -> None:
-        """Take a page."""
+        """Set the page."""
         super().setWidget(page)
         page.installEventFilter(self)
         self._fit()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Look again where the page's least has changed."""
+        """Fit again when the minimum of the page has changed."""
         if watched is self.widget() and event.type() is QEvent.Type.LayoutRequest:
             self._fit()
         return super().eventFilter(watched, event)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the page what there is."""
+        """Fit the page."""
         super().resizeEvent(event)
         self._fit()
 
@@ -41,25 +41,25 @@ class PageScroll(QScrollArea):
         layout = page.layout() if page is not None else None
         if page is None or layout is None:
             return
-        layout.activate()  # what has changed deep inside is not counted before
-        room, least = self.maximumViewportSize(), page.minimumSizeHint()
-        width = max(room.width(), least.width())
-        if _least_height(page, width) > room.height():  # the bar at the side takes its part
-            width = max(room.width() - self.verticalScrollBar().sizeHint().width(), least.width())
-        page.resize(width, max(room.height(), _least_height(page, width)))
+        layout.activate()  # takes changes of nested layouts into account
+        size, least = self.maximumViewportSize(), page.minimumSizeHint()
+        width = max(size.width(), least.width())
+        if _least_height(page, width) > size.height():  # less the scroll bar
+            width = max(size.width() - self.verticalScrollBar().sizeHint().width(), least.width())
+        page.resize(width, max(size.height(), _least_height(page, width)))
 
 
 def _least_height(page: QWidget, width: int) -> int:
-    """Return the height that a page needs at a width, its wrapped words included."""
+    """Return the minimum height of a page at a width, with its wrapped labels."""
     layout, least = page.layout(), page.minimumSizeHint().height()
     wraps = layout is not None and layout.hasHeightForWidth()
     return max(least, layout.minimumHeightForWidth(width)) if layout is not None and wraps else least
 
 
 class Leaves(QWidget):
-    """Several widgets in one place; it needs the room of the one that is shown, not of the largest.
+    """A stack of widgets with the size of the visible one, not of the largest.
 
-    Qt's own stack asks all of them for the height that wrapped words need, the hidden ones too.
+    Qt's own stack takes the height of wrapped labels of hidden widgets into account.
     """
 
     def __init__(self) -> None:
@@ -89,5 +89,5 @@ class Leaves(QWidget):
             wanted.show()
 
     def setCurrentIndex(self, index: int) -> None:
-        """Show the widget of that number, in the order of their adding."""
+        """Show the widget of that number, in the order they were added."""
         self.setCurrentWidget(self._leaves[index])

@@ -1,4 +1,4 @@
-"""Pages whose sides stand beside each other where there is room, and over each other where there is not."""
+"""Pages whose sides are side by side if wide enough, else stacked."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ReflowingPage(QWidget):
     Attributes
     ----------
     rows : layouts that become columns on a narrow page.
-    tall : widgets that then keep a height of their own; the page scrolls.
+    tall : widgets with a minimum height on a narrow page, which scrolls.
     """
 
     def __init__(self) -> None:
@@ -25,15 +25,15 @@ class ReflowingPage(QWidget):
         self.rows: Sequence[QBoxLayout] = ()
         self.tall: Sequence[QWidget] = ()
         self.narrow = False
-        self._beside = 0  # the width that the sides need beside each other
+        self._beside = 0  # least width of the sides side by side
 
     def minimumSizeHint(self) -> QSize:
-        """Ask for no more width than the sides need over each other: they go there as soon as there is less."""
+        """Return the minimum width of the stacked sides: they are stacked as soon as the width is less."""
         least = super().minimumSizeHint()
         return least if self.narrow else QSize(min(least.width(), style.STACKED_BELOW // 2), least.height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Stand the sides beside or over each other."""
+        """Put the sides side by side, or stack them."""
         super().resizeEvent(event)
         layout = self.layout()
         if not self.narrow and layout is not None:

@@ -1,4 +1,4 @@
-"""Two sides of a page with a border that can be moved, and is remembered."""
+"""Two sides of a page with a movable border, whose place is stored."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from boat_daq.viewmodels.common.preferences import Preferences
 
 
 class Divided(QSplitter):
-    """What is looked at on the left, what stands beside it on the right.
+    """A main part on the left, a side part on the right.
 
     Parameters
     ----------
-    name : under which the width of the right side is remembered.
-    width : of the right side where nobody has moved the border.
-    stacks : whether the sides stand over each other where the page is narrow; it then scrolls.
+    name : key of the stored width of the right side.
+    preferences : keep the width.
+    left, right : the two sides.
+    width : of the right side until the operator moves the border.
+    stacks : whether the sides are stacked on a narrow page, which then scrolls.
     """
 
     def __init__(
@@ -34,15 +36,15 @@ class Divided(QSplitter):
         self.setStretchFactor(0, 1)
         self.setStretchFactor(1, 0)
         self.handle(1).setAccessibleName("Border between the two sides")
-        self.splitterMoved.connect(lambda *_: self._keep())
+        self.splitterMoved.connect(lambda *_: self._store())
 
     def prefer(self, width: int) -> None:
-        """Take another width for the right side, unless a hand has moved the border."""
+        """Take another width for the right side, unless the operator has moved the border."""
         self._width = width
         self._share()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep the right side's width, or stand it under the left one."""
+        """Keep the width of the right side, or stack it under the left one."""
         super().resizeEvent(event)
         narrow = self._stacks and self.width() < style.STACKED_BELOW - 2 * style.PAGE_MARGIN
         if narrow != self.stacked:
@@ -55,14 +57,14 @@ class Divided(QSplitter):
         self._left.setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
         self._right.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
 
-    def _keep(self) -> None:
+    def _store(self) -> None:
         if not self.stacked:
             self._preferences.set(self._key, self.sizes()[1])
 
     def _share(self) -> None:
         if self.stacked:
             return
-        room = self.width() - self.handleWidth()
-        right = min(int(self._preferences.get(self._key, self._width)), room // 2)
-        if room > 0 and self.sizes()[1] != right:
-            self.setSizes([room - right, right])
+        available = self.width() - self.handleWidth()
+        right = min(int(self._preferences.get(self._key, self._width)), available // 2)
+        if available > 0 and self.sizes()[1] != right:
+            self.setSizes([available - right, right])

@@ -92,13 +92,8 @@ class VirtualBoardProcess:
     def __init__(self, unit: str, speed: float, seed: int) -> None:
         self._folder = TemporaryDirectory(prefix="boat-daq-")
         self._truth = Path(self._folder.name) / "truth.csv"
-        self._settings = BoardSettings(
-            port="pty" if os.name == "posix" else "127.0.0.1:0",
-            speed=speed,
-            unit=unit,
-            seed=seed,
-            truth=str(self._truth),
-        )
+        port = "pty" if os.name == "posix" else "127.0.0.1:0"
+        self._settings = BoardSettings(port=port, speed=speed, unit=unit, seed=seed, truth=str(self._truth))
         self._served: ServedBoard | None = None
         self.error: Exception | None = None
         self._thread = threading.Thread(target=self._start, name="virtual board", daemon=True)
@@ -146,7 +141,7 @@ class ConnectionModel:
         self.session = session
         self._preferences = preferences
         self.board: VirtualBoardProcess | None = None
-        self._board_waits = False
+        self.starting = False  # whether the virtual board is
         self.boards: dict[str, str] = {}  # port -> identity from the board's hello
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="ports")
         self._query: Future[list[PortIdentity]] | None = None
@@ -228,7 +223,7 @@ class ConnectionModel:
 
     def disconnect(self) -> None:
         """Vent and close the link; end the virtual board."""
-        self._board_waits = False
+        self.starting = False
         self.session.disconnect()
         self._end_board()
 
@@ -237,12 +232,7 @@ class ConnectionModel:
         self._end_board()
         self._preferences.set("unit", unit)
         self.board = VirtualBoardProcess(unit, speed, seed)
-        self._board_waits = True
-
-    @property
-    def starting(self) -> bool:
-        """Return whether the virtual board is starting."""
-        return self._board_waits
+        self.starting = True
 
     def simulated_mm(self) -> float | None:
         """Return the elongation on the simulated grid, mm; None without a virtual board of this window."""
@@ -255,14 +245,14 @@ class ConnectionModel:
         ------
         Exception : it did not start; as raised by `serve`.
         """
-        if not self._board_waits or self.board is None:
+        if not self.starting or self.board is None:
             return
         if self.board.error is not None:
-            error, self._board_waits = self.board.error, False
+            error, self.starting = self.board.error, False
             self._end_board()
             raise error
         if self.board.url:
-            self._board_waits = False
+            self.starting = False
             self.connect(self.board.url)
 
     def close(self) -> None:

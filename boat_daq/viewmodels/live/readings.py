@@ -59,19 +59,15 @@ class Row:
     @property
     def tip(self) -> str:
         """Return the remark as a sentence with plateau, cycle and value, and the source of the reading."""
-        lines = [f"{REMARKS[self.status][1]}: {self.place}"] if self.status in REMARKS else []
+        plateau = place(self.target_kpa, self.branch, self.cycle)
+        lines = [f"{REMARKS[self.status][1]}: {plateau}"] if self.status in REMARKS else []
         if self.apart_mm is not None and self.elongation_mm is not None:
             fit = number(self.elongation_mm - self.apart_mm, 2, sign=True)
             lines.append(
-                f"{number(self.elongation_mm, 2, sign=True)} mm at {self.place}, the running fit gives {fit} mm: "
+                f"{number(self.elongation_mm, 2, sign=True)} mm at {plateau}, the running fit gives {fit} mm: "
                 "check it; it is kept as it is"
             )
         return "\n".join([*lines, *([f"source: {self.source}"] if self.source else [])])
-
-    @property
-    def place(self) -> str:
-        """Return pressure, branch and cycle."""
-        return place(self.target_kpa, self.branch, self.cycle)
 
     @property
     def cells(self) -> tuple[str, ...]:

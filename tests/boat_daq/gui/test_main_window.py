@@ -88,7 +88,7 @@ def test_waiting_reading_is_marked_on_every_page(running):
     running.go("Runs")
     running.refresh()
     assert live.text() != "Live"
-    assert live.accessibleName() == "Live: a reading is asked for"
+    assert live.accessibleName() == "Live: a reading is due"
     running.go("Live")
     running.refresh()
     assert (live.text(), live.accessibleName()) == ("Live", "Live")

@@ -19,7 +19,7 @@ def test_first_close_does_not_end_a_run(live):
     live.refresh()
     live.leave()
     assert live.isVisible()
-    assert live.model.notices.current().cause == "a run is under way"
+    assert live.model.notices.current().cause == "a run is in progress"
     live.leave()
     assert not live.isVisible()
 

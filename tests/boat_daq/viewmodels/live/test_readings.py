@@ -85,7 +85,7 @@ def test_last_step_needs_no_reading():
     assert model.summary(rows) == f"{n} of {n} plateaus read"
     assert model.paste("\n".join(["1.5"] * n)) == n
     assert [r.step_id for r in session.kept[n:]] == [mark.number for mark in plateaus()]
-    with pytest.raises(OperatorError, match=f"only {n} plateaus"):
+    with pytest.raises(OperatorError, match=f"for {n} plateaus"):
         model.paste("\n".join(["1"] * (n + 1)), 1)
 
 

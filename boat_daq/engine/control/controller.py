@@ -76,11 +76,6 @@ class Controller:
         self.board = BoardCommands(self._effects.append)
         self.preflight = Preflight(self.interlock, self.board, zero_tolerance_kpa=zero_tolerance_kpa)
 
-    @property
-    def rate_hz(self) -> int:
-        """Samples per second requested."""
-        return self.stream.rate_hz
-
     def take(self) -> list[Effect]:
         """Return the effects since the last call, in order."""
         effects = list(self._effects)
@@ -346,19 +341,19 @@ class Controller:
         self.hello = hello
         self.mv_per_count = hello.vref_mv / 2**hello.adc_bits
         self.preflight.take_limits(hello.pressure_min_pa / 1000, hello.pressure_max_pa / 1000)
-        if hello.rate_max_hz < self.rate_hz:
+        if hello.rate_max_hz < self.stream.rate_hz:
             self.board.note(
                 MessageKind.RATE, f"the board samples at most {hello.rate_max_hz} times a second", "warning"
             )
             self.stream.rate_hz = hello.rate_max_hz
         self.board.introduce(hello, self.preflight.limits_command)
         if not self.hold_samples:
-            self.board.send(Start(self.rate_hz))
+            self.board.send(Start(self.stream.rate_hz))
 
     def release_samples(self) -> None:
         """Request the samples that were held back."""
         self.hold_samples = False
-        self.board.send(Start(self.rate_hz))
+        self.board.send(Start(self.stream.rate_hz))
 
     def _boots_again(self, now_ns: int) -> bool:
         """Whether a second HELLO means that the board has lost limits and watchdog.

@@ -20,6 +20,8 @@ from boat_daq.errors import DeviceError
 from protocol.link.events import Link, LinkEvent, LinkStatistics
 from protocol.link.messages import Command, Heartbeat
 
+SILENCE_NS = 1_000_000_000  # without a byte, after which one `PortSilent` event is passed on
+
 
 class RecordingSink(Protocol):
     """A sink that keeps what it needs to decode the bytes again."""
@@ -38,7 +40,6 @@ class PortReader:
     ----------
     transport : an open port; closed by the reading thread at its end.
     link : decoder and encoder, binary or text; kept for as long as the port is open.
-    silence_s : time without a byte after which one `PortSilent` event is passed on.
     clock_ns : host monotonic clock.
     """
 
@@ -47,12 +48,10 @@ class PortReader:
         transport: Transport,
         link: Link,
         *,
-        silence_s: float = 1.0,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.transport = transport
-        self._link = link
-        self._silence_ns = int(silence_s * 1e9)
+        self.link = link
         self._clock_ns = clock_ns
         self._lock = threading.Lock()  # of the link, the list of sinks, and what was sent
         self._sinks: tuple[Sink, ...] = ()
@@ -65,15 +64,10 @@ class PortReader:
         self._thread = threading.Thread(target=self._run, name=f"reader {transport.description}", daemon=True)
 
     @property
-    def link(self) -> Link:
-        """The link in use."""
-        return self._link
-
-    @property
     def statistics(self) -> LinkStatistics:
         """The link's counters now."""
         with self._lock:
-            return self._link.statistics
+            return self.link.statistics
 
     def add_sink(self, sink: Sink) -> None:
         """Pass every later block to `sink` too, after the present sinks."""
@@ -91,7 +85,7 @@ class PortReader:
         With it the file's bytes give the same samples again, wherever in a stream the recording began.
         """
         with self._lock:
-            recorder.attached(self._link.decoder_state())
+            recorder.attached(self.link.decoder_state())
             self._sinks = (recorder, *self._sinks)
 
     def send(self, command: Command) -> None:
@@ -106,7 +100,7 @@ class PortReader:
         """
         with self._lock:
             now_ns = self._clock_ns()
-            self._write(self._link.send(command, now_ns), now_ns)
+            self._write(self.link.send(command, now_ns), now_ns)
 
     def feed(self, command: Heartbeat) -> None:
         """Write at once what feeds a fast virtual board's watchdog (`Link.feed`).
@@ -117,7 +111,7 @@ class PortReader:
         """
         with self._lock:
             now_ns = self._clock_ns()
-            self._write(self._link.feed(command, now_ns), now_ns)
+            self._write(self.link.feed(command, now_ns), now_ns)
 
     def start(self) -> None:
         """Begin to read."""
@@ -154,9 +148,9 @@ class PortReader:
         if data:
             self._last_byte_ns, self._silent = now_ns, False
             with self._lock:
-                sinks, events = self._sinks, self._link.receive(data, now_ns)
+                sinks, events = self._sinks, self.link.receive(data, now_ns)
             self._pass(sinks, Block(now_ns, data, events=tuple(events)))
-        elif not self._silent and now_ns - self._last_byte_ns > self._silence_ns:
+        elif not self._silent and now_ns - self._last_byte_ns > SILENCE_NS:
             self._silent = True
             self._report(PortSilent((now_ns - self._last_byte_ns) * 1e-9))
         self._poll()
@@ -167,12 +161,12 @@ class PortReader:
     def _poll(self) -> None:
         """Repeat commands without an answer, and report those that are lost."""
         with self._lock:
-            now_ns, deadline = self._clock_ns(), self._link.next_deadline_ns
+            now_ns, deadline = self._clock_ns(), self.link.next_deadline_ns
             if deadline is None or now_ns < deadline:
                 return
             if not self.transport.unread:
                 self._heard_ns = now_ns
-            events, again = self._link.poll(now_ns, self._heard_ns)
+            events, again = self.link.poll(now_ns, self._heard_ns)
             self._write(again, now_ns)
         if events:
             self._report(*events)

@@ -129,7 +129,7 @@ class ActiveRecording:
         A good check where nothing is recorded.
         """
         with self._acting() as control:
-            recorder, plan, rate_hz = self._journal.recorder, control.sequencer.plan, control.rate_hz
+            recorder, plan, rate_hz = self._journal.recorder, control.sequencer.plan, control.stream.rate_hz
             n_sensors = self._link.port.link.n_sensors if self._link.port else None
         if recorder is None or plan is None:
             return Check("space")
@@ -157,7 +157,7 @@ class ActiveRecording:
             "sample_kind": port.link.sample_kind,
             "vref_mv": hello.vref_mv if hello else 0,
             "adc_bits": hello.adc_bits if hello else 0,
-            "rate_hz": control.rate_hz,
+            "rate_hz": control.stream.rate_hz,
             "limits_pa": limits.pascals if limits else None,
             "plan": dataclasses.asdict(plan) if plan else None,
         }

@@ -205,7 +205,7 @@ class LinkSupervisor:
         """
         reader = PortReader(port.transport, port.link)
         with self._acting() as control:
-            health = LinkHealth(lambda: reader.statistics, asked_hz=control.rate_hz, lag_ms=self._lag_ms)
+            health = LinkHealth(lambda: reader.statistics, asked_hz=control.stream.rate_hz, lag_ms=self._lag_ms)
             reader.add_sink(health)
             reader.add_sink(self._take)
             self.port, self.reader, self.health = port, reader, health
@@ -403,7 +403,7 @@ class LinkSupervisor:
     def _identified(self, control: Controller) -> None:
         """Continue the recording of a board that is back; take the rate it can give."""
         if self.health is not None:
-            self.health.asked_hz = control.rate_hz
+            self.health.asked_hz = control.stream.rate_hz
         recorder = self._journal.recorder
         if control.hello is not None and self._expected_id == control.hello.board_id and recorder is not None:
             assert self.reader is not None

@@ -141,7 +141,10 @@ class Session:
             self._link.open(port, profile, greeted=None if path is None else greeted)
             self._control, self._ring, self._recording.unit = control, None, unit
             control.hold_samples = path is not None
-        note("info", f"connecting to {port}, profile {'none' if profile is None else 'given'}, {control.rate_hz} Hz")
+        note(
+            "info",
+            f"connecting to {port}, profile {'none' if profile is None else 'given'}, {control.stream.rate_hz} Hz",
+        )
         self._health_log.start()
 
     def wait(self, condition: Callable[[SessionSnapshot], bool], timeout_s: float | None = None) -> SessionSnapshot:

@@ -75,7 +75,7 @@ class PtyCarrier:
         os.set_blocking(master, False)
         self._poll = select.poll()
         self._poll.register(master, select.POLLIN)
-        self._make_raw_and_empty()
+        self.closed_by_host()  # raw, and empty
         self.url = self._tty
         if self._link is not None:
             fresh = self._link.with_name(self._link.name + ".new")
@@ -84,7 +84,7 @@ class PtyCarrier:
             fresh.replace(self._link)
             self.url = str(self._link)
 
-    def _make_raw_and_empty(self) -> None:
+    def closed_by_host(self) -> None:
         import termios
         import tty
 
@@ -105,9 +105,6 @@ class PtyCarrier:
     @property
     def connected(self) -> bool:
         return self._master >= 0 and not any(event & select.POLLHUP for _, event in self._poll.poll(0))
-
-    def closed_by_host(self) -> None:
-        self._make_raw_and_empty()
 
     def wait(self, timeout_s: float, *, to_write: bool) -> None:
         if not self.connected:  # a hang-up would wake every wait at once

@@ -18,10 +18,12 @@ from protocol.recording import (
     SCHEMA_VERSION,
     SESSION_KEYS,
     TABLES,
+    RunEnd,
     describe_dtype,
     dtype_from_description,
     open_recording,
     read_session,
+    run_end_of,
     sample_dtype,
 )
 
@@ -146,3 +148,20 @@ def test_the_state_and_flag_bytes_fit_the_record():
     dtype = sample_dtype(2)
     assert dtype["flags"] == np.dtype("<u2")
     assert dtype["state"] == np.dtype("u1")
+
+
+@pytest.mark.parametrize(
+    ("meta", "end"),
+    [
+        ({"stop_reason": "finished"}, RunEnd.FINISHED),
+        ({"stop_reason": "disconnected"}, RunEnd.STOPPED),
+        ({"stop_reason": "aborted: the cable: unplugged"}, RunEnd.ABORTED),
+        ({"stop_reason": "interrupted"}, RunEnd.INTERRUPTED),
+        ({"stop_reason": None}, None),
+        ({"stop_reason": "in other words", "run_end": "fault"}, RunEnd.FAULT),
+        ({"stop_reason": None, "run_end": None}, None),
+    ],
+)
+def test_run_end_is_the_code_or_an_old_files_reason(meta: dict[str, str | None], end: RunEnd | None) -> None:
+    """A file without the code is read by the spellings that programs wrote before; with it the text is free."""
+    assert run_end_of(meta) is end

@@ -36,7 +36,7 @@ def main() -> None:
     window.live.pane.setCurrentWidget(window.live.plan)
     QTest.qWait(2000)
     scenario.keep("plan")
-    scenario.choose_cycles(5)
+    scenario.choose_cycles(2)
     run(scenario)
     scenario.click(window.navigation.buttons["Calibrate"])
     scenario.click("Analyse the last run")

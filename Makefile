@@ -39,7 +39,7 @@ check: setup-test
 compiled: setup-test  # what numba compiles, once and not in each of the tests' workers
 	$(BIN)/python -m tests.compiled
 
-collected: setup-test  # rewritten asserts, once and not in each of the workers; what fails here fails there, and says why
+collected: setup-test  # rewritten asserts, once and not in each of the workers; what fails here fails there, with its message
 	-@QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest --collect-only -qq >/dev/null
 
 nightly: setup-test  ## the tests that take minutes
@@ -70,7 +70,7 @@ audit: setup     ## known weaknesses of the installed packages (asks an advisory
 setup: $(VENV)/.installed
 setup-test: $(VENV)/.installed-test
 
-# $(1): packages. Missing ones are installed where apt-get is there and allowed; elsewhere it is said in a line.
+# $(1): packages. Missing ones are installed where apt-get is there and allowed; elsewhere a line names them.
 define debian_install
 if command -v dpkg-query >/dev/null 2>&1 && command -v apt-get >/dev/null 2>&1; then \
 	missing=""; for p in $(1); do \

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def pytest_collection_finish() -> None:
-    """Leave what is loaded by now out of later collections: full ones are cheap then, and come often enough."""
+    """Exclude loaded modules from later garbage collections: full ones become cheap."""
     gc.collect()
     gc.freeze()
     gc.collect()  # counts what is left: next to nothing
@@ -32,7 +32,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Settings, units and logs of no user of this machine, also for the programs that a test starts."""
+    """Settings, units and logs in a folder of their own, also for the programs that a test starts."""
     folder = tmp_path_factory.mktemp("home")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BOAT_DAQ_HOME", str(folder))
@@ -41,7 +41,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Recordings and certified data that nobody on this project made; they are not part of the repository."""
+    """Return the folder of third-party recordings and certified data, which is not part of the repository."""
     folder = ROOT.parent / "shared" / "data"
     if not folder.is_dir():
         pytest.skip("the shared data folder is not beside this checkout")

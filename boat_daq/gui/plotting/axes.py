@@ -74,16 +74,12 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         self.setStyle(tickFont=self._look.font)
         self.update()
 
-    def tickSpacing(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, float]]:
-        """Return the one level of ticks."""
-        span = maxVal - minVal
-        if self.whole:
-            return [(max(1.0, axis.tick_step(span)), 0.0)]
-        return [(axis.time_step(span) if self.time else axis.tick_step(span, size), 0.0)]
-
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
-        """Return the multiples of the one spacing in the range, its ends included."""
-        step = self.tickSpacing(minVal, maxVal, size)[0][0]
+        """Return one level of ticks: the multiples of its step in the range, ends included."""
+        span = maxVal - minVal
+        step = axis.time_step(span) if self.time else axis.tick_step(span, size)
+        if self.whole:
+            step = max(1.0, axis.tick_step(span))
         first, last = math.ceil(minVal / step - ON_TICK), math.floor(maxVal / step + ON_TICK)
         return [(step, [n * step for n in range(first, last + 1)])]
 

@@ -54,7 +54,7 @@ class LoopsByCycle(PlotCard):
         for i, curve in enumerate(self.curves):
             cycles = groups[i] if i < len(groups) else range(0)
             curve.set(*loops.broken(loops.pressure_kpa, loops.signal_mv[self.number - 1], cycles))
-        self.readout.setText(f"cycles {loops.numbers[0]}\u2013{loops.numbers[-1]}, dark to bright")
+        self.readout.setText(f"cycles {loops.numbers[0]}\u2013{loops.numbers[-1]}, dark first")
         self.plot.fit()
 
 

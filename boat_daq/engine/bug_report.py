@@ -101,24 +101,24 @@ class Redaction:
     """
 
     def __init__(self, texts: Mapping[str, str]) -> None:
-        words = {_user(): "[user]", platform.node(): "[computer]", platform.node().split(".")[0]: "[computer]"}
-        words |= _places()
-        words |= dict.fromkeys(_values(texts.values(), "operator"), _OPERATOR)
-        words |= dict.fromkeys(_values(texts.values(), "reader"), _OPERATOR)
-        words |= dict.fromkeys(_values(texts.values(), "note"), _NOTE)
+        placeholders = {_user(): "[user]", platform.node(): "[computer]", platform.node().split(".")[0]: "[computer]"}
+        placeholders |= _places()
+        placeholders |= dict.fromkeys(_values(texts.values(), "operator"), _OPERATOR)
+        placeholders |= dict.fromkeys(_values(texts.values(), "reader"), _OPERATOR)
+        placeholders |= dict.fromkeys(_values(texts.values(), "note"), _NOTE)
         begun = [name for text in texts.values() for name in _BEGUN.findall(text)]
-        words |= dict.fromkeys([*begun, *(Path(name).name for name in begun)], "[path].boat")
+        placeholders |= dict.fromkeys([*begun, *(Path(name).name for name in begun)], "[path].boat")
         hosts = {host for text in texts.values() for host in _HOST.findall(text)}
-        words |= dict.fromkeys(hosts.difference(_HERE), "[host]")
+        placeholders |= dict.fromkeys(hosts.difference(_HERE), "[host]")
         # the longest first: a name within another must not leave a part of it
-        self._words = [(w, words[w]) for w in sorted(words, key=len, reverse=True) if len(w) > 1]
+        self._placeholders = [(w, placeholders[w]) for w in sorted(placeholders, key=len, reverse=True) if len(w) > 1]
 
     def __call__(self, text: str) -> str:
         """Return the text without what is personal."""
         text = _MARKED.sub(rf"\1: {_NOTE}", text)
         for key in _PERSONAL_KEYS:
             text = re.sub(rf'^(\s*"?{key}"?\s*[=:]\s*){_STRING}', rf'\1"[{key}]"', text, flags=re.MULTILINE)
-        for word, placeholder in self._words:
+        for word, placeholder in self._placeholders:
             text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", placeholder, text, flags=re.IGNORECASE)
         text = _NAMED.sub(r"[path].\1", _FILE.sub(r"[path].\1", text))
         return _PATH.sub(lambda found: found[0] if _KEPT.match(found[0]) else "[path]", text)

@@ -1,4 +1,4 @@
-"""Whether pressure may be commanded: what the link, the limits, the latch and the sensor's zero say against it.
+"""Whether pressure may be commanded: checks of link, limits, latch and the sensor's zero.
 
 Nothing is repaired here and nothing is overridden: each check that fails has a remedy, and the operator tries again.
 """

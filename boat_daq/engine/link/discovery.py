@@ -81,11 +81,11 @@ def _identify(transport: Transport, url: str, description: str, timeout_s: float
     """
     link = Connection()
     end_s = time.monotonic() + timeout_s
-    heard = 0
+    received = 0
     transport.write(link.send(Identify(), time.monotonic_ns()))
     while time.monotonic() < end_s:
         data = transport.read()
-        heard += len(data)
+        received += len(data)
         events = link.receive(data, time.monotonic_ns())
         if link.hello is not None:
             return PortIdentity(url, description, link.hello, "")
@@ -94,7 +94,7 @@ def _identify(transport: Transport, url: str, description: str, timeout_s: float
         _, again = link.poll(time.monotonic_ns())
         if again:
             transport.write(again)
-    problem = "no answer" if not heard else "not a BOAT board (or another baud rate)"
+    problem = "no answer" if not received else "not a BOAT board (or another baud rate)"
     return PortIdentity(url, description, None, problem)
 
 

@@ -249,7 +249,7 @@ def slow_commits(seconds: float) -> Iterator[None]:
         time.sleep(seconds)
         commit(file, statements)
 
-    setattr(RecordingFile, "commit", slowly)  # noqa: B010 - the drill stands in for a disk
+    setattr(RecordingFile, "commit", slowly)  # noqa: B010 - the drill replaces a slow disk
     try:
         yield
     finally:

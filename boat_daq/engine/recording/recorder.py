@@ -35,7 +35,7 @@ _Item: TypeAlias = Block | Callable[[RowMaker], Iterator[Statement]]
 class Recorder:
     """Writes one recording.
 
-    Is itself a sink (`acquisition.add_recorder(recorder)`). Every method is thread-safe.
+    Is itself a sink (`PortReader.add_recorder`). Every method is thread-safe.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ class Recorder:
             work()
         except StorageError as error:
             self._report(error)
-        except Exception as error:  # noqa: BLE001 - a writing thread must never end without a word
+        except Exception as error:  # noqa: BLE001 - a writing thread must never end silently
             note_failure(f"{self.path} is not written properly", error)
             self._refusing = StorageError(f"{self.path} is not written properly: {error!r}", "Report this fault.")
             self._report(self._refusing)

@@ -111,10 +111,10 @@ class BrokenRun:
         OperatorError : names the first key that differs.
         """
         for key in Plan.__dataclass_fields__:
-            was, asked = getattr(self.plan, key), getattr(plan, key)
-            if was != asked:
+            was, given = getattr(self.plan, key), getattr(plan, key)
+            if was != given:
                 raise OperatorError(
-                    f"the plan of {self.path.name} has {key} {was}, not {asked}",
+                    f"the plan of {self.path.name} has {key} {was}, not {given}",
                     "a broken run resumes with its own plan: omit --plan and its options",
                 )
 

@@ -1,6 +1,6 @@
 """The recording of a session: it begins, or resumes that of a broken run, while the board sends; and it ends.
 
-Rules: nothing that fails here leaves a half-begun recording in the session; closing is done once, by whoever is first.
+Rules: nothing that fails here leaves a half-begun recording in the session; closing is done once, by the first caller.
 """
 
 from __future__ import annotations

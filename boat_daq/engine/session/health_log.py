@@ -40,7 +40,7 @@ class HealthLog:
         while not self._stop.wait(EVERY_S):
             try:
                 note("info", self._line())
-            except Exception as error:  # noqa: BLE001 - a line of the log is not worth a session
+            except Exception as error:  # noqa: BLE001 - a line of the log must not end a session
                 note_failure("no health line", error)
 
 

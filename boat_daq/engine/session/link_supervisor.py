@@ -271,7 +271,7 @@ class LinkSupervisor:
             control.release_samples()
 
     def _no_board(self) -> tuple[str, str]:
-        """Return cause and remedy for a port without a board of ours."""
+        """Return cause and remedy for a port without a BOAT board."""
         if not self._heard:
             return f"no data from {self.url}", "check cable and power, and that it is the right port"
         if self._profile is not None:
@@ -366,7 +366,7 @@ class LinkSupervisor:
     # ---- on the reading thread -------------------------------------------------------------------------------------
 
     def _take(self, block: Block) -> None:
-        """Take a block: first the controller, then whoever shows it."""
+        """Take a block: first the controller, then the display."""
         if block.sent:
             return
         with self._acting() as control:
@@ -389,8 +389,8 @@ class LinkSupervisor:
                     text = f"another board is on the port: {hello.board_id}"
                     self._refused = (text, f"connect {self._expected_id} again")
                     return False
-                case WrongProtocol(theirs, ours):
-                    text = f"the board uses protocol version {theirs}, this program version {ours}"
+                case WrongProtocol(board, program):
+                    text = f"the board uses protocol version {board}, this program version {program}"
                     self._refused = (text, "update the board's firmware or this program to the same version")
                 case PortLost(error):
                     self._lost = error

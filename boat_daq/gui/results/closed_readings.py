@@ -16,8 +16,8 @@ from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.results.closed_run import ClosedRun
 
-LOOKED_AT_MS = 250
-NOTHING_GOES_ON = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
+REFRESH_MS = 250
+IDLE = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
 
 
 class ClosedReadings(QDialog):
@@ -42,15 +42,15 @@ class ClosedReadings(QDialog):
         layout.addWidget(self.table, 1)
         layout.addLayout(widgets.row(None, widgets.button("Close", self.close), self.calibrate))
         self.refresh()
-        self.startTimer(LOOKED_AT_MS)  # undo is a key of the window, not of this panel
+        self.startTimer(REFRESH_MS)  # undo is a key of the window, not of this panel
 
     def timerEvent(self, event: QTimerEvent) -> None:
-        """Look again, whatever page the window shows."""
+        """Refresh, whatever page the window shows."""
         self.refresh()
 
     def refresh(self) -> None:
         """Show the readings as they are now."""
-        self.table.refresh(NOTHING_GOES_ON)
+        self.table.refresh(IDLE)
 
     def _calibrate(self) -> None:
         if self.services.notices.attempt(lambda: self.analyse(self.run.path)):

@@ -148,7 +148,7 @@ def _sort_key(run: RunEntry) -> tuple[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class RunActions:
-    """What other pages do with a chosen recording, and the name of the unit on the bench."""
+    """What other pages do with a chosen recording, and the name of the unit in use."""
 
     calibrate: Callable[[Path], None]
     repeat: Callable[[Path], None]

@@ -85,7 +85,7 @@ def tell(page):
     page.refresh(SessionSnapshot(SessionState.IDLE, LinkState.CLOSED))
 
 
-def test_the_search_is_started_stopped_and_says_what_it_gained(page):
+def test_search_starts_stops_and_reports_its_gain(page):
     """The button stops it too; the gain is the ratio to the grid's best; its design can be looked at, off the grid."""
     page.search_button.click()
     tell(page)
@@ -108,7 +108,7 @@ def test_the_search_is_started_stopped_and_says_what_it_gained(page):
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1", 6)
 
 
-def test_a_value_that_is_not_on_offer_stands_at_the_end_while_it_is_selected(page):
+def test_value_not_offered_is_listed_last_while_selected(page):
     """Selecting off and on again leaves the offer as it was."""
     field = page.fields["depth"]
     before = [field.itemText(i) for i in range(field.count())]
@@ -118,7 +118,7 @@ def test_a_value_that_is_not_on_offer_stands_at_the_end_while_it_is_selected(pag
     assert [field.itemText(i) for i in range(field.count())] == before
 
 
-def test_curves_from_a_file_are_taken_by_name_and_kept_apart(page, tmp_path):
+def test_results_are_kept_for_each_file_of_curves(page, tmp_path):
     """The file's name is shown, the trace asks for it, and a sweep of other curves is not shown as if it were its."""
     page.model._sweeps["default"] = swept()
     page.take_file(tmp_path / "mine.csv")
@@ -135,7 +135,7 @@ def test_curves_from_a_file_are_taken_by_name_and_kept_apart(page, tmp_path):
     assert page.model.sweep is not None
 
 
-def test_a_trace_that_comes_late_is_not_shown_for_another_design(page):
+def test_late_trace_is_not_shown_for_another_design(page):
     """What was asked for before is kept, not drawn in the place of what is asked for now."""
     page.model.choose((3, 0.5, 0.5, 0.5))
     late = FakeJob.made[-1]
@@ -148,7 +148,7 @@ def test_a_trace_that_comes_late_is_not_shown_for_another_design(page):
     assert page.model.result is late.result
 
 
-def test_a_click_on_a_map_or_on_the_front_looks_at_that_design(page):
+def test_click_on_map_or_front_shows_the_design(page):
     """The cell under the mouse in the map of its width; the nearest design in the plot of the front."""
     page.sweep_button.click()
     assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
@@ -173,7 +173,7 @@ def test_a_click_on_a_map_or_on_the_front_looks_at_that_design(page):
     assert page.pareto.columns()["on the front"].tolist() == [1, 0]
 
 
-def test_the_slider_moves_over_the_states_without_tracing(page):
+def test_slider_selects_states_without_tracing(page):
     """Fifteen states, each drawn from what is there."""
     before = len(FakeJob.made)
     page.slider.setValue(0)
@@ -184,7 +184,7 @@ def test_the_slider_moves_over_the_states_without_tracing(page):
     assert len(FakeJob.made) == before
 
 
-def test_rays_set_by_hand_go_before_the_fidelity(page):
+def test_chosen_rays_override_the_fidelity(page):
     """The fidelity says how many rays, until a number is chosen."""
     model: OpticsModel = page.model
     assert (model.traced_rays, model.swept_rays) == (NORMAL.rays, NORMAL.ranking_rays)

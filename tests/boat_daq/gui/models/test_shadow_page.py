@@ -31,7 +31,7 @@ def page(qtbot, app_model):  # noqa: F811 - the fixture above
     return shown
 
 
-def test_an_alarm_says_what_since_when_and_how_sure(page):
+def test_alarm_row_has_cause_time_and_probability(page):
     """One row: the illness, the first cycle of the change with its time, when it was found, how rare it is."""
     cells = [page.alarms.item(0, k).text() for k in range(page.alarms.columnCount())]
     assert cells == [
@@ -54,7 +54,7 @@ def test_each_figure_of_the_cycles_can_be_drawn(page):
     assert page.cycles.points.x.size == 0
 
 
-def test_no_alarm_is_said_too(page, app_model):  # noqa: F811 - the fixture above
+def test_absence_of_alarms_is_reported(page, app_model):  # noqa: F811 - the fixture above
     """A healthy run says so, with the rate of false alarms that is allowed."""
     doubtful = Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, (), independent=False)
     page.monitor.alarms = [doubtful]
@@ -67,7 +67,7 @@ def test_no_alarm_is_said_too(page, app_model):  # noqa: F811 - the fixture abov
     assert not page.alarms.isVisible()
 
 
-def test_a_cycle_that_cannot_be_judged_is_said_and_the_next_one_counts(page, app_model):  # noqa: F811 - the fixture above
+def test_cycle_without_figures_is_reported_and_skipped(page, app_model):  # noqa: F811 - the fixture above
     """Its error comes to the strip; the window goes on; an alarm found with it is told with the next look."""
 
     class Done:
@@ -102,7 +102,7 @@ def test_the_picture_of_the_shadow_is_saved(page, tmp_path, suffix):
     assert path.read_bytes().startswith(start)
 
 
-def test_what_a_command_sets_is_seen_in_the_pane(page, app_model):  # noqa: F811 - the fixture above
+def test_pane_follows_the_menu_commands(page, app_model):  # noqa: F811 - the fixture above
     """Colour and cost are the model's: both panes follow, scale and all."""
     page.model.quantity, page.model.show_cost = "strain", True
     page.refresh(app_model.snapshot)

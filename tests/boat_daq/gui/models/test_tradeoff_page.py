@@ -50,7 +50,7 @@ def page(qtbot, app_model):
     return shown
 
 
-def test_the_chart_stands_where_the_points_were_measured(page):
+def test_chart_draws_the_measured_points(page):
     """Points at the logarithms of time and error; the default's ring on its point; the front in its order; lines."""
     card = page.chart
     assert np.allclose(card.settings.x, [0.0, math.log10(2.0)])
@@ -86,7 +86,7 @@ def test_the_chart_is_saved(page, tmp_path, suffix):
     assert suffix != "csv" or b"fine,2.0,0.0,0.001" in content
 
 
-def test_a_measurement_is_started_watched_and_stopped(page, app_model, monkeypatch):
+def test_measurement_starts_reports_progress_and_stops(page, app_model, monkeypatch):
     """The button starts and stops, the bar follows, the result is drawn; a tick takes a method out."""
 
     class FakeJob:
@@ -121,7 +121,7 @@ def test_a_measurement_is_started_watched_and_stopped(page, app_model, monkeypat
     assert app_model.tradeoff.job is None
 
 
-def test_a_map_is_told_by_colour_hatching_and_letter(page, app_model):
+def test_map_shows_outcomes_by_colour_hatching_and_letter(page, app_model):
     """A place that works has the plain ground, a refused one is hatched; pointing at it says what was answered."""
     axis = {"name": "noise", "unit": "mV", "values": [1.0, 2.0], "labels": []}
     cells = [
@@ -150,7 +150,7 @@ def test_a_map_is_told_by_colour_hatching_and_letter(page, app_model):
     assert card.columns()["message"] == ["", "too much"]
 
 
-def test_a_method_without_a_chart_shows_its_map_alone(page, app_model):
+def test_method_without_a_chart_shows_its_map_alone(page, app_model):
     """Nothing empty stands above the maps."""
     app_model.tradeoff.show("fit")
     page.refresh(app_model.snapshot)
@@ -158,7 +158,7 @@ def test_a_method_without_a_chart_shows_its_map_alone(page, app_model):
     assert page.atlas.readout.text() == "not mapped yet"
 
 
-def test_the_fidelity_reaches_what_the_window_computes_and_stays(page, app_model):
+def test_fidelity_is_applied_and_kept(page, app_model):
     """Draft and reference move rays, table, sampler and live points; the choice is there at the next start."""
     from boat_daq.viewmodels.common.preferences import Preferences
 
@@ -187,7 +187,7 @@ def test_a_logarithmic_axis_has_round_labels(qtbot, low, high, labels):
     assert all(low <= t <= high for t in ticks)
 
 
-def test_on_a_narrow_page_the_table_stands_under_the_chart(page, qtbot):
+def test_narrow_page_puts_the_table_below_the_chart(page, qtbot):
     """Beside each other where there is room; over each other, each with a height of its own, where there is not."""
     from boat_daq.gui.widgets.page_scroll import PageScroll
 

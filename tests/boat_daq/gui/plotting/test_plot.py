@@ -26,7 +26,7 @@ def view(qtbot):
     return view
 
 
-def test_a_surface_fills_what_lies_between_its_lines_and_nothing_else(view):
+def test_surface_fills_between_its_lines_only(view):
     """Truth: a point between the lines, one above, one below, looked up in the picture."""
     item = view.addPlot()
     item.setXRange(0, 10, padding=0)
@@ -51,7 +51,7 @@ def test_a_surface_fills_what_lies_between_its_lines_and_nothing_else(view):
         assert not red(at, middle - 1.3)
 
 
-def test_a_band_of_thousands_of_points_leaves_no_work_for_the_collector(view):
+def test_band_makes_no_garbage_per_point(view):
     """A frame used to make an object a point, and the collector stood still for 130 ms every few frames."""
     plot = Plot(make_item(), "Elongation", "mm")
     view.addItem(plot.item)
@@ -64,7 +64,7 @@ def test_a_band_of_thousands_of_points_leaves_no_work_for_the_collector(view):
     assert gc.get_stats()[0]["collections"] - before < 20
 
 
-def test_a_line_is_broken_where_a_value_is_missing(view):
+def test_line_is_broken_at_missing_values(view):
     """Truth: the two halves are seen, the stretch between them is not, though it begins and ends on the line."""
     item = view.addPlot()
     item.setXRange(0, 10, padding=0)
@@ -94,7 +94,7 @@ def test_ticks_are_the_multiples_of_one_step_with_both_ends():
     assert inside == pytest.approx([0.05, 0.1, 0.15, 0.2, 0.25])
 
 
-def test_the_grid_stands_where_its_ticks_are(view):
+def test_grid_lines_are_at_the_ticks(view):
     """Truth: in an empty plot, pixels differ from the ground on the ticks' columns and rows, and not between them."""
     item = make_item()
     view.addItem(item)
@@ -116,7 +116,7 @@ def test_the_grid_stands_where_its_ticks_are(view):
     assert all(ground(x, 2.5) for x in (15.0, 25.0, 65.0))
 
 
-def test_plots_over_each_other_show_the_same_time(qtbot):
+def test_linked_plots_show_the_same_range(qtbot):
     """A frame sets all ranges itself; a wheel on one plot still moves the others."""
     card = PlotCard("time")
     for name in "abc":

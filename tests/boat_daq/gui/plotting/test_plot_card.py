@@ -135,7 +135,7 @@ def check_numbers(path, card) -> None:
 
 
 @pytest.mark.parametrize("loaded", tuple(Page), indirect=True, ids=tuple(Page))
-def test_every_plot_leaves_by_menu_and_by_keyboard(loaded, tmp_path, request):
+def test_every_plot_is_copied_and_saved_by_menu_and_keys(loaded, tmp_path, request):
     """Copy, PNG, SVG and CSV of each plot; the file holds the picture, or the drawn numbers with units."""
     page, clipboard, seen = loaded.page, QGuiApplication.clipboard(), []
     for card in looked_at(loaded, page):
@@ -169,7 +169,7 @@ def test_every_plot_leaves_by_menu_and_by_keyboard(loaded, tmp_path, request):
     assert len(seen) >= SHOWN[page], seen
 
 
-def test_what_is_empty_is_not_saved_and_says_what_comes(empty, tmp_path):
+def test_empty_plot_is_not_saved_and_reports_its_remedy(empty, tmp_path):
     """A copy was an empty picture, and a CSV an empty file."""
     empty.go("Shadow")
     empty.refresh()
@@ -183,7 +183,7 @@ def test_what_is_empty_is_not_saved_and_says_what_comes(empty, tmp_path):
         empty.model.notices.dismiss(empty.model.notices.current())
 
 
-def test_without_a_plot_the_keys_say_so(empty):
+def test_plot_keys_without_a_plot_report_it(empty):
     """Before the first sample the live page has none; the keys did nothing."""
     run_shortcut(empty, "Ctrl+S")
     assert empty.model.notices.current().cause == "no plot is shown"

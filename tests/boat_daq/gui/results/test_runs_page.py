@@ -104,7 +104,7 @@ def test_two_runs_are_compared(runs, qtbot):
     assert abs(page.differences[0][1].y).max() < 1e-6
 
 
-def test_replay_plays_in_real_time(runs):
+def test_replay_uses_the_chosen_speed(runs):
     """Replay asks the session for the recording at the speed that was chosen, and shows the live page."""
     window, page = runs
     choose(page, 1)
@@ -115,7 +115,7 @@ def test_replay_plays_in_real_time(runs):
     assert window.page == "Live"
 
 
-def test_the_page_s_key_leads_to_the_list_and_the_newest_run_is_chosen(runs):
+def test_page_key_focuses_the_list_with_the_newest_run_chosen(runs):
     """After Ctrl+4 it took five Tabs to the list, where nothing was chosen and every button was grey."""
     window, page = runs
     assert [run.path for run in page.selected()] == [window.model.runs.runs[0].path]
@@ -131,7 +131,7 @@ def test_the_page_s_key_leads_to_the_list_and_the_newest_run_is_chosen(runs):
     assert page.selected() == []  # what a hand has put away stays away
 
 
-def test_a_key_that_can_do_nothing_says_why(runs):
+def test_unavailable_command_reports_its_reason(runs):
     """Its menu entry was grey without a word, and its key did nothing."""
     window, page = runs
     choose(page, 0)

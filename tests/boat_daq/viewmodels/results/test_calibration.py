@@ -40,7 +40,7 @@ def test_accepted_calibration_is_stored_and_converts(tmp_path, result):
     assert np.isnan(conversion(np.array([[0.0, 0.0]])).mm[0])
 
 
-def test_the_next_calibration_is_compared_with_the_last(tmp_path, result):
+def test_next_calibration_is_compared_with_the_previous(tmp_path, result):
     """The same run against itself differs by nothing; without a history it says so."""
     model = model_on(tmp_path, result)
     assert "no earlier calibration" in model.comparison()

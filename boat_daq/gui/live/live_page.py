@@ -340,6 +340,15 @@ class LivePage(QWidget):
         self.page.setContentsMargins(margin, margin, margin, margin)
         self.left.setSpacing(style.STEP if low else style.GAP)
         self.reading.fold(self.narrow)
+        available = self.width() - pane - 2 * style.PAGE_MARGIN - style.GAP - 2 * style.CARD_PADDING
         for value in self.figures.values():
             value.resize_text(figure)
+        while self._figures_width() > available and figure > style.FONT_MEASURED_NARROW:  # in a wide font
+            figure -= 2
+            for value in self.figures.values():
+                value.resize_text(figure)
         super().resizeEvent(event)
+
+    def _figures_width(self) -> int:
+        shown = [value.sizeHint().width() for value in self.figures.values() if not value.isHidden()]
+        return sum(shown) + self.figure_line.spacing() * (len(shown) - 1)

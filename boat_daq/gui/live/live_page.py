@@ -30,6 +30,8 @@ from boat_daq.viewmodels.live.overlay import OverlayModel
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 
+SPACING = 6  # between the parts of a value
+
 
 class ValueDisplay(QWidget):
     """One measured value: its name, the value in large digits, its unit."""
@@ -45,8 +47,8 @@ class ValueDisplay(QWidget):
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # keeps the decimal point in place
         self.unit = widgets.label(unit, "set")
         self.note = widgets.label("", "small", elide=True)
-        head = widgets.row(self.swatch, self.name, self.note, None, spacing=6)
-        line = widgets.row(self.value, self.unit, None, spacing=6)
+        head = widgets.row(self.swatch, self.name, self.note, None, spacing=SPACING)
+        line = widgets.row(self.value, self.unit, None, spacing=SPACING)
         for widget in (self.value, self.unit):
             line.setAlignment(widget, Qt.AlignmentFlag.AlignBaseline)
         layout = widgets.column(head, line, spacing=0)
@@ -350,5 +352,6 @@ class LivePage(QWidget):
         super().resizeEvent(event)
 
     def _figures_width(self) -> int:
-        shown = [value.sizeHint().width() for value in self.figures.values() if not value.isHidden()]
-        return sum(shown) + self.figure_line.spacing() * (len(shown) - 1)
+        shown = [value for value in self.figures.values() if not value.isHidden()]
+        widths = (value.value.minimumWidth() + SPACING + value.unit.sizeHint().width() for value in shown)
+        return sum(widths) + self.figure_line.spacing() * (len(shown) - 1)

@@ -16,8 +16,7 @@ from analysis.optics.scene.arc_spline import ring, straight
 from analysis.optics.scene.frame import one_strip
 from analysis.optics.scene.parameters import Design, Light, Waveguide
 from analysis.optics.tracer.simulation import TraceResult, trace
-
-LongArray = npt.NDArray[np.longdouble]
+from analysis.polynomial import LongArray
 
 LENGTH_MM, HALF_MM = 60.0, 1.0
 PLAIN = Design(cavities=0)

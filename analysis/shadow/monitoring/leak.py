@@ -1,17 +1,17 @@
 """A leak behind the gauge, from a cycle against the run's own healthy loop.
 
-Strategy: the board holds the gauge's pressure, so a leak between gauge and bladder is not seen in it. What is seen is
-the elongation: its pressure p_nom(x) falls behind the gauge, r = p - p_nom(x) fills at r' = loss p and forgets nothing
-until the valve opens. Within a cycle that is one part in two hundred, under a hysteresis fifty times larger with the
-same phase. So the first cycles of a run are kept as the healthy loop (`HealthyLoop`, residual against pressure on both
-branches) and taken off; what is left knows neither how long a hold was nor where the cycle was cut, and
+Strategy: the board controls the gauge's pressure, which therefore does not show a leak between gauge and bladder. The
+elongation shows it: its pressure p_nom(x) falls behind the gauge, r = p - p_nom(x) grows at r' = loss p and keeps its
+value until the valve opens. Within a cycle that is one part in two hundred, under a hysteresis fifty times larger with
+the same phase. So the first cycles of a run are stored as the healthy loop (`HealthyLoop`, residual against pressure on
+both branches) and subtracted; the rest does not depend on the length of holds nor on where the cycle begins, and is
 
-    e = c + g p + drift t + loss (integral of p dt) + wave
+    e = c + g p + drift t + loss (integral of p dt) + periodic interference
 
-has offset c and gain g to itself. Drift and leak look alike within a cycle, but not from cycle to cycle: the slope of e
-is taken from the mean of the cycle before, and both e and the integral are freed of it. What is left of the mains'
-flicker between a dark and a lit reading comes back through the sampling as a slow wave near the cycle's own period: it
-is found (wave.py) over the last minutes and taken off.
+with offset c and gain g. Drift and leak look alike within a cycle, but not from cycle to cycle: the slope of e is
+computed from the mean of the cycle before, and subtracted from both e and the integral. The mains' flicker between a
+dark and a lit reading is aliased by the sampling to a slow wave near the cycle's own period: it is found
+(periodic_interference.py) over the last minutes and subtracted.
 
 Rules: arrays of one cycle, time in s, pressure in kPa, NaN where the residual is unknown. A step of pressure in which
 the elongation is not known throughout is left out as a whole: the end of a calibration's range truncates the noise.

@@ -117,7 +117,7 @@ class UnitInUse:
         """Return unit and calibration in a line."""
         stored = self._stored
         text = f"calibrated {stored.utc[:10]}" if stored is not None else "not calibrated"
-        text += ", below specification" if stored is not None and stored.content.get("poor") else ""
+        text += ", out of tolerance" if stored is not None and stored.content.get("poor") else ""
         return f"{self.name(snapshot)}  \u00b7  {text}"
 
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:

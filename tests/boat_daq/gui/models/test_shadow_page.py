@@ -62,8 +62,8 @@ def test_absence_of_alarms_is_reported(page, app_model):  # noqa: F811 - the fix
     page.monitor.alarms = []
     page.monitor.revision += 1
     page.refresh(app_model.snapshot)
-    healthy, rate = "\u25cf none in 12 cycles", "one false alarm in 1\u2009000 healthy cycles is allowed"
-    assert page.verdict.text() == f"{healthy}; too few cycles yet to promise a leak or softening; {rate}"
+    healthy, rate = "\u25cf none in 12 cycles", "expected false alarms: 1 per 1\u2009000 healthy cycles"
+    assert page.verdict.text() == f"{healthy}; too few cycles yet to find a leak or softening; {rate}"
     assert not page.alarms.isVisible()
 
 

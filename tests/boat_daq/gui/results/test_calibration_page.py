@@ -109,7 +109,7 @@ def test_missed_bounds_are_shown_beside_the_accept_button(live, size):
     assert stored.content["poor"] == [page.warnings.text()]
     live.refresh()
     assert "Accepted out of tolerance" in page.verdict.text()
-    assert model.unit.text(model.snapshot).endswith(", poor")
+    assert model.unit.text(model.snapshot).endswith(", out of tolerance")
 
 
 def test_turning_curve_shows_its_reason_and_its_readings(live):

@@ -76,10 +76,10 @@ PANE_WIDTH = 308
 PANE_WIDTH_WIDE = 400
 PANE_WIDTH_NARROW = 236
 NARROW_BELOW = 1200  # a small or much enlarged screen: figures and pane shrink
-STACKED_BELOW = 960  # a page narrower than this stands its sides over each other, each so high
+STACKED_BELOW = 960  # a narrower page stacks its sides, each with the height below
 STACKED_HEIGHT = 280
-STACKED_TABLE = 480  # a table of figures with what stands under it
-LOW_BELOW = 640  # the plots need the staircase's room
+STACKED_TABLE = 480  # a table of figures with the text under it
+LOW_BELOW = 640  # in a lower window the staircase is hidden
 WIDE_FROM = 1600  # from this window width on the pane and the figures grow
 CONTROL_HEIGHT = 32
 VENT_WIDTH = 176
@@ -96,7 +96,7 @@ HEADING_LEAST = 72
 REMARKS_MOST = 84  # words under the figures; more of them scroll
 FIGURES_LEAST = 280  # below it the table of figures scrolls
 ROW_FOR_TITLE = 92  # a live plot's title and unit need so much height
-ROW_FOR_SHORT = 44  # and its number and unit so much; below, only the unit stands
+ROW_FOR_SHORT = 44  # its number and unit so much; below, only the unit is shown
 FORM_WIDTH = 560
 QUESTION_LEAST = 240
 PANEL_SHARE = 0.9  # of the window, for a panel with a picture
@@ -105,7 +105,7 @@ THUMBNAIL = (168, 44)
 # Type, pixels: measured is large and still, set is medium, chrome is small.
 FONT_CHROME = 13
 FONT_SMALL = 12
-FONT_NARROW = 11  # of the table beside narrow plots: four columns have room in the widest of FAMILIES
+FONT_NARROW = 11  # of the table beside narrow plots: four columns fit in the widest of FAMILIES
 FONT_SET = 16
 FONT_TITLE = 18
 FONT_MEASURED = 34
@@ -179,7 +179,7 @@ def outcome_colours(theme: Theme) -> dict[str, tuple[str, str]]:
 
 
 def swatch(ground: str, ink: str) -> str:
-    """Return the style of a legend's entry that stands on its own colour."""
+    """Return the style of a legend entry on its own colour."""
     return f"background: {ground}; color: {ink}; border-radius: {STEP}px; padding: 1px {GAP}px;"
 
 
@@ -204,7 +204,7 @@ def base_font() -> QFont:
 
 
 def tabular(font: QFont) -> QFont:
-    """Return `font` with figures of one width, so that a changing number stands still."""
+    """Return `font` with figures of one width, so that a changing number does not move."""
     font.setFeature(QFont.Tag("tnum"), 1)
     return font
 

@@ -24,7 +24,7 @@ WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, 
 
 
 def shortened(note: str) -> str:
-    """Return a note as it stands beside its marker."""
+    """Return a note shortened for its marker."""
     return note if len(note) <= MOST_OF_A_NOTE else f"{note[: MOST_OF_A_NOTE - 1].rstrip()}\u2026"
 
 
@@ -92,7 +92,7 @@ class LivePlots(PlotCard):
             self.paint_theme(self.theme)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Look again whether there is room for the titles."""
+        """Choose titles or short names for the new height."""
         super().resizeEvent(event)
         self.shorten()
 

@@ -34,7 +34,7 @@ Item = QWidget | QLayout | int | None | tuple[QWidget | QLayout, int]
 
 
 class ElidedLabel(QLabel):
-    """A label that is cut with an ellipsis where there is no room, and never asks a page for more.
+    """A label that is cut with an ellipsis where it does not fit, and never widens its page.
 
     `least` is the width that it asks for, where its text is not shorter.
     """
@@ -54,11 +54,11 @@ class ElidedLabel(QLabel):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw the text, cut where it must be; the whole of it is then said on hover."""
-        room = self.contentsRect()
-        shown = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, room.width())
+        area = self.contentsRect()
+        shown = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, area.width())
         painter = QPainter(self)
         self.style().drawItemText(
-            painter, room, int(self.alignment()), self.palette(), self.isEnabled(), shown, self.foregroundRole()
+            painter, area, int(self.alignment()), self.palette(), self.isEnabled(), shown, self.foregroundRole()
         )
         painter.end()
         cut = as_words(self.text()) if shown != self.text() else ""
@@ -218,7 +218,7 @@ def allow(control: QWidget, obstacle: str = "") -> None:
 
 
 def grow(widget: QWidget) -> QWidget:
-    """Let `widget` take the room there is."""
+    """Let `widget` take the available space."""
     widget.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
     return widget
 

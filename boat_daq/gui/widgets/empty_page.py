@@ -14,7 +14,7 @@ from boat_daq.gui.widgets import controls as widgets
 class EmptyState(QWidget):
     """A title, a sentence, a button."""
 
-    def __init__(self, title: str, words: str, action: str, deed: Callable[[], object]) -> None:
+    def __init__(self, title: str, words: str, action: str, on_click: Callable[[], object]) -> None:
         super().__init__()
         frame, inside = widgets.card()
         frame.setFixedWidth(style.FORM_WIDTH)
@@ -22,7 +22,7 @@ class EmptyState(QWidget):
         inside.setSpacing(style.CARD_PADDING)
         self.title = widgets.label(title, "title", wrap=True)
         self.words = widgets.label(words, "muted", wrap=True)
-        self.button = widgets.button(action, deed, "primary")
+        self.button = widgets.button(action, on_click, "primary")
         self.button.setVisible(bool(action))
         inside.addWidget(self.title)
         inside.addWidget(self.words)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LADDER = (1.0, 2.0, 5.0)
-TICK_PX = 15.0  # room for one label
+TICK_PX = 15.0  # of one label
 DIVISIONS = 7  # at most so many labelled ticks over a range
 
 

@@ -36,7 +36,6 @@ extensions = [
     "command_reference",
     "compact_docstrings",
 ]
-smartquotes = False
 default_role = "code"  # docstrings put names between single backticks, as Markdown does
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 4

@@ -1,8 +1,8 @@
 """Turn this project's compact docstrings into what napoleon reads.
 
 Types are annotations here, so a parameter is documented as `name : meaning, unit` on one line. NumPy's form expects a
-type behind the colon: the meaning is moved to a line of its own. An indented block behind a blank line is code. A bar
-is the sign of an absolute value, not of a substitution.
+type behind the colon: the meaning is moved to a line of its own. What is returned is a sentence, without a type. An
+indented block behind a blank line is code. A bar is the sign of an absolute value, not of a substitution.
 """
 
 from __future__ import annotations
@@ -13,8 +13,16 @@ from typing import Any
 from sphinx.application import Sphinx
 
 _SECTIONS = ("Parameters", "Attributes", "Raises", "Yields", "Warns")
+_RESULT = re.compile(r"^(?P<head>(?:Returns|Yields)\n-+\n)(?P<text>(?:\S.*\n)+)(?=\n|\Z)", re.MULTILINE)
 _BAR = re.compile(r"(`[^`]*`)|\|")
 _ENTRY = re.compile(r"(?P<names>[\w.*]+(?:, [\w.*]+)*) : (?P<meaning>.+)")
+
+
+def _without_types(text: str) -> str:
+    """Return a docstring whose sections Returns and Yields have one entry, with a sentence and without a type."""
+    return _RESULT.sub(
+        lambda found: found["head"] + ":\n    " + found["text"].replace("\n", "\n    ").rstrip(" "), text
+    )
 
 
 def rewrite(lines: list[str], *, is_property: bool = False) -> list[str]:
@@ -23,6 +31,7 @@ def rewrite(lines: list[str], *, is_property: bool = False) -> list[str]:
     section, literal = "", False
     names: list[str] = []  # of the entry whose meaning is being read
     meaning: list[str] = []
+    lines = _without_types("\n".join([*lines, ""])).splitlines()
     for number, line in enumerate([*lines, "."]):
         following = lines[number + 1] if number + 1 < len(lines) else ""
         if names and not line.startswith("    "):

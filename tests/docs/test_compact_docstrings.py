@@ -38,3 +38,26 @@ def test_an_indented_block_is_code_and_a_bar_is_escaped() -> None:
         "",
         "More.",
     ]
+
+
+def test_what_is_returned_is_a_sentence() -> None:
+    lines = [
+        "Compute it.",
+        "",
+        "Returns",
+        "-------",
+        "The value in mV,",
+        "NaN without data.",
+        "",
+        "Raises",
+        "------",
+        "ValueError : it is empty.",
+        "",
+    ]
+    assert compact_docstrings.rewrite(lines)[2:7] == [
+        "Returns",
+        "-------",
+        ":",
+        "    The value in mV,",
+        "    NaN without data.",
+    ]

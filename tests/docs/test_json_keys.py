@@ -20,7 +20,7 @@ EXAMPLE = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
 
 def promised(command: str) -> set[str]:
     """Return the dotted names of the keys under a command's heading; lists are left out of the names."""
-    found = re.search(rf"^## {re.escape(command)}$.*?```text\n(.*?)```", PAGE, re.MULTILINE | re.DOTALL)
+    found = re.search(rf"^## `{re.escape(command)}`$.*?```text\n(.*?)```", PAGE, re.MULTILINE | re.DOTALL)
     assert found, command
     names: set[str] = set()
     path: list[str] = []

@@ -27,7 +27,7 @@ def test_finer_levels_are_nowhere_coarser() -> None:
         assert (np.diff(values) >= 0).all(), name
 
 
-def test_the_normal_level_is_what_the_program_does_unasked() -> None:
+def test_the_normal_level_is_the_default() -> None:
     """Defaults written elsewhere (sampler, bootstrap, shadow, live plot) are normal's."""
     from analysis.calibration.posterior import MAX_STEPS
     from analysis.optics.scene.parameters import Light

@@ -21,7 +21,7 @@ def line(level, slope, sd_level, sd_slope, span=(-3.0, 4.0)):
 
 
 def test_two_lines_against_the_closed_form():
-    """Between lines the difference and E_n are known; the coefficients stand side by side."""
+    """Between lines the difference and E_n are known; the coefficients are listed side by side."""
     found = compare_fits(line(1700.0, 40.0, 0.3, 0.1), line(1698.0, 39.0, 0.4, 0.2, (-2.0, 5.0)))
     assert (found.grid[0], found.grid[-1]) == (-2.0, 4.0)
     assert found.difference_mv == pytest.approx(2.0 + found.grid)
@@ -59,7 +59,7 @@ def test_repeated_runs_agree_as_often_as_they_should():
     assert 0.91 < np.mean(inside) < 0.985
 
 
-def test_without_standard_errors_nothing_is_said():
+def test_without_standard_errors_no_score_is_reported():
     """A fit through as many points as coefficients has no standard error: no score, but a difference."""
     bare = line(1700.0, 40.0, 0.3, 0.1) | {"covariance": [[None, None], [None, None]], "std_errors": [None, None]}
     found = compare_fits(line(1701.0, 40.0, 0.3, 0.1), bare)

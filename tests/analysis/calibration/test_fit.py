@@ -32,7 +32,7 @@ def digits(found: np.ndarray, truth: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", DIGITS)
-def test_certified_data_are_met_to_the_digits_asked_for(shared_data: Path, name: str) -> None:
+def test_certified_data_are_met_to_the_required_digits(shared_data: Path, name: str) -> None:
     """Coefficients and their standard deviations agree with NIST's certified values."""
     x, y, coefficients, deviations = certified(shared_data / "nist_strd" / f"{name}.dat")
     fit = fit_calibration(x, y, coefficients.size - 1)
@@ -104,7 +104,7 @@ def test_a_falling_unit_calibrates_as_well(sign: float) -> None:
 
 @pytest.mark.fault(40, how="too few, equal and clustered x, and values that are no numbers", times=6)
 @pytest.mark.parametrize(
-    ("x", "y", "said"),
+    ("x", "y", "cause"),
     [
         ([1, 1, 1, 1, 1], [1, 2, 3, 4, 5], "all 5 x are equal"),
         ([1, 2, 3, 1, 2], [1, 2, 3, 4, 5], "3 distinct x where degree 3 needs 4"),
@@ -114,9 +114,9 @@ def test_a_falling_unit_calibrates_as_well(sign: float) -> None:
         ([0, 1e-12, 2e-12, 3e-12, 4e-12, 1.0], [1, 2, 3, 4, 5, 6], "too clustered"),
     ],
 )
-def test_what_cannot_be_fitted_is_refused_with_its_reason(x: list[float], y: list[float], said: str) -> None:
+def test_what_cannot_be_fitted_is_refused_with_its_reason(x: list[float], y: list[float], cause: str) -> None:
     """Fault 40: the message names which of the conditions failed."""
-    with pytest.raises(AnalysisError, match=said):
+    with pytest.raises(AnalysisError, match=cause):
         fit_calibration(x, y)
 
 
@@ -153,7 +153,7 @@ def test_stated_errors_hold_the_truth_where_x_is_read_on_a_grid(grid: float, rea
         fit = fit.with_reading(grid / 12**0.5, np.tile(np.arange(18), 5))
         off = np.abs(fit.coefficients - coefficients)
         away.append([off / fit.std_errors_with_reading, off / fit.std_errors])
-    honest, plain = np.moveaxis(np.asarray(away), 1, 0)
-    assert (honest < 1.0).mean() > 0.6
-    assert (honest < 2.0).mean() > 0.92
+    with_reading_error, plain = np.moveaxis(np.asarray(away), 1, 0)
+    assert (with_reading_error < 1.0).mean() > 0.6
+    assert (with_reading_error < 2.0).mean() > 0.92
     assert reader > 0 or (plain < 2.0).mean() < 0.9

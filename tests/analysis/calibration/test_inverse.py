@@ -1,4 +1,4 @@
-"""The inverse: exact inside the range, silent outside, honest about its uncertainty."""
+"""The inverse: exact inside the range, undefined outside, its stated uncertainty true."""
 
 from __future__ import annotations
 

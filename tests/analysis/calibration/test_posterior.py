@@ -47,7 +47,7 @@ def test_same_seed_same_draws() -> None:
 
 
 @pytest.mark.fault(43, how="a chain of fewer than 50 autocorrelation times", times=1)
-def test_a_chain_too_short_says_so() -> None:
+def test_a_chain_too_short_is_not_converged() -> None:
     """Fault 43: fewer than 50 autocorrelation times is not converged."""
     assert not sample_posterior(X, noisy(3), seed=0, max_steps=100).converged
 
@@ -86,7 +86,7 @@ def test_readings_rounded_alike_in_every_cycle_share_their_error() -> None:
 
 
 def test_unnamed_positions_that_round_alike_are_not_too_narrow() -> None:
-    """Without labels: signals in groups tell that readings share their error; the band is as wide as with labels."""
+    """Without labels: signals in groups show that readings share their error; the band is as wide as with labels."""
     true = np.tile(np.linspace(-2.7, 3.8, 10), 5)
     y = TRUTH(true) + 0.3 * np.random.default_rng(4).standard_normal(true.size)
     unnamed, named = (
@@ -98,7 +98,7 @@ def test_unnamed_positions_that_round_alike_are_not_too_narrow() -> None:
 
 
 def test_unequal_noise_counts_beside_the_reading_too() -> None:
-    """A point said to be fifty times noisier hardly moves the mean, with a fine grid as without one."""
+    """A point with fifty times the stated noise hardly moves the mean, with a fine grid as without one."""
     x = np.linspace(-2.7, 3.8, 24)
     y = TRUTH(x) + np.random.default_rng(2).standard_normal(24)
     y[20] += 60.0
@@ -142,7 +142,7 @@ def test_points_on_the_curve_have_no_noise_to_sample() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
-def test_bands_cover_what_they_say() -> None:
+def test_bands_have_their_stated_coverage() -> None:
     """Over 200 data sets the 68 and 95 % bands of the curve hold the truth in 68 +- 5 and 95 +- 3 %."""
     x, at = X[:30], np.linspace(-2.5, 3.6, 9)
     inside = np.zeros((2, 200, at.size), dtype=bool)
@@ -158,7 +158,7 @@ def test_bands_cover_what_they_say() -> None:
     assert abs(found[1] - 0.95) < 0.03
 
 
-def test_closed_bands_cover_what_they_say() -> None:
+def test_closed_bands_have_their_stated_coverage() -> None:
     """Student's bands of curve and new reading hold the truth 95 +- 3 % of the time over 200 data sets."""
     x, at = X[:30], np.asarray([-2.0, 0.0, 3.0])
     rng = np.random.default_rng(11)
@@ -259,11 +259,11 @@ def test_reading_error_on_a_cubic_is_that_of_a_long_run(resolution: float, noise
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("cycles", [5, 20])
 @pytest.mark.parametrize(("grid", "reader"), [(0.1, 0.0), (0.1, 0.3), (0.5, 0.0), (0.5, 0.3), (1.0, 0.0), (1.0, 0.3)])
-def test_bands_of_a_curve_read_on_a_grid_cover_what_they_say(grid: float, reader: float, cycles: int) -> None:
+def test_bands_of_a_curve_read_on_a_grid_have_their_stated_coverage(grid: float, reader: float, cycles: int) -> None:
     """60 actuators: the bands hold the curve 68 and 95 % of the time, rounded alike or dithering; never fewer.
 
     Where dense positions round alike in a regular pattern their errors cancel better than independent ones would: the
-    bands may hold it 12 and 5 % more often than they say (80 and 99.4 % were seen, 0.5 mm).
+    bands may hold it 12 and 5 % more often than stated (80 and 99.4 % were seen, 0.5 mm).
     """
     rng, share = np.random.default_rng(1), np.repeat(np.arange(9) / 9, 2)
     loop, inside = np.tile([-0.12, 0.12], 9) * 4.0 * share * (1.0 - share), []

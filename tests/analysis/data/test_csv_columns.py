@@ -73,7 +73,7 @@ def test_a_name_with_a_comma_is_understood(tmp_path: Path) -> None:
 
 
 def test_a_column_of_text_is_named(tmp_path: Path) -> None:
-    """3/4/2026 is the third of April or the fourth of March: the refusal shows what stands in the column."""
+    """3/4/2026 is the third of April or the fourth of March: the refusal shows the values of the column."""
     path = written(tmp_path / "a.csv", "time,pressure_kpa,s1_mv", lambda i: f"3/4/2026 10:{i:02d},{i}.5,{1600 + i}")
     with pytest.raises(AnalysisError, match="column 'time' holds text like '3/4/2026 10:00'"):
         import_csv(path)

@@ -85,8 +85,8 @@ def written(path: Path, head: str, row: Callable[[int], str], rows: int = 50) ->
     return path
 
 
-def test_what_an_import_left_out_is_a_flag_of_the_figures(tmp_path: Path) -> None:
-    """Who analyses a CSV never sees the import's own messages: seven ragged rows, five said and the rest counted."""
+def test_what_an_import_left_out_is_a_warning_of_the_figures(tmp_path: Path) -> None:
+    """An analysis of a CSV repeats the import's messages: seven ragged rows, five listed and the rest counted."""
     path = written(tmp_path / "a.csv", "time_s,pressure_kpa,s1_mv", lambda i: f"{i},{i % 7}.5,{1600 + i}")
     lines = path.read_text().splitlines()
     lines[10:17] = ["9,9"] * 7
@@ -97,8 +97,8 @@ def test_what_an_import_left_out_is_a_flag_of_the_figures(tmp_path: Path) -> Non
     assert texts[-1].startswith("and 2 more")
 
 
-def test_repeated_times_are_told(tmp_path: Path) -> None:
-    """A row whose time stands twice is left out, and said."""
+def test_repeated_times_are_reported(tmp_path: Path) -> None:
+    """A row that repeats a time is left out and reported."""
     path = written(tmp_path / "a.csv", "time_s,pressure_kpa,s1_mv", lambda i: f"{max(i, 1)},{i}.5,{1600 + i}")
     assert any("1 rows left out" in note for note in import_csv(path).meta["import_notes"])
 

@@ -1,4 +1,4 @@
-"""Files as laboratories have them, each made from known numbers: those come back, or a sentence says what is wrong."""
+"""Files as laboratories have them, each made from known numbers: those are read, or an error names the cause."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HEAD = "time_s,pressure_kpa,s1_mv"
 
 
 def put(folder: Path, text: str | bytes) -> Path:
-    path = folder / "nasty.csv"
+    path = folder / "malformed.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8"))
     return path
 
@@ -42,7 +42,7 @@ def comma(text: str, separator: str = ";") -> str:
 
 
 def clock(seconds: float, start: int = 86_399) -> str:
-    """Time of day, from a second before midnight on unless told otherwise."""
+    """Time of day, from a second before midnight on unless given."""
     whole = start + int(seconds + 1e-9)
     return f"{whole // 3600 % 24:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}.{round(seconds % 1 * 1000):03d}"
 
@@ -108,7 +108,7 @@ GOOD = {
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_a_nasty_file_gives_its_numbers(tmp_path: Path, name: str) -> None:
+def test_a_malformed_file_gives_its_numbers(tmp_path: Path, name: str) -> None:
     """Fault 47: the numbers that the file was made of, in kPa, mV and s."""
     is_the_truth(import_csv(put(tmp_path, GOOD[name])))
 
@@ -118,7 +118,7 @@ def test_a_nasty_file_gives_its_numbers(tmp_path: Path, name: str) -> None:
     ["NaN", "nan", "-nan", "#N/A", "NULL", "n/a", "1.#QNAN", "1.#IND", "inf", "-Infinity", "#DIV/0!", "--", "OVER"],
 )
 def test_what_is_no_number_is_masked_and_counted(tmp_path: Path, word: str) -> None:
-    """Fault 37: the cell is left out, its neighbours stay, and it is said."""
+    """Fault 37: the cell is left out, its neighbours stay, and it is reported."""
     rows = [*PLAIN]
     rows[7] = f"{TIME[7]:.10g},{PRESSURE[7]:.10g},{word}"
     path = put(tmp_path, lines(HEAD, rows=rows))
@@ -139,8 +139,8 @@ def test_repeated_and_falling_times(tmp_path: Path) -> None:
         import_csv(put(tmp_path, lines(HEAD, rows=falling)))
 
 
-def test_without_time_a_rate_is_asked_for(tmp_path: Path) -> None:
-    """And taken."""
+def test_without_time_a_rate_is_required(tmp_path: Path) -> None:
+    """Its value is used."""
     path = put(tmp_path, lines("pressure_kpa,s1_mv", rows=[row.partition(",")[2] for row in PLAIN]))
     with pytest.raises(AnalysisError) as refused:
         import_csv(path)
@@ -154,10 +154,10 @@ def test_a_profile_is_used_again_for_the_next_file(tmp_path: Path) -> None:
     path = put(tmp_path, lines("Kanal A;Uhr: Pult;was;Manometer", rows=rows))
     table = read_table(path)
     by_hand = {"s1_mv": "Kanal A:V", "time_s": "2:ms", "pressure_kpa": "Manometer:bar"}
-    save_profile(tmp_path / "bench.json", map_columns(table, by_hand), table)
-    kept = load_profile(tmp_path / "bench.json")
+    save_profile(tmp_path / "profile.json", map_columns(table, by_hand), table)
+    kept = load_profile(tmp_path / "profile.json")
     assert kept["pressure_kpa"] == "Manometer:bar"
-    is_the_truth(import_csv(path, profile=tmp_path / "bench.json"))
+    is_the_truth(import_csv(path, profile=tmp_path / "profile.json"))
 
 
 @pytest.mark.nightly

@@ -27,7 +27,7 @@ def test_broken_rows_are_named_by_line(tmp_path: Path) -> None:
 
 @pytest.mark.fault(52, how="endless lines, thousands of columns, binary files", times=5)
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "cause"),
     [
         (b"", "is empty"),
         (b"\x89PNG\r\n\x1a\n\x00\x00\x00\x00", "binary|no rows"),
@@ -36,9 +36,9 @@ def test_broken_rows_are_named_by_line(tmp_path: Path) -> None:
         (b"\n".join([b",".join([b"1"] * 1500)] * 5), "1500 columns"),
     ],
 )
-def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
-    """Fault 52 and its neighbours: refused in words, in bounded memory."""
+def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes, cause: str) -> None:
+    """Fault 52 and its neighbours: refused with the cause, in bounded memory."""
     path = tmp_path / "a.csv"
     path.write_bytes(content)
-    with pytest.raises(AnalysisError, match=said):
+    with pytest.raises(AnalysisError, match=cause):
         read_table(path)

@@ -30,7 +30,7 @@ def test_numbers_survive_export_and_import(tmp_path_factory: pytest.TempPathFact
 
 @pytest.mark.fault(49, 54, how="a formula for a note, in a simulated run", times=1)
 def test_export_says_simulated_and_neutralises_text(tmp_path: Path) -> None:
-    """Faults 49 and 54: the note is one cell that no spreadsheet runs; SIMULATED stands in CSV, sidecar and Parquet."""
+    """Faults 49 and 54: the note is one cell that no spreadsheet runs; SIMULATED is in CSV, sidecar and Parquet."""
     meta = {"note": '=cmd|"/c calc",@x', "operator": "+1"}
     run = write_boat(tmp_path / "r.boat", Plant().run(*triangle(2, 5)), meta=meta)
     recording = load_recording(run)

@@ -68,7 +68,7 @@ def test_the_limit_of_the_combined_error_is_that_of_the_published_curve():
     assert limit == pytest.approx(2 * combined, abs=0.1)
 
 
-def test_without_a_calibration_nothing_is_judged():
+def test_without_a_calibration_no_verdict_is_given():
     """A run without readings has another obstacle."""
     assert out_of_tolerance(SimpleNamespace(calibration=None, figures={}), 0.1) == ()
 

@@ -65,7 +65,7 @@ def test_few_cycles_are_compared_as_scipy_does(sizes: tuple[int, int]) -> None:
         assert np.isnan(level.f)
 
 
-def test_a_step_is_told_from_a_drift_as_nested_models_do() -> None:
+def test_a_step_is_distinguished_from_a_drift_as_nested_models_do() -> None:
     """t squared is the F of the model with a step against the one without; df as its n - 3; the drift is common."""
     rng = np.random.default_rng(2)
     at = np.arange(30.0)
@@ -115,8 +115,8 @@ def test_false_alarms_come_at_the_stated_rate() -> None:
 
 
 @pytest.mark.parametrize("sizes", [(1, 1), (0, 5), (5, 0)])
-def test_too_few_cycles_are_said_to_be_untested(sizes: tuple[int, int]) -> None:
-    """No test, no verdict, and the sentence says so; the cycles are one part."""
+def test_too_few_cycles_are_reported_as_untested(sizes: tuple[int, int]) -> None:
+    """No test, no verdict, and the sentence reports it; the cycles are one part."""
     found = compared(np.full(sizes[0], 1600.0), np.full(sizes[1], 1601.0))
     assert found.verdict == "untested"
     assert "untested" in found.sentence
@@ -159,14 +159,14 @@ def broken_run(offset_mv: float, cycles: tuple[int, int] = (6, 9)) -> Recording:
     )
 
 
-def test_a_run_that_did_not_change_is_pooled_and_says_so() -> None:
+def test_a_run_that_did_not_change_is_pooled_and_reported() -> None:
     """All complete cycles enter the figures, and the flag names the comparison."""
     analysis = analyse(broken_run(0.0), options=Options(mcmc=False))
-    told = analysis.to_json()
-    assert told["breaks"][0]["pooled"]
-    assert told["parts"] == []
+    output = analysis.to_json()
+    assert output["breaks"][0]["pooled"]
+    assert output["parts"] == []
     assert analysis.loops.n_cycles == analysis.cycles.as_json()["complete"]
-    (flag,) = [flag["text"] for flag in told["flags"] if flag["code"] == "break"]
+    (flag,) = [flag["text"] for flag in output["flags"] if flag["code"] == "break"]
     assert "pooled" in flag
 
 
@@ -174,25 +174,25 @@ def test_a_run_that_changed_is_never_pooled() -> None:
     """Figures of both parts are given; those of the run are the larger part's, equal to an analysis of it alone."""
     run = broken_run(5.0)
     analysis = analyse(run, options=Options(mcmc=False))
-    told = analysis.to_json()
-    (found,) = told["breaks"]
+    output = analysis.to_json()
+    (found,) = output["breaks"]
     assert (found["verdict"], found["pooled"]) == ("differs", False)
     level = found["comparisons"][0]
     assert level["difference_low"] < 5.0 < level["difference_high"]
-    assert [len(part["cycles"]) for part in told["parts"]] == [len(found["before"]), len(found["after"])]
+    assert [len(part["cycles"]) for part in output["parts"]] == [len(found["before"]), len(found["after"])]
     alone = analyse(Plant(seed=1).run(*triangle(9, 4.0)), options=Options(mcmc=False))
     own = analysis.sensors[0].figures["repeatability_percent_fso"]
     assert own.value == pytest.approx(alone.sensors[0].figures["repeatability_percent_fso"].value, rel=0.1)
-    assert told["parts"][1]["sensors"][0]["figures"]["repeatability_percent_fso"]["value"] == own.value
-    assert any(flag["code"] == "differs_over_break" for flag in told["flags"])
+    assert output["parts"][1]["sensors"][0]["figures"]["repeatability_percent_fso"]["value"] == own.value
+    assert any(flag["code"] == "differs_over_break" for flag in output["flags"])
     titles = [section.title for section in build_report([analysis]).sections]
     assert "Before and after the break" in titles
 
 
 def test_an_unbroken_run_has_no_such_keys() -> None:
     """Results stored before breaks were known come out the same."""
-    told = analyse(Plant().run(*triangle(3, 4.0)), options=Options(mcmc=False)).to_json()
-    assert not {"breaks", "parts"} & set(told)
+    output = analyse(Plant().run(*triangle(3, 4.0)), options=Options(mcmc=False)).to_json()
+    assert not {"breaks", "parts"} & set(output)
 
 
 def test_breaks_that_are_no_breaks_are_refused() -> None:

@@ -33,7 +33,7 @@ class Line:
 
 @pytest.mark.parametrize("shift_mm", [0.15, 0.4])
 def test_the_deviation_is_the_plants_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shift_mm: float) -> None:
-    """Every cycle lies `shift_mm` from nominal and as much, in pressure, from the model; the report says it."""
+    """Every cycle lies `shift_mm` from nominal and as much, in pressure, from the model; the report names it."""
     monkeypatch.setattr("analysis.shadow.model.table.load_table", lambda **_: Line(shift_mm))
     stairs = Staircase(Plant(noise_mv=(0.2, 0.2), pressure_noise_kpa=0.02), cycles=3)
     stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
@@ -51,8 +51,8 @@ def test_the_deviation_is_the_plants_own(tmp_path: Path, monkeypatch: pytest.Mon
     assert [float(row[1]) for row in table.rows] == pytest.approx([shift_mm] * 3, abs=0.005)
 
 
-def test_a_run_without_elongation_is_not_compared_and_says_why() -> None:
-    """No calibration, no comparison: the reason stands in JSON and report."""
+def test_a_run_without_elongation_is_not_compared_and_has_a_reason() -> None:
+    """No calibration, no comparison: the reason is in JSON and report."""
     analysis = analyse(Staircase(cycles=1).recording(), options=QUICK)
     compared = against_shadow(analysis)
     assert "no elongation was read" in compared.as_json()["void"]

@@ -80,7 +80,7 @@ def test_continuous_cycles_give_the_systems_figures() -> None:
         assert sensor.calibration is None
 
 
-def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+def test_intervals_hold_the_truth_at_their_stated_rate() -> None:
     """The 95 % bootstrap interval of the sensitivity over 5 cycles covers the truth in 88 to 100 % of 60 runs."""
     truth = true_hysteresis(PAPER[0])[1] / 6.5
     x = Staircase().elongations()["elongation_mm"].to_numpy()

@@ -44,7 +44,7 @@ def test_sensitivity_of_a_cycle_is_over_pressure_where_one_cycle_was_not_read(tm
 
 
 def test_sensitivity_of_a_cycle_of_a_continuous_run() -> None:
-    """Bins stand for the levels: the chord between the outermost bins' centres, 88 kPa of 90 apart."""
+    """Bins represent the levels: the chord between the outermost bins' centres, 88 kPa of 90 apart."""
     analysis = analyse(Plant().run(*triangle(4, 20)), options=QUICK)
     curves = map(np.polynomial.Polynomial, PAPER)
     for sensor, curve in enumerate(curves):

@@ -24,7 +24,7 @@ def elongation_file(stairs: Staircase, folder: Path) -> Path:
 
 @pytest.mark.fault(42, how="a signal without noise", times=2)
 @pytest.mark.parametrize(("noise", "expected"), [((0.0, 0.0), np.inf), ((1.0, 1.0), 20 * np.log10(255.5837 / 1.0))])
-def test_snr_of_no_noise_is_infinite_and_says_so(tmp_path: Path, noise: tuple[float, float], expected: float) -> None:
+def test_snr_of_no_noise_is_infinite_with_a_reason(tmp_path: Path, noise: tuple[float, float], expected: float) -> None:
     """Fault 42: a noiseless signal gives inf with a reason."""
     stairs = Staircase(Plant(noise_mv=noise), cycles=2)
     figure = analyse(stairs.recording(), elongation_file(stairs, tmp_path), options=QUICK).sensors[0].figures["snr_db"]

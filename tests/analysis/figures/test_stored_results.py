@@ -49,24 +49,24 @@ def analysed() -> tuple[Recording, Analysis]:
 
 
 def test_an_older_recording_is_not_added_to(tmp_path: Path, analysed: tuple[Recording, Analysis]) -> None:
-    """Not a byte of it changes, and the reader is told of `upgrade`; one of today's layout keeps the result."""
+    """Not a byte of it changes, and the message names `upgrade`; one of today's layout keeps the result."""
     run = write_boat(tmp_path / "run.boat", analysed[0])
     with closing(sqlite3.connect(run)) as db:
         db.execute("PRAGMA user_version = 1")
     before = run.read_bytes()
-    said = store_analysis(run, analysed[1])
-    assert "layout of an older program" in said
-    assert "boat-daq upgrade" in said
+    message = store_analysis(run, analysed[1])
+    assert "layout of an older program" in message
+    assert "boat-daq upgrade" in message
     assert run.read_bytes() == before
     with closing(sqlite3.connect(run)) as db:
         db.execute("PRAGMA user_version = 2")
     assert store_analysis(run, analysed[1]) == ""
 
 
-def test_a_result_says_by_which_state_it_was_computed(
+def test_a_result_names_the_program_state_that_computed_it(
     tmp_path: Path, analysed: tuple[Recording, Analysis], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A changed number of this very program is told from one that another state of it computed."""
+    """A changed number of this very program is distinguished from one that another state of it computed."""
     run = write_boat(tmp_path / "run.boat", analysed[0])
     monkeypatch.setattr("boat_daq.engine.recording.verify._verify_stream", lambda *_: None)  # made without raw bytes
     assert store_analysis(run, analyse(run, options=Options(mcmc=False))) == ""

@@ -12,8 +12,8 @@ from analysis.figures.unit_history import en_scores, unit_history
 from tests.analysis.boat_builder import Plant, Staircase
 
 
-def test_calibrations_stand_in_the_order_of_their_instants(tmp_path: Path) -> None:
-    """02:30 summer time is before 02:10 winter time, forty minutes later; one of unknown time stands first."""
+def test_calibrations_are_in_the_order_of_their_instants(tmp_path: Path) -> None:
+    """02:30 summer time is before 02:10 winter time, forty minutes later; one of unknown time is first."""
     times = ("2026-10-25T02:10:00+01:00", "2026-10-25T02:30:00+02:00", "2026-10-25T01:00:00+00:00", "")
     analyses = []
     for k, when in enumerate(times):

@@ -20,27 +20,27 @@ def elongation_file(stairs: Staircase, folder: Path) -> Path:
     return path
 
 
-def test_a_flag_of_a_reading_says_which_plateau_with_units(tmp_path):
-    """A millimetre too much at one plateau: value, pressure, branch, cycle and the signal's unit are in its flag."""
+def test_a_warning_of_a_reading_names_its_plateau_with_units(tmp_path):
+    """A millimetre too much at one plateau: value, pressure, branch, cycle and the signal's unit are in its warning."""
     stairs = Staircase(cycles=2)
     table = stairs.elongations()
     row = len(table) - 5  # the last cycle ends at its highest pressure: loading
     table.loc[row, "elongation_mm"] += 1.0
     table.to_csv(tmp_path / "e.csv", index=False)
     found = analyse(stairs.recording(), tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=0.0))
-    said = next(w.text for w in found.warnings if w.code == "outlier" and w.subject == "s1")
+    text = next(w.text for w in found.warnings if w.code == "outlier" and w.subject == "s1")
     pressure, x = table.loc[row, "pressure_kpa"], table.loc[row, "elongation_mm"]
-    assert f"the reading {x:+.2f} mm at {pressure:+.0f} kPa, loading, cycle 2 is " in said
-    assert " mV off the curve" in said
+    assert f"the reading {x:+.2f} mm at {pressure:+.0f} kPa, loading, cycle 2 is " in text
+    assert " mV off the curve" in text
 
 
-def test_a_signal_that_stands_still_while_pressure_moves_is_flagged() -> None:
-    """A CSV tells no saturation: a signal cut off at 1,650 mV is flagged with its share; a whole one is not."""
+def test_a_signal_constant_while_pressure_changes_is_warned_of() -> None:
+    """A CSV has no saturation flag: a signal cut off at 1,650 mV is flagged with its share; a whole one is not."""
     run = Plant().run(*triangle(4, 20))
     cut = Recording.from_arrays(run.time_s, run.pressure_kpa, np.minimum(run.signal_mv, [1650.0, 9999.0]))
-    said = [w.sentence for w in analyse(cut, mcmc=False).warnings if w.code == "flat"]
-    assert len(said) == 1
-    assert said[0].startswith("s1")
+    texts = [w.sentence for w in analyse(cut, mcmc=False).warnings if w.code == "flat"]
+    assert len(texts) == 1
+    assert texts[0].startswith("s1")
     assert not [w for w in analyse(run, mcmc=False).warnings if w.code == "flat"]
 
 
@@ -59,17 +59,17 @@ def test_frames_that_failed_their_crc_are_counted_apart(tmp_path: Path) -> None:
     assert next(w.sentence for w in found.warnings if w.code == "crc_errors").startswith("5 frames")
 
 
-def test_a_constant_signal_is_flagged_by_its_own_name(tmp_path: Path) -> None:
-    """One value in all samples of one sensor: said with the value and the count, and of that sensor alone."""
+def test_a_constant_signal_has_its_own_warning(tmp_path: Path) -> None:
+    """One value in all samples of one sensor: reported with the value and the count, and of that sensor alone."""
     stairs = Staircase(cycles=1)
     run = stairs.recording()
     signal = run.signal_mv.copy()
     signal[:, 1] = 1650.0
     constant = Recording.from_arrays(run.time_s, run.pressure_kpa, signal)
     found = analyse(constant, elongation_file(stairs, tmp_path), options=QUICK)
-    said = [w.sentence for w in found.warnings if w.code == "constant_signal"]
-    assert len(said) == 1
-    assert f"the signal is constant, 1650 mV in all {run.n} samples" in said[0]
-    assert said[0].startswith(found.sensors[1].name)
+    texts = [w.sentence for w in found.warnings if w.code == "constant_signal"]
+    assert len(texts) == 1
+    assert f"the signal is constant, 1650 mV in all {run.n} samples" in texts[0]
+    assert texts[0].startswith(found.sensors[1].name)
     assert np.isfinite(found.sensors[0].figures["snr_db"].value)
     assert not np.isfinite(found.sensors[1].figures["snr_db"].value)

@@ -57,8 +57,8 @@ def test_warm_up_cycles_are_found_and_named(repeatability: Analysis) -> None:
     """Two cycles off by 5 mV are warm-up, no more."""
     assert repeatability.sensors[0].by_cycle.warm_up == 2
     report = build_report([repeatability])
-    said = [p for s in report.sections for p in s.parts if isinstance(p, str)]
-    assert any("warm-up in cycles 1, 2" in text for text in said)
+    paragraphs = [p for s in report.sections for p in s.parts if isinstance(p, str)]
+    assert any("warm-up in cycles 1, 2" in text for text in paragraphs)
 
 
 def test_the_verdict_is_against_the_users_limits(repeatability: Analysis) -> None:
@@ -119,5 +119,5 @@ def test_a_dead_sensor_is_named_and_in_no_mean(tmp_path: Path) -> None:
     assert analysis.system_sensitivity.void == "s2 is flat"
     report = build_report([analysis])
     assert report.verdict.endswith("Not usable: sensor 2 is flat.")
-    said = [part for section in report.sections for part in section.parts if isinstance(part, str)]
-    assert sum("full-scale output is zero" in text for text in said) == 1
+    paragraphs = [part for section in report.sections for part in section.parts if isinstance(part, str)]
+    assert sum("full-scale output is zero" in text for text in paragraphs) == 1

@@ -18,7 +18,7 @@ def test_columns_meet_at_the_decimal_point() -> None:
 
 
 def test_numbers_meet_at_the_point_and_at_the_plus_minus() -> None:
-    """Digits of one place stand under one another; words stand at the left; the minus is a minus."""
+    """Digits of one place are aligned; text is left-aligned; the minus is U+2212."""
     table = aligned(ReportTable(("", "b", "unit"), (("b0", "1651.98 ± 0.12", "mV"), ("b1", "-2.7 ± 12.1", "mV/mm"))))
     first, second = (line[1].replace("\u2007", "_").replace("\u2008", ".") for line in table.rows)
     assert first == "1651.98 ± _0.12"

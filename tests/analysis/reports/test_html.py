@@ -33,7 +33,7 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
 
 @pytest.fixture(scope="module")
 def written(calibration: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder in which the calibration's report stands as r.html and r.pdf."""
+    """The folder in which the calibration's report is r.html and r.pdf."""
     folder = tmp_path_factory.mktemp("written")
     for ending in ("html", "pdf"):
         write_report([calibration], folder / f"r.{ending}")

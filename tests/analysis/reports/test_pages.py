@@ -20,12 +20,12 @@ def drawn(height: float) -> PageBlock:
     return PageBlock(height, drawing=ReportDrawing((), "", height), kept=True)
 
 
-def cost(blocks: list[PageBlock], counts: list[int], room: float) -> float:
+def cost(blocks: list[PageBlock], counts: list[int], height_inch: float) -> float:
     """Cost of pages of so many blocks each; a page that does not hold its blocks is one only if it is a single one."""
     total, first = 0.0, 0
     for n in counts:
         end = first + n
-        found = pages._cost(pages._sums(pages._page(blocks, first, end)), room, last=end == len(blocks))
+        found = pages._cost(pages._sums(pages._page(blocks, first, end)), height_inch, last=end == len(blocks))
         own = found if found is not None else pages.PARTED if n == 1 else np.inf
         total += own + pages.PAGE + pages._parting(blocks, end)
         first = end
@@ -45,7 +45,7 @@ def test_no_other_breaks_are_cheaper() -> None:
 
 @pytest.mark.parametrize("rows", range(48, 58))
 def test_no_page_holds_a_single_row(rows: int) -> None:
-    """However long a table is, its head stands on every page, with four rows or more of it, and none is lost."""
+    """However long a table is, its head is on every page, with four rows or more of it, and none is lost."""
     blocks = pdf._table(ReportTable(("no.", "mV"), tuple((str(k), "1.0") for k in range(rows)), "Means."))
     found = broken(blocks, pdf.PAGE_INCH)
     heads = [sum(b is blocks[0] or b.texts == blocks[0].texts for b in page) for page in found]

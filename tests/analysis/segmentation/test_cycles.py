@@ -84,7 +84,7 @@ def test_a_seldom_sampled_square_wave_is_no_series_of_drop_outs() -> None:
 
 @pytest.mark.fault(25, how="a segment boundary inside a cycle", times=1)
 def test_a_pause_leaves_its_cycle_out() -> None:
-    """Fault 25: the cycle across a segment boundary is left out, the count goes on."""
+    """Fault 25: the cycle across a segment boundary is left out, the count continues."""
     pressure, loading, cycle = triangle(5, 30)
     segment = (np.arange(pressure.size) > 4500).astype(int)
     cycles = find_cycles(Plant().run(pressure, loading, cycle, segment=segment))

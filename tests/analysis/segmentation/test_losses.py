@@ -16,7 +16,7 @@ QUICK = Options(mcmc=False)
 
 
 def without(recording: Recording, rows: slice | np.ndarray) -> Recording:
-    """The run without some rows; the index tells."""
+    """The run without some rows; the index shows it."""
     kept = np.delete(np.arange(recording.n), rows)
     return Recording.from_arrays(
         recording.time_s[kept], recording.pressure_kpa[kept], recording.signal_mv[kept], index=recording.index[kept]

@@ -108,19 +108,19 @@ def test_a_run_whose_readings_were_all_withdrawn_was_not_read() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "cause"),
     [
         (lambda f: f.iloc[:-3], "88 rows where the run has"),
         (lambda f: f.assign(pressure_kpa=f["pressure_kpa"].to_numpy()[::-1] + 7), "row 1 is at"),
         (lambda f: f.rename(columns={"elongation_mm": "x"}), "no column 'elongation_mm'"),
     ],
 )
-def test_an_elongation_file_that_does_not_fit_is_refused(tmp_path: Path, change, said: str) -> None:  # type: ignore[no-untyped-def]
+def test_an_elongation_file_that_does_not_fit_is_refused(tmp_path: Path, change, cause: str) -> None:  # type: ignore[no-untyped-def]
     """The reason names the count, the first row, or the column."""
     stairs = Staircase()
     path = tmp_path / "wrong.csv"
     change(stairs.elongations()).to_csv(path, index=False)
-    with pytest.raises(AnalysisError, match=said):
+    with pytest.raises(AnalysisError, match=cause):
         analyse(stairs.recording(), path, options=QUICK)
 
 

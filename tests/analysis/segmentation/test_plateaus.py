@@ -66,7 +66,7 @@ def test_the_turns_of_a_growing_wave_are_no_plateaus() -> None:
 
 @pytest.mark.parametrize("period_s", [5.6, 6.0, 6.1, 6.5])
 def test_a_window_as_long_as_a_cycle_makes_no_staircase(period_s: float) -> None:
-    """The mean over a whole cycle stands still, the pressure does not: here cycles of about 6 s, ramps +- 50 ms."""
+    """The mean over a whole cycle is constant, the pressure is not: here cycles of about 6 s, ramps +- 50 ms."""
     rng = np.random.default_rng(1)
     times, levels = [0.0, 5.0, 6.2], [0.0, 0.0, 50.0]
     for level in (-40.0, 50.0) * 30:

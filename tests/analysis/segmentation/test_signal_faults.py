@@ -21,7 +21,7 @@ def changed(recording: Recording, rows: slice, sensor: int, value: float) -> Rec
 
 
 def test_a_clipped_csv_signal_is_left_out_with_its_count() -> None:
-    """Cut off at 1,650 mV for half the run: sensor 1 has no figures and says why, sensor 2 keeps its own."""
+    """Cut off at 1,650 mV for half the run: sensor 1 has no figures and names the reason, sensor 2 keeps its own."""
     run = Plant().run(*triangle(4, 20))
     cut = Recording.from_arrays(run.time_s, run.pressure_kpa, np.minimum(run.signal_mv, [1650.0, 9999.0]))
     at_rail = int((cut.signal_mv[:, 0] == 1650.0).sum())

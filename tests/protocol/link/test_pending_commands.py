@@ -1,4 +1,4 @@
-"""Commands and answers on a clock that is handed in. Times are in ms here."""
+"""Commands and answers on a clock that is passed in. Times are in ms here."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.protocol.link.streams import BOOTED, HELLO, START_DONE, sample, strea
 MS = 1_000_000
 
 
-class Desk:
+class LinkRig:
     """A connection, and what its board received."""
 
     def __init__(self, *, in_turn: bool = False) -> None:
@@ -47,121 +47,121 @@ class Desk:
 
 
 @pytest.fixture
-def desk() -> Desk:
-    return Desk()
+def rig() -> LinkRig:
+    return LinkRig()
 
 
 @pytest.fixture
-def in_turn() -> Desk:
-    return Desk(in_turn=True)
+def in_turn() -> LinkRig:
+    return LinkRig(in_turn=True)
 
 
 @pytest.mark.fault(17, how="no answer to a command", times=1)
-def test_unanswered_command_is_sent_three_times_with_one_seq(desk: Desk) -> None:
+def test_unanswered_command_is_sent_three_times_with_one_seq(rig: LinkRig) -> None:
     """At 0, 250 and 500 ms; lost at 750 ms, and nothing after that."""
-    seq = desk.send(Vent(), 0)
-    assert desk.poll(249) == ([], [])
-    assert desk.poll(250) == ([], [(Vent(), seq)])
-    assert desk.link.next_deadline_ns == 500 * MS
-    assert desk.poll(500) == ([], [(Vent(), seq)])
-    assert desk.poll(749) == ([], [])
-    assert desk.poll(750) == ([CommandLost(Vent(), seq)], [])
-    assert desk.poll(10_000) == ([], [])
-    assert desk.link.next_deadline_ns is None
-    assert desk.link.statistics.resent == 2
+    seq = rig.send(Vent(), 0)
+    assert rig.poll(249) == ([], [])
+    assert rig.poll(250) == ([], [(Vent(), seq)])
+    assert rig.link.next_deadline_ns == 500 * MS
+    assert rig.poll(500) == ([], [(Vent(), seq)])
+    assert rig.poll(749) == ([], [])
+    assert rig.poll(750) == ([CommandLost(Vent(), seq)], [])
+    assert rig.poll(10_000) == ([], [])
+    assert rig.link.next_deadline_ns is None
+    assert rig.link.statistics.resent == 2
 
 
-def test_host_that_slept_repeats_before_giving_up(desk: Desk) -> None:
+def test_host_that_slept_repeats_before_giving_up(rig: LinkRig) -> None:
     """After a stall of five seconds a command is repeated once and waited for, not given up three times over."""
-    seq = desk.send(Vent(), 0)
-    assert desk.poll(5000) == ([], [(Vent(), seq)])
-    assert desk.poll(5100) == ([], [])
-    assert desk.answer(MessageType.VENT, seq, 5200) == [CommandDone(Vent(), seq, AckStatus.DONE)]
+    seq = rig.send(Vent(), 0)
+    assert rig.poll(5000) == ([], [(Vent(), seq)])
+    assert rig.poll(5100) == ([], [])
+    assert rig.answer(MessageType.VENT, seq, 5200) == [CommandDone(Vent(), seq, AckStatus.DONE)]
 
 
 @pytest.mark.parametrize("in_turn", [False, True])
 def test_stall_of_the_program_is_not_a_silent_board(*, in_turn: bool) -> None:
     """Late to the last deadline by more than 100 ms: the answer, which may wait in the port, gets a window more."""
-    desk = Desk(in_turn=in_turn)
-    seq = desk.send(Heartbeat(5000), 0)
-    desk.poll(250)
-    desk.poll(500)
-    assert desk.poll(1500) == ([], [])
-    assert desk.poll(1749) == ([], [])
+    rig = LinkRig(in_turn=in_turn)
+    seq = rig.send(Heartbeat(5000), 0)
+    rig.poll(250)
+    rig.poll(500)
+    assert rig.poll(1500) == ([], [])
+    assert rig.poll(1749) == ([], [])
     answered = CommandDone(Heartbeat(5000), seq, AckStatus.DONE)
-    assert desk.answer(MessageType.HEARTBEAT, seq, 1749) == [answered]
-    assert desk.poll(10_000) == ([], [])
+    assert rig.answer(MessageType.HEARTBEAT, seq, 1749) == [answered]
+    assert rig.poll(10_000) == ([], [])
 
 
 @pytest.mark.parametrize(("late_ms", "lost"), [(100, True), (101, False)])
-def test_boundary_of_a_late_caller(desk: Desk, late_ms: int, *, lost: bool) -> None:
+def test_boundary_of_a_late_caller(rig: LinkRig, late_ms: int, *, lost: bool) -> None:
     """A read waits 50 ms; a turn of twice that is a stall."""
-    desk.send(Heartbeat(5000), 0)
-    desk.poll(250)
-    desk.poll(500)
-    assert bool(desk.poll(750 + late_ms)[0]) is lost
-    assert bool(desk.poll(1000 + late_ms)[0]) is not lost
+    rig.send(Heartbeat(5000), 0)
+    rig.poll(250)
+    rig.poll(500)
+    assert bool(rig.poll(750 + late_ms)[0]) is lost
+    assert bool(rig.poll(1000 + late_ms)[0]) is not lost
 
 
-def test_program_that_keeps_stalling_still_gives_up(desk: Desk) -> None:
+def test_program_that_keeps_stalling_still_gives_up(rig: LinkRig) -> None:
     """Three windows more, and no fourth."""
-    seq = desk.send(Heartbeat(5000), 0)
-    events = [desk.poll(at_ms)[0] for at_ms in range(1000, 9000, 1000)]
+    seq = rig.send(Heartbeat(5000), 0)
+    events = [rig.poll(at_ms)[0] for at_ms in range(1000, 9000, 1000)]
     assert events == [[], [], [], [], [], [CommandLost(Heartbeat(5000), seq)], [], []]
 
 
-def test_nothing_is_given_up_before_the_backlog_is_read(desk: Desk) -> None:
+def test_nothing_is_given_up_before_the_backlog_is_read(rig: LinkRig) -> None:
     """The read began at 749 ms and was stalled behind it: bytes of 750 ms may wait in the port."""
-    seq = desk.send(Heartbeat(5000), 0)
-    desk.poll(250)
-    desk.poll(500)
-    assert desk.link.poll(800 * MS, 749 * MS) == ([], b"")
-    assert desk.link.poll(801 * MS, 750 * MS) == ([CommandLost(Heartbeat(5000), seq)], b"")
+    seq = rig.send(Heartbeat(5000), 0)
+    rig.poll(250)
+    rig.poll(500)
+    assert rig.link.poll(800 * MS, 749 * MS) == ([], b"")
+    assert rig.link.poll(801 * MS, 750 * MS) == ([CommandLost(Heartbeat(5000), seq)], b"")
 
 
 @pytest.mark.parametrize("status", [*AckStatus, 99])
-def test_every_answer_completes_its_command_with_its_status(desk: Desk, status: int) -> None:
+def test_every_answer_completes_its_command_with_its_status(rig: LinkRig, status: int) -> None:
     """The status of a refusal is passed on, also an unknown one."""
-    seq = desk.send(SetPressure(50_000, 0), 0)
-    (event,) = desk.answer(MessageType.SET_PRESSURE, seq, 10, status)
+    seq = rig.send(SetPressure(50_000, 0), 0)
+    (event,) = rig.answer(MessageType.SET_PRESSURE, seq, 10, status)
     assert event == CommandDone(SetPressure(50_000, 0), seq, status)
-    assert desk.poll(10_000) == ([], [])
+    assert rig.poll(10_000) == ([], [])
 
 
-def test_answer_without_a_command_is_only_counted(desk: Desk) -> None:
+def test_answer_without_a_command_is_only_counted(rig: LinkRig) -> None:
     """An answer with a wrong seq or type, repeated or late, does not complete a command."""
-    seq = desk.send(Vent(), 0)
-    assert desk.answer(MessageType.VENT, seq + 1, 1) == []
-    assert desk.answer(MessageType.STOP, seq, 2) == []
-    assert len(desk.answer(MessageType.VENT, seq, 3)) == 1
-    assert desk.answer(MessageType.VENT, seq, 4) == []
-    assert desk.link.statistics.late_answers == 3
+    seq = rig.send(Vent(), 0)
+    assert rig.answer(MessageType.VENT, seq + 1, 1) == []
+    assert rig.answer(MessageType.STOP, seq, 2) == []
+    assert len(rig.answer(MessageType.VENT, seq, 3)) == 1
+    assert rig.answer(MessageType.VENT, seq, 4) == []
+    assert rig.link.statistics.late_answers == 3
 
 
-def test_vent_is_sent_at_once(desk: Desk) -> None:
+def test_vent_is_sent_at_once(rig: LinkRig) -> None:
     """With 50 commands pending and none answered, VENT is sent at once."""
     for timeout_ms in range(100, 150):
-        desk.send(Heartbeat(timeout_ms), 0)
-    desk.send(Vent(), 0)
-    _, again = desk.poll(250)
+        rig.send(Heartbeat(timeout_ms), 0)
+    rig.send(Vent(), 0)
+    _, again = rig.poll(250)
     assert [command for command, _ in again] == [Heartbeat(149), Vent()]
 
 
-def test_vent_does_not_wait_in_turn(in_turn: Desk) -> None:
+def test_vent_does_not_wait_in_turn(in_turn: LinkRig) -> None:
     """With one command pending and fifty queued, VENT is sent at once, and only VENT is repeated."""
-    asked, then = SetLimits(-1, 1), [Heartbeat(500), Stop()]
-    limits = in_turn.send(asked, 0)
+    overtaken, then = SetLimits(-1, 1), [Heartbeat(500), Stop()]
+    limits = in_turn.send(overtaken, 0)
     assert all(in_turn.link.send(command, 0) == b"" for command in then)
     vent = in_turn.send(Vent(), 10)
     assert in_turn.poll(260) == ([], [(Vent(), vent)])
     in_turn.answer(MessageType.VENT, vent, 270)
-    assert in_turn.poll(280) == ([], [(asked, limits)])  # what it overtook, with its own number
+    assert in_turn.poll(280) == ([], [(overtaken, limits)])  # what it overtook, with its own number
     in_turn.answer(MessageType.SET_LIMITS, limits, 290)
     assert in_turn.poll(290) == ([], [(then[0], vent + 1)])
 
 
 @pytest.mark.parametrize("command", [Start(100), SetPressure(5, 0), SetLimits(-1, 1), Heartbeat(500), ClearFault()])
-def test_nothing_is_sent_between_a_command_and_its_repeats(in_turn: Desk, command: Command) -> None:
+def test_nothing_is_sent_between_a_command_and_its_repeats(in_turn: LinkRig, command: Command) -> None:
     """A board may remember one type and seq only: a heartbeat before the repeat would have it act twice."""
     seq = in_turn.send(command, 0)
     other = Heartbeat(500) if isinstance(command, Start) else Start(9)
@@ -175,7 +175,7 @@ def test_nothing_is_sent_between_a_command_and_its_repeats(in_turn: Desk, comman
 
 
 @pytest.mark.parametrize("command", [Start(100), ClearFault()])
-def test_start_and_clear_fault_are_not_repeated_after_a_vent(in_turn: Desk, command: Command) -> None:
+def test_start_and_clear_fault_are_not_repeated_after_a_vent(in_turn: LinkRig, command: Command) -> None:
     """A repeated START would restart the stream; without an answer it is reported as lost."""
     seq = in_turn.send(command, 0)
     in_turn.answer(MessageType.VENT, in_turn.send(Vent(), 10), 20)
@@ -183,7 +183,7 @@ def test_start_and_clear_fault_are_not_repeated_after_a_vent(in_turn: Desk, comm
     assert in_turn.poll(750) == ([CommandLost(command, seq)], [])
 
 
-def test_queued_pressure_never_follows_a_vent(in_turn: Desk) -> None:
+def test_queued_pressure_never_follows_a_vent(in_turn: LinkRig) -> None:
     """Queued before the VENT and not yet sent: dropped."""
     first = in_turn.send(Heartbeat(500), 0)
     assert in_turn.link.send(SetPressure(50_000, 0), 0) == b""
@@ -194,7 +194,7 @@ def test_queued_pressure_never_follows_a_vent(in_turn: Desk) -> None:
     assert in_turn.poll(10_000) == ([], [])
 
 
-def test_a_fast_boards_watchdog_is_fed_with_the_repeat_itself(in_turn: Desk) -> None:
+def test_a_fast_boards_watchdog_is_fed_with_the_repeat_itself(in_turn: LinkRig) -> None:
     """Where 250 ms are too long for a board's clock, a heartbeat brings the waiting command's repeat forward."""
     seq = in_turn.send(SetPressure(50_000, 0), 0)
     (frame,) = in_turn.board.receive(in_turn.link.feed(Heartbeat(5000), 50 * MS))
@@ -203,14 +203,14 @@ def test_a_fast_boards_watchdog_is_fed_with_the_repeat_itself(in_turn: Desk) -> 
     assert in_turn.poll(250) == ([], [(SetPressure(50_000, 0), seq)])
 
 
-def test_no_pressure_is_repeated_after_vent(desk: Desk) -> None:
+def test_no_pressure_is_repeated_after_vent(rig: LinkRig) -> None:
     """A SET_PRESSURE whose answer was lost is not repeated behind a VENT: it would pressurise a vented rig."""
-    first = desk.send(SetPressure(50_000, 0), 0)
-    vent = desk.send(Vent(), 100)
-    assert desk.poll(260) == ([], [])
-    assert desk.answer(MessageType.VENT, vent, 300) == [CommandDone(Vent(), vent, AckStatus.DONE)]
-    assert desk.poll(10_000) == ([], [])
-    assert desk.answer(MessageType.SET_PRESSURE, first, 10_001) == []
+    first = rig.send(SetPressure(50_000, 0), 0)
+    vent = rig.send(Vent(), 100)
+    assert rig.poll(260) == ([], [])
+    assert rig.answer(MessageType.VENT, vent, 300) == [CommandDone(Vent(), vent, AckStatus.DONE)]
+    assert rig.poll(10_000) == ([], [])
+    assert rig.answer(MessageType.SET_PRESSURE, first, 10_001) == []
 
 
 @pytest.mark.parametrize(
@@ -218,101 +218,101 @@ def test_no_pressure_is_repeated_after_vent(desk: Desk) -> None:
     [(SetPressure(1, 0), SetPressure(2, 0)), (Heartbeat(500), Heartbeat(0)), (SetLimits(-1, 1), SetLimits(-2, 2)),
      (Start(10), Stop()), (Stop(), Start(10))],
 )  # fmt: skip
-def test_repetition_never_undoes_a_later_command(desk: Desk, older: Command, newer: Command) -> None:
+def test_repetition_never_undoes_a_later_command(rig: LinkRig, older: Command, newer: Command) -> None:
     """Only the newer of two that contradict each other goes out again."""
-    desk.send(older, 0)
-    seq = desk.send(newer, 10)
-    assert desk.poll(260) == ([], [(newer, seq)])
+    rig.send(older, 0)
+    seq = rig.send(newer, 10)
+    assert rig.poll(260) == ([], [(newer, seq)])
 
 
-def test_a_superseded_command_still_gets_its_answer(desk: Desk) -> None:
+def test_a_superseded_command_still_gets_its_answer(rig: LinkRig) -> None:
     """A refusal that comes late is a refusal."""
-    seq = desk.send(SetPressure(99_000, 0), 0)
-    desk.send(SetPressure(1_000, 0), 1)
-    (event,) = desk.answer(MessageType.SET_PRESSURE, seq, 5, AckStatus.OUT_OF_LIMITS)
+    seq = rig.send(SetPressure(99_000, 0), 0)
+    rig.send(SetPressure(1_000, 0), 1)
+    (event,) = rig.answer(MessageType.SET_PRESSURE, seq, 5, AckStatus.OUT_OF_LIMITS)
     assert event == CommandDone(SetPressure(99_000, 0), seq, AckStatus.OUT_OF_LIMITS)
 
 
-def test_dead_link_is_detected_though_every_command_is_superseded(desk: Desk) -> None:
+def test_dead_link_is_detected_though_every_command_is_superseded(rig: LinkRig) -> None:
     """A ramp with a new target every 100 ms is lost after 750 ms without an answer."""
     lost: list[LinkEvent] = []
     for step in range(8):
-        desk.send(SetPressure(step, 0), 100 * step)
-        lost += desk.poll(100 * step + 50)[0]
+        rig.send(SetPressure(step, 0), 100 * step)
+        lost += rig.poll(100 * step + 50)[0]
     assert lost == [CommandLost(SetPressure(0, 0), 0)]
 
 
-def test_seq_counts_modulo_256_and_a_repeat_keeps_its_own(desk: Desk) -> None:
+def test_seq_counts_modulo_256_and_a_repeat_keeps_its_own(rig: LinkRig) -> None:
     """300 commands: numbers go round, and IDENTIFY begins with a lone 00."""
-    assert [desk.send(Vent(), 0) for _ in range(300)] == [n % 256 for n in range(300)]
-    assert desk.link.send(Identify(), 0).startswith(b"\0")
+    assert [rig.send(Vent(), 0) for _ in range(300)] == [n % 256 for n in range(300)]
+    assert rig.link.send(Identify(), 0).startswith(b"\0")
 
 
-def test_a_hello_answers_identify(desk: Desk) -> None:
+def test_a_hello_answers_identify(rig: LinkRig) -> None:
     """HELLO is first, then its IDENTIFY, without a status."""
-    seq = desk.send(Identify(), 0)
-    desk.poll(250)
-    assert desk.link.receive(stream(HELLO), 300 * MS) == [HelloReceived(HELLO), CommandDone(Identify(), seq, None)]
-    assert desk.link.hello == HELLO
+    seq = rig.send(Identify(), 0)
+    rig.poll(250)
+    assert rig.link.receive(stream(HELLO), 300 * MS) == [HelloReceived(HELLO), CommandDone(Identify(), seq, None)]
+    assert rig.link.hello == HELLO
 
 
-def test_answer_to_a_repeated_identify_is_not_a_restart(desk: Desk) -> None:
+def test_answer_to_a_repeated_identify_is_not_a_restart(rig: LinkRig) -> None:
     """Two IDENTIFYs are answered by two HELLOs with a sample between them: not a restart."""
-    desk.send(Identify(), 0)
-    desk.poll(250)
-    events = desk.link.receive(stream(HELLO, sample(0), HELLO), 300 * MS)
+    rig.send(Identify(), 0)
+    rig.poll(250)
+    events = rig.link.receive(stream(HELLO, sample(0), HELLO), 300 * MS)
     assert [type(event) for event in events].count(HelloReceived) == 2
     assert not any(isinstance(event, BoardRestarted) for event in events)
 
 
-def test_reset_on_opening_the_port_is_not_a_restart(desk: Desk) -> None:
+def test_reset_on_opening_the_port_is_not_a_restart(rig: LinkRig) -> None:
     """The HELLO of the boot and the requested one: the board had no state to lose."""
-    desk.send(Identify(), 0)
-    events = desk.link.receive(stream(HELLO, BOOTED, HELLO), 10 * MS)
+    rig.send(Identify(), 0)
+    events = rig.link.receive(stream(HELLO, BOOTED, HELLO), 10 * MS)
     assert not any(isinstance(event, BoardRestarted) for event in events)
 
 
 @pytest.mark.fault(10, how="HELLO, event or both in a session, with commands unanswered", times=4)
 @pytest.mark.parametrize("boot", [(HELLO,), (BOOTED,), (HELLO, BOOTED), (BOOTED, HELLO)])
-def test_restart_is_reported_once_and_gives_up_forgotten_commands(desk: Desk, boot: tuple) -> None:
+def test_restart_is_reported_once_and_gives_up_forgotten_commands(rig: LinkRig, boot: tuple) -> None:
     """After an unrequested HELLO or a "booted" pressure is never repeated, VENT is."""
-    desk.send(Identify(), 0)
-    desk.link.receive(stream(HELLO, START_DONE, sample(0)), 10 * MS)
-    pressure, vent = desk.send(SetPressure(1, 0), 20), desk.send(Vent(), 20)
-    desk.answer(MessageType.VENT, desk.send(Vent(), 21), 22)
-    events = desk.link.receive(stream(*boot), 30 * MS)
+    rig.send(Identify(), 0)
+    rig.link.receive(stream(HELLO, START_DONE, sample(0)), 10 * MS)
+    pressure, vent = rig.send(SetPressure(1, 0), 20), rig.send(Vent(), 20)
+    rig.answer(MessageType.VENT, rig.send(Vent(), 21), 22)
+    events = rig.link.receive(stream(*boot), 30 * MS)
     assert [isinstance(event, BoardRestarted) for event in events].count(True) == 1
     assert CommandLost(SetPressure(1, 0), pressure) in events
-    assert desk.poll(270) == ([], [(Vent(), vent)])
+    assert rig.poll(270) == ([], [(Vent(), vent)])
 
 
-def test_late_identify_answer_is_not_awaited_forever(desk: Desk) -> None:
+def test_late_identify_answer_is_not_awaited_forever(rig: LinkRig) -> None:
     """After a lost IDENTIFY, an answer to a later command means that no HELLO is pending: the next one is a reboot."""
-    desk.send(Identify(), 0)
-    desk.poll(250)
-    desk.link.receive(stream(HELLO), 260 * MS)
-    desk.answer(MessageType.HEARTBEAT, desk.send(Heartbeat(500), 300), 310)
-    (event, *_) = desk.link.receive(stream(HELLO), 400 * MS)
+    rig.send(Identify(), 0)
+    rig.poll(250)
+    rig.link.receive(stream(HELLO), 260 * MS)
+    rig.answer(MessageType.HEARTBEAT, rig.send(Heartbeat(500), 300), 310)
+    (event, *_) = rig.link.receive(stream(HELLO), 400 * MS)
     assert event == BoardRestarted(HELLO)
 
 
-def test_another_protocol_version_is_named_and_gets_no_start(desk: Desk) -> None:
+def test_another_protocol_version_is_named_and_gets_no_start(rig: LinkRig) -> None:
     """Both versions are in the event and in the refusal; VENT, STOP and IDENTIFY are still sent."""
     values = {field: getattr(HELLO, field) for field in Hello.__dataclass_fields__}
-    seq = desk.send(Identify(), 0)
+    seq = rig.send(Identify(), 0)
     newer = stream(Hello(**{**values, "protocol": 2}))
-    assert desk.link.receive(newer, 0) == [WrongProtocol(2, 1), CommandDone(Identify(), seq, None)]
+    assert rig.link.receive(newer, 0) == [WrongProtocol(2, 1), CommandDone(Identify(), seq, None)]
     for command in (Start(100), SetPressure(0, 0), Heartbeat(500)):
         with pytest.raises(Exception, match="version 2, this program version 1") as caught:
-            desk.link.send(command, 0)
+            rig.link.send(command, 0)
         assert type(caught.value).__name__ == "RemoteError"
-    desk.send(Vent(), 0)
-    desk.send(Stop(), 0)
-    assert desk.link.receive(stream(sample(0)), 0) == []
-    assert desk.link.statistics.unknown == 1
+    rig.send(Vent(), 0)
+    rig.send(Stop(), 0)
+    assert rig.link.receive(stream(sample(0)), 0) == []
+    assert rig.link.statistics.unknown == 1
 
 
-def test_queued_command_is_never_sent_to_another_version(in_turn: Desk) -> None:
+def test_queued_command_is_never_sent_to_another_version(in_turn: LinkRig) -> None:
     """START was queued before the HELLO of another version."""
     in_turn.send(Identify(), 0)
     assert in_turn.link.send(Start(100), 0) == b""
@@ -321,8 +321,8 @@ def test_queued_command_is_never_sent_to_another_version(in_turn: Desk) -> None:
     assert in_turn.poll(10_000) == ([], [])
 
 
-def test_value_that_does_not_fit_is_refused_without_a_seq(desk: Desk) -> None:
+def test_value_that_does_not_fit_is_refused_without_a_seq(rig: LinkRig) -> None:
     """What cannot be sent leaves no trace in the numbering."""
     with pytest.raises(LocalError):
-        desk.link.send(Start(70_000), 0)
-    assert desk.send(Vent(), 0) == 0
+        rig.link.send(Start(70_000), 0)
+    assert rig.send(Vent(), 0) == 0

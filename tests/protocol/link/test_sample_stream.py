@@ -99,8 +99,8 @@ def test_how_samples_are_cut_in_pieces_changes_nothing(indexed: bool, orders: li
         borders = [0, *sorted(place % (len(orders) + 1) for place in places), len(orders)]
         events = [event for at, to in pairwise(borders) for event in accounts.accept(rows[at:to].copy())]
         kept = [row for e in events if isinstance(e, Samples) for row in e.array[["index", "time_us"]].tolist()]
-        told = [event for event in events if not isinstance(event, Samples)]
-        return kept, told, accounts.counters
+        reports = [event for event in events if not isinstance(event, Samples)]
+        return kept, reports, accounts.counters
 
     assert account([]) == account(cuts)
 

@@ -42,7 +42,7 @@ def test_a_sample_type_survives_its_description(n_sensors, kind):
     "row", [["x", "|O", []], ["x", "<U4", []], ["x", "<f8", [0]], ["x", "<f8", [65]], ["x", "|V8", []]]
 )
 def test_objects_and_texts_are_refused_as_samples(row):
-    """A description can ask for plain numbers and nothing else."""
+    """A description can name plain numbers and nothing else."""
     with pytest.raises(ValueError, match="unusable"):
         dtype_from_description([row])
 
@@ -87,7 +87,7 @@ def test_a_newer_recording_with_more_in_it_opens(path):
 
 
 @pytest.mark.parametrize(
-    ("statements", "says"),
+    ("statements", "cause"),
     [
         (["CREATE VIEW v AS SELECT 1"], "would run"),
         (["CREATE TRIGGER t AFTER INSERT ON chunk BEGIN DELETE FROM chunk; END"], "would run"),
@@ -98,10 +98,10 @@ def test_a_newer_recording_with_more_in_it_opens(path):
         (["PRAGMA application_id=7"], "another program"),
     ],
 )
-def test_foreign_schema_is_refused_before_it_is_read(path, statements, says):
+def test_foreign_schema_is_refused_before_it_is_read(path, statements, cause):
     """Views, triggers and virtual tables run code of the file's maker; a missing table is no recording."""
     change(path, *statements)
-    with pytest.raises(RecordingError, match=says):
+    with pytest.raises(RecordingError, match=cause):
         open_recording(path)
 
 

@@ -377,8 +377,8 @@ def test_samples_after_an_answer_have_its_state():
         assert first.state == state
     host.status_of(Heartbeat(5000))
     assert host.wait(0.0002)[0].flags & SampleFlag.WATCHDOG_ARMED
-    said = host.wait(0.52)
-    after = said[next(at for at, m in enumerate(said) if isinstance(m, BoardEvent)) :]
+    seen = host.wait(0.52)
+    after = seen[next(at for at, m in enumerate(seen) if isinstance(m, BoardEvent)) :]
     assert all(m.flags & SampleFlag.ESTOP and m.state == BoardState.FAULT for m in after if isinstance(m, Sample))
 
 

@@ -66,7 +66,7 @@ def test_any_direction_and_order_of_the_guides_is_one_scene(curves: np.ndarray) 
 
 @pytest.mark.parametrize("shape", [(15, 2, 6, 2), (14, 2, 7, 2), (15, 1, 7, 2), (15, 2, 7, 3), (7, 2)])
 def test_curves_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
-    """The door for curves names what it needs."""
+    """The reader of curves names what it requires."""
     with pytest.raises(AnalysisError) as refused:
         checked_curves(np.ones(shape))
     assert refused.value.remedy

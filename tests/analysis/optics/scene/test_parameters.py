@@ -43,7 +43,7 @@ def test_parameters_outside_their_range_are_refused(change: dict[str, object], w
         lambda: Light(path_cap_mm=float("inf")),
     ],
 )
-def test_guide_and_light_check_themselves(bad: object) -> None:
+def test_unphysical_guide_and_light_are_refused(bad: object) -> None:
     """Unphysical guides and lights never come to be."""
     with pytest.raises(RequestError) as refused:
         bad()  # type: ignore[operator]

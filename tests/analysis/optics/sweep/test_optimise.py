@@ -16,9 +16,9 @@ def test_power_merit_refuses_nothing_and_ranks_what_fits() -> None:
     """A design that cannot be built has P = -inf, one that can has a finite one."""
     from analysis.optics.scene.curves import frames_of
 
-    judge = PowerMerit(frames_of(default_curves(), Waveguide()), Waveguide(), 50)
-    assert judge.p(Design(5, 1.0, 2.5, 0.9)) == -np.inf
-    assert np.isfinite(judge.p(PAPER_OPTIMUM))
+    merit = PowerMerit(frames_of(default_curves(), Waveguide()), Waveguide(), 50)
+    assert merit.p(Design(5, 1.0, 2.5, 0.9)) == -np.inf
+    assert np.isfinite(merit.p(PAPER_OPTIMUM))
     assert design_at(np.array([4.6, 0.7, 0.6, 0.5, 0.7])) == Design(5, 0.7, 0.6, 0.5, "inner")
 
 

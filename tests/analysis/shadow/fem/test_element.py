@@ -84,7 +84,7 @@ def test_force_and_tangent_are_those_of_scikit_fem(small: Problem) -> None:
 
 
 @pytest.mark.fault(46, how="an element turned inside out", times=1)
-def test_an_inverted_element_is_seen(small: Problem) -> None:
+def test_an_inverted_element_is_detected(small: Problem) -> None:
     """J <= 0 gives infinite energy and a smallest J that is not positive, not a NaN."""
     u = np.zeros_like(small.nodes)
     u[small.quads[0, 2]] = (-30.0, -30.0)

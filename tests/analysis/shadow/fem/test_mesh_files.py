@@ -17,7 +17,7 @@ from analysis.shadow.model.full import FullModel
 
 
 @pytest.mark.parametrize("kind", ["vtu", "msh"])
-def test_meshes_come_back_as_they_went(actuator: FullModel, tmp_path: Path, kind: str) -> None:
+def test_written_meshes_are_read_back_unchanged(actuator: FullModel, tmp_path: Path, kind: str) -> None:
     """Nodes, elements, materials, wetted edges, base and tip; and the states of both are the same."""
     path = tmp_path / f"actuator.{kind}"
     write(actuator, actuator.solve(pressure_kpa=30.0), path, kind)

@@ -63,13 +63,13 @@ def recording(folder: Path) -> dict[str, Any]:
     plan = dataclasses.replace(built_in_plans()["repeatability"], cycles=3, ramp_kpa_per_s=40.0)
     with serve(BoardSettings(speed=20.0, faults=("estop@20:1",))) as board:
         _, first = run_session(SessionRequest(board.url, path, plan))
-    broken = prepare_resumption(path)
+    broken, end = prepare_resumption(path), summarise(path).run_end
     with serve(BoardSettings(speed=20.0)) as board:
         _, second = run_session(SessionRequest(board.url, path, broken.plan, broken=broken))
     whole = summarise(path)
     return {
         "failed": [bool(first), bool(second)],
-        "end": broken.cause.partition(":")[0],
+        "end": end,
         "status": whole.status,
         "breaks": len(whole.breaks),
         "complete": whole.cycles.complete,

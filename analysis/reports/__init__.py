@@ -1,1 +1,1 @@
-"""Reports: their content (`build`, `content`, a file a section), the drawings, and how they are set (`html`, `pdf`)."""
+"""Reports: content (`build`, `document`, one module a section), drawings, and output (`html`, `pdf`)."""

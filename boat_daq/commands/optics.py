@@ -211,7 +211,7 @@ def scene(
     """
     import json as codec
 
-    from analysis.optics.tracer.ray_optics import ray_optics_scene
+    from analysis.optics.tracer.ray_optics_export import ray_optics_scene
 
     design, guide = _design(cavities, width, depth, spacing, face), _guide(index, thickness, 0.0, receiver)
     frame, number = _frame(_curves(curves), state, guide)

@@ -22,7 +22,7 @@ from collections import deque
 import numpy as np
 
 from boat_daq.engine.control.actions import Action, ControlEvent, GoTo, SegmentBreak, StepChanged, VentNow
-from boat_daq.engine.control.step_watch import StepWatch
+from boat_daq.engine.control.plateau_dwell import StepWatch
 from boat_daq.engine.plan import Plan, PlannedStep, StepMark
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import MessageKind, Phase, Progress, ReadingRequest, RunEnding, SessionState

@@ -15,7 +15,7 @@ from analysis.errors import DataError
 from analysis.optics.scene.curves import frame_of
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.parameters import Design, Light, Waveguide
-from analysis.optics.tracer.ray_optics import ray_optics_scene
+from analysis.optics.tracer.ray_optics_export import ray_optics_scene
 from analysis.optics.tracer.simulation import trace
 
 PEER = os.environ.get("BOAT_RAY_OPTICS", "")

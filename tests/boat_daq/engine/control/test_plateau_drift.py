@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from boat_daq.engine.control.drift_test import drift
+from boat_daq.engine.control.plateau_drift import drift
 
 T = np.arange(200) / 100.0
 

@@ -7,7 +7,7 @@ time takes the same decisions at the same samples.
 - *arrived*: the first sample of the present stay within `tolerance_kpa` of the target. Leaving ends the stay.
 - *settled*: `settling_s` later, still within.
 - a *plateau* ends once `min_dwell_s` is over and the later half of its settled part (at least `window_s`, at most four
-  times that) shows no credible drift of pressure or signals (`drift_test`); or at `max_dwell_s`, marked not steady.
+  times that) shows no credible drift of pressure or signals (`plateau_drift`); or at `max_dwell_s`, marked not steady.
 - a *turning point* ends after `min_dwell_s`.
 - the step times out when the pressure is not within tolerance `arrival_timeout_s` after the ramp should have brought
   it there, or after it left.
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from boat_daq.engine.control.drift_test import Drift, drift
+from boat_daq.engine.control.plateau_drift import Drift, drift
 from boat_daq.engine.plan import Plan, PlannedStep
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import Phase

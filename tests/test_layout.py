@@ -29,20 +29,20 @@ def sources() -> list[Path]:
     return sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 
-def test_no_folder_holds_more_modules_than_a_reader_keeps_in_mind() -> None:
+def test_no_folder_holds_more_than_about_15_modules() -> None:
     """At most about 15 modules a folder."""
     folders = {path.parent for path in sources()} - WITHOUT_LIMIT
     counts = {str(folder): len(modules(ROOT / folder)) for folder in folders}
     assert {name: count for name, count in counts.items() if count > MOST_MODULES} == {}
 
 
-def test_every_folder_says_what_it_holds() -> None:
+def test_every_package_has_a_docstring() -> None:
     """Each package has a docstring."""
     packages = [path for path in sources() if path.name == "__init__.py"]
     assert [str(p) for p in packages if not ast.get_docstring(ast.parse((ROOT / p).read_text(encoding="utf-8")))] == []
 
 
-def test_a_public_class_name_stands_for_one_class() -> None:
+def test_a_public_class_name_is_unique() -> None:
     """No two classes of one public name."""
     homes: defaultdict[str, list[str]] = defaultdict(list)
     for path in sources():

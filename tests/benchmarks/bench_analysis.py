@@ -36,7 +36,7 @@ def timed(function: Callable[[], Any], repeat: int = 1) -> tuple[float, Any]:
 @pytest.fixture(scope="module")
 def hundred_cycles(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of 100 cycles, 720,001 samples."""
-    path = tmp_path_factory.mktemp("bench") / "hundred.boat"
+    path = tmp_path_factory.mktemp("analysis") / "hundred.boat"
     return write_boat(path, Plant(loop_mm=0.25, drift_mv_per_cycle=0.01).run(*triangle(100, 72)))
 
 

@@ -29,7 +29,7 @@ def samples_per_second(rate_hz: int, board_s: float, step_us: int) -> float:
     ("speed", "rate_hz", "step_ms", "board_s"), [(1, 10_000, 5, 20), (100, 100, 200, 2000), (1000, 100, 2000, 10_000)]
 )
 def test_generation(speed, rate_hz, step_ms, board_s, capsys):
-    """Samples a second of one core, in the steps in which the server asks for them."""
+    """Samples a second of one core, in the steps in which the server requests them."""
     rate = samples_per_second(rate_hz, board_s, step_ms * 1000)
     with capsys.disabled():
         share = 100 * speed * rate_hz / rate

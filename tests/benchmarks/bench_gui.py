@@ -51,7 +51,7 @@ def window_on(qtbot, tmp_path, size):
 
 
 def feed(ring, n, at_s):
-    """Append `n` samples that go on from `at_s`."""
+    """Append `n` samples from `at_s`."""
     samples = np.zeros(n, sample_dtype(2, "signal"))
     time_s = at_s + np.arange(1, n + 1) / 100
     samples["time_us"] = np.round(time_s * 1e6)
@@ -89,7 +89,7 @@ def test_frame(qtbot, tmp_path, size, span_s, capsys):
 
 
 def test_plain_way(qtbot, tmp_path, capsys):
-    """The same hour given to pyqtgraph whole, with autorange: the ratio that the pyramid earns."""
+    """The same hour given to pyqtgraph whole, with autorange: the pyramid's gain."""
     import pyqtgraph as pg
 
     window, ring = window_on(qtbot, tmp_path, (1280, 800))

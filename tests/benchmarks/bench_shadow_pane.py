@@ -55,7 +55,7 @@ class Watch:
         self.cpu.append(1000 * (time.process_time() - self.began[1]))
 
 
-def say(capsys, what, watch):
+def report(capsys, what, watch):
     """Print median and 99th percentile, and how often the latter fits into a frame of the screen."""
     wall, cpu = (np.percentile(values[20:], [50, 99]) for values in (watch.wall, watch.cpu))
     with capsys.disabled():
@@ -87,20 +87,20 @@ def test_frame_of_the_moving_shadow(qtbot, app_model, capsys, quantity):
             pane.view.repaint()
         drawn.append(pane.view.picture)
     assert len({id(picture) for picture in drawn}) > FRAMES * 0.9  # nearly every frame is another picture
-    say(capsys, f"frame of the shadow, {quantity}", watch)
+    report(capsys, f"frame of the shadow, {quantity}", watch)
 
 
 def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
-    """Held at about -40 kPa off the nominal curve: every frame's state is looked up among those that a helper judged;
-    beside it what one judgement takes, which no frame does.
+    """Held at about -40 kPa off the nominal curve: every frame's state is looked up among those that a job solved;
+    beside it the cost of one such job, which no frame has.
     """
     from boat_daq.gui.plotting.shadow_pane import ShadowPane
     from boat_daq.viewmodels.live.live_model import LiveElongation
     from boat_daq.viewmodels.live.shadow_jobs import unstable_places
 
-    model, looked, judging = app_model.shadow.model, Watch(), Watch()
+    model, looked, search = app_model.shadow.model, Watch(), Watch()
     for step in range(-42, -37):
-        with judging:
+        with search:
             unstable = unstable_places(model, [step])
     app_model.shadow._unstable = unstable
     pane = ShadowPane(app_model.shadow, app_model.services)
@@ -120,9 +120,9 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
             pane.draw()
             pane.view.repaint()
     assert pane.view.picture.corners.size
-    say(capsys, "frame of the shadow under strong vacuum", looked)
+    report(capsys, "frame of the shadow under strong vacuum", looked)
     with capsys.disabled():
-        print(f"judging the places of one pressure, in a helper: {np.median(judging.cpu):.0f} ms of processor")
+        print(f"search for the unstable places of one pressure, in a job: {np.median(search.cpu):.0f} ms of processor")
 
 
 def test_step_of_the_optics_slider(qtbot, app_model, capsys):
@@ -145,4 +145,4 @@ def test_step_of_the_optics_slider(qtbot, app_model, capsys):
             picture = page.scene.view.grab()  # painted whole, into a picture
         painted[step % 15] = picture.toImage()
     assert len({bytes(image.constBits()) for image in painted.values()}) == 15  # every state is another picture
-    say(capsys, "step of the optics slider", watch)
+    report(capsys, "step of the optics slider", watch)

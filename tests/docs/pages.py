@@ -1,4 +1,4 @@
-"""What the pages of the documentation tell the reader to run, as one shell script a page.
+"""The commands of the pages of the documentation, as one shell script a page.
 
 Blocks marked `sh` are run in their order. A block marked `python NAME` is written to NAME, and run unless a later `sh`
 block runs it. All other blocks are not executed.

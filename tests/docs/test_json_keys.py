@@ -74,7 +74,7 @@ def test_every_promised_key_is_printed(heading: str, call: list[str], tmp_path: 
 
 
 def _same(promise: str, name: str) -> bool:
-    """Whether a printed name keeps a promise; NAME stands for any name."""
+    """Whether a printed name matches a documented one; NAME matches any name."""
     wanted, found = promise.split("."), name.split(".")
     if found[-1] == "*":
         wanted, found = wanted[: len(found) - 1], found[:-1]

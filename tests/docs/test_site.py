@@ -31,7 +31,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
 @pytest.mark.nightly
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="the pages use pseudo-terminals")
 @pytest.mark.parametrize("page", runnable(), ids=str)
-def test_what_a_page_tells_to_run_succeeds(page: Path, tmp_path: Path) -> None:
+def test_commands_of_a_page_succeed(page: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "recordings", tmp_path / "recordings")
     programs = Path(sys.executable).parent
     done = subprocess.run(

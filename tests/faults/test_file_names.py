@@ -1,4 +1,4 @@
-"""Names that lead out of a folder: refused where a name is asked for, obeyed where a path is."""
+"""Names that lead out of a folder: refused where a name is required, obeyed where a path is."""
 
 from __future__ import annotations
 

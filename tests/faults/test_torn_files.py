@@ -1,4 +1,4 @@
-"""Torn copies and flipped bits: salvaged or refused with a cause, never partly believed."""
+"""Torn copies and flipped bits: salvaged or refused with a cause, never read in part without an error."""
 
 from __future__ import annotations
 

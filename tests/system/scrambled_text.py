@@ -2,7 +2,7 @@
 
 Strategy: an import hook compiles the three packages with each sentence in their sources replaced by letters of the same
 length, by another key in every place, so that two places that spell a sentence alike no longer do. Codes, names, keys
-and the words of file formats are single words or stand in `FORMATS`, and stay. The journeys then end in codes and
+and the words of file formats are single words or are in `FORMATS`, and stay. The journeys then end in codes and
 numbers, which `test_scrambled_text.py` compares with those of the program as it is.
 """
 

@@ -69,22 +69,22 @@ class _EqualToAll:
         return False
 
 
-def passing(_bench: DrillRig) -> DrillResult:
+def passing(_rig: DrillRig) -> DrillResult:
     """Return a result whose criterion is met."""
     return DrillResult("passing", "nothing", (Criterion("is kept", "yes", True),), "nothing")
 
 
-def failing(_bench: DrillRig) -> DrillResult:
+def failing(_rig: DrillRig) -> DrillResult:
     """Return a result whose criterion is not met."""
     return DrillResult("failing", "a doctored criterion", (Criterion("is <b>never</b> kept", "no", False),), "all")
 
 
-def breaking(_bench: DrillRig) -> DrillResult:
+def breaking(_rig: DrillRig) -> DrillResult:
     """Raise an error."""
     raise RuntimeError("the drill itself broke")
 
 
-def empty(_bench: DrillRig) -> DrillResult:
+def empty(_rig: DrillRig) -> DrillResult:
     """Return a result without a criterion."""
     return DrillResult("empty", "nothing", (), "nothing")
 
@@ -137,8 +137,8 @@ def test_report_names_what_was_qualified(tmp_path: Path, monkeypatch: pytest.Mon
     """Program, computer, disk and port are named above the drills and the signature."""
     board = BoardSettings(speed=8.0, seed=0, faults=("index_gap@4:7",))
 
-    def served(bench: DrillRig) -> DrillResult:
-        bench.served.append(board)
+    def served(rig: DrillRig) -> DrillResult:
+        rig.served.append(board)
         return DrillResult("served", "7 frames", (Criterion("is kept", "yes", True),), "7 samples")
 
     monkeypatch.setattr(drills, "DRILLS", (served,))

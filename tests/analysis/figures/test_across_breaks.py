@@ -196,7 +196,7 @@ def test_an_unbroken_run_has_no_such_keys() -> None:
 
 
 def test_breaks_that_are_no_breaks_are_refused() -> None:
-    """A hand-made list is refused by its name, not believed."""
+    """A hand-made list is refused by its name."""
     run = broken_run(0.0)
     for wrong in ("yes", [1], [{"utc": "x"}], [resumption(-1)]):
         with pytest.raises(RecordingError, match="resumptions"):

@@ -27,7 +27,7 @@ def cache(tmp_path: Path, table: ReducedModel, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def coarse(tmp_path: Path) -> list[str]:
-    """The paper's actuator on a coarse mesh: for what does not ask for its numbers."""
+    """The paper's actuator on a coarse mesh: for tests that do not check its numbers."""
     path = tmp_path / "coarse.toml"
     path.write_text("axial_elements = 4\nwall_elements = 1\nlattice_elements = 2\n")
     return ["--parameters", str(path)]

@@ -31,9 +31,9 @@ def test_one_cheap_method_from_the_command_line(tmp_path: Path) -> None:
     """JSON on standard output equals the file; CSV and both charts are there; the default is the chosen one."""
     result = CliRunner().invoke(app, ["tradeoff", "bootstrap", "--quick", "--json", "--out", str(tmp_path / "new")])
     assert result.exit_code == 0, result.output
-    said = json.loads(result.stdout)
-    (method,) = said["methods"]
-    assert json.loads((tmp_path / "new" / "tradeoff.json").read_text())["methods"] == said["methods"]
+    output = json.loads(result.stdout)
+    (method,) = output["methods"]
+    assert json.loads((tmp_path / "new" / "tradeoff.json").read_text())["methods"] == output["methods"]
     assert {p.name for p in (tmp_path / "new").iterdir()} == {
         "tradeoff.json", "tradeoff.csv", "bootstrap.png", "bootstrap.svg", "overview.png", "overview.svg",
     }  # fmt: skip
@@ -68,9 +68,9 @@ def test_ctrl_c_ends_a_measurement_with_130(tmp_path: Path) -> None:
         time.sleep(0.02)
     time.sleep(0.3)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 130, said
-    assert "Traceback" not in said
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
     assert list(folder.iterdir()) == []
 
 
@@ -92,7 +92,7 @@ def test_painting_counts_and_a_spike_of_one_sample_is_drawn() -> None:
 
 @pytest.fixture(scope="module")
 def recorded() -> dict[str, Measured]:
-    """The results of the named machine, judged by the rule as it is now."""
+    """The results of the named machine under the current rule."""
     content = json.loads(RECORDED.read_text(encoding="utf-8"))
     return {m.method.name: m for m in measured_from(content, ALL)}
 
@@ -112,7 +112,7 @@ def test_defaults_and_levels_in_the_code_are_what_the_rule_chooses_on_the_named_
 
 
 def test_named_machine_and_its_date_are_given() -> None:
-    """The record says on what and when, is of a full run, and names no method without a reference."""
+    """The record names machine and date, is of a full run, and names no method without a reference."""
     content = json.loads(RECORDED.read_text(encoding="utf-8"))
     assert content["quick"] is False
     assert content["machine"]["processor"]

@@ -1,4 +1,4 @@
-"""A rig without threads, ports or clocks: the virtual board, the link and the controller, moved on by hand."""
+"""A rig without threads, ports or clocks: the virtual board, the link and the controller, advanced step by step."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def test_names_of_recordings_and_of_other_computers_stay_here(place: Path, tmp_p
     for name in ("Mary Somerville 3.boat", "runs of Ada/mary.s@lab.example #1.boat", "x.boat"):
         log.note("info", f"{log.RECORDING}{name}")
         log.note("info", f"recording ended, stopped: {name}")
-    log.note("error", "no room on the disk of mary.s@lab.example #1.boat, it ends")
+    log.note("error", "no space on the disk of mary.s@lab.example #1.boat, it ends")
     log.note("error", "Caroline Herschel.boat was recorded with board 7; now it is 8 (try: another)")
     log.note("info", "connecting to socket://mary-laptop.lab.example:4711, profile none")
     log.note("error", "mary-laptop.lab.example is not this machine")
@@ -99,7 +99,7 @@ def test_names_of_recordings_and_of_other_computers_stay_here(place: Path, tmp_p
     for kept in (
         "recording: [path].boat\n",
         "recording ended, stopped: [path].boat\n",
-        "no room on the disk of [path].boat, it ends",
+        "no space on the disk of [path].boat, it ends",
         "[path].boat was recorded with board 7; now it is 8",
         "connecting to socket://[host]:4711, profile none",
         "[host] is not this machine",
@@ -109,19 +109,19 @@ def test_names_of_recordings_and_of_other_computers_stay_here(place: Path, tmp_p
 
 
 def test_a_home_with_a_name_in_it_stays_here(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spaces in the home's name, in tracebacks and where it stands alone; settings edited by hand, in any of TOML's
-    quotes, and so broken that nothing reads them; names of files that are no recordings, at the head of a message.
+    """Spaces in the home's name, in tracebacks and by itself; settings edited by hand, in any of TOML's
+    quotes, and so broken that nothing reads them; names of files that are no recordings, at the start of a message.
     """
-    house = tmp_path / "Caroline Herschel-Byron"
-    monkeypatch.setenv("HOME", str(house))
-    monkeypatch.setenv("USERPROFILE", str(house))
+    home_folder = tmp_path / "Caroline Herschel-Byron"
+    monkeypatch.setenv("HOME", str(home_folder))
+    monkeypatch.setenv("USERPROFILE", str(home_folder))
     place.mkdir()
     (place / "settings.toml").write_text(
         "operator = 'Mary Somerville'\nrate_hz = = 3\nnote = '''for\nFrau Gr\u00fcnwald'''\n", encoding="utf-8"
     )
     log.start_log()
-    log.note_failure("the page failed", OSError(f'File "{house}/venv/lib/x.py", line 7'))
-    log.note("error", f"home is {house} of Caroline Herschel-Byron, asked by Mary Somerville")
+    log.note_failure("the page failed", OSError(f'File "{home_folder}/venv/lib/x.py", line 7'))
+    log.note("error", f"home is {home_folder} of Caroline Herschel-Byron, requested by Mary Somerville")
     log.note("error", "Profil von Mary.toml cannot be read: No such file (try: check the path)")
     log.note("error", "Readings of Mary.CSV: line 3 has no number")
     log.stop_log()
@@ -158,10 +158,8 @@ def test_the_log_is_bounded(place: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert "line 2999" in path.read_text()
 
 
-def test_whoever_notes_never_waits_and_what_was_dropped_is_counted(
-    place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With the writer held up, ten times the queue's length is noted at once; the next line says what is missing."""
+def test_logging_never_blocks_and_dropped_lines_are_counted(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the writer held up, ten times the queue's length is noted at once; the next line reports their number."""
     monkeypatch.setattr(log, "LINES_MAX", 100)
     go_on = threading.Event()
     monkeypatch.setattr(log._File, "emit", _held_up(log._File.emit, go_on))

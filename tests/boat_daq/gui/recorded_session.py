@@ -44,11 +44,11 @@ def filled_ring(seconds: float, *, seed: int = 1) -> RingBuffer:
 
 
 class RecordedSession:
-    """Shows `shown` and `ring`; counts what it is asked to do."""
+    """Shows `shown` and `ring`; records the commands it receives."""
 
     def __init__(self, shown: SessionSnapshot, ring: RingBuffer | None = None) -> None:
         self.shown, self.ring = shown, ring
-        self.asked: list[str] = []
+        self.calls: list[str] = []
         self.kept: list[Reading] = []
         self.marks: tuple[StepMark, ...] = ()
 
@@ -73,7 +73,7 @@ class RecordedSession:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        return lambda *args, **kwargs: self.asked.append(name)
+        return lambda *args, **kwargs: self.calls.append(name)
 
 
 def window_on(session: RecordedSession, folder: Path) -> MainWindow:

@@ -33,8 +33,8 @@ def test_every_command_is_in_a_menu_the_palette_and_the_sheet(whole):
     assert [a.text() for a in actions if a.shortcut().isEmpty()] == []
     assert {a for a in whole.findChildren(QAction) if a.shortcut().toString() and a not in actions} == set()
     whole.show_keys()
-    said = {label.text() for label in whole.keys.findChildren(QLabel)}
-    assert {c.text for c in commands} | {shown(c) for c in commands} <= said
+    texts = {label.text() for label in whole.keys.findChildren(QLabel)}
+    assert {c.text for c in commands} | {shown(c) for c in commands} <= texts
 
 
 def menus(window):
@@ -42,12 +42,12 @@ def menus(window):
 
 
 def test_every_button_of_the_results_pages_is_a_command(whole):
-    """What a button of these pages does, a key does: as many commands as deeds."""
+    """What a button of these pages does, a key does: as many commands as button actions."""
     texts = {c.text for c in whole.commands.commands if c.menu == "Runs"}
     assert len(texts) == 5 + len(whole.pages["Runs"].buttons) + 1  # exports are two kinds behind one button
 
 
-def test_command_that_is_not_available_says_why(live):
+def test_unavailable_command_is_greyed_and_its_key_does_nothing(live):
     """A command that has nothing to do is greyed and does nothing when its key is pressed."""
     live.commands.refresh()
     greyed = {c.text for c, a in live.commands._actions if not a.isEnabled()}
@@ -64,11 +64,11 @@ def test_a_session_by_keys_alone(make):
     window.refresh()
     press = lambda keys: run_shortcut(window, keys)  # noqa: E731
     press("F5")
-    assert session.asked[-1] == "arm"
+    assert session.calls[-1] == "arm"
     session.change(state=SessionState.ARMED)
     window.refresh()
     press("F6")
-    assert session.asked[-2:] == ["start_recording", "start"]
+    assert session.calls[-2:] == ["start_recording", "start"]
     session.change(state=SessionState.RUNNING, waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
     window.refresh()
     QTest.keyClicks(window.live.reading.field, "2.31")
@@ -81,17 +81,17 @@ def test_a_session_by_keys_alone(make):
     session.change(waiting_for_reading=ReadingRequest(4, 1, "unloading", 20.0, 20.0))
     window.refresh()
     press("Ctrl+Shift+N")
-    assert session.asked[-1] == "skip_reading"
+    assert session.calls[-1] == "skip_reading"
     press("F7")
-    assert session.asked[-1] == "pause"
+    assert session.calls[-1] == "pause"
     press("Ctrl+2")
     assert window.page == "Calibrate"
     press("Esc")
-    assert session.asked[-1] == "vent"
+    assert session.calls[-1] == "vent"
 
 
 def test_bug_report_is_packed_without_names(live, tmp_path, qtbot):
-    """The menu's action asks where, packs in the background, and says so."""
+    """The menu's action requests a place, packs in the background, and reports it."""
     run_shortcut(live, "Ctrl+Shift+F1")
     dialog = next(d for d in live.findChildren(QFileDialog))
     path = tmp_path / "report.zip"

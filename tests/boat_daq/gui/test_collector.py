@@ -30,7 +30,7 @@ def collected(qtbot):
 
 
 def test_a_closed_window_leaves_nothing_behind(qtbot, tmp_path):
-    """Its samples are free again and none of its widgets is left, whatever its plots told one another."""
+    """Its samples are free again and none of its widgets is left, whatever signals its plots exchanged."""
     qtbot.wait(1)
     before = set(QApplication.allWidgets())
     session = RecordedSession(connected(), filled_ring(10.0))

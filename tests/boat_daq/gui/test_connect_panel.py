@@ -14,7 +14,7 @@ from tests.boat_daq.gui.windows import PATIENCE_MS
 
 
 def test_escape_closes_the_panel_and_vents(live, qtbot):
-    """A hand on the keyboard gets out of the connect panel; the key vents all the same, and again without a dialog."""
+    """The keyboard leaves the connect panel; the key vents all the same, and again without a dialog."""
     live.model.services.show(Panel.CONNECT)
     live.connect_panel.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live.connect_panel, timeout=PATIENCE_MS)
@@ -24,7 +24,7 @@ def test_escape_closes_the_panel_and_vents(live, qtbot):
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
     live.vent()
     assert live.isVisible()
-    assert live.model.session.asked.count("vent") == 2
+    assert live.model.session.calls.count("vent") == 2
 
 
 def test_tab_leaves_every_field(live, qtbot):
@@ -52,14 +52,14 @@ def test_rx8_line_is_pasted(empty, qtbot):
     assert panel.profile.toPlainText() == line
     panel.port.setEditText("/dev/ttyACM9")
     panel.connect_button.click()
-    assert "connect" in empty.model.session.asked
+    assert "connect" in empty.model.session.calls
     assert empty.model.preferences.get("profile") == line
 
 
 def test_refused_profile_stays_with_its_cause(empty):
-    """The panel closed over a line without a pressure, and a fault in the strip did not say how to write one."""
+    """Before, the panel closed over a line without a pressure, and the strip did not show how to write one."""
     panel = empty.connect_panel
-    for pasted, says in (
+    for pasted, cause in (
         ("RX8 [h=43] @1S1 @0S1 @1S2 @0S2 [t=00]", "@1P @0P"),
         ("/nowhere/profile.toml", "cannot be read"),
         ('kind = "lines"\nname = "x"', "device"),
@@ -69,18 +69,18 @@ def test_refused_profile_stays_with_its_cause(empty):
         panel.profile.setPlainText(pasted)
         panel.connect_button.click()
         assert panel.isVisible()
-        assert says in panel.refused.text()
-        assert empty.model.session.asked == []
+        assert cause in panel.refused.text()
+        assert empty.model.session.calls == []
     empty.show_place(Panel.CONNECT)
     assert not panel.refused.isVisible()
     panel.profile.setPlainText("")
     panel.connect_button.click()
-    assert empty.model.session.asked == ["connect"]
+    assert empty.model.session.calls == ["connect"]
     assert empty.model.notices.current() is None  # mended, it is not complained of any more
 
 
 def test_profile_field_keeps_its_height(live):
-    """The style sheet's least height went before its own, and a panel with a remark squeezed it to one line."""
+    """Before, the style sheet's least height overrode its own, and a panel with a warning squeezed it to one line."""
     live.connect_panel.open_fresh()
     live.connect_panel.none.setVisible(True)
     QApplication.processEvents()

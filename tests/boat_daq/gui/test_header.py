@@ -55,4 +55,4 @@ def test_header_is_never_cut(live, width):
 def test_vent_acts_on_press(live):
     """The red button vents when it is pressed, not when it is let go."""
     QTest.mousePress(live.header.vent, Qt.MouseButton.LeftButton)
-    assert live.model.session.asked == ["vent"]
+    assert live.model.session.calls == ["vent"]

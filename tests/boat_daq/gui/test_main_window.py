@@ -1,4 +1,4 @@
-"""The window's manners: pages, keys, names, undo, themes, nothing modal."""
+"""The window: pages, keys, names, undo, themes, nothing modal."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_simulated_board_is_marked(live):
 
 
 def test_waiting_reading_is_marked_on_every_page(running):
-    """F6 on the Calibrate page used to run unseen, and the plateau waited for a reading that nobody was asked for."""
+    """F6 on the Calibrate page used to start a run whose plateau waited for a reading without a prompt."""
     running.go("Runs")
     running.model.run.press("start")
     assert running.page == "Live"

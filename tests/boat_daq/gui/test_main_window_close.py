@@ -14,7 +14,7 @@ from boat_daq.engine.snapshot import SessionState
 
 
 def test_first_close_does_not_end_a_run(live):
-    """Ctrl+Q beside Ctrl+1 stopped a run without a word; asked again at once, it is meant."""
+    """Ctrl+Q beside Ctrl+1 stopped a run without a prompt; pressed again at once, it quits."""
     live.model.session.change(state=SessionState.RUNNING)
     live.refresh()
     live.leave()
@@ -25,7 +25,7 @@ def test_first_close_does_not_end_a_run(live):
 
 
 def test_without_a_run_the_window_closes_at_once(live):
-    """Nothing is asked where nothing is lost."""
+    """No prompt where nothing is lost."""
     live.leave()
     assert not live.isVisible()
 

@@ -41,7 +41,7 @@ def test_enlarged_screen_shows_what_matters(make, size, theme):
 
 
 def test_moved_borders_are_restored(make):
-    """A border moved by hand is there again at the next start."""
+    """A border that the operator moved is restored at the next start."""
     first = make(RecordedSession(connected(), filled_ring(10.0)))
     first.live.sides.moveSplitter(first.live.sides.width() - 360, 1)
     width = first.live.sides.sizes()[1]
@@ -51,7 +51,7 @@ def test_moved_borders_are_restored(make):
 
 
 def test_restored_window_fits_a_smaller_screen(live, monkeypatch):
-    """Remembered at 100 %, opened at 150 %: VENT stood beyond the edge of the screen."""
+    """Remembered at 100 %, opened at 150 %: VENT was beyond the edge of the screen."""
     live.model.preferences.set("geometry", "remembered")
     live.resize(1280, 800)
     monkeypatch.setattr(live, "screen", lambda: SimpleNamespace(availableSize=lambda: QSize(1280, 800)))
@@ -64,7 +64,7 @@ def test_restored_window_fits_a_smaller_screen(live, monkeypatch):
 
 @pytest.mark.parametrize("width", [NARROW, 960, 1280])
 def test_models_pages_do_not_scroll_sideways(live, width):
-    """A page that asked for the width of its sides beside each other was never narrow enough to stand them over."""
+    """Before, a page that required the width of both sides was never narrow enough to stack them."""
     live.resize(width, 533)
     for name in ("Optics", "Shadow", "Trade-off"):
         live.model.optics.choose = lambda *_: None

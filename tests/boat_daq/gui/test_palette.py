@@ -23,7 +23,7 @@ def test_shortcut_closes_the_palette_and_runs(live, keys):
     assert live.palette_.isVisible()
     run_shortcut(live, keys)
     assert not live.palette_.isVisible()
-    assert (live.page, live.model.session.asked) == (("Live", ["vent"]) if keys == "Esc" else ("Calibrate", []))
+    assert (live.page, live.model.session.calls) == (("Live", ["vent"]) if keys == "Esc" else ("Calibrate", []))
 
 
 def test_palette_finds_synonyms(live):

@@ -22,7 +22,7 @@ def test_offer_can_be_dismissed(live):
     assert live.strip.close_.isVisible()
     live.strip.close_.click()
     assert live.model.notices.current() is None
-    live.model.notices.inform("a remark, which leaves by itself")
+    live.model.notices.inform("a message that leaves by itself")
     live.refresh()
     assert not live.strip.close_.isVisible()
 
@@ -92,7 +92,7 @@ def test_silence_that_is_over_is_only_information(make):
 
 
 def test_messages_of_a_lost_link_are_dismissed_when_it_returns(make):
-    """A message said while the link was down does not stand over a link that is well."""
+    """A message of the lost link is not shown once the link is restored."""
     session = RecordedSession(connected(), filled_ring(10.0))
     window = make(session)
     session.change(

@@ -1,4 +1,4 @@
-"""The tokens keep their promises: contrast, colours that stay apart, none written elsewhere."""
+"""The tokens of the style: contrast, colours that stay apart, none written elsewhere."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def contrast(a: str, b: str) -> float:
 
 @pytest.mark.parametrize("theme", [style.LIGHT, style.DARK], ids=lambda t: t.name)
 def test_text_has_contrast(theme):
-    """Text of every voice has 4.5 : 1 or more on every surface it stands on."""
+    """Text of every voice has 4.5 : 1 or more on every surface it is drawn on."""
     pairs = [
         *((theme.text, g) for g in (theme.window, theme.surface, theme.sunken, theme.accent_soft, theme.warn_soft)),
         *((theme.muted, ground) for ground in (theme.window, theme.surface, theme.sunken)),
@@ -42,7 +42,7 @@ def test_text_has_contrast(theme):
 
 @pytest.mark.parametrize("theme", [style.LIGHT, style.DARK], ids=lambda t: t.name)
 def test_curves_are_seen(theme):
-    """Every curve stands out from the plot's ground by 2 : 1 or more, and from the grid."""
+    """Every curve has 2 : 1 or more against the plot's ground."""
     curves = (*theme.sensors[:2], theme.pressure, theme.elongation, theme.target)
     assert [c for c in curves if contrast(c, theme.surface) < 2.0] == []
 

@@ -20,11 +20,11 @@ def test_focused_button_is_pressed_by_space_and_enter(live, qtbot, key):
     qtbot.waitUntil(lambda: QApplication.activeWindow() is live, timeout=PATIENCE_MS)
     live.live.sequence.buttons["arm"].setFocus()
     QTest.keyClick(live.windowHandle(), key)
-    assert live.model.session.asked.count("arm") == 1
+    assert live.model.session.calls.count("arm") == 1
     assert live.model.live.following
     live.live.sequence.buttons["arm"].clearFocus()
     QTest.keyClick(live.windowHandle(), Qt.Key.Key_Space)
-    assert (live.model.live.following, live.model.session.asked.count("arm")) == (False, 1)
+    assert (live.model.live.following, live.model.session.calls.count("arm")) == (False, 1)
 
 
 def test_escape_vents_over_a_modal_box(live, qtbot):
@@ -34,7 +34,7 @@ def test_escape_vents_over_a_modal_box(live, qtbot):
     qtbot.waitUntil(lambda: QApplication.activeModalWidget() is box, timeout=PATIENCE_MS)
     live.window_keys.watch(box.windowHandle())
     QTest.keyClick(box.windowHandle(), Qt.Key.Key_Escape)
-    assert "vent" in live.model.session.asked
+    assert "vent" in live.model.session.calls
 
 
 def test_undo_reverses_the_reading_while_its_field_has_focus(make, qtbot):

@@ -1,4 +1,4 @@
-/* Stands for the lab's own part of the program: a table of zeros. */
+/* In place of the lab's own part of the program: a table of zeros. */
 #include "boat.h"
 
 extern const boat_config flash_config;

@@ -1,8 +1,8 @@
 /* A board under any order of commands, bytes, times, pressures, switches and full buffers. Whatever comes:
 
    - it drives only while RAMPING or HOLDING, never with e-stop or a dead pressure sensor, never out of its limits;
-   - it stands vented as soon as a control tick has seen the pressure 2 kPa beyond a limit, or its host gone;
-   - every frame it sends is good, numbered in a row, and no longer than its room. */
+   - it is vented as soon as a control tick has seen the pressure 2 kPa beyond a limit, or its host gone;
+   - every frame it sends is good, numbered in a row, and no longer than the free buffer. */
 #include <string.h>
 
 #include "fuzz.h"

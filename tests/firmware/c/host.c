@@ -66,7 +66,7 @@ static void drive(int32_t permille, bool vent)
     host.vent = vent;
 }
 
-/* `drop_samples` leaves room for any message, but not for a SAMPLE and what must stay free behind it. */
+/* `drop_samples` leaves space for any message, but not for a SAMPLE and what must stay free behind it. */
 static size_t transmit_room(void)
 {
     size_t room = host.room > host.n_out ? host.room - host.n_out : 0;

@@ -11,7 +11,7 @@ typedef struct {
     int32_t pressure_pa;
     bool pressure_valid, estop;
     uint8_t saturated;         /* bit n: sensor n is at full scale */
-    uint32_t drop_samples;     /* so many SAMPLEs find no room */
+    uint32_t drop_samples;     /* so many SAMPLEs find no space */
     size_t room;               /* of the transmit buffer */
     size_t n_out;
     uint8_t out[HOST_TX_MAX];  /* what was transmitted and not yet taken */

@@ -3,7 +3,7 @@
 
    Board time follows the wall's, SPEED times as fast, in steps of at most 20 ms of wall time. A fast board does not
    take a busy computer for a dead host: before its watchdog it waits up to half a second of wall time for a host that
-   has the port open. Without one there is no room to transmit, as on USB while DTR is low. */
+   has the port open. Without one there is no space to transmit, as on USB while DTR is low. */
 #define _DEFAULT_SOURCE
 #define _XOPEN_SOURCE 700
 

@@ -83,7 +83,7 @@ def test_curves_in_metres_or_with_holes_are_refused(curves: np.ndarray) -> None:
 
 
 def test_all_default_states_are_built(frames: list[SceneFrame]) -> None:
-    """Each of the 15 states of both sets has room for the longest row of the paper's grid."""
+    """Each of the 15 states of both sets has space for the longest row of the paper's grid."""
     assert len(frames) == 15
     for frame in [*frames, *frames_of(default_curves(), Waveguide(thickness_mm=2.5))]:
         check_design(frame, Design(7, 1.0, 1.0, 1.0), "a state")

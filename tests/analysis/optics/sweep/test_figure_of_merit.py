@@ -1,4 +1,4 @@
-"""Figures of merit against numpy's polynomials, hand-made cases and simulated luck."""
+"""Figures of merit against numpy's polynomials, constructed cases and simulated noise."""
 
 from __future__ import annotations
 

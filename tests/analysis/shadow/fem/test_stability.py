@@ -39,9 +39,9 @@ def test_lowest_eigenvalue_falls_from_one_to_zero(actuator: FullModel) -> None:
 def test_beyond_the_limit_is_refused_with_the_critical_pressure(actuator: FullModel) -> None:
     """By pressure or by elongation, the refusal names the critical pressure."""
     named = f"{actuator.vacuum_limit.pressure_kpa:.1f} kPa"
-    for asked in ({"pressure_kpa": -60.0}, {"elongation_mm": -6.0}, {"pressure_kpa": -60.0, "elongation_mm": -2.0}):
+    for given in ({"pressure_kpa": -60.0}, {"elongation_mm": -6.0}, {"pressure_kpa": -60.0, "elongation_mm": -2.0}):
         with pytest.raises(RequestError) as refusal:
-            actuator.solve(**asked)
+            actuator.solve(**given)
         assert named in refusal.value.cause
         assert named in refusal.value.remedy
     with pytest.raises(RequestError):

@@ -41,10 +41,10 @@ def test_reduced_and_full_frames_agree(shadow: Shadow) -> None:
     np.testing.assert_allclose(fast.strain, slow.strain, atol=1e-3)
 
 
-@pytest.mark.parametrize("asked", [{"pressure_kpa": 30.0}, {"elongation_mm": 2.0}])
-def test_one_measured_value_is_enough(shadow: Shadow, asked: dict[str, float]) -> None:
+@pytest.mark.parametrize("given", [{"pressure_kpa": 30.0}, {"elongation_mm": 2.0}])
+def test_one_measured_value_is_enough(shadow: Shadow, given: dict[str, float]) -> None:
     """The other follows from the nominal actuator, so there is no deviation and no force."""
-    state = shadow.state(**asked)  # type: ignore[arg-type]
+    state = shadow.state(**given)  # type: ignore[arg-type]
     assert state.deviation_mm == pytest.approx(0.0, abs=1e-4)
     assert abs(state.tip_force_mn) < 1.0
 
@@ -58,11 +58,11 @@ def test_outside_the_table_the_full_model_answers(shadow: Shadow) -> None:
         shadow.state(pressure_kpa=-70.0)
 
 
-@pytest.mark.parametrize("asked", [{"pressure_kpa": np.nan}, {"elongation_mm": np.inf, "pressure_kpa": 0.0}])
-def test_nan_is_never_drawn(shadow: Shadow, asked: dict[str, float]) -> None:
+@pytest.mark.parametrize("given", [{"pressure_kpa": np.nan}, {"elongation_mm": np.inf, "pressure_kpa": 0.0}])
+def test_nan_is_never_drawn(shadow: Shadow, given: dict[str, float]) -> None:
     """What a calibration gives outside its range is refused."""
     with pytest.raises(DataError):
-        shadow.state(**asked)  # type: ignore[arg-type]
+        shadow.state(**given)  # type: ignore[arg-type]
     with pytest.raises(RequestError):
         shadow.state()
 

@@ -23,9 +23,9 @@ def test_defaults_meet_the_papers_range(actuator: FullModel) -> None:
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
 def test_what_a_calibration_gives_outside_its_range_is_refused(actuator: FullModel, value: float) -> None:
     """NaN and infinities are named as such, for either quantity."""
-    for asked in ({"pressure_kpa": value}, {"elongation_mm": value}, {"pressure_kpa": 1.0, "elongation_mm": value}):
+    for given in ({"pressure_kpa": value}, {"elongation_mm": value}, {"pressure_kpa": 1.0, "elongation_mm": value}):
         with pytest.raises(DataError) as refusal:
-            actuator.solve(**asked)
+            actuator.solve(**given)
         assert "calibration" in refusal.value.remedy
 
 

@@ -48,7 +48,7 @@ def test_a_steady_channel_passes_and_a_drifting_one_does_not() -> None:
 
 
 def test_noise_alone_is_no_evidence() -> None:
-    """A channel too noisy to tell does not pass, however small its slope happens to be."""
+    """A channel too noisy to decide does not pass, however small its slope happens to be."""
     rng = np.random.default_rng(4)
     assert not any(drift(T, 50.0 * rng.standard_normal(T.size)).within(1.0) for _ in range(50))
 
@@ -62,12 +62,12 @@ def test_too_little_is_never_steady(values: np.ndarray) -> None:
 
 
 def test_a_constant_is_steady_and_a_line_is_its_slope() -> None:
-    """Without noise there is no doubt."""
+    """Without noise every slope is decided."""
     assert drift(T, np.full(T.size, 1650.0)).within(1e-9)
     assert drift(T, 5.0 * T).slope == pytest.approx(5.0)
     assert not drift(T, 5.0 * T).within(4.9)
 
 
-def test_samples_of_one_instant_say_nothing() -> None:
+def test_samples_of_one_instant_are_no_evidence() -> None:
     """A clock that does not advance gives no slope."""
     assert not drift(np.zeros(50), np.arange(50.0)).within(1e9)

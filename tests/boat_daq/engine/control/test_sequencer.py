@@ -307,7 +307,7 @@ def test_time_left_comes_down_to_the_truth() -> None:
 
 
 class Reader:
-    """A rig whose plateaus wait for a reading, and a hand that gives it."""
+    """A rig whose plateaus wait for a reading, and an operator that enters it."""
 
     def __init__(self) -> None:
         self.plan = dataclasses.replace(PLAN, reading_timeout_s=600.0)
@@ -343,8 +343,8 @@ def test_a_wait_for_a_reading_takes_nothing_off_the_rest() -> None:
 
 
 @pytest.mark.parametrize("long_s", [3.0, 60.0])
-def test_one_long_wait_is_no_habit(long_s: float) -> None:
-    """A hand that takes 3 s, at its first plateau a minute: what is left is then the truth within a fifth."""
+def test_one_long_wait_does_not_bias_the_time_left(long_s: float) -> None:
+    """Readings take 3 s, the first one a minute: the time left is then true within a fifth."""
     reader = Reader()
     reader.read_after(long_s)
     for _ in range(4):

@@ -57,10 +57,10 @@ class Board:
 
     def __init__(self, *faults: str) -> None:
         self.board = VirtualBoard(faults=[parse_fault(fault) for fault in faults])
-        self.asked = b""
+        self.received_bytes = b""
 
     def __call__(self, came: bytes) -> bytes:
-        self.asked += came
+        self.received_bytes += came
         self.board.receive(came)
         return self.board.advance(5_000)
 
@@ -77,20 +77,20 @@ def test_a_board_is_known_by_its_hello_and_the_port_is_free_again():
         open_transport(port).close()
 
 
-def test_asking_presses_nothing():
+def test_identification_sets_no_pressure():
     """IDENTIFY is the only command on the wire."""
     board = Board()
     with served(board) as port:
         identify_port(port)
     from protocol.link.framing import FrameReader
 
-    types = {frame.type for frame in FrameReader().receive(board.asked)}
+    types = {frame.type for frame in FrameReader().receive(board.received_bytes)}
     assert types == {MessageType.IDENTIFY}
 
 
 @pytest.mark.fault(14, how="a silent port, another device, another version, while boards are looked for", times=3)
 def test_a_silent_port_another_device_and_another_version_are_distinguished():
-    """Each has its own remark, within little more than a second."""
+    """Each has its own status, within little more than a second."""
     cases = [
         (lambda _came: b"", "no answer"),
         (lambda _came: b"$GPGGA,1,2\r\n", "not a BOAT board"),

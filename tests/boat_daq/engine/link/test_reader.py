@@ -26,7 +26,7 @@ class FakeClock:
         return self.now_ns
 
 
-def test_blocks_are_the_bytes_and_what_they_tell():
+def test_blocks_are_the_bytes_with_their_samples():
     """The blocks joined are the bytes that came, and their samples those of a link fed with the same bytes."""
     transport = BoardTransport(VirtualBoard(seed=3), end_us=10_000_000)
     reader, _, seen = identified(transport)
@@ -242,7 +242,7 @@ def test_a_recorder_gets_the_decoder_at_the_instant_it_is_added():
     assert derived["index"][0] > 0
 
 
-def test_a_removed_sink_hears_no_more_and_stop_may_come_twice():
+def test_a_removed_sink_receives_nothing_and_stop_is_idempotent():
     """Sinks come and go while the thread reads; stopping is idempotent, even before the start."""
     transport = BoardTransport(VirtualBoard())
     reader, _, seen = identified(transport)

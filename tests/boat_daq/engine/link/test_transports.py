@@ -296,7 +296,7 @@ def test_a_fast_board_is_replayed_in_board_time(recording, tmp_path):
     assert time.monotonic() - began >= 0.9 * (last - first) / 10e6
 
 
-def test_a_fast_board_is_replayed_without_heaps(recording, tmp_path):
+def test_a_fast_board_is_replayed_evenly(recording, tmp_path):
     """What came at once at 100 times real time comes as a board gives it: no silence of a second, no byte lost."""
     path = tmp_path / "heaps.boat"
     shutil.copy(recording, path)

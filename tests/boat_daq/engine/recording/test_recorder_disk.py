@@ -110,7 +110,7 @@ def test_a_fault_of_the_program_is_reported_and_ends_the_recording(path, source,
 
 @pytest.mark.fault(29, how="the file removed while it is recorded", times=1)
 def test_a_removed_folder_is_detected(path, source):
-    """No write would tell: the file's name is looked up every second."""
+    """Writing reports no error: the file's name is looked up every second."""
     folder = path.parent / "stick"
     folder.mkdir()
     errors = []

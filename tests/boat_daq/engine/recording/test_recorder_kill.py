@@ -97,7 +97,7 @@ NIGHTLY = [pytest.mark.nightly, pytest.mark.timeout(1800)]
 def test_kill_9_at_any_time_loses_nothing_acknowledged(tmp_path, forks, times, shared):
     """Killed at random instants: it opens, all that was acknowledged is there, at most 0.2 s are missing.
 
-    The 200 kills have the machine to themselves and hold 0.2 s as it stands. The 20 run beside other tests, on a
+    The 200 kills have the machine to themselves and are held to 0.2 s itself. The 20 run beside other tests, on a
     machine that is slower by so much; nothing acknowledged is lost there either.
     """
     instants = random.Random(times)

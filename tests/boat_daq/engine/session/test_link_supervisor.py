@@ -63,7 +63,7 @@ def test_what_is_no_board_is_refused_within_three_seconds(
     session = Session(Settings(), UnitLibrary())
     link = session._link
     link._clock_s = clock
-    link._ending = True  # no thread: turned by hand
+    link._ending = True  # no thread: stepped by the test
     plain_send = link.send
     monkeypatch.setattr(link, "send", lambda command, **more: sent.append(command) or plain_send(command, **more))
     with port_of(kind) as url:

@@ -198,7 +198,7 @@ def test_readings_that_make_no_sense(session: Session) -> None:
 
 
 def test_the_unit_s_limits_hold(session: Session) -> None:
-    """A unit that takes 20 kPa at most: the plan and the hand are refused, naming the unit."""
+    """A unit that takes 20 kPa at most: plan and manual pressure are refused, naming the unit."""
     session.units.save(Unit("weak", min_kpa=-10.0, max_kpa=20.0))
     with serve(BoardSettings(speed=20.0)) as board:
         session.connect(board.url, unit="weak")
@@ -393,7 +393,7 @@ def test_a_failing_disk_aborts_the_run(session: Session, tmp_path: Path) -> None
     """The recorder cannot write: the run is aborted and vented, with the reason."""
     with serve(BoardSettings(speed=5.0)) as board:
         begin(session, board.url, tmp_path / "a.boat")
-        session._recording._storage_failed(StorageError("the disk is full", "make room"))
+        session._recording._storage_failed(StorageError("the disk is full", "free some space"))
         seen = session.wait(lambda s: s.state is SessionState.ABORTED, 5)
         assert seen.run_ended == RunEnding(RunEnd.ABORTED, "the disk is full")
         assert any(m.cause == "the disk is full" and m.remedy for m in seen.messages)

@@ -180,7 +180,7 @@ def test_a_busy_computer_is_not_a_dead_host():
 
 
 @needs_pty
-def test_a_board_that_stood_still_itself_does_not_count_that_against_its_host():
+def test_a_stall_of_the_board_is_not_counted_as_its_hosts():
     """At 100x the board's program gets no processor for 1.5 s, the host wakes 0.1 s after it: not vented."""
     server, stop = BoardServer(BoardSettings(speed=100.0)), threading.Event()
     thread = threading.Thread(target=server.run, args=(stop.is_set,))
@@ -258,7 +258,7 @@ def test_next_host_does_not_read_the_past():
 
 
 @needs_pty
-def test_an_answer_does_not_stand_behind_seconds_of_samples():
+def test_an_answer_is_not_queued_behind_seconds_of_samples():
     """At 100x a host that has stalled for 0.5 s is answered behind what the port holds, not 5,000 samples."""
     with served("pty", speed=100.0) as board, Host(board.url) as host:
         host.hello()
@@ -328,7 +328,7 @@ def test_second_tcp_host_is_turned_away():
 
 
 def test_truth_file(tmp_path: Path):
-    """A row for each sample, found by run and index, and the header says SIMULATED."""
+    """A row for each sample, found by run and index, and the header has SIMULATED."""
     path = tmp_path / "truth.csv"
     with served("127.0.0.1:0", speed=50.0, truth=str(path), unit="SA2") as board, Host(board.url) as host:
         host.hello()

@@ -19,7 +19,7 @@ from tests.boat_daq.gui.windows import PATIENCE_MS
 
 
 def test_tab_beside_the_plots_is_restored(make, qtbot):
-    """Plan, shadow or readings: the next start shows what stood there."""
+    """Plan, shadow or readings: the next start shows the tab that was open."""
     first = make(RecordedSession(connected(), filled_ring(5.0)))
     first.live.pane.setCurrentWidget(first.live.plan)
     first.close()
@@ -40,7 +40,7 @@ def test_pane_beside_the_plots_does_not_scroll_sideways(live, qtbot, index):
 
 
 def test_small_window_shows_the_statistics_in_a_tab(live):
-    """Between the cursors at 853 x 533: every figure stands beside the plots, whole, and nothing is pushed out."""
+    """Between the cursors at 853 x 533: every figure is beside the plots, whole, and nothing is pushed out."""
     live.resize(853, 533)
     live.model.live.inverse = lambda mv: LiveElongation(
         (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
@@ -57,22 +57,22 @@ def test_small_window_shows_the_statistics_in_a_tab(live):
     assert page.between.sizeHint().width() <= page.between.width()
     assert page.between.sizeHint().height() <= page.between.height()
     assert all(f">{words}<" in page.between.text() for words in (*HEADINGS_SHORT, "1, mV", "2, mV", "mm", "kPa"))
-    room = live.scrolls["Live"]
-    assert (room.horizontalScrollBar().maximum(), room.verticalScrollBar().maximum()) == (0, 0)
+    scroll = live.scrolls["Live"]
+    assert (scroll.horizontalScrollBar().maximum(), scroll.verticalScrollBar().maximum()) == (0, 0)
     page.plots.place_cursor("a")
     live.refresh()
     assert page.pane.currentWidget() is before
 
 
 def test_first_start_shows_the_first_steps(empty):
-    """Without a sample the live page says what to do, and the virtual board is one of the ways."""
+    """Without a sample the live page lists the first steps, the virtual board among them."""
     empty.refresh()
     assert empty.live.first_steps.isVisible()
     assert empty.live.first_steps.virtual.text() == "Start the virtual board"
 
 
 def test_first_sample_replaces_the_first_steps(live):
-    """With samples the plots stand where the steps stood, and hold the newest sample."""
+    """With samples the plots replace the steps, and hold the newest sample."""
     live.refresh()
     live.draw()
     assert live.live.plots.isVisible()
@@ -80,7 +80,7 @@ def test_first_sample_replaces_the_first_steps(live):
 
 
 def test_frozen_plot_keeps_recording(live):
-    """A held picture keeps its range while the ring goes on."""
+    """A frozen display keeps its range while samples arrive."""
     live.live.toggle_freeze()
     before = live.model.live.span_s()
     ring = filled_ring(400.0)

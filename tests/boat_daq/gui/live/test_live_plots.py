@@ -31,13 +31,13 @@ def test_titles_of_low_plots_are_centred_on_their_axes(live, qtbot):
 
 
 def test_marker_is_added_by_keys_and_shown(live):
-    """M, a note, Enter: the marker stands in the plot with its note, and is in the session."""
+    """M, a note, Enter: the marker is in the plot with its note, and is in the session."""
     run_shortcut(live, "M")
     QTest.keyClicks(live.live.note, "tapped")
     QTest.keyClick(live.live.note, Qt.Key.Key_Return)
     live.refresh()
     plot, line = live.live.plots._markers[0]
-    assert (plot.title, line.label.format, live.model.session.asked[-1]) == ("Signal 1", "tapped", "mark")
+    assert (plot.title, line.label.format, live.model.session.calls[-1]) == ("Signal 1", "tapped", "mark")
     assert line.value() == pytest.approx(299.99)
 
 
@@ -52,7 +52,7 @@ def test_labels_of_cursors_and_markers_are_not_cut(live, height):
     plots.place_cursor("b")
     live.model.live.markers += [
         Marker(high - 0.01, "tube {touched}"),
-        Marker(low + 0.5, "a note that goes on and on, much too long"),
+        Marker(low + 0.5, "a note that is much too long for its label"),
     ]
     live.refresh()
     live.draw()
@@ -62,8 +62,8 @@ def test_labels_of_cursors_and_markers_are_not_cut(live, height):
             continue
         box = plot.item.getViewBox()
         words = line.label.mapRectToItem(box, line.label.boundingRect())
-        room = box.boundingRect().adjusted(-1, -1, 1, 1)
-        assert room.contains(words), (line.label.format, words, room)
+        visible_rect = box.boundingRect().adjusted(-1, -1, 1, 1)
+        assert visible_rect.contains(words), (line.label.format, words, visible_rect)
     assert plots._markers[0][1].label.textItem.toPlainText() == "tube {touched}"
     assert plots._markers[1][1].label.textItem.toPlainText().endswith("\u2026")
 
@@ -110,7 +110,7 @@ def test_cursors_show_statistics(live):
 
 
 def test_panning_stops_following(live):
-    """A pan with the mouse is a look at the past: following ends until it is asked for again."""
+    """A pan with the mouse is a look at the past: following ends until it is requested again."""
     live.draw()
     box = live.live.plots.first.item.getViewBox()
     box.setXRange(100.0, 110.0, padding=0)

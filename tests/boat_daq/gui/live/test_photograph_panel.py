@@ -79,7 +79,7 @@ def move(widget, at: QPoint) -> None:
 
 
 def test_photograph_read_early_is_taken_when_its_plateau_waits(make):
-    """It said "Press Enter" where nothing waited, and stayed shut when a plateau did."""
+    """Before, it showed "Press Enter" without a waiting plateau, and stayed closed with one."""
     session = RecordedSession(connected(), filled_ring(10.0))
     window = make(session)
     panel = window.live.photograph

@@ -10,7 +10,7 @@ def test_invalid_plan_is_marked_and_not_armed(live):
     plan.fields["step_kpa"].editingFinished.emit()
     assert plan.refused.text() == "Step must divide the span of 90 kPa evenly."
     live.model.run.press("arm")
-    assert live.model.session.asked == []
+    assert live.model.session.calls == []
     assert "Step must divide" in live.model.notices.current().cause
     plan.fields["cycles"].setText("2")
     plan.fields["cycles"].editingFinished.emit()
@@ -22,7 +22,7 @@ def test_invalid_plan_is_marked_and_not_armed(live):
     plan.fields["high_kpa"].editingFinished.emit()
     assert (model.plan.high_kpa, model.plan.step_kpa, model.refused) == (40.0, 20.0, {})
     live.model.run.press("arm")
-    assert "arm" in live.model.session.asked
+    assert "arm" in live.model.session.calls
 
 
 def test_invalid_plan_names_its_field(live):

@@ -66,7 +66,7 @@ def test_text_typed_before_the_plateau_is_no_reading(running, qtbot):
 
 
 def test_run_without_readings_shows_no_reading_bar(live):
-    """A continuous plan has no plateau to read: its run keeps the room for the plots."""
+    """A continuous plan has no plateau to read: its run keeps the space for the plots."""
     live.model.sequence.choose("repeatability")
     live.model.sequence.arm()
     live.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
@@ -123,7 +123,7 @@ def test_typed_reading_is_undone_and_redone(make):
 
 
 def test_text_that_is_no_length_is_refused_in_its_field(make):
-    """A wrong reading is not kept, its field is marked, and the strip says what to type."""
+    """A wrong reading is not kept, its field is marked, and the strip shows the expected form."""
     session = RecordedSession(connected(), filled_ring(10.0))
     session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
     window = make(session)

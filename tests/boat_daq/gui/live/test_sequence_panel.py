@@ -59,21 +59,21 @@ def test_cleared_fault_is_dismissed(live):
 
 
 def test_each_run_has_its_own_recording(live):
-    """Armed again, the recording that holds a run is closed first; one that was only begun by hand goes on."""
+    """Armed again, the recording that holds a run is closed first; one that was started manually continues."""
     session = live.model.session
     session.change(recording=Path("SA1.boat"))
     live.refresh()
     live.model.run.press("arm")
-    assert session.asked[-1:] == ["arm"]
-    assert "stop_recording" not in session.asked
+    assert session.calls[-1:] == ["arm"]
+    assert "stop_recording" not in session.calls
     session.marks = (StepMark(1, 0, "start", 50.0, 10.0, 0),)
     live.model.run.press("arm")
-    assert session.asked[-2:] == ["stop_recording", "arm"]
+    assert session.calls[-2:] == ["stop_recording", "arm"]
 
 
 @pytest.mark.parametrize("state", [SessionState.FAULT, SessionState.ABORTED])
 def test_interrupted_run_shows_its_cause(live, state):
-    """The strip's message goes once the link is up again: "Fault" stood there without a reason."""
+    """The strip's message goes once the link is up again: "Fault" was shown without a reason."""
     live.model.session.change(state=state, run_ended=RunEnding(RunEnd.FAULT, "the board was unplugged"), progress=None)
     live.refresh()
     assert live.live.sequence.progress.text() == "the board was unplugged"
@@ -109,7 +109,7 @@ def test_buttons_follow_the_state(make):
 
 
 def test_end_of_a_run_offers_to_calibrate(make):
-    """A finished run with readings is said, with the way to its calibration; the offer waits."""
+    """A finished run with readings is reported, with a button to its calibration; the offer waits."""
     session = RecordedSession(connected(), filled_ring(10.0))
     session.marks = (StepMark(3, 1, "unloading", 30.0, 10.0, 0),)
     session.change(state=SessionState.RUNNING)

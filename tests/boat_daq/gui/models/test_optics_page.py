@@ -22,7 +22,7 @@ LINE = np.array([[0.0, 0.0], [75.0, 1.0]])
 
 
 class FakeJob:
-    """Job that ends when told to."""
+    """Job that ends when the test ends it."""
 
     made: ClassVar[list[FakeJob]] = []
 
@@ -76,11 +76,11 @@ def page(qtbot, app_model, monkeypatch):  # noqa: F811 - the fixture above
     shown.show()
     shown.refresh(app_model.snapshot)
     FakeJob.made[-1].bring(traced())
-    tell(shown)
+    update(shown)
     return shown
 
 
-def tell(page):
+def update(page):
     page.model.jobs.poll()
     page.refresh(SessionSnapshot(SessionState.IDLE, LinkState.CLOSED))
 
@@ -88,23 +88,23 @@ def tell(page):
 def test_search_starts_stops_and_reports_its_gain(page):
     """The button stops it too; the gain is the ratio to the grid's best; its design can be looked at, off the grid."""
     page.search_button.click()
-    tell(page)
+    update(page)
     assert page.search_button.text() == "Stop the search"
     page.search_button.click()
-    tell(page)
+    update(page)
     assert (page.search_button.text(), page.model.optimum) == ("Optimise", None)
     page.search_button.click()
     found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, PAPER, 2.5, True)
     FakeJob.made[-1].bring(found)
-    tell(page)
+    update(page)
     assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()
     page.show_button.click()
     assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
-    tell(page)
+    update(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1.23", 7)
     assert page.face.currentData() == "inner"
     page.model.choose(PAPER, "outer")
-    tell(page)
+    update(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1", 6)
 
 
@@ -119,24 +119,24 @@ def test_value_not_offered_is_listed_last_while_selected(page):
 
 
 def test_results_are_kept_for_each_file_of_curves(page, tmp_path):
-    """The file's name is shown, the trace asks for it, and a sweep of other curves is not shown as if it were its."""
+    """The file's name is shown, the trace requests it, and a sweep of other curves is not shown as if it were its."""
     page.model._sweeps["default"] = swept()
     page.take_file(tmp_path / "mine.csv")
-    tell(page)
+    update(page)
     assert page.curves.currentText() == "mine.csv"
     assert FakeJob.made[-1].args[2] == str(tmp_path / "mine.csv")
     assert page.model.sweep is None
     FakeJob.made[-1].fail("mine.csv has 3 points")
-    tell(page)
+    update(page)
     assert "mine.csv has 3 points" in page.response.readout.text()
     page.model.set_curves("default")
-    tell(page)
+    update(page)
     assert page.curves.currentData() == "default"
     assert page.model.sweep is not None
 
 
 def test_late_trace_is_not_shown_for_another_design(page):
-    """What was asked for before is kept, not drawn in the place of what is asked for now."""
+    """The previous request's result is kept, not drawn in place of the current one's."""
     page.model.choose((3, 0.5, 0.5, 0.5))
     late = FakeJob.made[-1]
     late.bring(traced((3, 0.5, 0.5, 0.5)))
@@ -153,7 +153,7 @@ def test_click_on_map_or_front_shows_the_design(page):
     page.sweep_button.click()
     assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
     FakeJob.made[-1].bring(swept())
-    tell(page)
+    update(page)
     assert page.maps.maps[5].marks["paper"].getData()[0].tolist() == [4.5]
     assert page.pareto.numbers.texts == ["2"]
 
@@ -185,7 +185,7 @@ def test_slider_selects_states_without_tracing(page):
 
 
 def test_chosen_rays_override_the_fidelity(page):
-    """The fidelity says how many rays, until a number is chosen."""
+    """The fidelity sets the number of rays until a number is chosen."""
     model: OpticsModel = page.model
     assert (model.traced_rays, model.swept_rays) == (NORMAL.rays, NORMAL.ranking_rays)
     model.set_rays(1000)
@@ -193,7 +193,7 @@ def test_chosen_rays_override_the_fidelity(page):
 
 
 def test_empty_plots_show_what_will_be_there(live, monkeypatch):
-    """Empty axes from 0 to 1 stood there, like data that are missing."""
+    """Before, empty axes from 0 to 1 were shown, like data that are missing."""
     monkeypatch.setattr(live.model.optics, "choose", lambda *_: None)
     live.go("Optics")
     page = live.pages["Optics"]

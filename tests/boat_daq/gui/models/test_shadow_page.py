@@ -1,4 +1,4 @@
-"""The shadow's page: alarms as what, since when, how sure; cycles drawn; what cannot be judged is said."""
+"""The shadow's page: alarms as what, since when, how sure; cycles drawn; skipped cycles reported."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_each_figure_of_the_cycles_can_be_drawn(page):
 
 
 def test_absence_of_alarms_is_reported(page, app_model):  # noqa: F811 - the fixture above
-    """A healthy run says so, with the rate of false alarms that is allowed."""
+    """A healthy run is reported as such, with the rate of false alarms that is allowed."""
     doubtful = Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, (), independent=False)
     page.monitor.alarms = [doubtful]
     assert page.monitor.rows()[0].sure == "2\u2009500 cycles or fewer"
@@ -68,7 +68,7 @@ def test_absence_of_alarms_is_reported(page, app_model):  # noqa: F811 - the fix
 
 
 def test_cycle_without_figures_is_reported_and_skipped(page, app_model):  # noqa: F811 - the fixture above
-    """Its error comes to the strip; the window goes on; an alarm found with it is told with the next look."""
+    """Its error comes to the strip; the window continues; an alarm found with it is shown at the next refresh."""
 
     class Done:
         def __init__(self, outcome):

@@ -94,7 +94,7 @@ def test_measurement_starts_reports_progress_and_stops(page, app_model, monkeypa
 
         def __init__(self, label, function, methods, quick):
             assert function is tradeoff_jobs.measure_methods
-            asked.append((methods, quick))
+            requested.append((methods, quick))
 
         def poll(self):
             return self.state
@@ -102,12 +102,12 @@ def test_measurement_starts_reports_progress_and_stops(page, app_model, monkeypa
         def cancel(self):
             self.state = JobState.CANCELLED
 
-    asked = []
+    requested = []
     monkeypatch.setattr(tradeoff, "Job", FakeJob)
     page.methods.item(0).setCheckState(Qt.CheckState.Unchecked)
     page.start.click()
     page.refresh(app_model.snapshot)
-    assert asked == [(tuple(tradeoff.METHODS)[1:], True)]
+    assert requested == [(tuple(tradeoff.METHODS)[1:], True)]
     assert (page.start.text(), page.progress.value()) == ("Stop", 400)
     job = app_model.tradeoff.job
     job.state, job.result = JobState.DONE, report("tracer")
@@ -122,7 +122,7 @@ def test_measurement_starts_reports_progress_and_stops(page, app_model, monkeypa
 
 
 def test_map_shows_outcomes_by_colour_hatching_and_letter(page, app_model):
-    """A place that works has the plain ground, a refused one is hatched; pointing at it says what was answered."""
+    """A place that works has the plain ground, a refused one is hatched; its tooltip shows the message."""
     axis = {"name": "noise", "unit": "mV", "values": [1.0, 2.0], "labels": []}
     cells = [
         [{"outcome": "works", "error": 0.0, "said": ""}, {"outcome": "refused", "error": None, "said": "too much"}]
@@ -151,7 +151,7 @@ def test_map_shows_outcomes_by_colour_hatching_and_letter(page, app_model):
 
 
 def test_method_without_a_chart_shows_its_map_alone(page, app_model):
-    """Nothing empty stands above the maps."""
+    """Nothing empty is above the maps."""
     app_model.tradeoff.show("fit")
     page.refresh(app_model.snapshot)
     assert not page.upper.isVisible()
@@ -188,21 +188,21 @@ def test_a_logarithmic_axis_has_round_labels(qtbot, low, high, labels):
 
 
 def test_narrow_page_puts_the_table_below_the_chart(page, qtbot):
-    """Beside each other where there is room; over each other, each with a height of its own, where there is not."""
+    """Beside each other where the width allows it, otherwise over each other, each with its own height."""
     from boat_daq.gui.widgets.page_scroll import PageScroll
 
-    room = PageScroll()
-    qtbot.addWidget(room)
-    room.setWidget(page)
-    room.resize(1100, 700)
-    room.show()
-    qtbot.waitExposed(room)
+    scroll = PageScroll()
+    qtbot.addWidget(scroll)
+    scroll.setWidget(page)
+    scroll.resize(1100, 700)
+    scroll.show()
+    qtbot.waitExposed(scroll)
     assert page.chart.y() == page.table_card.y()
-    room.resize(868, 420)
+    scroll.resize(868, 420)
     qtbot.waitUntil(lambda: page.chart.height() >= style.STACKED_HEIGHT)
     assert page.table_card.y() >= page.chart.y() + page.chart.height()
     qtbot.waitUntil(lambda: page.height() >= page.minimumSizeHint().height() > 420)
-    room.takeWidget()
+    scroll.takeWidget()
 
 
 def test_method_that_is_not_measured_shows_what_will_be_there(whole):

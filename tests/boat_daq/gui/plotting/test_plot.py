@@ -52,7 +52,7 @@ def test_surface_fills_between_its_lines_only(view):
 
 
 def test_band_makes_no_garbage_per_point(view):
-    """A frame used to make an object a point, and the collector stood still for 130 ms every few frames."""
+    """A frame used to make an object a point, and garbage collection took 130 ms every few frames."""
     plot = Plot(make_item(), "Elongation", "mm")
     view.addItem(plot.item)
     band = plot.band("Band", sensor_colour(1))

@@ -90,7 +90,7 @@ def plots_of(window):
 
 
 def looked_at(window, page):
-    """The page's plots; the live page's cycles and the comparison stand in the place of others, one after the other."""
+    """The page's plots; the live page's cycles and the comparison replace other plots, one after the other."""
     yield from plots_of(window)
     if page == "Live":
         window.live.toggle_overlay()
@@ -141,17 +141,17 @@ def test_every_plot_is_copied_and_saved_by_menu_and_keys(loaded, tmp_path, reque
     for card in looked_at(loaded, page):
         seen.append(card.title)
         if not card.columns():
-            assert card.empty_text.isVisible() or card.readout.text(), f"{card.title} is empty, and says nothing"
+            assert card.empty_text.isVisible() or card.readout.text(), f"{card.title} is empty and shows no text"
             continue
         button = button_of(card)
         copy, *saves = [action for action in button.menu().actions() if action.text()][:4]
-        deeds = {"copy": (copy.trigger, lambda: run_shortcut(loaded, "Ctrl+Shift+C"))}
+        triggers = {"copy": (copy.trigger, lambda: run_shortcut(loaded, "Ctrl+Shift+C"))}
         for suffix, action in zip(KEYS, saves, strict=True):
-            deeds[suffix] = (action.trigger, lambda keys=KEYS[suffix]: run_shortcut(loaded, keys))
+            triggers[suffix] = (action.trigger, lambda keys=KEYS[suffix]: run_shortcut(loaded, keys))
         loaded.activateWindow()
         button.setFocus()
         assert card.isAncestorOf(QApplication.focusWidget() or button)
-        for kind, ways in deeds.items():
+        for kind, ways in triggers.items():
             for way in ways:
                 path = tmp_path / f"saved.{kind}"
                 path.unlink(missing_ok=True)

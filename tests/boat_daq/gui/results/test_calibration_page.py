@@ -237,9 +237,9 @@ def test_headline_counts_plateaus_readings_and_points(live):
 
 def whole_in_sight(window, widget) -> bool:
     """Whether all of a widget is inside the window's page without scrolling."""
-    room = window.scrolls["Calibrate"].viewport()
-    place = widget.mapTo(room, QPoint(0, 0))
-    return widget.isVisible() and room.rect().contains(QRect(place, widget.size()))
+    viewport = window.scrolls["Calibrate"].viewport()
+    place = widget.mapTo(viewport, QPoint(0, 0))
+    return widget.isVisible() and viewport.rect().contains(QRect(place, widget.size()))
 
 
 def test_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
@@ -250,16 +250,16 @@ def test_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
         path = folder / name
         path.touch()
         os.utime(path, ns=(i, i))
-    asked: list[Path] = []
-    monkeypatch.setattr(live.model.calibration, "analyse", asked.append)
+    requested: list[Path] = []
+    monkeypatch.setattr(live.model.calibration, "analyse", requested.append)
     live.model.calibration.analyse_current()
-    assert asked == [folder / "a.boat"]
+    assert requested == [folder / "a.boat"]
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("width", [853, 1280])
 def test_no_table_of_figures_scrolls_sideways(whole, width):
-    """At 150 % on 1280 x 800 the figures stood in a column of which only the names were to be seen."""
+    """At 150 % on 1280 x 800 the figures were in a column of which only the names were visible."""
     cells = (FigureText("256.3", "definition"), FigureText("190.6", "definition"))
     rows = tuple(FigureRow(name, cells) for name in ("Sensitivity, mV/mm", "Repeatability, worst level, % FSO") * 7)
     shown = dataclasses.replace(run_result(), figures=rows)
@@ -301,7 +301,7 @@ def test_new_analysis_clears_the_page(live):
 
 
 def test_failed_analysis_shows_cause_and_remedy(live):
-    """Both stood in one line, cut with an ellipsis before the remedy, over axes from 0 to 1."""
+    """Both were in one line, cut with an ellipsis before the remedy, over axes from 0 to 1."""
     live.go("Calibrate")
     model, page = live.model.calibration, live.pages["Calibrate"]
     model.failure = OperatorError("x.boat is not a recording", "Choose another one.")

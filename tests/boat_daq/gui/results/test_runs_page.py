@@ -46,7 +46,7 @@ def choose(page, *rows: int) -> None:
 
 
 def save_as(window, target: Path) -> None:
-    """Answer the dialog that asks for a name."""
+    """Answer the dialog that requests a name."""
     dialog = window.findChildren(QFileDialog)[-1]
     assert not dialog.isModal()
     dialog.fileSelected.emit(str(target))
@@ -66,7 +66,7 @@ def forget_readings(path: Path) -> None:
 
 
 def test_exports_and_report_are_made(runs, tmp_path, qtbot):
-    """Export as CSV, as Parquet, and the report: each asks where, says when it is there, and has its content."""
+    """Export as CSV, as Parquet, and the report: each requests a place, reports its completion, and has its content."""
     window, page = runs
     choose(page, 0)
     csv_action, parquet_action = page.buttons["export"].menu().actions()
@@ -105,13 +105,13 @@ def test_two_runs_are_compared(runs, qtbot):
 
 
 def test_replay_uses_the_chosen_speed(runs):
-    """Replay asks the session for the recording at the speed that was chosen, and shows the live page."""
+    """Replay opens the recording at the speed that was chosen, and shows the live page."""
     window, page = runs
     choose(page, 1)
-    path, asked = page.selected()[0].path, []
-    window.model.session.connect = lambda url, **more: asked.append(url)
+    path, requested = page.selected()[0].path, []
+    window.model.session.connect = lambda url, **more: requested.append(url)
     page.buttons["replay"].menu().actions()[2].trigger()
-    assert asked == [f"replay:{path}@20"]
+    assert requested == [f"replay:{path}@20"]
     assert window.page == "Live"
 
 
@@ -128,23 +128,23 @@ def test_page_key_focuses_the_list_with_the_newest_run_chosen(runs):
     page.list.clearSelection()
     window.model.runs.revision += 1
     window.refresh()
-    assert page.selected() == []  # what a hand has put away stays away
+    assert page.selected() == []  # what the operator deselected stays deselected
 
 
 def test_unavailable_command_reports_its_reason(runs):
-    """Its menu entry was grey without a word, and its key did nothing."""
+    """Before, its menu entry was grey without a reason, and its key did nothing."""
     window, page = runs
     choose(page, 0)
-    for go_to, said in (("Runs", "two to four"), ("Live", "Go to the Runs page")):
+    for go_to, remedy in (("Runs", "two to four"), ("Live", "Go to the Runs page")):
         window.go(go_to)
         run_shortcut(window, "Ctrl+Alt+M")
         notice = window.model.notices.current()
         assert "Compare the selected runs" in notice.cause
-        assert said in notice.remedy
+        assert remedy in notice.remedy
         window.commands.refresh()
         entry = next(a for c, a in window.commands._actions if c.shortcut == "Ctrl+Alt+M")
         assert not entry.isEnabled()
-        assert said in entry.toolTip()
+        assert remedy in entry.toolTip()
         window.commands.enable_all()
 
 

@@ -10,10 +10,10 @@ from tests.boat_daq.gui.windows import PATIENCE_MS
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", ["Calibrate", "Repeat", "Runs"])
 def test_empty_page_never_scrolls(empty, qtbot, name):
-    """An empty Calibrate page used to ask for the height of the filled one behind it."""
+    """An empty Calibrate page used to require the height of the filled one behind it."""
     empty.resize(853, 533)
     empty.go(name)
-    room = empty.scrolls[name]
-    qtbot.waitUntil(lambda: room.verticalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
-    assert room.horizontalScrollBar().maximum() == 0
+    scroll = empty.scrolls[name]
+    qtbot.waitUntil(lambda: scroll.verticalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
+    assert scroll.horizontalScrollBar().maximum() == 0
     assert empty.pages[name].stack.currentIndex() == 0

@@ -12,7 +12,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 
 
 def test_no_dialog_box_blocks_vent(live, qtbot, tmp_path):
-    """A missing file and one that is there already were told by modal boxes: VENT could not be clicked behind them."""
+    """Missing and existing files were reported by modal boxes: VENT could not be clicked behind them."""
     there, opened, saved = tmp_path / "there.csv", [], []
     there.write_text("kept")
     dialog = ask_open(live, live.model.services, "Open", "csv", opened.append)
@@ -32,7 +32,7 @@ def test_no_dialog_box_blocks_vent(live, qtbot, tmp_path):
 
 
 def test_file_dialog_does_not_block_the_window(live, tmp_path):
-    """Saving asks beside the window, not over it; the folder is remembered; what was saved is said."""
+    """The dialog is beside the window, not over it; the folder is remembered; the saved file is reported."""
     live.refresh()
     live.draw()
     live.save_plot(live.live.plots, "csv")

@@ -17,12 +17,12 @@ def slow_square(n, *, progress):
 
 
 def refuse():
-    """Refuse in the house's way."""
+    """Refuse with an error of the program."""
     raise OperatorError("the run has no sensor", "Record one.")
 
 
 def leave():
-    """End without a word."""
+    """End without a result."""
     import os
 
     os._exit(3)
@@ -41,7 +41,7 @@ def test_job_returns_progress_and_result():
 
 
 def test_refusal_keeps_its_remedy_and_crash_is_reported():
-    """An error of ours keeps cause and remedy; a process that just ends is said to have ended."""
+    """An error of ours keeps cause and remedy; a process that just ends is reported as ended."""
     refused, crashed = Job("Refusing", refuse), Job("Crashing", leave)
     until(lambda: refused.poll() is not JobState.RUNNING and crashed.poll() is not JobState.RUNNING)
     assert (refused.failure.cause, refused.failure.remedy) == ("the run has no sensor", "Record one.")
@@ -49,11 +49,11 @@ def test_refusal_keeps_its_remedy_and_crash_is_reported():
 
 
 def test_cancelled_job_ends_and_frees_its_slot():
-    """A cancelled work is over at once, and its place on the bench is free."""
-    bench, ended = JobRunner(), []
-    job = bench.start("long", Job("Sleeping", pause, 60), ended.append)
-    bench.cancel("long")
-    bench.poll()
+    """A cancelled job ends at once, and its slot in the runner is free."""
+    runner, ended = JobRunner(), []
+    job = runner.start("long", Job("Sleeping", pause, 60), ended.append)
+    runner.cancel("long")
+    runner.poll()
     assert job.state is JobState.CANCELLED
     assert ended == [job]
-    assert bench.get("long") is None
+    assert runner.get("long") is None

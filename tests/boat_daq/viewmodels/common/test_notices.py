@@ -25,7 +25,7 @@ def test_current_notice_is_the_most_severe():
 
 
 def test_attempt_never_raises():
-    """An error of ours says cause and remedy; a stranger is shown with its details."""
+    """An error of the program has cause and remedy; any other is shown with its details."""
 
     def refuse():
         raise OperatorError("no port was chosen", "Choose one.")

@@ -19,7 +19,7 @@ words = st.text(st.characters(exclude_categories=("Cc", "Cs", "Zl", "Zp")), max_
 @pytest.mark.fault(49, how="any words, and those that a spreadsheet would run", times=100)
 @given(st.lists(finite, max_size=5), st.lists(words | st.sampled_from(["=1+1", "+x", "-x", "@x", "\tx"]), max_size=5))
 def test_saved_table_reads_back(numbers, texts):
-    """Numbers come back to the last digit; a text that a spreadsheet would run stands behind an apostrophe."""
+    """Numbers come back to the last digit; a text that a spreadsheet would run gets an apostrophe."""
     text = tables.csv_text({"a": np.array(numbers), "b": texts})
     rows = list(csv.reader(io.StringIO(text, newline="")))
     assert rows[0] == ["a", "b"]

@@ -13,7 +13,7 @@ from tests.boat_daq.gui.recorded_session import idle
 
 @pytest.mark.parametrize("link", list(LinkState))
 def test_every_link_state_has_colour_shape_and_word(link):
-    """No state of the link is told by its colour alone."""
+    """No state of the link is shown by its colour alone."""
     text = link_text(dataclasses.replace(idle(), link=link))
     assert text.state
     assert text.shape

@@ -118,7 +118,7 @@ def test_nothing_to_draw_before_the_first_sample():
 
 
 def test_statistics_between_the_cursors_agree_with_numpy(ring):
-    """Mean, sd, extremes and slope are those of the samples between A and B, in whichever order they stand."""
+    """Mean, sd, extremes and slope are those of the samples between A and B, in either order."""
     model = LiveModel(lambda: ring)
     model.put_cursor("a", 50.0)
     model.put_cursor("b", 40.0)

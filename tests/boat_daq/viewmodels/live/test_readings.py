@@ -1,4 +1,4 @@
-"""The table of readings: entries, pastes, remarks, the question."""
+"""The table of readings: entries, pastes, warnings, the prompt."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def read_session(*more):
     return session
 
 
-def test_remark_names_plateau_and_distance():
-    """An outlier's remark has its millimetres; its hover plateau, cycle, value, and what the fit says there."""
+def test_warning_names_plateau_and_distance():
+    """An outlier's warning has its millimetres; its tooltip plateau, cycle, value, and the fit's value."""
     session = read_session()
     mark = session.marks[13]
     session.add_reading(14, elongation(mark) + 2.0, "typed")
@@ -106,8 +106,8 @@ def test_paste_enters_all_or_nothing():
         model.paste("\n".join(["1"] * 40), 1)
 
 
-def test_question_names_the_plateau():
-    """The window asks with pressure, branch and cycle, and the row of the table is marked."""
+def test_prompt_names_the_plateau():
+    """The prompt has pressure, branch and cycle, and the row of the table is marked."""
     session = RecordedSession(dataclasses.replace(
         connected(), waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.1)))  # fmt: skip
     session.marks = plateaus(1)

@@ -53,9 +53,9 @@ def test_run_interrupted_by_an_unplugged_board_is_offered(tmp_path):
     assert offer is not None
     assert "after 2 whole cycles" in offer.cause
     assert "cycle 4" in offer.remedy
-    assert session.asked == []
+    assert session.calls == []
     offer.action()
-    assert session.asked == ["arm"]
+    assert session.calls == ["arm"]
     session.change(state=SessionState.ARMED)
     model.follow(session.shown)
     assert notices.current() is None
@@ -93,5 +93,5 @@ def test_closed_run_resumes_only_on_a_free_board(tmp_path, closed):
         model.resume(closed)
     session.shown = connected()
     model.resume(closed)
-    assert session.asked == ["resume_recording", "arm"]
+    assert session.calls == ["resume_recording", "arm"]
     assert "resumes at cycle 3: press Start" in notices.current().cause

@@ -69,7 +69,7 @@ def test_every_state_has_its_buttons(tmp_path):
     model = sequence(tmp_path, session)
     for button in {b for _, _, buttons in STATES.values() for b in buttons}:
         model.press(button)
-    assert sorted(session.asked) == sorted(["arm", "start", "disarm", "pause", "resume", "stop", "clear_fault"])
+    assert sorted(session.calls) == sorted(["arm", "start", "disarm", "pause", "resume", "stop", "clear_fault"])
 
 
 def test_board_that_cannot_be_commanded_has_no_buttons(tmp_path):
@@ -105,7 +105,7 @@ def test_entry_is_kept_and_undone(tmp_path):
 
 
 def test_progress_in_a_line():
-    """Cycle, step, phase and time left are said in the lab's words."""
+    """Cycle, step, phase and time left have the laboratory's terms."""
     from boat_daq.viewmodels.live.sequence import progress_text
 
     progress = Progress(9, 37, 1, 2, 0, (), "unloading", Phase.WAITING_FOR_READING, -30.0, 3.0, 60.0, 227.0)

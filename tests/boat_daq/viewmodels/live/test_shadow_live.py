@@ -40,9 +40,9 @@ def test_state_is_at_the_measured_elongation(ring, model):
     assert picture.tracked.shape == (14, 2)
     assert expanded == pytest.approx(0.3)
     nominal = float(model.table.nominal_elongation(np.array(pressure))[0])
-    said = {name: value for name, value, _ in picture.lines}
-    assert said["Nominal"].startswith(f"{number(nominal, 2, sign=True)} \u00b1")
-    assert said["Measured"] == f"{number(measured, 2, sign=True)} \u00b10.30 mm"
+    lines = {name: value for name, value, _ in picture.lines}
+    assert lines["Nominal"].startswith(f"{number(nominal, 2, sign=True)} \u00b1")
+    assert lines["Measured"] == f"{number(measured, 2, sign=True)} \u00b10.30 mm"
 
 
 def test_nominal_actuator_is_drawn_without_a_calibration(ring, model):
@@ -54,7 +54,7 @@ def test_nominal_actuator_is_drawn_without_a_calibration(ring, model):
 
 
 def test_state_outside_the_table_is_reported(ring, model):
-    """No full solution is made in a frame; the pane says that it cannot show this."""
+    """No full solution is made in a frame; the pane reports that it cannot show this."""
 
     def absurd(signal_mv):
         n = len(signal_mv)
@@ -66,7 +66,7 @@ def test_state_outside_the_table_is_reported(ring, model):
 
 
 def test_nan_from_the_calibration_is_reported(ring, model):
-    """Outside the calibration the nominal actuator is drawn, and the pane says why; sensors that part are said too."""
+    """Outside the calibration the nominal actuator is drawn with the reason; disagreeing sensors are reported."""
 
     def nowhere(signal_mv):
         n = len(signal_mv)
@@ -86,10 +86,10 @@ def unstable(model):
 
 
 class Helper:
-    """A piece of work that ends when the test says so."""
+    """A job that ends when the test ends it."""
 
     def __init__(self, label, function, *args):
-        self.asked = (function, *args)
+        self.call = (function, *args)
         self.state, self.result, self.failure = JobState.RUNNING, None, None
 
     def end(self, state, result=None, failure=None):
@@ -106,8 +106,8 @@ def held(ring, model, monkeypatch, elongation, pressure=-42.0):
     return pane, started
 
 
-def said(pane):
-    """The names and words under the picture."""
+def lines_of(pane):
+    """The names and texts under the picture."""
     return {name: words for name, words, _ in pane.picture().lines}
 
 
@@ -115,18 +115,18 @@ def said(pane):
 def test_unstable_held_state_is_reported(ring, model, unstable, monkeypatch, elongation, warned):
     """At -42 kPa an elongated tip would buckle if it could, a shortened one would not (the full model's tangents)."""
     pane, started = held(ring, model, monkeypatch, elongation)
-    assert "Stability" not in said(pane)  # nothing is said before it is known
+    assert "Stability" not in lines_of(pane)  # nothing is reported before it is known
     ((job, then),) = started
-    assert job.asked == (unstable_held_states, "normal")
+    assert job.call == (unstable_held_states, "normal")
     job.end(JobState.DONE, unstable)
     then(job)
-    assert ("Stability" in said(pane)) is warned
+    assert ("Stability" in lines_of(pane)) is warned
     assert len(started) == 1
 
 
 @pytest.mark.parametrize(("pressure", "elongation"), [(-19.9, 3.0), (-42.0, -2.8)])
-def test_state_that_cannot_be_unstable_is_not_judged(ring, model, monkeypatch, pressure, elongation):
-    """Little vacuum, or a tip where the pressure alone would bring it: nobody is asked."""
+def test_state_that_cannot_be_unstable_starts_no_job(ring, model, monkeypatch, pressure, elongation):
+    """Little vacuum, or a tip where the pressure alone would bring it: no job is started."""
     pane, started = held(ring, model, monkeypatch, elongation, pressure)
     assert pane.picture().corners.size
     assert started == []
@@ -140,13 +140,13 @@ def test_state_that_cannot_be_unstable_is_not_judged(ring, model, monkeypatch, p
     ],
 )
 def test_failed_stability_job_is_reported(ring, model, monkeypatch, state, failure, words):
-    """Unknown is not stable; it is not asked for again in every frame."""
+    """Unknown is not stable; it is not requested again in every frame."""
     pane, started = held(ring, model, monkeypatch, 2.5)
     pane.picture()
     ((job, then),) = started
     job.end(state, failure=failure)
     then(job)
-    assert said(pane)["Stability"] == words
+    assert lines_of(pane)["Stability"] == words
     assert len(started) == 1
 
 

@@ -26,7 +26,7 @@ def study():
 
 
 def test_swept_map_is_read_with_its_texts(monkeypatch, tmp_path):
-    """Outcome, error and what was said stand at their place; beside the map there are no words."""
+    """Outcome, error and message are in their cell; beside the map there is no text."""
     monkeypatch.setattr("analysis.atlas.methods.chosen_studies", lambda names: [study()])
     model = AtlasModel(JobRunner(), tmp_path)
     model.take(json.loads(json.dumps(tradeoff_jobs.sweep_method("fit"))))
@@ -46,7 +46,7 @@ def test_file_without_an_atlas_is_refused(content):
 
 
 def test_new_sweep_replaces_its_method_only(tmp_path):
-    """What the helper sends joins what was kept, and is there at the next start; a broken file is said."""
+    """What the helper sends joins what was kept, and is there at the next start; a broken file is reported."""
     model = AtlasModel(JobRunner(), tmp_path)
     job = SimpleNamespace(state=JobState.DONE, failure=None, result=None)
     for result in (swept("fit"), swept("alarms"), swept("fit", outcome="refused")):

@@ -20,7 +20,7 @@ def test_cell_of_a_map_selects_its_design():
 
 
 def test_map_holds_each_design_in_its_cell():
-    """P stands at [spacing, depth]; what was not simulated is NaN."""
+    """P is at [spacing, depth]; what was not simulated is NaN."""
     values = np.array([[5, 1.0, 0.5, 0.9], [5, 1.0, 1.0, 0.5], [3, 1.0, 0.5, 0.9]])
     flags = np.zeros(3, bool)
     p = np.array([0.3, 0.7, 0.9])

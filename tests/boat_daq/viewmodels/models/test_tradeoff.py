@@ -22,7 +22,7 @@ def test_page_lists_the_methods_of_the_commands():
 
 
 def test_result_is_restored_at_the_next_start(tmp_path):
-    """A loaded result is kept; a broken file is said, not fatal; the CSV has a row for each point."""
+    """A loaded result is kept; a broken file is reported, not fatal; the CSV has a row for each point."""
     source = tmp_path / "given.json"
     source.write_text(json.dumps(report()), encoding="utf-8")
     model = TradeoffModel(JobRunner(), tmp_path / "config", Preferences(tmp_path / "config"))
@@ -38,7 +38,7 @@ def test_result_is_restored_at_the_next_start(tmp_path):
 
 
 def test_measuring_without_a_method_is_refused(tmp_path):
-    """A measurement of no method says what to tick; a tick is remembered."""
+    """A measurement of no method names what to tick; a tick is remembered."""
     model = TradeoffModel(JobRunner(), tmp_path, Preferences(tmp_path))
     for name in METHODS:
         model.choose(name, on=False)

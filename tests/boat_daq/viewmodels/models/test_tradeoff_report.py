@@ -10,7 +10,7 @@ from tests.boat_daq.viewmodels.models.reports import point, report
 
 
 def test_points_are_numbered_from_the_cheapest_and_keep_their_marks():
-    """Order by processor time; default, choice and front stand where the result says; half the tolerance is enough."""
+    """Order by processor time; default, choice and front are those of the result; half the tolerance is enough."""
     chart = read_report(report())["inverse"]
     assert [(p.number, p.setting) for p in chart.points] == [(1, "rough"), (2, "fine")]
     assert [p.marks for p in chart.points] == [("front",), ("default", "chosen", "front")]
@@ -20,7 +20,7 @@ def test_points_are_numbered_from_the_cheapest_and_keep_their_marks():
 
 
 def test_failed_setting_is_listed_but_not_drawn():
-    """An error of null is no number: it has no place in the chart, and the table says so; zero has one."""
+    """An error of null is no number: it has no place in the chart, and the table reports it; zero has one."""
     chart = read_report(report(points=[point("broken", 1.0, None), point("exact", 2.0, 0.0)]))["inverse"]
     assert [p.drawn for p in chart.points] == [False, True]
     assert error_text(chart.points[0].error) == "failed"

@@ -41,7 +41,7 @@ def test_accepted_calibration_is_stored_and_converts(tmp_path, result):
 
 
 def test_next_calibration_is_compared_with_the_previous(tmp_path, result):
-    """The same run against itself differs by nothing; without a history it says so."""
+    """The same run against itself differs by nothing; without a history this is reported."""
     model = model_on(tmp_path, result)
     assert "no earlier calibration" in model.comparison()
     model.accept()
@@ -130,7 +130,7 @@ def test_analysis_is_refused_during_a_run(tmp_path):
 
 
 def test_damaged_file_is_reported_with_its_cause(tmp_path):
-    """An analysis that cannot be made ends in words, not in a traceback."""
+    """An analysis that cannot be made is reported without a traceback."""
     path = tmp_path / "broken.boat"
     path.write_bytes(b"no recording")
     model = model_on(tmp_path)

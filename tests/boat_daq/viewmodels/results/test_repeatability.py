@@ -55,9 +55,9 @@ def test_every_cycle_has_its_figures(result):
 
 def test_running_recording_is_analysed_again(recording):
     """Only a continuous run, only after new cycles, and never more often than the share of the machine allows."""
-    now, asked = [100.0], []
+    now, requested = [100.0], []
     model = RepeatabilityModel(JobRunner(), lambda: now[0])
-    model.analyse = lambda path, label="": asked.append(path)
+    model.analyse = lambda path, label="": requested.append(path)
     progress = Progress(9, 200, 5, 100, 4, (), "loading", "ramping", 50.0, 1.0, 90.0, 900.0)
     plan = built_in_plans()["repeatability"]
     running = dataclasses.replace(
@@ -65,21 +65,21 @@ def test_running_recording_is_analysed_again(recording):
     )
     model.follow(running)
     model.follow(running)
-    assert len(asked) == 1
+    assert len(requested) == 1
     now[0] += 60.0
     model.follow(running)
-    assert len(asked) == 1
+    assert len(requested) == 1
     model.follow(dataclasses.replace(running, progress=dataclasses.replace(progress, complete_cycles=5)))
-    assert len(asked) == 2
+    assert len(requested) == 2
     model.follow(dataclasses.replace(running, plan=built_in_plans()["calibration"]))
-    assert len(asked) == 2
+    assert len(requested) == 2
     over = dataclasses.replace(running, state=SessionState.IDLE, progress=None)
     model.follow(over)
-    assert len(asked) == 2
+    assert len(requested) == 2
     now[0] += 1.0
     for _ in range(3):
         model.follow(over)
-    assert len(asked) == 3
+    assert len(requested) == 3
 
 
 def test_analysis_uses_the_chosen_fidelity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

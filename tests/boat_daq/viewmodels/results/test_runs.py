@@ -19,7 +19,7 @@ from tests.boat_daq.viewmodels.helpers import until
 
 
 def test_entries_show_what_each_recording_is(recording, tmp_path):
-    """Unit, length, cycles and readings stand in the list; a broken file stands there with its reason."""
+    """Unit, length, cycles and readings are in the list; a broken file is listed with its reason."""
     run = read_run(recording)
     assert run.cells[1].startswith("SA1")
     assert "SIMULATED" in run.cells[1]
@@ -84,21 +84,21 @@ def test_runs_that_did_not_finish_are_resumable(closed):
 
 
 def test_obstacle_names_why_an_action_is_refused(closed):
-    """Grey buttons stood there without a word; both sides of each border."""
+    """Before, grey buttons had no reason; both sides of each border."""
     good = read_run(closed)
     damaged = dataclasses.replace(good, summary=None, problem="it is no recording")
     written = dataclasses.replace(good, summary=dataclasses.replace(good.summary, status="recording"))
-    deeds = ("open", "repeat", "replay", "export", "readings", "report", "compare")
+    actions = ("open", "repeat", "replay", "export", "readings", "report", "compare")
 
     def refused(*chosen: RunEntry) -> set[str]:
-        return {deed for deed in deeds if obstacle(deed, chosen)}
+        return {action for action in actions if obstacle(action, chosen)}
 
-    assert refused() == set(deeds)
+    assert refused() == set(actions)
     assert refused(good) == {"compare"}
     assert refused(written) == {"compare", "readings"}
-    assert refused(good, good) == refused(*[good] * 4) == set(deeds) - {"report", "compare"}
-    assert refused(*[good] * 5) == set(deeds) - {"report"}
-    assert refused(damaged) == refused(good, damaged) == set(deeds)
+    assert refused(good, good) == refused(*[good] * 4) == set(actions) - {"report", "compare"}
+    assert refused(*[good] * 5) == set(actions) - {"report"}
+    assert refused(damaged) == refused(good, damaged) == set(actions)
     assert obstacle("report", [good, damaged]) == "older.boat: it is no recording."
     assert "2 recordings are chosen" in obstacle("open", [good, good])
     assert (selection_text([]), selection_text([damaged])) == (NONE_CHOSEN, damaged.problem)

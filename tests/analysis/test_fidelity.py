@@ -12,7 +12,7 @@ from analysis.fidelity import LEVELS, fidelity
 
 
 def test_levels_by_name() -> None:
-    """Three levels, each knows its name; another one is refused with what there is."""
+    """Three levels, each with its name; another one is refused with the valid ones."""
     assert [fidelity(level).level for level in LEVELS] == list(LEVELS)
     assert fidelity() == fidelity("normal")
     with pytest.raises(RequestError, match="no fidelity 'best'"):

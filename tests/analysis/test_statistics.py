@@ -56,7 +56,7 @@ def test_the_expanded_percentile_interval_of_a_mean_is_students() -> None:
 
 
 def test_theil_sen_ignores_an_outlier() -> None:
-    """A line with one wild point keeps its slope; two points have none."""
+    """A line with one outlier keeps its slope; two points have none."""
     x = np.arange(9.0)
     y = 2.0 * x
     y[4] = 500.0

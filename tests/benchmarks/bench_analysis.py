@@ -1,4 +1,4 @@
-"""How long the analysis takes, and against the plain way a user would write it. Prints; asserts nothing about time."""
+"""How long the analysis takes, and compared with a plain implementation. Prints; asserts nothing about time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def hundred_cycles(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def plain_figures(path: Path) -> list[float]:
-    """The plain way: numpy, a loop over cycles, scipy's peaks, 200 bootstrap resamples in a loop."""
+    """The plain implementation: numpy, a loop over cycles, scipy's peaks, 200 bootstrap resamples in a loop."""
     from scipy.signal import find_peaks
 
     with sqlite3.connect(path) as db:
@@ -71,7 +71,7 @@ def plain_figures(path: Path) -> list[float]:
 
 
 def test_a_hundred_cycles(hundred_cycles: Path, tmp_path: Path) -> None:
-    """Load, segment, every figure with its interval; the PDF; against the plain way for hysteresis alone."""
+    """Load, segment, every figure with its interval; the PDF; a plain implementation for hysteresis alone."""
     analyse(load_recording(hundred_cycles))  # compiled and warm
     seconds, analysis = timed(lambda: analyse(load_recording(hundred_cycles)), 3)
     plain, _ = timed(lambda: plain_figures(hundred_cycles))

@@ -71,7 +71,7 @@ def test_frame(qtbot, tmp_path, size, span_s, capsys):
     at_s, wall, cpu = HOUR_S, [], []
     for frame in range(320):
         at_s = feed(ring, 2, at_s)
-        window.live.plots._whole_until_s = -math.inf  # the dearer kind: a picture that moves is drawn whole
+        window.live.plots._whole_until_s = -math.inf  # the more expensive kind: a picture that moves is drawn whole
         began, used = time.perf_counter(), time.process_time()
         window.live.draw()
         window.live.plots.view.viewport().repaint()
@@ -88,7 +88,7 @@ def test_frame(qtbot, tmp_path, size, span_s, capsys):
     assert len(wall) == 300
 
 
-def test_plain_way(qtbot, tmp_path, capsys):
+def test_whole_hour_in_pyqtgraph(qtbot, tmp_path, capsys):
     """The same hour given to pyqtgraph whole, with autorange: the pyramid's gain."""
     import pyqtgraph as pg
 
@@ -184,7 +184,7 @@ def test_at_rest(qtbot, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("where", ["minimised", "Runs", "Optics"])
 def test_at_rest_out_of_sight(qtbot, tmp_path, monkeypatch, capsys, where):
-    """The same board while nobody looks at its plots."""
+    """The same board while its plots are hidden."""
     window = window_on_a_board(qtbot, tmp_path, monkeypatch)
     if where == "minimised":
         window.showMinimized()

@@ -1,4 +1,4 @@
-"""How many SAMPLE frames a second one core decodes: streaming, in bulk, the plain way, and pymavlink its own."""
+"""How many SAMPLE frames a second one core decodes: streaming, in bulk, by a plain decoder, and pymavlink its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shadow's speed: full solutions, reduced states and whole frames a second, and the ratio to the plain way."""
+"""The shadow's speed: full solutions, reduced states and whole frames a second, and the ratio to scikit-fem."""
 
 from __future__ import annotations
 

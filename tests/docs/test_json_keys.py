@@ -1,4 +1,4 @@
-"""The keys that the reference promises are the keys that the commands print."""
+"""The keys of the reference are the keys that the commands print."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PAGE = (ROOT / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
 EXAMPLE = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
 
 
-def promised(command: str) -> set[str]:
+def documented(command: str) -> set[str]:
     """Return the dotted names of the keys under a command's heading; lists are left out of the names."""
     found = re.search(rf"^## `{re.escape(command)}`$.*?```text\n(.*?)```", PAGE, re.MULTILINE | re.DOTALL)
     assert found, command
@@ -69,13 +69,13 @@ def test_every_promised_key_is_printed(heading: str, call: list[str], tmp_path: 
     done = CliRunner().invoke(app, [*(files.get(word, word) for word in call), "--json"])
     assert done.exit_code == 0, done.output
     names = set(printed(json.loads(done.stdout)))
-    missing = {name for name in promised(heading) if not any(_same(name, other) for other in names)}
+    missing = {name for name in documented(heading) if not any(_same(name, other) for other in names)}
     assert not missing
 
 
-def _same(promise: str, name: str) -> bool:
+def _same(entry: str, name: str) -> bool:
     """Whether a printed name matches a documented one; NAME matches any name."""
-    wanted, found = promise.split("."), name.split(".")
+    wanted, found = entry.split("."), name.split(".")
     if found[-1] == "*":
         wanted, found = wanted[: len(found) - 1], found[:-1]
     return len(wanted) == len(found) and all(w in ("NAME", f) for w, f in zip(wanted, found, strict=True))

@@ -1,4 +1,4 @@
-"""Names that lead out of a folder: refused where a name is required, obeyed where a path is."""
+"""Names that lead out of a folder: refused where a name is required, used where a path is."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_name_of_no_file_is_refused(tmp_path: Path, writer: str, name: str) -> N
     assert list(tmp_path.iterdir()) == []
 
 
-def test_path_is_obeyed_wherever_it_leads(tmp_path: Path) -> None:
+def test_path_is_used_wherever_it_leads(tmp_path: Path) -> None:
     """A recording's path is the operator's: absolute, or up and down again."""
     (tmp_path / "inner").mkdir()
     for path in (tmp_path / "absolute.boat", tmp_path / "inner" / ".." / "up.boat"):
@@ -73,7 +73,7 @@ def test_path_is_obeyed_wherever_it_leads(tmp_path: Path) -> None:
 
 
 @pytest.mark.fault(51, how="a link in the place of a new recording", times=1)
-def test_link_in_place_of_a_recording_is_not_written_through(tmp_path: Path) -> None:
+def test_link_in_place_of_a_recording_is_not_followed_by_writes(tmp_path: Path) -> None:
     """A new recording never opens what is there already, a dangling link included."""
     (tmp_path / "run.boat").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(OperatorError, match="exists already"):

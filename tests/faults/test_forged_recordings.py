@@ -184,7 +184,9 @@ def test_forged_journal_deletes_no_other_file(sound: Path, tmp_path: Path, reade
 @pytest.mark.fault(51, how="links to another file in the place of a recording's log, journal and lock", times=8)
 @pytest.mark.parametrize("suffix", ["-wal", "-shm", "-journal", "-lock"])
 @pytest.mark.parametrize("status", ["closed", "recording"])
-def test_link_beside_a_recording_is_not_written_through(sound: Path, tmp_path: Path, suffix: str, status: str) -> None:
+def test_link_beside_a_recording_is_not_followed_by_writes(
+    sound: Path, tmp_path: Path, suffix: str, status: str
+) -> None:
     """The recording is used or refused; the target of the link is unchanged."""
     path, other = tmp_path / "run.boat", tmp_path / "precious.txt"
     shutil.copy(sound, path)

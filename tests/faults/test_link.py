@@ -133,7 +133,7 @@ def test_every_link_fault_in_one_recording_is_handled(tmp_path: Path) -> None:
     gaps = (1, 7, 255, 256)
     faults = [f"index_gap@{108 + 4 * number}:{lost}" for number, lost in enumerate(gaps)]
     faults += ["garbage@102:5000", "boot_text@103:20", "duplicate@104:5", "reorder@105:5", "absurd_value@106:3"]
-    with drill(tmp_path, *faults, "clock_wrap@107") as found:  # 2 s of ours: connected by then
+    with drill(tmp_path, *faults, "clock_wrap@107") as found:  # 2 s of wall time: connected by then
         found.wait(lambda s: s.recorded_s > 130)
         n = check_samples(found)
     run = found.rows("SELECT value FROM event WHERE kind = 'gap' ORDER BY id")

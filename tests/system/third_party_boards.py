@@ -343,7 +343,7 @@ class Trickles(Board):
 
 
 class Running(Board):
-    """Samples before the host connects: an earlier host died; it holds its pressure, without a watchdog armed."""
+    """Samples before the host connects: an earlier host was killed; it holds its pressure, without a watchdog armed."""
 
     def reset(self) -> None:
         super().reset()

@@ -105,7 +105,7 @@ def cobs_cases() -> list[Entry]:
 
 
 def damaged() -> list[Entry]:
-    """Bytes that a receiver must survive; `counts` is what it counts, `frames` how many good frames it finds."""
+    """Damaged bytes that a receiver must tolerate; `counts` is what it counts, `frames` the good frames."""
     good = bytes.fromhex(sample(2, 1, 10_000, -40_000, [2100, 40, 1990, 37])["wire"])
     ack = bytes((3, 7, 0x82, 4, 0))
     flipped = bytearray(good)

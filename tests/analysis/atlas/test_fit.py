@@ -31,7 +31,7 @@ from tests.analysis.atlas.borders import REFUSES, WARNS, WORKS, check_point
     ],
 )
 def test_borders_of_the_fit(name: str, x: float, y: float, outcome: CellOutcome, message: str) -> None:
-    """Right to its tolerance on one side; a reservation or a refusal with its reason on the other."""
+    """Right to its tolerance on one side; a warning or a refusal with its reason on the other."""
     check_point(name, x, y, outcome, message)
 
 

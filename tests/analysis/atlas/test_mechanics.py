@@ -27,5 +27,5 @@ from tests.analysis.atlas.borders import REFUSES, WARNS, WORKS, check_point
     ],
 )
 def test_borders_of_the_mechanics(name: str, x: float, y: float, outcome: CellOutcome, message: str) -> None:
-    """Lame, scikit-fem, a finer mesh and the full model on one side; a reservation or a refusal on the other."""
+    """Lame, scikit-fem, a finer mesh and the full model on one side; a warning or a refusal on the other."""
     check_point(name, x, y, outcome, message)

@@ -69,7 +69,7 @@ def test_weights_follow_the_ratio_of_the_uncertainties() -> None:
 
 
 def test_covariance_is_that_of_the_normal_equations() -> None:
-    """For a well-conditioned x the covariance equals s^2 (A^T A)^-1, computed the plain way."""
+    """For a well-conditioned x the covariance equals s^2 (A^T A)^-1, computed directly."""
     rng = np.random.default_rng(3)
     x = rng.uniform(-1, 1, 40)
     fit = fit_calibration(x, rng.normal(size=40), 2)

@@ -31,7 +31,7 @@ def test_there_and_back_is_exact_inside_the_range(share: float, sign: float, sen
 @pytest.mark.fault(41, how="signals outside the calibrated range, rising and falling", times=2)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_outside_the_range_there_is_no_value(sign: float) -> None:
-    """Fault 41: NaN and a flag outside, the end of the range where requested, NaN stays NaN."""
+    """Fault 41: NaN outside, marked as outside; the end of the range where requested; NaN stays NaN."""
     calibration = fitted(sign=sign)
     inverse = Inverse.of(calibration)
     beyond = calibration.predict(np.asarray(calibration.x_range)) + sign * np.asarray([-5.0, 5.0])

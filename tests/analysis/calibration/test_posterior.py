@@ -1,4 +1,4 @@
-"""The posterior against the closed form, a long run, and its own claims."""
+"""The posterior against the closed form, a long run, and its stated coverage."""
 
 from __future__ import annotations
 

@@ -149,7 +149,7 @@ def test_without_time_a_rate_is_required(tmp_path: Path) -> None:
 
 
 def test_a_profile_is_used_again_for_the_next_file(tmp_path: Path) -> None:
-    """Columns with nobody's names, in another order and another unit: mapped once, kept, and read again the same."""
+    """Columns with unknown names, in another order and another unit: mapped once, kept, and read again the same."""
     rows = [f"{s / 1000:.6f};{t * 1000:.10g};x;{p / 100:.5f}" for t, p, s in zip(TIME, PRESSURE, SIGNAL, strict=True)]
     path = put(tmp_path, lines("Kanal A;Uhr: Pult;was;Manometer", rows=rows))
     table = read_table(path)
@@ -162,7 +162,7 @@ def test_a_profile_is_used_again_for_the_next_file(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_a_million_rows(tmp_path: Path) -> None:
-    """With a word in one cell of the last thousand, which sends the whole file the careful way."""
+    """With a word in one cell of the last thousand, so that the whole file is parsed cell by cell."""
     n = 1_000_000
     rows = [f"{k / 1000:.10g},{k % 91 - 40},{1650 + k % 7}" for k in range(n)]
     rows[-500] = rows[-500].rpartition(",")[0] + ",OVER"

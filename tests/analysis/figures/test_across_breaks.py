@@ -160,7 +160,7 @@ def broken_run(offset_mv: float, cycles: tuple[int, int] = (6, 9)) -> Recording:
 
 
 def test_a_run_that_did_not_change_is_pooled_and_reported() -> None:
-    """All complete cycles enter the figures, and the flag names the comparison."""
+    """All complete cycles enter the figures, and the warning names the comparison."""
     analysis = analyse(broken_run(0.0), options=Options(mcmc=False))
     output = analysis.to_json()
     assert output["breaks"][0]["pooled"]

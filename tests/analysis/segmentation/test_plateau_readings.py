@@ -99,7 +99,7 @@ def test_a_withdrawn_reading_counts_no_more(entered: list[float | None], counts:
 
 
 def test_a_run_whose_readings_were_all_withdrawn_was_not_read() -> None:
-    """One reading, withdrawn: the run counts as one that nobody read."""
+    """One reading, withdrawn: the run counts as one without readings."""
     readings = pd.DataFrame(
         [(i, "", 1, mm, 0.5, "typed", "", "") for i, mm in enumerate([3.0, None])], columns=list(READING_COLUMNS)
     )

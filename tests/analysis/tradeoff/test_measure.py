@@ -40,7 +40,7 @@ def test_the_cheapest_below_the_tolerance_is_chosen() -> None:
 
 
 def test_nothing_is_chosen_where_nothing_is_good_enough() -> None:
-    """Below the best error there is no choice, and infinite errors never win."""
+    """Below the best error there is no choice, and infinite errors are never chosen."""
     assert choose(POINTS, 0.001) is None
     assert choose([point("failed", 0.1, math.inf)], 1e300) is None
 
@@ -65,7 +65,7 @@ def test_the_error_is_the_root_mean_square_of_the_repeats() -> None:
 
 
 def test_a_result_that_is_no_number_is_an_infinite_error() -> None:
-    """NaN never looks like a good result."""
+    """NaN never counts as a good result."""
     assert measure_setting(Setting("s", lambda _: math.nan, lambda x: x), 2).error == math.inf
 
 
@@ -85,7 +85,7 @@ def test_cancel_from_progress() -> None:
 
 
 def method(in_code: str = "none") -> Method:
-    """A method whose consumer notices 1 mm."""
+    """A method whose tolerance is 1 mm."""
     return Method("m", "M", "r", True, "c", 1.0, "mm", "a call", lambda _: in_code, lambda _: [])
 
 

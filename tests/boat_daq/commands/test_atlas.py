@@ -14,7 +14,7 @@ from boat_daq.cli import app
 
 
 def ladder(x: float, y: float) -> StudyResult:
-    """Right below 2, flagged from 2, refused from 3; wrong and silent where x and y meet at 1."""
+    """Right below 2, a warning from 2, refused from 3; wrong without warning where x and y are 1."""
     if x >= 3:
         raise DataError("too far", "Come back.")
     return StudyResult(5.0 if x == y == 1 else 0.0, "far" if x >= 2 else "")

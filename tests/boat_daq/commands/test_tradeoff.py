@@ -80,7 +80,7 @@ def test_the_page_offers_what_the_command_measures() -> None:
 
 
 def test_painting_counts_and_a_spike_of_one_sample_is_drawn() -> None:
-    """Every setting paints once a call; the finest loses nothing, the coarsest is wrong by more than the eye sees."""
+    """Every setting paints once a call; the finest loses nothing, the coarsest has a visible error."""
     painted: list[int] = []
     settings = live_plot(lambda points: painted.append(points.shape[1])).settings(True)
     errors = [setting.error(setting.call(0)) for setting in settings]
@@ -132,7 +132,7 @@ def test_measured_here_and_now_the_default_is_good_enough_and_costs_no_more_than
     default = points[found.method.default]
     assert 2.0 * default.error <= found.method.tolerance * 1.1
     assert found.chosen is not None
-    # the clock of another machine differs; that a setting were twice as dear as need be would show
+    # the clock of another machine differs; a setting that costs twice as much as needed would still show
     assert default.cpu_seconds < 2.0 * points[found.chosen].cpu_seconds
 
 

@@ -16,7 +16,7 @@ from protocol.simulator.board import VirtualBoard
 
 
 class BoardTransport:
-    """A virtual board whose time passes by `step_us` at every read, until `end_us`; then it is silent."""
+    """A virtual board whose time passes by `step_us` at every read, until `end_us`; then it sends nothing."""
 
     description = "virtual"
     can_write = True

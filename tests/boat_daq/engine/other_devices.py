@@ -23,7 +23,7 @@ class Chatter:
             os.write(self._master, b"Temperature 21.5 C\r\n")
 
     def close(self) -> None:
-        """Fall silent."""
+        """Stop sending."""
         self._stop.set()
         self._thread.join()
         os.close(self._master)

@@ -75,7 +75,7 @@ def add_result(path: Path, kind: str, parameters: dict[str, Any], content: dict[
 
 
 def stored_samples(path: Path) -> bytes:
-    """The lines at the head of `protocol/recording/schema.py`, which any language can follow."""
+    """The lines at the start of `protocol/recording/schema.py`, which any language can follow."""
     db = sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)
     meta = {key: json.loads(value) for key, value in db.execute("SELECT key, value FROM session")}
     dtype = np.dtype([(name, code, *([tuple(shape)] if shape else [])) for name, code, shape in meta["sample_dtype"]])

@@ -1,4 +1,4 @@
-"""A session that only shows: one recorded snapshot and a filled ring, to look at a page without a board."""
+"""A session for display only: one recorded snapshot and a filled ring, to look at a page without a board."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def test_what_lives_as_long_as_the_window_is_not_collected_again(collected):
 
 
 def test_garbage_ends_on_the_windows_thread(collected):
-    """What the window drops is not collected where another thread allocates: a timer must die on its own thread."""
+    """What the window drops is not collected on another thread: a timer must be deleted on its own thread."""
     _, collector = collected
     ends: list[int] = []
 

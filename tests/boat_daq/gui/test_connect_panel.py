@@ -28,7 +28,7 @@ def test_escape_closes_the_panel_and_vents(live, qtbot):
 
 
 def test_tab_leaves_every_field(live, qtbot):
-    """The profile's field used to keep the key for itself: the virtual board was out of the keyboard's reach."""
+    """The profile's field used to consume the key: the keyboard did not reach the virtual board."""
     panel = live.connect_panel
     live.model.services.show(Panel.CONNECT)
     panel.activateWindow()

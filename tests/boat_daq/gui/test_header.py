@@ -18,7 +18,7 @@ from tests.protocol.link.streams import HELLO
 
 
 def test_vent_is_not_cut_on_a_narrow_window(live):
-    """At 853 px a simulated board's head was wider than the window, and VENT was cut."""
+    """At 853 px a simulated board's header was wider than the window, and VENT was cut."""
     live.resize(853, 500)
     live.refresh()
     QApplication.processEvents()

@@ -70,7 +70,7 @@ def test_theme_repaints_without_an_error(whole):
 
 @pytest.mark.fault(54, how="the window on the virtual board", times=1)
 def test_simulated_board_is_marked(live):
-    """A simulated board is named in the head and in the title."""
+    """A simulated board is named in the header and in the title."""
     live.refresh()
     assert live.header.simulated.isVisible()
     assert "SIMULATED" in live.windowTitle()

@@ -41,7 +41,7 @@ def test_text_has_contrast(theme):
 
 
 @pytest.mark.parametrize("theme", [style.LIGHT, style.DARK], ids=lambda t: t.name)
-def test_curves_are_seen(theme):
+def test_curves_contrast_with_the_ground(theme):
     """Every curve has 2 : 1 or more against the plot's ground."""
     curves = (*theme.sensors[:2], theme.pressure, theme.elongation, theme.target)
     assert [c for c in curves if contrast(c, theme.surface) < 2.0] == []

@@ -28,7 +28,7 @@ def test_focused_button_is_pressed_by_space_and_enter(live, qtbot, key):
 
 
 def test_escape_vents_over_a_modal_box(live, qtbot):
-    """No box of ours is modal; over one of Qt's own the key still vents."""
+    """No box of the program is modal; over one of Qt's own the key still vents."""
     box = QMessageBox(live)
     box.open()
     qtbot.waitUntil(lambda: QApplication.activeModalWidget() is box, timeout=PATIENCE_MS)

@@ -90,7 +90,7 @@ def test_a_repeated_answer_to_start_changes_nothing() -> None:
     cuts=st.lists(st.integers(0, 40), max_size=4),
 )
 def test_how_samples_are_cut_in_pieces_changes_nothing(indexed: bool, orders: list[int], cuts: list[int]) -> None:
-    """Wild indices or times, farther apart than half a wrap too: at once or piece by piece, the same is kept."""
+    """Arbitrary indices or times, farther apart than half a wrap too: at once or piece by piece, the same is kept."""
 
     def account(places: list[int]) -> tuple[object, ...]:
         accounts = SampleStream(index_wrap=256 if indexed else None, time_wrap_us=256, announces_restart=False)

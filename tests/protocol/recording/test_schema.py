@@ -135,7 +135,7 @@ def test_a_missing_key_is_named(path):
 
 @given(st.binary(max_size=300))
 def test_arbitrary_bytes_are_refused(tmp_path_factory, content):
-    """Any file is either a recording or an error of ours."""
+    """Any file is either a recording or an error of the program."""
     path = tmp_path_factory.getbasetemp() / "any.boat"
     for head in (b"", b"SQLite format 3\0"):
         path.write_bytes(head + content)

@@ -105,7 +105,7 @@ def test_answer_of_a_fresh_board(command, status):
 
 
 def test_unknown_short_and_long_commands():
-    """Unknown type: 1. Too short: 2. Longer than known: a newer minor version, obeyed. A board's type: silence."""
+    """Unknown type: 1. Too short: 2. Longer than known: a newer minor version, executed. A board's type: no answer."""
     host = BoardHost()
     answers = []
     for seq, (type_, payload) in enumerate(
@@ -201,7 +201,7 @@ def test_any_good_frame_feeds_the_watchdog():
 
 
 def test_watchdog_is_disarmed_only_at_rest():
-    """HEARTBEAT 0 is refused under pressure, obeyed once vented."""
+    """HEARTBEAT 0 is refused under pressure, executed once vented."""
     host = BoardHost()
     host.status_of(Heartbeat(1000))
     host.go_to(10.0, seconds=0.5)
@@ -397,7 +397,7 @@ def test_samples_dropped_at_the_end_of_a_run_are_reported_there():
 
 
 def test_rebooted_board_reports_saturation_again():
-    """The events before the reset are forgotten like everything else."""
+    """The events before the reset are lost with all other state."""
     host = BoardHost("saturate@0.5:1", "reset@0.9")
     host.status_of(Start(100))
     host.wait(1.0)

@@ -1,4 +1,4 @@
-"""Every named fault has the effect of its sentence, and no other."""
+"""Every named fault has the effect of its description, and no other."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_other_device_sends_text():
 
 
 def test_silent_board_still_executes():
-    """Silent for two seconds: the samples of that time are lost, a VENT sent into it is obeyed."""
+    """Silent for two seconds: the samples of that time are lost, a VENT sent in that time is executed."""
     host = streaming("silent@5:2")
     host.go_to(40.0, seconds=5.5)
     host.send(Vent())
@@ -240,7 +240,7 @@ def test_reset():
 
 
 def test_reset_on_open():
-    """Opening the port reboots the board: deaf for half a second, then HELLO."""
+    """Opening the port reboots the board: no reception for half a second, then HELLO."""
     host = BoardHost("reset_on_open")
     host.wait(1.0)
     host.received.clear()
@@ -316,7 +316,7 @@ def test_found_beyond_a_limit():
 
 @pytest.mark.parametrize(("fault", "reached_kpa"), [("dead_pump@0", 0.0), ("stall@0:30", 30.0)])
 def test_target_not_reached(fault, reached_kpa):
-    """Eight seconds beyond the ramp's own time the board gives up: vented, EVENT 8 with the pressure reached."""
+    """Eight seconds beyond the ramp's own time the board ends the ramp: vented, EVENT 8 with the pressure reached."""
     host = streaming(fault)
     host.go_to(50.0, seconds=10.0, ramp_kpa_per_s=20.0)
     assert host.codes == []

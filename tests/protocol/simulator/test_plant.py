@@ -66,8 +66,8 @@ def test_leak_behind_the_gauge_affects_only_the_bladder():
     assert pneumatics.bladder_kpa == pytest.approx(50.0 * np.exp(-0.06), abs=0.01)
 
 
-def test_dead_pump_and_stall():
-    """With dead pumps the pressure does not rise; with stalling pumps it rises to their limit."""
+def test_failed_pump_and_stall():
+    """With failed pumps the pressure does not rise; with stalling pumps it rises to their limit."""
     dead, weak = Pneumatics(), Pneumatics()
     dead.pump_works = False
     weak.reach_kpa = (-30.0, 30.0)

@@ -51,7 +51,7 @@ def test_restarted_device_is_detected() -> None:
 
 
 def test_without_an_index_the_clock_shows_a_restart() -> None:
-    """The same for lines that carry only a time; a single wild time is dropped, not a restart."""
+    """The same for lines that carry only a time; a single outlying time is dropped, not a restart."""
     text = LINES.read_text(encoding="utf-8").replace('"index"', '"ignored"')
     link = TextConnection(load_profile(text))
     lines = [*map(line, range(30)), line(30, time_ms=5), *map(line, range(31, 50)), *map(line, range(20))]

@@ -55,7 +55,7 @@ def test_invalid_line_is_only_counted(text: str) -> None:
 
 
 def test_half_a_first_line_is_never_a_sample() -> None:
-    """A device that prints by itself: what was cut off before we listened could be half a number."""
+    """A device that prints by itself: the first line after connecting could be half a number."""
     profile = load_profile(LINES.read_text(encoding="utf-8").replace('start = "S{rate_hz}\\n"', ""))
     link = TextConnection(profile)
     rows = rows_of(link.receive(line(0)[1:] + line(1), 0))

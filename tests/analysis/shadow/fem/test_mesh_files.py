@@ -38,7 +38,7 @@ def test_vtu_carries_the_state(actuator: FullModel, tmp_path: Path) -> None:
 
 
 def test_foreign_meshes_are_put_right(actuator: FullModel) -> None:
-    """Clockwise elements, wetted edges the other way round, nodes nobody uses and a base not at zero are taken."""
+    """Clockwise elements, wetted edges in reverse, unused nodes and a base not at zero are taken."""
     made = to_meshio(actuator.mesh)
     points = np.vstack([made.points + np.array([0, 17.0, 0]), [[1e3, 1e3, 0]]])
     turned = [

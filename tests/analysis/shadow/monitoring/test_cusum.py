@@ -9,7 +9,7 @@ from analysis.shadow.monitoring.cusum import SelfStartingCusum, cycles_between_a
 
 
 def test_smallest_shift_falls_with_history() -> None:
-    """No shift is promised after eight cycles; after more ever smaller ones, never below the reference of one half."""
+    """No shift is stated after eight cycles; after more ever smaller ones, never below the reference of one half."""
     h = threshold_for(1000.0, 10)
     seen = [smallest_shift(n, h) for n in (8, 9, 20, 100, 100_000)]
     assert seen[0] == np.inf

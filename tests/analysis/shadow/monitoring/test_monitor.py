@@ -92,7 +92,7 @@ def test_softening_of_five_percent_over_fifty_cycles(table: ReducedModel, percen
     assert named in first.sentence
 
 
-def test_sensors_that_part(table: ReducedModel) -> None:
+def test_disagreeing_sensors_raise_an_alarm(table: ReducedModel) -> None:
     """Two millivolts between the sensors are found within four cycles, and later alarms name what they follow from."""
     alarms = alarms_of(table, run_actuator(30, Fault(begins=20, disagreement_mv=4.0), staircase=False))
     first = next(a for a in alarms if a.fault == "sensor disagreement")
@@ -101,7 +101,7 @@ def test_sensors_that_part(table: ReducedModel) -> None:
     assert all("sensor disagreement" in a.may_follow_from for a in other if a.cycle >= first.cycle)
 
 
-def test_one_wild_cycle_is_no_alarm(table: ReducedModel) -> None:
+def test_one_outlying_cycle_is_no_alarm(table: ReducedModel) -> None:
     """A single figure far off, among healthy ones, does not raise an alarm by itself."""
     monitor, rng = Monitor(table), np.random.default_rng(4)
     for cycle in range(40):

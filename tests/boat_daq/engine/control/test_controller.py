@@ -212,7 +212,7 @@ def test_a_dead_host_leaves_no_pressure() -> None:
 
 @pytest.mark.fault(18, how="a board found vented by its watchdog", times=1)
 def test_the_next_start_reports_what_happened() -> None:
-    """A board that vented when its host died is found in FAULT, with its reason."""
+    """A board that vented when its host was killed is found in FAULT, with its reason."""
     rig = ControllerRig().running()
     rig.run(3.0)
     rig.host_alive = False
@@ -228,8 +228,8 @@ def test_the_next_start_reports_what_happened() -> None:
     assert later.state is SessionState.IDLE
 
 
-def test_vent_is_obeyed_in_every_state() -> None:
-    """Idle, armed, running, paused, finishing, aborted, fault: a vent leaves, and the state stays a legal one."""
+def test_vent_is_executed_in_every_state() -> None:
+    """Idle, armed, running, paused, finishing, aborted, fault: VENT is sent, and the state stays a legal one."""
     for prepare in (
         lambda b: None,
         lambda b: b.control.arm(QUICK),
@@ -356,7 +356,7 @@ def test_a_vent_between_start_and_its_acknowledgements_cancels_the_run() -> None
 
 @pytest.mark.fault(4, how="an implausible sample during a manual pressure", times=1)
 def test_a_trip_vents_a_manual_pressure() -> None:
-    """Without a run as well: an untrue sample, and the vent leaves although the board sees nothing wrong."""
+    """Without a run as well: after an invalid sample VENT is sent although the board reports no fault."""
     rig = ControllerRig().connected()
     rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
     rig.run(3.0)
@@ -381,7 +381,7 @@ def test_a_vent_is_repeated_until_it_is_acknowledged() -> None:
 
 
 def test_a_restart_not_yet_seen_leaves_no_unwatched_pressure() -> None:
-    """The board restarts, a pressure was already sent, and then the host dies: vented all the same."""
+    """The board restarts, a pressure was already sent, and then the host is killed: vented all the same."""
     rig = ControllerRig().connected()
     rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
     rig.run(3.0)
@@ -426,7 +426,7 @@ def test_a_refused_guard_is_an_error_once_it_matters(command: Heartbeat | SetLim
 
 @pytest.mark.parametrize("by", ["the operator", "`record` before its run"])
 def test_who_cleared_a_fault_is_in_the_recording(by: str) -> None:
-    """A program that clears a fault by itself does not put it down to the operator."""
+    """A program that clears a fault by itself does not record it as cleared by the operator."""
     rig = ControllerRig("estop@4:3").running()
     rig.run(RUN_S, lambda: rig.state is SessionState.FAULT)
     rig.run(5.0)

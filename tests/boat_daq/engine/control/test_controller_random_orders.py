@@ -33,7 +33,7 @@ class Operators(RuleBasedStateMachine):
     def begin(self, speed: float, seed: int, board_s: float, going: bool) -> None:
         self.rig = ControllerRig(speed=speed, seed=seed)
         self.rig.control.interlock.set_limits("unit", LIMITS_KPA)
-        self.unheard_s = 0.0  # board time since the host could last be heard
+        self.unheard_s = 0.0  # board time since the last byte from the host could arrive
         self.spoiled = False  # a fault pushed the pressure, not we
         self.rig.run(0.5 * speed)
         if going:
@@ -192,7 +192,7 @@ class Operators(RuleBasedStateMachine):
             assert len(open_marks) <= (self.rig.state in (SessionState.RUNNING, SessionState.FINISHING))
 
     def teardown(self) -> None:
-        """The host dies: the unit is at rest soon after, however it was left."""
+        """The host is killed: the unit is at rest soon after, however it was left."""
         if not hasattr(self, "rig"):
             return
         rig = self.rig

@@ -162,5 +162,5 @@ def test_a_frozen_channel_is_found_while_the_pressure_moves() -> None:
 
 
 def test_a_still_channel_under_still_pressure_is_no_alarm() -> None:
-    """A quiet sensor on a plateau is what one wants."""
+    """A steady sensor on a plateau raises no alarm."""
     assert FlatLine().inspect(block(np.full(500, 20.0), raw=np.full((500, 2), 1500.0))) == []

@@ -245,7 +245,7 @@ def test_stop_during_abort_adds_nothing() -> None:
 
 
 def test_a_unit_that_does_not_vent_is_reported() -> None:
-    """A valve that stays shut after the end: aborted with a message, not waited for indefinitely."""
+    """A valve that stays closed after the end: aborted with a message, not waited for indefinitely."""
     rig = Rig()
     rig.run(8)
     rig.sequencer.stop()

@@ -16,7 +16,7 @@ from tests.boat_daq.engine.board_link import BoardTransport, Seen, identified
 
 
 class FakeClock:
-    """A monotonic clock that moves by 10 ms at every look."""
+    """A monotonic clock that advances by 10 ms at every reading."""
 
     def __init__(self) -> None:
         self.now_ns = 0
@@ -126,7 +126,7 @@ def test_a_command_without_an_answer_goes_out_three_times_and_is_lost():
 
 
 def test_an_answer_that_waits_in_the_port_through_a_stall_is_read_before_the_command_is_given_up():
-    """The board answers the last repeat at once; this program sleeps over it for two seconds, behind 100 reads."""
+    """The board answers the last repeat at once; this program stalls for two seconds, behind 100 reads."""
 
     class Clock:
         now_ns = 0
@@ -197,7 +197,7 @@ def test_an_answer_behind_a_slowly_read_backlog_counts():
 
 
 def test_commands_from_many_threads_reach_the_sinks_in_the_order_sent():
-    """`send` is thread-safe; what the sinks hear as sent is what the port got."""
+    """`send` is thread-safe; what the sinks receive as sent is what the port received."""
     transport = BoardTransport(VirtualBoard())
     written, plain_write = [], transport.write
 

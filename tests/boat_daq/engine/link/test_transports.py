@@ -83,7 +83,7 @@ def test_a_frame_that_comes_while_the_reader_waits_is_one_read(terminal):
 
 
 def test_a_second_opener_gets_port_in_use(terminal):
-    """Two programs on one port would steal each other's bytes."""
+    """Two programs on one port would each receive a part of the bytes."""
     port = open_transport(terminal[1])
     with pytest.raises(DeviceError, match="in use") as refusal:
         open_transport(terminal[1])
@@ -128,7 +128,7 @@ def test_the_reasons_a_port_does_not_open_are_distinguished(error, text):
 
 @pytest.mark.fault(11, how="the other end of a pseudo-terminal closed", times=1)
 def test_an_unplugged_port_is_detected(terminal):
-    """The other end gone: a DeviceError within two seconds, not a silent end of data."""
+    """The other end gone: a DeviceError within two seconds, not an end of data without an error."""
     master, name = terminal
     port = open_transport(name)
     master.close()
@@ -297,8 +297,8 @@ def test_a_fast_board_is_replayed_in_board_time(recording, tmp_path):
 
 
 def test_a_fast_board_is_replayed_evenly(recording, tmp_path):
-    """What came at once at 100 times real time comes as a board gives it: no silence of a second, no byte lost."""
-    path = tmp_path / "heaps.boat"
+    """Bursts of a board at 100 times real time are replayed evenly: no pause of a second, no byte lost."""
+    path = tmp_path / "bursts.boat"
     shutil.copy(recording, path)
     with closing(sqlite3.connect(path)) as db, db:
         db.execute("UPDATE chunk SET host_ns = id / 20 * 20 * (SELECT 250000000 / max(id) FROM chunk)")

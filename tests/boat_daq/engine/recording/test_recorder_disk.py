@@ -89,7 +89,7 @@ def test_memory_is_bounded_and_the_file_an_unbroken_beginning(path, source, monk
 
 
 def test_a_fault_of_the_program_is_reported_and_ends_the_recording(path, source, monkeypatch):
-    """The writing thread never ends silently, and writes no later byte behind a hole."""
+    """The writing thread never ends without an error, and writes no later byte behind a hole."""
     errors = []
     recorder = begin(path, source, on_error=errors.append)
     recorder(source.next())

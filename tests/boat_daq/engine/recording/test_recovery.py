@@ -117,7 +117,7 @@ def test_a_torn_log_opens_on_its_last_good_state(killed, tmp_path, damage, step)
 
 
 @pytest.mark.fault(33, how="`recover` on a recording in progress", times=1)
-def test_a_writer_that_lives_is_left_alone(tmp_path):
+def test_a_running_writer_is_left_alone(tmp_path):
     """Nothing is recovered while a program records."""
     source = Source()
     recorder = Recorder(tmp_path / "run.boat", meta_of(source.link))
@@ -206,7 +206,7 @@ def test_a_file_that_is_not_a_recording_is_refused(tmp_path, content):
     assert find_interrupted(tmp_path) == []
 
 
-def test_another_programs_database_is_not_ours(tmp_path):
+def test_another_programs_database_is_refused(tmp_path):
     """Any SQLite file is not a recording."""
     path = tmp_path / "run.boat"
     db = sqlite3.connect(path)
@@ -217,7 +217,7 @@ def test_another_programs_database_is_not_ours(tmp_path):
         recover(path)
 
 
-def test_a_forged_count_is_named_and_not_believed(closed, tmp_path):
+def test_a_forged_count_is_reported_and_not_used(closed, tmp_path):
     """A block that claims 4e14 samples: the number reported is of the samples that are there."""
     path = tmp_path / "forged.boat"
     shutil.copy(closed, path)

@@ -122,7 +122,7 @@ def test_a_pipe_is_refused_without_waiting(tmp_path):
         summarise(tmp_path / "run.boat")
 
 
-def test_a_damaged_table_is_the_files_fault(tmp_path):
+def test_a_damaged_table_is_an_error_of_the_file(tmp_path):
     """Pages of zeros behind a whole schema: damaged, and what to do; not a fault of the program."""
     path = tmp_path / "run.boat"
     recorder, source = begun(path)
@@ -141,7 +141,7 @@ def test_a_damaged_table_is_the_files_fault(tmp_path):
     assert "recover" in str(refused.value.remedy)
 
 
-def test_no_name_in_a_file_steers_the_terminal(tmp_path):
+def test_control_characters_of_names_become_question_marks(tmp_path):
     """Escape sequences and line ends in an operator's name are shown as question marks; letters of any script stay."""
     recorder, source = begun(tmp_path / "run.boat", operator="Zoë\x1b[31m\r\nstatus", unit="SA2", note="")
     recorder(source.next(1_000_000))

@@ -178,7 +178,7 @@ def test_a_changed_sample_is_named_with_both_values(copy):
 
 
 def test_changed_bytes_with_a_forged_checksum_are_found_in_the_samples(copy):
-    """A forger who mends the chunk's checksum meets the frame's own, and then the samples."""
+    """With the chunk's checksum corrected, the frame's own fails, and then the samples differ."""
     sql = "SELECT id, raw FROM chunk WHERE direction = 0 AND id > 1000 AND length(raw) > 100 LIMIT 5"
     for number, raw in rows(copy, sql):  # five, because one might be in a frame that was damaged already
         forged = raw[:20] + bytes([raw[20] ^ 4 or 1]) + raw[21:]

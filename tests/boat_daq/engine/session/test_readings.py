@@ -79,7 +79,7 @@ def test_by_cycle_and_branch_in_any_order() -> None:
     ],
 )
 def test_a_file_that_does_not_fit_names_the_line(given: list[FileReading], part: str) -> None:
-    """The first row that does not fit is named, and nothing is matched by luck."""
+    """The first row that does not fit is named, and nothing is matched by chance."""
     with pytest.raises(OperatorError) as refusal:
         match_readings(given, STEPS)
     assert part in refusal.value.cause

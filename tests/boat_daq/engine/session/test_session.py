@@ -372,7 +372,7 @@ def test_a_recording_replayed_is_read_only(session: Session, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("speed", ["20", "max"])
 def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, tmp_path: Path, speed: str) -> None:
-    """However fast it plays, and over before anyone looked: every sample is in the new file, and it is no failure."""
+    """At any speed, also finished before the first snapshot: every sample is in the new file, without a failure."""
     path, again = tmp_path / "a.boat", tmp_path / "b.boat"
     with serve(BoardSettings(speed=20.0)) as board:
         session.connect(board.url, record_to=path)

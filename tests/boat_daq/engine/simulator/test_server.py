@@ -181,7 +181,7 @@ def test_a_busy_computer_is_not_a_dead_host():
 
 @needs_pty
 def test_a_stall_of_the_board_is_not_counted_as_its_hosts():
-    """At 100x the board's program gets no processor for 1.5 s, the host wakes 0.1 s after it: not vented."""
+    """At 100x the board's program gets no processor for 1.5 s, the host runs again 0.1 s after it: not vented."""
     server, stop = BoardServer(BoardSettings(speed=100.0)), threading.Event()
     thread = threading.Thread(target=server.run, args=(stop.is_set,))
     advance = server.board.advance
@@ -211,7 +211,7 @@ def test_a_stall_of_the_board_is_not_counted_as_its_hosts():
 
 @pytest.mark.parametrize("port", PORTS)
 def test_bytes_sent_before_closing_are_read(port):
-    """A VENT written just before closing the port is obeyed."""
+    """A VENT written just before closing the port is executed."""
     with served(port) as board:
         with Host(board.url) as host:
             host.hello()
@@ -317,7 +317,7 @@ def test_board_that_resets_when_opened(port):
 
 
 def test_second_tcp_host_is_turned_away():
-    """One host at a time: the second is closed at once, the first does not notice."""
+    """One host at a time: the second is closed at once, the first is not affected."""
     with served("127.0.0.1:0") as board, Host(board.url) as first:
         first.hello()
         with Host(board.url) as second:
@@ -373,13 +373,13 @@ def test_taken_port_is_refused():
 
 
 def test_refusal_from_another_process():
-    """`serve` raises what the process of its own ran into."""
+    """`serve` raises the error of its process."""
     with pytest.raises(LocalError, match="SA8"):
         serve(BoardSettings(port="127.0.0.1:0", unit="SA8"))
 
 
 def answers(host: str, port: int) -> bool:
-    """Whether anyone listens there."""
+    """Whether a server accepts connections there."""
     try:
         socket.create_connection((host, port), timeout=1).close()
     except OSError:

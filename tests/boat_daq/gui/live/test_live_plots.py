@@ -110,7 +110,7 @@ def test_cursors_show_statistics(live):
 
 
 def test_panning_stops_following(live):
-    """A pan with the mouse is a look at the past: following ends until it is requested again."""
+    """A pan with the mouse shows the past: following ends until it is requested again."""
     live.draw()
     box = live.live.plots.first.item.getViewBox()
     box.setXRange(100.0, 110.0, padding=0)

@@ -75,7 +75,7 @@ def test_run_without_readings_shows_no_reading_bar(live):
 
 
 def test_column_is_pasted_whatever_tab_is_shown(live):
-    """With the plan in the pane, Ctrl+Shift+V used to open the readings and paste nothing, without a word."""
+    """With the plan in the pane, Ctrl+Shift+V used to open the readings and paste nothing, without a message."""
     live.live.pane.setCurrentWidget(live.live.plan)
     QApplication.clipboard().setText("4.1\n3.4")
     live.live.paste_readings()

@@ -22,7 +22,7 @@ from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING
 
 
 def test_interrupted_run_has_buttons_to_resume_and_to_start_over(live):
-    """After an unplugged board the choice is in two words, the way on the marked one; else there is only Arm."""
+    """After an unplugged board there are two buttons, Resume the marked one; otherwise only Arm."""
     panel, arm = live.live.sequence, live.live.sequence.buttons["arm"]
     live.refresh()
     assert (arm.text(), arm.property("role"), panel.resume.isVisible()) == ("Arm", "primary", False)

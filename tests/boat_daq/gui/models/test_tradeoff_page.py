@@ -206,7 +206,7 @@ def test_narrow_page_puts_the_table_below_the_chart(page, qtbot):
 
 
 def test_method_that_is_not_measured_shows_what_will_be_there(whole):
-    """Its title used to float in the middle of an empty card."""
+    """Its title used to be in the middle of an empty card."""
     chart = whole.pages["Trade-off"].chart
     whole.go("Trade-off")
     QApplication.processEvents()

@@ -41,7 +41,7 @@ def test_job_returns_progress_and_result():
 
 
 def test_refusal_keeps_its_remedy_and_crash_is_reported():
-    """An error of ours keeps cause and remedy; a process that just ends is reported as ended."""
+    """An error of the program keeps cause and remedy; a process that just ends is reported as ended."""
     refused, crashed = Job("Refusing", refuse), Job("Crashing", leave)
     until(lambda: refused.poll() is not JobState.RUNNING and crashed.poll() is not JobState.RUNNING)
     assert (refused.failure.cause, refused.failure.remedy) == ("the run has no sensor", "Record one.")

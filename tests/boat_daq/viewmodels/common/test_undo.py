@@ -6,7 +6,7 @@ from boat_daq.viewmodels.common.undo import Change, UndoHistory
 
 
 def test_changes_are_undone_in_order():
-    """Undo takes the last change back first; redo does it again; a new change forgets what was undone."""
+    """Undo takes the last change back first; redo does it again; a new change drops what was undone."""
     values = [0]
     history = UndoHistory()
     for n in (1, 2):

@@ -42,7 +42,7 @@ def test_holes_of_time_have_no_line_and_no_band(column_s):
 
 
 def test_following_and_looking_back(ring):
-    """Following ends at the newest sample; a look at the past stays where it is; zoom keeps its anchor."""
+    """Following ends at the newest sample; a view of the past stays where it is; zoom keeps its anchor."""
     model = LiveModel(lambda: ring, window_s=30.0)
     assert model.span_s() == pytest.approx((569.99, 599.99))
     model.look_at(100.0, 120.0)
@@ -90,7 +90,7 @@ def test_plot_moves_by_whole_columns_and_appends_between():
 
 @pytest.mark.parametrize("what", ["leaves its range", "a hole", "another width", "held", "a calibration"])
 def test_plot_that_must_change_is_drawn_whole(what):
-    """A value outside the vertical range, a hole, another width, a look at the past, a calibration just loaded."""
+    """A value outside the vertical range, a hole, another width, a view of the past, a calibration just loaded."""
     ring = filled_ring(60.0)
     model, now_s = LiveModel(lambda: ring, window_s=3600.0), ring.view(last=1)["time_s"][0]
     drawn = model.frame(800)

@@ -18,7 +18,7 @@ from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 
 
 def resumption(tmp_path, session, read=lambda path, then: None):
-    """A `ResumeRun` on a session that only shows, and its notices."""
+    """A `ResumeRun` on a session for display only, and its notices."""
     services = services_in(tmp_path)
     return ResumeRun(
         session, SequenceModel(session, UndoHistory(), services.preferences), read, services

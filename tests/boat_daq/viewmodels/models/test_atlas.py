@@ -17,7 +17,7 @@ from tests.boat_daq.viewmodels.models.reports import swept
 
 
 def study():
-    """Right below 1, a reservation at 1, a refusal (no number, a reason) at 2."""
+    """Right below 1, a warning at 1, a refusal (no number, a reason) at 2."""
     answers = {0.0: StudyResult(0.0), 1.0: StudyResult(0.5, "a flag"), 2.0: StudyResult(math.nan, "too far")}
     return Study(
         "map", "fit", "A map", "truth", "mm", 0.1, Axis("x", "mm", (0.0, 1.0, 2.0)), Axis("y", "", (5.0,), ("five",)),

@@ -32,7 +32,7 @@ def test_entries_show_what_each_recording_is(recording, tmp_path):
 
 
 def test_list_arrives_by_polling(recording, tmp_path):
-    """The folder is read beside the window; a second look without change is no change."""
+    """The folder is read in the background; a second reading without change is no change."""
     model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
     model.scan()
     until(lambda: (model.poll(), model.runs)[1])

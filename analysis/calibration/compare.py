@@ -12,13 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from analysis.arrays import FloatArray
-from analysis.calibration.fit import Calibration
 from analysis.errors import DataError, RequestError
+
+if TYPE_CHECKING:  # the window imports this module, and none of the fit's libraries
+    from analysis.calibration.fit import Calibration
 
 COVERAGE = 2.0
 POINTS = 161

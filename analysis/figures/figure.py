@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from analysis.numbers import NOTHING, rounded
-from analysis.segmentation.losses import Losses
+
+if TYPE_CHECKING:  # the window imports the table of figures, and not pandas with it
+    from analysis.segmentation.losses import Losses
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, writing
 from boat_daq.commands.options import FidelityOption, NoMcmcOption
+from boat_daq.engine.file_names import path_in
 
 if TYPE_CHECKING:
     from analysis import Analysis
@@ -83,7 +84,8 @@ def has_screen() -> bool:
 
 
 def free_name(folder: Path, stem: str) -> Path:
-    """Return a free name of a recording in `folder`, which is made."""
+    """Return a free name of a recording in `folder`, which is made; OperatorError for a name that leaves it."""
+    path_in(folder, f"{stem}.boat")
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     names = (folder / (f"{stem}.boat" if n == 1 else f"{stem}_{n}.boat") for n in range(1, 10_000))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
+from boat_daq.engine.file_names import path_in
 
 if TYPE_CHECKING:
     from boat_daq.commands.run_session import SessionRequest
@@ -152,6 +153,11 @@ def chosen_plan(name: str | None, changes: dict[str, Any]) -> Plan | None:
 
 
 def dated_name(unit: str) -> Path:
-    """Return a name in this folder: date, time and unit."""
+    """Return a name in this folder, of date, time and unit.
+
+    Raises
+    ------
+    OperatorError : the unit's name cannot be part of a file name.
+    """
     stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H%M%S")
-    return Path(f"{stamp}_{unit}.boat" if unit else f"{stamp}.boat")
+    return path_in(Path(), f"{stamp}_{unit}.boat" if unit else f"{stamp}.boat")

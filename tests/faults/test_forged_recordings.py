@@ -123,7 +123,7 @@ def test_sweep_file_with_a_view_is_refused(tmp_path: Path) -> None:
     SweepFile(tmp_path / "sweep.sqlite", {"rays": 1})
     with closing(sqlite3.connect(tmp_path / "sweep.sqlite")) as db:
         db.execute("CREATE VIEW v AS SELECT 1")
-    with pytest.raises(REFUSALS, match="runs when read"):
+    with pytest.raises(REFUSALS, match="has a view or trigger"):
         SweepFile(tmp_path / "sweep.sqlite", {"rays": 1})
 
 

@@ -320,7 +320,7 @@ def unplug(scenario: Scenario, carrier: str = "pty") -> None:
 
     board.kill()
     began = time.perf_counter()
-    scenario.until(lambda: "unplugged" in window.header.link.text(), "the loss in the head", 10)
+    scenario.until(lambda: "disconnected" in window.header.link.text(), "the loss in the header", 10)
     shown_s = time.perf_counter() - began
     scenario.until(lambda: scenario.state() is SessionState.FAULT, "the fault", 5)
     scenario.keep("7-unplugged")
@@ -328,7 +328,7 @@ def unplug(scenario: Scenario, carrier: str = "pty") -> None:
 
     board.start()
     began = time.perf_counter()
-    scenario.until(lambda: "connected" in window.header.link.text(), "the board again", 15)
+    scenario.until(lambda: window.header.link.text().endswith("SA1  connected"), "the board again", 15)
     back_s = time.perf_counter() - began
     scenario.until(lambda: len(model.session.ring) > kept + 300, "samples again", 15)
     scenario.keep("8-replugged")

@@ -41,4 +41,4 @@ def test_a_number_wrong_without_warning_fails_the_command(tmp_path: Path, monkey
     monkeypatch.setattr("analysis.atlas.methods.chosen_studies", lambda _names: [ladder_study()])
     ran = CliRunner().invoke(app, ["atlas", "--out", str(tmp_path)])
     assert ran.exit_code == 1
-    assert "1 points are wrong without warning, the first in ladder-x" in str(ran.exception)
+    assert "1 results are wrong without a warning, the first in ladder-x" in str(ran.exception)

@@ -53,7 +53,7 @@ def test_keyboard_reaches_every_button_of_the_live_page(live):
     assert [w.accessibleName() for w in wanted if w not in reached] == []
     assert [w for w in reached if not (w.accessibleName() or getattr(w, "text", str)())] == []
     live.navigation.buttons["Live"].setFocus()
-    for name in Page[1:]:  # the pages are one stop of Tab; the arrow keys move from there
+    for name in list(Page)[1:]:  # the pages are one stop of Tab; the arrow keys move from there
         QTest.keyClick(QApplication.focusWidget() or live.focusWidget(), Qt.Key.Key_Down)
         assert live.page == name
 

@@ -72,7 +72,7 @@ def test_a_reader_left_open_does_not_keep_a_recording_from_closing(recorder, sou
     reader = open_recording(path)
     reader.execute("SELECT count(*) FROM chunk").fetchone()
     recorder.close(RunEnd.FINISHED)
-    assert "another program" in recorder.remark
+    assert "another program" in recorder.warning
     assert read_session(reader)["status"] == "closed"
     reader.close()
     assert recover(path).status == "closed"

@@ -18,5 +18,5 @@ def test_analysis_returns_what_the_page_draws(result):
         assert np.all(sensor.band_68[0] <= sensor.curve)
         assert sensor.content["figures"]["sensitivity_mv_per_mm"] == pytest.approx(expected, rel=0.05)
     labels = {row.name for row in result.figures}
-    assert labels <= {definition.label for definition in SENSOR_FIGURES.values()}
+    assert labels <= {definition.label_with_unit for definition in SENSOR_FIGURES.values()}
     assert len(labels) > 9

@@ -44,17 +44,17 @@ def test_every_package_has_a_docstring() -> None:
 
 def test_a_public_class_name_is_unique() -> None:
     """No two classes of one public name."""
-    homes: defaultdict[str, list[str]] = defaultdict(list)
+    modules_of: defaultdict[str, list[str]] = defaultdict(list)
     for path in sources():
         for node in ast.parse((ROOT / path).read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                homes[node.name].append(str(path))
-    assert {name: paths for name, paths in homes.items() if len(paths) > 1} == {}
+                modules_of[node.name].append(str(path))
+    assert {name: paths for name, paths in modules_of.items() if len(paths) > 1} == {}
 
 
 def test_tests_mirror_the_sources() -> None:
     """`tests/a/b/test_c_anything.py` tests the module or package `a/b/c`, or the package `a/b` itself."""
-    strangers = []
+    unmatched = []
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         folder = path.relative_to(ROOT / "tests").parent
         if folder == Path() or folder.parts[0] in NO_MIRROR:
@@ -64,8 +64,8 @@ def test_tests_mirror_the_sources() -> None:
         names |= {p.stem.lower() for p in inside.glob("*.md")} if inside.is_dir() else set()
         tested = path.stem.removeprefix("test_")
         if not any(tested == name or tested.startswith(f"{name}_") for name in names):
-            strangers.append(str(path.relative_to(ROOT)))
-    assert strangers == []
+            unmatched.append(str(path.relative_to(ROOT)))
+    assert unmatched == []
 
 
 CIRCLES = {  # the module that gets one more import, the import, the package in which a circle is then reported

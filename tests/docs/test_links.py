@@ -26,7 +26,7 @@ def targets(page: Path) -> list[str]:
     return [target for target in LINK.findall((ROOT / page).read_text(encoding="utf-8")) if "://" not in target]
 
 
-def leads_somewhere(page: Path, target: str) -> bool:
+def target_exists(page: Path, target: str) -> bool:
     """Whether file and heading of a link exist."""
     name, _, anchor = target.partition("#")
     file = (ROOT / page).parent / name if name else ROOT / page
@@ -34,7 +34,7 @@ def leads_somewhere(page: Path, target: str) -> bool:
 
 
 def test_every_relative_link_leads_to_a_file_and_heading() -> None:
-    dead = [(str(page), target) for page in markdown() for target in targets(page) if not leads_somewhere(page, target)]
+    dead = [(str(page), target) for page in markdown() for target in targets(page) if not target_exists(page, target)]
     assert not dead
 
 

@@ -38,12 +38,12 @@ def test_recorder_that_drops_samples_fails(tmp_path: Path, monkeypatch: pytest.M
     """One block of samples in ten is dropped without an error: the board's truth disagrees."""
     take, seen = Recorder.__call__, [0]
 
-    def careless(recorder: Recorder, block: Any) -> None:
+    def lossy(recorder: Recorder, block: Any) -> None:
         seen[0] += any(isinstance(event, Samples) for event in block.events)
         if seen[0] % 10 != 5:
             take(recorder, block)
 
-    monkeypatch.setattr(Recorder, "__call__", careless)
+    monkeypatch.setattr(Recorder, "__call__", lossy)
     outcome = run_drill(drills.ambient_flash, tmp_path / "flash")
     assert not outcome.passed
     assert "no sample is lost" in broken(outcome), outcome

@@ -28,14 +28,14 @@ class Source:
     def __init__(self, seed: int = 0, rate_hz: int = 100) -> None:
         self.board = VirtualBoard(seed=seed)
         self.link = Connection()
-        self._say(Identify())
+        self._send(Identify())
         self.samples: list[np.ndarray] = []
         self.raw: list[bytes] = []
         self.next(1)
-        self._say(Start(rate_hz))
+        self._send(Start(rate_hz))
         self.next(1)
 
-    def _say(self, command) -> None:
+    def _send(self, command) -> None:
         self.board.receive(self.link.send(command, time.monotonic_ns()))
 
     def next(self, dt_us: int = 50_000) -> Block:

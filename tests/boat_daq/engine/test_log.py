@@ -161,14 +161,14 @@ def test_the_log_is_bounded(place: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 def test_logging_never_blocks_and_dropped_lines_are_counted(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the writer held up, ten times the queue's length is noted at once; the next line reports their number."""
     monkeypatch.setattr(log, "LINES_MAX", 100)
-    go_on = threading.Event()
-    monkeypatch.setattr(log._File, "emit", _held_up(log._File.emit, go_on))
+    released = threading.Event()
+    monkeypatch.setattr(log._File, "emit", _held_up(log._File.emit, released))
     log.start_log()
     noting = threading.Thread(target=lambda: [log.note("info", f"line {n}") for n in range(1_000)])
     noting.start()
     noting.join(20)
     assert not noting.is_alive()
-    go_on.set()
+    released.set()
     for _ in range(40):
         time.sleep(0.01)
         log.note("info", "after")
@@ -180,9 +180,9 @@ def test_logging_never_blocks_and_dropped_lines_are_counted(place: Path, monkeyp
     assert kept + sum(dropped) == 1_000 + 40
 
 
-def _held_up(emit, go_on):  # type: ignore[no-untyped-def]
+def _held_up(emit, released):  # type: ignore[no-untyped-def]
     def wait(self, record):  # type: ignore[no-untyped-def]
-        go_on.wait()
+        released.wait()
         emit(self, record)
 
     return wait

@@ -76,7 +76,7 @@ def test_refused_profile_stays_with_its_cause(empty):
     panel.profile.setPlainText("")
     panel.connect_button.click()
     assert empty.model.session.calls == ["connect"]
-    assert empty.model.notices.current() is None  # mended, it is not complained of any more
+    assert empty.model.notices.current() is None  # corrected: the warning is gone
 
 
 def test_profile_field_keeps_its_height(live):

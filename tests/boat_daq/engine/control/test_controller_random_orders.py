@@ -15,7 +15,7 @@ from protocol.link.messages import BootReason, Heartbeat, SetPressure
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
 LIMITS_KPA = (-40.0, 50.0)
-BEYOND_KPA = 2.5  # the contract lets go 2 kPa beyond a limit; the valve needs a tick
+BEYOND_KPA = 2.5  # the contract vents 2 kPa beyond a limit; the valve needs a tick
 WATCHDOG_S = 5.0
 STEP_S = 0.04  # of host time: what a busy computer reads at once
 VENT_S = 1.5  # from 50 kPa to near 0 through the open valve, time constant 0.25 s
@@ -34,10 +34,10 @@ class Operators(RuleBasedStateMachine):
         self.rig = ControllerRig(speed=speed, seed=seed)
         self.rig.control.interlock.set_limits("unit", LIMITS_KPA)
         self.unheard_s = 0.0  # board time since the last byte from the host could arrive
-        self.spoiled = False  # a fault pushed the pressure, not we
+        self.spoiled = False  # a fault changed the pressure, not a command
         self.rig.run(0.5 * speed)
         if going:
-            self.get_going(board_s)
+            self.prepare(board_s)
 
     def press(self, button: Any, *arguments: Any, **options: Any) -> None:
         """Press a button; a refusal is an answer as well."""
@@ -74,7 +74,7 @@ class Operators(RuleBasedStateMachine):
         self.press(self.rig.control.start)
 
     @rule(board_s=st.floats(1.0, 12.0))
-    def get_going(self, board_s: float) -> None:
+    def prepare(self, board_s: float) -> None:
         """What an operator does most of the time: clear, arm, start, and watch."""
         for button in (self.rig.control.clear_fault, self.rig.control.vent):
             self.press(button)

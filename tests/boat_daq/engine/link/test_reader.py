@@ -106,13 +106,13 @@ def test_silence_is_reported_once_and_again_after_data():
 def test_a_command_without_an_answer_goes_out_three_times_and_is_lost():
     """The reading thread repeats and gives up on the clock it is given."""
 
-    class Deaf(BoardTransport):
+    class NoAnswer(BoardTransport):
         written: list[bytes] = []  # noqa: RUF012 - one instance
 
         def write(self, data: bytes) -> None:
             self.written.append(data)
 
-    transport = Deaf(VirtualBoard(), end_us=0)
+    transport = NoAnswer(VirtualBoard(), end_us=0)
     seen, reader = Seen(), PortReader(transport, Connection(), clock_ns=FakeClock())
     reader.add_sink(seen)
     reader.start()
@@ -262,11 +262,11 @@ def test_a_removed_sink_receives_nothing_and_stop_is_idempotent():
 def test_a_command_to_a_port_that_is_gone_raises_at_the_caller():
     """The sender learns at once that nothing was sent."""
 
-    class Gone(BoardTransport):
+    class Unplugged(BoardTransport):
         def write(self, data: bytes) -> None:
             raise DeviceError("virtual is gone", "Plug it in.")
 
-    reader = PortReader(Gone(VirtualBoard()), Connection())
+    reader = PortReader(Unplugged(VirtualBoard()), Connection())
     with pytest.raises(DeviceError, match="gone"):
         reader.send(Vent())
     reader.stop()

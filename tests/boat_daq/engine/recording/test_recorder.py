@@ -92,7 +92,7 @@ def test_the_log_is_on_and_safe(path, source):
 
 def test_segments_begin_with_the_link_at_start_and_on_request(recorder, source, path):
     """Each segment has the reason it began; steps and events carry the segment they belong to."""
-    source._say(Start(100))
+    source._send(Start(100))
     recorder(source.next())
     recorder.event("user", "mark", text="before")
     recorder.new_segment("paused", paused=True)

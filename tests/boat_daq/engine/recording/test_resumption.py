@@ -68,7 +68,7 @@ def tables(path: Path) -> dict[str, list[tuple[Any, ...]]]:
         return {name: db.execute(f"SELECT * FROM {name} ORDER BY id").fetchall() for name in names}
 
 
-def gone_on(path: Path, cycles: list[int], *, broken: bool = False) -> None:
+def append_cycles(path: Path, cycles: list[int], *, broken: bool = False) -> None:
     """Resume a recording with another link."""
     source = Source(seed=1)
     run = prepare_resumption(path)
@@ -83,7 +83,7 @@ def test_nothing_recorded_is_altered_and_everything_is_appended(left: Path) -> N
     assert (broken.cause, broken.first_cycle, broken.complete_cycles) == ("interrupted", 4, 2)
     recover(left)
     before = tables(left)
-    gone_on(left, [4, 5])
+    append_cycles(left, [4, 5])
     after = tables(left)
     for name, rows in before.items():
         assert after[name][: len(rows)] == rows, name
@@ -98,9 +98,9 @@ def test_nothing_recorded_is_altered_and_everything_is_appended(left: Path) -> N
 
 def test_a_run_may_break_more_than_once(left: Path) -> None:
     """Twice broken, twice gone on with: two breaks in order, all cycles, identical."""
-    gone_on(left, [4], broken=True)
+    append_cycles(left, [4], broken=True)
     assert read_broken_run(left).first_cycle == 6
-    gone_on(left, [6])
+    append_cycles(left, [6])
     assert [found.first_cycle for found in summarise(left).breaks] == [4, 6]
     assert summarise(left).cycles.complete == 4
     assert verify_recording(left).difference == ""
@@ -113,7 +113,7 @@ def test_a_result_of_a_part_is_not_compared_with_the_whole(left: Path) -> None:
     recover(left)
     options = {"options": {"plateau": {}}}
     add_result(left, "analysis", options, {"cycles": 2})
-    gone_on(left, [4, 5])
+    append_cycles(left, [4, 5])
     verdict = verify_recording(left, reanalyse=reanalyse)
     assert (verdict.identical, verdict.results) == (True, 0)
 
@@ -144,7 +144,7 @@ def test_the_end_is_computed_by_the_last_breaks_own_clock(left: Path, monkeypatc
     of now, not days away.
     """
     real = time.monotonic_ns
-    gone_on(left, [4], broken=True)
+    append_cycles(left, [4], broken=True)
     monkeypatch.setattr(time, "monotonic_ns", lambda: real() // 1000)
     source = Source(seed=2)
     recorder = Recorder(left, meta(source), resumes=prepare_resumption(left))

@@ -154,7 +154,9 @@ def test_appended_frame_equals_the_frame_drawn_whole(live):
     assert plots.draw()
     assert plots.last is not whole
     shown.append(plots.view.grab().toImage())
-    still, gone_on, anew = (np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), -1) for image in shown)
-    assert 1 <= len(np.unique(np.nonzero(still != gone_on)[1])) <= 2
-    assert len(np.unique(np.nonzero(gone_on != anew)[1])) <= 2
-    assert np.count_nonzero(gone_on != anew) < np.count_nonzero(still != anew)
+    still, continued, anew = (
+        np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), -1) for image in shown
+    )
+    assert 1 <= len(np.unique(np.nonzero(still != continued)[1])) <= 2
+    assert len(np.unique(np.nonzero(continued != anew)[1])) <= 2
+    assert np.count_nonzero(continued != anew) < np.count_nonzero(still != anew)

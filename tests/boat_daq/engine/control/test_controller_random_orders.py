@@ -37,7 +37,7 @@ class Operators(RuleBasedStateMachine):
         self.spoiled = False  # a fault changed the pressure, not a command
         self.rig.run(0.5 * speed)
         if going:
-            self.prepare(board_s)
+            self.initiate_run(board_s)
 
     def press(self, button: Any, *arguments: Any, **options: Any) -> None:
         """Press a button; a refusal is an answer as well."""
@@ -74,7 +74,7 @@ class Operators(RuleBasedStateMachine):
         self.press(self.rig.control.start)
 
     @rule(board_s=st.floats(1.0, 12.0))
-    def prepare(self, board_s: float) -> None:
+    def initiate_run(self, board_s: float) -> None:
         """What an operator does most of the time: clear, arm, start, and watch."""
         for button in (self.rig.control.clear_fault, self.rig.control.vent):
             self.press(button)

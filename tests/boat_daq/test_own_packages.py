@@ -62,6 +62,7 @@ KINDS = {"files": as_files, "packages": as_packages, "folders": as_folders}
 def run(command: list[str], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a program in a folder, with this checkout on the path as an installation has it: behind the libraries."""
     env = {**os.environ, **environment}
+    env.pop("PYTHONSAFEPATH", None)  # set in this process where an earlier test ran the program in it
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=env, timeout=100)
 
 

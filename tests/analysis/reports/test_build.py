@@ -13,25 +13,6 @@ from analysis.reports.build import build_report, write_report
 from analysis.reports.document import ReportTable
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
-MARKUP = "<script>alert(1)</script>"
-
-
-@pytest.fixture(scope="module")
-def calibration(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
-    """A simulated calibration whose operator is markup."""
-    stairs = Staircase(Plant(cubics=PAPER[:1], noise_mv=(1.49,), loop_mm=0.25), cycles=2)
-    path = tmp_path_factory.mktemp("c") / "e.csv"
-    stairs.elongations().to_csv(path, index=False)
-    meta = {
-        "simulated": True,
-        "operator": MARKUP,
-        "unit": "SA1",
-        "note": "a & b",
-        "uuid": "1",
-        "started_utc": "2026-01-01T00:00:00+00:00",
-    }
-    return analyse(stairs.recording(meta=meta), path, options=Options(mcmc=False))
-
 
 @pytest.fixture(scope="module")
 def repeatability() -> Analysis:

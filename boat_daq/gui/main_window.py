@@ -42,7 +42,7 @@ from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.status_strip import Strip
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets.file_dialogs import ask_save
-from boat_daq.gui.widgets.page_scroll import PageScroll
+from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.gui.window_keys import WindowKeys
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.viewmodels.common.notices import Severity

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenu
 
-from boat_daq.gui.widgets.tooltips import as_words
+from boat_daq.gui.widgets.controls import as_words
 
 MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Models", "Go", "Help")
 

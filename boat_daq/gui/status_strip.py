@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QPlainTextEdit, QProgressBar, QSizePolicy, QVBoxLa
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.gui.widgets.tooltips import as_words
+from boat_daq.gui.widgets.controls import as_words
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import TITLES, Notice, Notices, Severity
 

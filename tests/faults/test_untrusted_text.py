@@ -108,7 +108,7 @@ def test_markup_in_a_header_is_shown_in_the_preview(tmp_path: Path) -> None:
 
 def test_tooltip_escapes_tags() -> None:
     """Qt takes a text with a tag for rich text; tags from files are escaped in a tooltip."""
-    from boat_daq.gui.widgets.tooltips import as_words
+    from boat_daq.gui.widgets.controls import as_words
 
     bad = "SA1 <img src='file:///etc/passwd'> & <b>x"
     assert as_words("SA1 & 3 > 2") == "SA1 & 3 > 2"

@@ -21,8 +21,7 @@ from boat_daq.gui.live.sequence_panel import SequencePanel
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.gui.widgets.page_scroll import Leaves
-from boat_daq.gui.widgets.split_view import Divided
+from boat_daq.gui.widgets.layouts import Divided, Leaves
 from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, Span

@@ -13,7 +13,7 @@ from boat_daq.gui import style
 from boat_daq.gui.models.optics_plots import MapsCard, ParetoCard, ResponseCard, SceneCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.gui.widgets.reflow import ReflowingPage
+from boat_daq.gui.widgets.layouts import ReflowingPage
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.models.optics import CAVITIES, CURVES, FACES, RAYS, STATES, STEPS_MM, OpticsModel
 

@@ -14,7 +14,7 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.reflow import ReflowingPage
+from boat_daq.gui.widgets.layouts import ReflowingPage
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.shadow_live import PRESSURES_KPA, ShadowLive

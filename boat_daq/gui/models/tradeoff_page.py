@@ -22,7 +22,7 @@ from boat_daq.gui.models.tradeoff_jobs import measure_methods
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
-from boat_daq.gui.widgets.reflow import ReflowingPage
+from boat_daq.gui.widgets.layouts import ReflowingPage
 from boat_daq.viewmodels.common.formatting import duration_text
 from boat_daq.viewmodels.common.precision import Precision
 from boat_daq.viewmodels.common.services import Services

@@ -18,10 +18,8 @@ from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.figure_table import FigureTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.gui.widgets.page_scroll import Leaves
-from boat_daq.gui.widgets.split_view import Divided
+from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.results.acceptance import ACTIONS, NextStep
 from boat_daq.viewmodels.results.analysis_view import LoopSet, RunResult, SensorResult

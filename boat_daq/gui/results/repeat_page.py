@@ -17,9 +17,7 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.figure_table import FigureTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.empty_page import EmptyState
-from boat_daq.gui.widgets.page_scroll import Leaves
-from boat_daq.gui.widgets.split_view import Divided
+from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.results.analysis_view import RunResult
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel

@@ -37,9 +37,8 @@ from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.empty_page import EmptyState
 from boat_daq.gui.widgets.file_dialogs import ask_save
-from boat_daq.gui.widgets.page_scroll import Leaves
+from boat_daq.gui.widgets.layouts import EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.results.closed_run import ClosedRun
 from boat_daq.viewmodels.results.runs import (

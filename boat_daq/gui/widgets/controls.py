@@ -6,7 +6,8 @@ Rules: a control has an accessible name (its text, where it has one); a role nam
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from html import escape
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent
@@ -27,10 +28,13 @@ from PySide6.QtWidgets import (
 )
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets.tooltips import as_words
 
 Item = QWidget | QLayout | int | None | tuple[QWidget | QLayout, int]
 """A part of a row or column: a widget or layout, with its share of the length or without; a space; None a stretch."""
+Margins = tuple[int, int, int, int]
+"""Left, top, right, bottom."""
+W = TypeVar("W", bound=QWidget)
+Box = TypeVar("Box", bound=QBoxLayout)
 
 
 class ElidedLabel(QLabel):
@@ -74,54 +78,62 @@ def label(
         widget.least = least
     widget.setTextFormat(Qt.TextFormat.PlainText)
     widget.setWordWrap(wrap)
-    if role:
-        widget.setProperty("role", role)
-    if name:
-        widget.setAccessibleName(name)
-    return widget
+    return _dressed(widget, role, name)
 
 
 def button(text: str, on_click: Callable[[], Any], role: str = "", *, name: str = "", tip: str = "") -> QPushButton:
     """Return a button; role primary is the one next step of a page."""
     widget = QPushButton(text)
     widget.setAutoDefault(False)
-    if role:
-        widget.setProperty("role", role)
-    widget.setAccessibleName(name or text)
-    if tip:
-        widget.setToolTip(tip)
     widget.clicked.connect(lambda *_: on_click())
-    return widget
+    return _dressed(widget, role, name or text, tip)
 
 
-def field(name: str, text: str = "", *, placeholder: str = "", width: int = 0) -> QLineEdit:
+def field(
+    name: str,
+    text: str = "",
+    on_enter: Callable[[], object] | None = None,
+    *,
+    role: str = "",
+    placeholder: str = "",
+    width: int = 0,
+    tip: str = "",
+) -> QLineEdit:
     """Return a text field named for a screen reader."""
     widget = QLineEdit(text)
-    widget.setAccessibleName(name)
     widget.setPlaceholderText(placeholder)
     if width:
         widget.setFixedWidth(width)
-    return widget
+    if on_enter:
+        widget.returnPressed.connect(on_enter)
+    return _dressed(widget, role, name, tip)
 
 
-def choice(name: str, entries: list[tuple[str, Any]]) -> QComboBox:
-    """Return a choice of (text, value) entries."""
+def choice(
+    name: str, entries: Iterable[tuple[str, Any]], on_choice: Callable[[Any], object] | None = None, *, tip: str = ""
+) -> QComboBox:
+    """Return a choice of (text, value) entries; `on_choice` is called with the value that the operator chooses."""
     widget = QComboBox()
-    widget.setAccessibleName(name)
     widget.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
     for text, value in entries:
         widget.addItem(text, value)
-    return widget
+    if on_choice:
+        widget.activated.connect(lambda i: on_choice(widget.itemData(i)))
+    return _dressed(widget, "", name, tip)
 
 
 def card(*items: Item) -> tuple[QFrame, QVBoxLayout]:
     """Return a framed surface and its layout, a column of `Item`s."""
-    frame = QFrame()
+    frame, layout = QFrame(), column(*items)
+    as_card(frame, layout)
+    return frame, layout
+
+
+def as_card(frame: QFrame, layout: QLayout) -> None:
+    """Make `frame` a framed surface around `layout`."""
     frame.setObjectName("card")
-    layout = column(*items)
     layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
     frame.setLayout(layout)
-    return frame, layout
 
 
 def form(rows: Iterable[tuple[str, QWidget, str]]) -> QGridLayout:
@@ -135,18 +147,14 @@ def form(rows: Iterable[tuple[str, QWidget, str]]) -> QGridLayout:
     return grid
 
 
-def row(*items: Item, spacing: int = style.GAP) -> QHBoxLayout:
+def row(*items: Item, spacing: int = style.GAP, margins: Margins | None = None) -> QHBoxLayout:
     """Return a horizontal layout of `Item`s."""
-    layout = QHBoxLayout()
-    _fill(layout, items, spacing)
-    return layout
+    return _filled(QHBoxLayout(), items, spacing, margins)
 
 
-def column(*items: Item, spacing: int = style.STEP) -> QVBoxLayout:
+def column(*items: Item, spacing: int = style.STEP, margins: Margins | None = None) -> QVBoxLayout:
     """Return a vertical layout of `Item`s."""
-    layout = QVBoxLayout()
-    _fill(layout, items, spacing)
-    return layout
+    return _filled(QVBoxLayout(), items, spacing, margins)
 
 
 def holder(layout: QLayout) -> QWidget:
@@ -185,12 +193,16 @@ def inside(layout: QLayout) -> QWidget:
 
 def page_layout(page: QWidget) -> QVBoxLayout:
     """Give `page` its margins and return its layout."""
-    page.setObjectName("page")
-    page.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
-    layout = QVBoxLayout(page)
-    layout.setContentsMargins(style.PAGE_MARGIN, style.PAGE_MARGIN, style.PAGE_MARGIN, style.PAGE_MARGIN)
-    layout.setSpacing(style.GAP)
+    layout = column(spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4)
+    surface(page, "page", layout)
     return layout
+
+
+def surface(widget: QWidget, name: str, layout: QLayout) -> None:
+    """Lay out `widget` as the surface that the style sheet knows by `name`."""
+    widget.setObjectName(name)
+    widget.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+    widget.setLayout(layout)
 
 
 def set_text(widget: Any, text: str) -> None:
@@ -223,15 +235,36 @@ def grow(widget: QWidget) -> QWidget:
     return widget
 
 
-def _fill(layout: QBoxLayout, items: tuple[Item, ...], spacing: int) -> None:
-    layout.setSpacing(spacing)
+def _dressed(widget: W, role: str, name: str, tip: str = "") -> W:
+    """Return `widget` with its role in the style sheet, its name for a screen reader and its tooltip, where given."""
+    if role:
+        widget.setProperty("role", role)
+    if name:
+        widget.setAccessibleName(name)
+    widget.setToolTip(tip)
+    return widget
+
+
+def _filled(box: Box, items: tuple[Item, ...], spacing: int, margins: Margins | None) -> Box:
+    box.setSpacing(spacing)
+    if margins is not None:
+        box.setContentsMargins(*margins)
     for item in items:
         part, share = item if isinstance(item, tuple) else (item, 0)
         if part is None:
-            layout.addStretch(1)
+            box.addStretch(1)
         elif isinstance(part, int):
-            layout.addSpacing(part)
+            box.addSpacing(part)
         elif isinstance(part, QLayout):
-            layout.addLayout(part, share)
+            box.addLayout(part, share)
         else:
-            layout.addWidget(part, share)
+            box.addWidget(part, share)
+    return box
+
+
+def as_words(text: str) -> str:
+    """Return `text` escaped for a tooltip: Qt takes one with a tag for rich text, and loads the pictures it names.
+
+    It may come from a file or a board.
+    """
+    return f"<p style='white-space: pre-wrap'>{escape(text)}</p>" if "<" in text else text

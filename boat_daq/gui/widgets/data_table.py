@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets.tooltips import as_words
+from boat_daq.gui.widgets.controls import as_words
 
 Cell = str | tuple[str, str]
 """A text, or a text with its tooltip."""

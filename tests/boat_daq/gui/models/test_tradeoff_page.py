@@ -189,7 +189,7 @@ def test_a_logarithmic_axis_has_round_labels(qtbot, low, high, labels):
 
 def test_narrow_page_puts_the_table_below_the_chart(page, qtbot):
     """Beside each other where the width allows it, otherwise over each other, each with its own height."""
-    from boat_daq.gui.widgets.page_scroll import PageScroll
+    from boat_daq.gui.widgets.layouts import PageScroll
 
     scroll = PageScroll()
     qtbot.addWidget(scroll)

@@ -1,0 +1,229 @@
+"""How the parts of a page share its area: scrolled, stacked, side by side with a movable border, or none yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from PySide6.QtCore import QEvent, QObject, QSize, Qt
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QBoxLayout, QFrame, QScrollArea, QSplitter, QWidget
+
+from boat_daq.gui import style
+from boat_daq.gui.widgets import controls as widgets
+from boat_daq.viewmodels.common.preferences import Preferences
+
+NONE = (0, 0, 0, 0)
+
+
+class PageScroll(QScrollArea):
+    """Gives its page the size of the window, but not less than the minimum of the page; scrolls only below it.
+
+    Qt's own `widgetResizable` uses the preferred height of wrapped labels, and scrolls sooner.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setObjectName("scroll")
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+
+    def setWidget(self, page: QWidget) -> None:
+        """Set the page."""
+        super().setWidget(page)
+        page.installEventFilter(self)
+        self._fit()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Fit again when the minimum of the page has changed."""
+        if watched is self.widget() and event.type() is QEvent.Type.LayoutRequest:
+            self._fit()
+        return super().eventFilter(watched, event)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Fit the page."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        page = self.widget()
+        layout = page.layout() if page is not None else None
+        if page is None or layout is None:
+            return
+        layout.activate()  # takes changes of nested layouts into account
+        size, least = self.maximumViewportSize(), page.minimumSizeHint()
+        width = max(size.width(), least.width())
+        if _least_height(page, width) > size.height():  # less the scroll bar
+            width = max(size.width() - self.verticalScrollBar().sizeHint().width(), least.width())
+        page.resize(width, max(size.height(), _least_height(page, width)))
+
+
+def _least_height(page: QWidget, width: int) -> int:
+    """Return the minimum height of a page at a width, with its wrapped labels."""
+    layout, least = page.layout(), page.minimumSizeHint().height()
+    wraps = layout is not None and layout.hasHeightForWidth()
+    return max(least, layout.minimumHeightForWidth(width)) if layout is not None and wraps else least
+
+
+class Leaves(QWidget):
+    """A stack of widgets with the size of the visible one, not of the largest.
+
+    Qt's own stack takes the height of wrapped labels of hidden widgets into account.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._leaves: list[QWidget] = []
+        self._inside = widgets.column(margins=NONE)
+        self.setLayout(self._inside)
+
+    def addWidget(self, leaf: QWidget) -> None:
+        """Add a widget; the first one is shown."""
+        leaf.setVisible(not self._leaves)
+        self._leaves.append(leaf)
+        self._inside.addWidget(leaf)
+
+    def currentWidget(self) -> QWidget:
+        """Return the widget that is shown."""
+        return next(leaf for leaf in self._leaves if not leaf.isHidden())
+
+    def currentIndex(self) -> int:
+        """Return which widget is shown."""
+        return self._leaves.index(self.currentWidget())
+
+    def setCurrentWidget(self, wanted: QWidget) -> None:
+        """Show one of the widgets."""
+        if wanted.isHidden():
+            self.currentWidget().hide()
+            wanted.show()
+
+    def setCurrentIndex(self, index: int) -> None:
+        """Show the widget of that number, in the order they were added."""
+        self.setCurrentWidget(self._leaves[index])
+
+
+class ReflowingPage(QWidget):
+    """A page that reflows by its width.
+
+    Attributes
+    ----------
+    rows : layouts that become columns on a narrow page.
+    tall : widgets with a minimum height on a narrow page, which scrolls.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: Sequence[QBoxLayout] = ()
+        self.tall: Sequence[QWidget] = ()
+        self.narrow = False
+        self._beside = 0  # least width of the sides side by side
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the minimum width of the stacked sides: they are stacked as soon as the width is less."""
+        least = super().minimumSizeHint()
+        return least if self.narrow else QSize(min(least.width(), style.STACKED_BELOW // 2), least.height())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put the sides side by side, or stack them."""
+        super().resizeEvent(event)
+        layout = self.layout()
+        if not self.narrow and layout is not None:
+            self._beside = layout.minimumSize().width()
+        narrow = self.width() < max(style.STACKED_BELOW, self._beside)
+        if narrow != self.narrow:
+            self.narrow = narrow
+            self.reflow()
+
+    def reflow(self) -> None:
+        """Follow `narrow`."""
+        way = QBoxLayout.Direction.TopToBottom if self.narrow else QBoxLayout.Direction.LeftToRight
+        for row in self.rows:
+            row.setDirection(way)
+        for widget in self.tall:
+            widget.setMinimumHeight(style.STACKED_HEIGHT if self.narrow else 0)
+
+
+class Divided(QSplitter):
+    """A main part on the left, a side part on the right.
+
+    Parameters
+    ----------
+    name : key of the stored width of the right side.
+    preferences : keep the width.
+    left, right : the two sides.
+    width : of the right side until the operator moves the border.
+    stacks : whether the sides are stacked on a narrow page, which then scrolls.
+    """
+
+    def __init__(
+        self, name: str, preferences: Preferences, left: QWidget, right: QWidget, width: int, *, stacks: bool = False
+    ) -> None:
+        super().__init__(Qt.Orientation.Horizontal)
+        self._key, self._preferences, self._width = f"side {name}", preferences, width
+        self._stacks, self.stacked = stacks, False
+        self._left, self._right = left, right
+        self.setHandleWidth(style.GAP)
+        self.setChildrenCollapsible(False)
+        self.addWidget(left)
+        self.addWidget(right)
+        self.setStretchFactor(0, 1)
+        self.setStretchFactor(1, 0)
+        self.handle(1).setAccessibleName("Border between the two sides")
+        self.splitterMoved.connect(lambda *_: self._store())
+
+    def prefer(self, width: int) -> None:
+        """Take another width for the right side, unless the operator has moved the border."""
+        self._width = width
+        self._share()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Keep the width of the right side, or stack it under the left one."""
+        super().resizeEvent(event)
+        narrow = self._stacks and self.width() < style.STACKED_BELOW - 2 * style.PAGE_MARGIN
+        if narrow != self.stacked:
+            self._stack(narrow)
+        self._share()
+
+    def _stack(self, narrow: bool) -> None:
+        self.stacked = narrow
+        self.setOrientation(Qt.Orientation.Vertical if narrow else Qt.Orientation.Horizontal)
+        self._left.setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
+        self._right.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
+
+    def _store(self) -> None:
+        if not self.stacked:
+            self._preferences.set(self._key, self.sizes()[1])
+
+    def _share(self) -> None:
+        if self.stacked:
+            return
+        available = self.width() - self.handleWidth()
+        right = min(int(self._preferences.get(self._key, self._width)), available // 2)
+        if available > 0 and self.sizes()[1] != right:
+            self.setSizes([available - right, right])
+
+
+class EmptyState(QWidget):
+    """A title, a sentence, a button."""
+
+    def __init__(self, title: str, words: str, action: str, on_click: Callable[[], object]) -> None:
+        super().__init__()
+        self.title = widgets.label(title, "title", wrap=True)
+        self.words = widgets.label(words, "muted", wrap=True)
+        self.button = widgets.button(action, on_click, "primary")
+        self.button.setVisible(bool(action))
+        frame, inside = widgets.card(self.title, self.words, widgets.row(self.button, None))
+        frame.setFixedWidth(style.FORM_WIDTH)
+        inside.setContentsMargins(*(6 * style.STEP,) * 4)
+        inside.setSpacing(style.CARD_PADDING)
+        layout = widgets.column(frame, margins=NONE)
+        layout.setAlignment(frame, Qt.AlignmentFlag.AlignCenter)
+        self.setLayout(layout)
+
+    def say(self, title: str, words: str, action: str) -> None:
+        """Say something else; without an action there is no button."""
+        widgets.set_text(self.title, title)
+        widgets.set_text(self.words, words)
+        self.button.setVisible(bool(action))
+        if action:
+            widgets.set_text(self.button, action)
+            self.button.setAccessibleName(action)

@@ -254,7 +254,7 @@ def help_(window: MainWindow) -> list[Command]:
         ask_save(window, window.model.services, name, "zip", window.model.save_bug_report, done="")
 
     return [
-        add("Find a command …", "Ctrl+Shift+P", window.show_palette),
+        add("Find a command …", "Ctrl+Shift+P", window.palette_.open_fresh),
         add("Keys", "?", window.show_keys, also="shortcuts help"),
         add("First steps", "F1", window.show_first_steps),
         add("Save a bug report …", "Ctrl+Shift+F1", save_bug_report),

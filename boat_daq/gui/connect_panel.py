@@ -33,9 +33,8 @@ class ConnectPanel(QDialog):
         self.port = QComboBox()
         self.port.setEditable(True)
         self.port.setAccessibleName("Port")
-        typed = widgets.field("Port", placeholder="a port, socket://HOST:PORT or replay:FILE")
-        typed.returnPressed.connect(self.connect_board)
-        self.port.setLineEdit(typed)
+        hint = "a port, socket://HOST:PORT or replay:FILE"
+        self.port.setLineEdit(widgets.field("Port", on_enter=self.connect_board, placeholder=hint))
         self.unit = widgets.field("Unit on the bench", connection.unit, width=3 * style.CONTROL_HEIGHT)
         self.profile = QPlainTextEdit()
         self.profile.setAccessibleName("Profile of another firmware")

@@ -1,4 +1,4 @@
-"""The header: link and its quality, unit and calibration, VENT. Shown on every page."""
+"""What surrounds every page: the header with link, unit and VENT; the names of the pages at the left."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QButtonGroup, QPushButton, QSizePolicy, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -29,24 +29,21 @@ class Header(QWidget):
     ) -> None:
         super().__init__()
         self.connection, self.unit_in_use = connection, unit
-        self.setObjectName("header")
-        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.setFixedHeight(style.HEADER_HEIGHT)
         self.simulated = widgets.label("SIMULATED", "simulated", name="This board is simulated")
         self.link = widgets.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
         self.figures = [widgets.label("", "muted") for _ in range(FIGURES)]
-        show_unit = partial(services.show, Page.RUNS)
-        self.unit = widgets.button("", show_unit, name="Unit and calibration")
+        self.unit = widgets.button("", partial(services.show, Page.RUNS), name="Unit and calibration")
         self._unit_text = ""
         self._lengths: tuple[object, ...] = ()
         self.vent = vent_button(vent)
         self.brand = widgets.label("boat-daq", "brand")
         left = (self.brand, self.simulated, self.link, *self.figures)
-        self.line = widgets.row(*left, None, self.unit, self.vent, spacing=style.CARD_PADDING)
+        ends = (style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
+        self.line = widgets.row(*left, None, self.unit, self.vent, spacing=style.CARD_PADDING, margins=ends)
         for widget in left:
             self.line.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
-        self.line.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
-        self.setLayout(self.line)
+        widgets.surface(self, "header", self.line)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave out what does not fit a narrow window: VENT is never cut."""
@@ -122,3 +119,41 @@ def vent_button(vent: Callable[[], None]) -> QPushButton:
     button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
     button.pressed.connect(vent)
     return button
+
+
+class Navigation(QWidget):
+    """A button for each page.
+
+    Parameters
+    ----------
+    pages : in order; their shortcuts are Ctrl+1 and so on.
+    go : shows a page.
+    show_keys : shows the shortcut sheet.
+    """
+
+    def __init__(self, pages: Sequence[Page], go: Callable[[Page], None], show_keys: Callable[[], None]) -> None:
+        super().__init__()
+        self.setFixedWidth(style.NAVIGATION_WIDTH)
+        self.setAccessibleName("Pages")
+        self._group = QButtonGroup(self)
+        self.buttons: dict[Page, QPushButton] = {}
+        for i, name in enumerate(pages, 1):
+            button = widgets.button(name, partial(go, name), "nav", tip=f"Ctrl+{i}")
+            button.setCheckable(True)
+            self._group.addButton(button)
+            self.buttons[name] = button
+        keys = widgets.button("?  Keys", show_keys, "nav", name="Show the keys")
+        layout = widgets.column(*self.buttons.values(), None, keys, spacing=0, margins=(0, style.GAP, 0, style.GAP))
+        widgets.surface(self, "navigation", layout)
+
+    def mark(self, name: Page, why: str) -> None:
+        """Mark a page that needs the operator, and why; an empty `why` removes the mark."""
+        button = self.buttons[name]
+        text = f"{name}  \u25c0" if why else name
+        if button.text() != text:
+            button.setText(text)
+            button.setAccessibleName(f"{name}: {why}" if why else name)
+
+    def show_page(self, name: Page) -> None:
+        """Mark the page that is shown."""
+        self.buttons[name].setChecked(True)

@@ -7,31 +7,23 @@ seen, and a calm timer shows figures and states a few times a second. Nothing is
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable
 from functools import partial
 from time import monotonic
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import (
-    QApplication,
-    QDialog,
-    QHBoxLayout,
-    QMainWindow,
-    QStackedWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QApplication, QDialog, QMainWindow, QStackedWidget, QWidget
 
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
-from boat_daq.gui.header import Header
+from boat_daq.gui.header import Header, Navigation
 from boat_daq.gui.live.live_page import LivePage
 from boat_daq.gui.models.optics_page import OpticsPage
 from boat_daq.gui.models.shadow_page import ShadowPage
 from boat_daq.gui.models.tradeoff_page import TradeoffPage
-from boat_daq.gui.navigation import Navigation
 from boat_daq.gui.palette import Palette, ShortcutSheet
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
@@ -41,6 +33,7 @@ from boat_daq.gui.results.repeat_page import RepeatPage
 from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.status_strip import Strip
 from boat_daq.gui.style import Theme
+from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.gui.window_keys import WindowKeys
@@ -78,8 +71,7 @@ class MainWindow(QMainWindow):
         self.live: LivePage = self.open_page(Page.LIVE)
         self._lay_out()
         self.connect_panel = ConnectPanel(self, model.connection, model.services)
-        self.commands = Registry(self)
-        self.commands.refused = self._report_refused
+        self.commands = Registry(self, model.notices)
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
         self.window_keys = WindowKeys(model.session.vent)
@@ -105,45 +97,29 @@ class MainWindow(QMainWindow):
 
     def _make_page(self, name: Page) -> QWidget:
         m, services = self.model, self.model.services
-        match name:
-            case Page.LIVE:
-                return LivePage(m.run, m.overlay, m.shadow, services)
-            case Page.CALIBRATE:
-                return CalibrationPage(m.calibration, m.repeatability.show, services)
-            case Page.REPEAT:
-                return RepeatPage(m.repeatability, m.choose_repeatability, services)
-            case Page.RUNS:
-                return RunsPage(m.runs, m.run_actions, services)
-            case Page.OPTICS:
-                return OpticsPage(m.optics, services)
-            case Page.SHADOW:
-                return ShadowPage(m.shadow, m.monitor, services)
-            case Page.TRADE_OFF:
-                return TradeoffPage(m.tradeoff, m.atlas, m.precision, services)
+        makers: dict[Page, Callable[[], QWidget]] = {
+            Page.LIVE: lambda: LivePage(m.run, m.overlay, m.shadow, services),
+            Page.CALIBRATE: lambda: CalibrationPage(m.calibration, m.repeatability.show, services),
+            Page.REPEAT: lambda: RepeatPage(m.repeatability, m.choose_repeatability, services),
+            Page.RUNS: lambda: RunsPage(m.runs, m.run_actions, services),
+            Page.OPTICS: lambda: OpticsPage(m.optics, services),
+            Page.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, services),
+            Page.TRADE_OFF: lambda: TradeoffPage(m.tradeoff, m.atlas, m.precision, services),
+        }
+        return makers[name]()
 
     def _lay_out(self) -> None:
-        body = QWidget()
+        middle = widgets.row(self.navigation, (self.stack, 1), spacing=0)
+        body = widgets.holder(widgets.column(self.header, (middle, 1), self.strip, spacing=0))
         body.setObjectName("body")
-        middle = QHBoxLayout()
-        middle.setSpacing(0)
-        middle.addWidget(self.navigation)
-        middle.addWidget(self.stack, 1)
-        whole = QVBoxLayout(body)
-        whole.setContentsMargins(0, 0, 0, 0)
-        whole.setSpacing(0)
-        whole.addWidget(self.header)
-        whole.addLayout(middle, 1)
-        whole.addWidget(self.strip)
         self.setCentralWidget(body)
 
     def _start_timers(self) -> None:
-        self.frame_timer = QTimer(self)
+        self.frame_timer, self.calm_timer = QTimer(self), QTimer(self)
         self.frame_timer.setTimerType(Qt.TimerType.PreciseTimer)
-        self.frame_timer.timeout.connect(self.draw)
-        self.frame_timer.start(CALM_MS)
-        self.calm_timer = QTimer(self)
-        self.calm_timer.timeout.connect(self.refresh)
-        self.calm_timer.start(CALM_MS)
+        for timer, work in ((self.frame_timer, self.draw), (self.calm_timer, self.refresh)):
+            timer.timeout.connect(work)
+            timer.start(CALM_MS)
         self.refresh()
 
     # ---- the two timers ------------------------------------------------------------------------------------------
@@ -195,30 +171,19 @@ class MainWindow(QMainWindow):
 
     def show_place(self, place: Page | Panel) -> None:
         """Show the page or panel that a view model requests."""
-        match place:
-            case Page():
-                self.go(place)
-            case Panel.CONNECT:
-                self.connect_panel.open_fresh()
-            case Panel.REPORT:
-                self.ask_report()
-            case Panel.PLAN:
-                self.live.show_plan()
-            case Panel.PHOTOGRAPH:
-                self.live.open_photograph()
-
-    def show_palette(self) -> None:
-        """Show the command palette."""
-        self.palette_.open_fresh()
+        if isinstance(place, Page):
+            self.go(place)
+            return
+        panels = {
+            Panel.CONNECT: self.connect_panel.open_fresh, Panel.REPORT: self.ask_report,
+            Panel.PLAN: self.live.show_plan, Panel.PHOTOGRAPH: self.live.open_photograph,
+        }  # fmt: skip
+        panels[place]()
 
     def show_first_steps(self) -> None:
         """Show the first steps on the live page."""
         self.go(Page.LIVE)
         self.live.show_first_steps(True)
-
-    def _report_refused(self, what: str, why: str) -> None:
-        """Report why a key had no effect."""
-        self.model.notices.add(Severity.INFORMATION, f"\u201c{what}\u201d: not now", why)
 
     def vent(self) -> None:
         """Vent, whatever has the keyboard; the same key closes a dialog in front."""

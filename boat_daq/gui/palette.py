@@ -4,17 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShowEvent
-from PySide6.QtWidgets import (
-    QDialog,
-    QGridLayout,
-    QHBoxLayout,
-    QHeaderView,
-    QScrollArea,
-    QTreeWidget,
-    QTreeWidgetItem,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QDialog, QGridLayout, QHeaderView, QScrollArea, QTreeWidget, QTreeWidgetItem, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.registry import Command, Registry
@@ -22,6 +12,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.matching import ranked
 
 SHEET = (("Session", "Edit", "Go", "Help"), ("View", "Models"), ("Sequence", "Runs"))  # the menus in columns
+ARROWS = (Qt.Key.Key_Down, Qt.Key.Key_Up)
 NARROW_SHEET = (("Session", "Edit", "Sequence", "Go", "Help"), ("View", "Runs", "Models"))
 
 
@@ -33,7 +24,7 @@ class Palette(QDialog):
         self.over, self.registry = parent, registry
         self.setAccessibleName("Command palette")
         self.setFixedWidth(style.FORM_WIDTH)
-        self.field = widgets.field("Command", placeholder="Type a command")
+        self.field = widgets.field("Command", on_enter=self._run, placeholder="Type a command")
         self.list = QTreeWidget()
         self.list.setAccessibleName("Matching commands")
         self.list.setColumnCount(2)
@@ -43,11 +34,8 @@ class Palette(QDialog):
         self.list.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         self.list.header().setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
         self.list.setFixedHeight(8 * style.STRIP_HEIGHT)
-        layout = QVBoxLayout(self)
-        layout.addWidget(self.field)
-        layout.addWidget(self.list)
+        self.setLayout(widgets.column(self.field, self.list))
         self.field.textChanged.connect(self._match)
-        self.field.returnPressed.connect(self._run)
         self.list.itemActivated.connect(lambda _: self._run())
         self.list.itemClicked.connect(lambda _: self._run())
         self.field.installEventFilter(self)
@@ -62,11 +50,7 @@ class Palette(QDialog):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Pass the arrow keys of the field to the list."""
-        if (
-            isinstance(event, QKeyEvent)
-            and event.type() is QEvent.Type.KeyPress
-            and event.key() in (Qt.Key.Key_Down, Qt.Key.Key_Up)
-        ):
+        if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress and event.key() in ARROWS:
             self.list.keyPressEvent(event)
             return True
         return super().eventFilter(watched, event)
@@ -99,12 +83,9 @@ class ShortcutSheet(QDialog):
         self.over = parent
         self.setWindowTitle("Keys")
         self.setModal(False)
-        body = QWidget()
-        line = QHBoxLayout(body)
-        line.setSpacing(8 * style.STEP)
         self._columns = [widgets.column(spacing=4 * style.STEP) for _ in SHEET]
-        for column in self._columns:
-            line.addLayout(column)
+        self._body = QWidget()
+        self._body.setLayout(widgets.row(*self._columns, spacing=8 * style.STEP))
         self._blocks = {
             menu: widgets.holder(self._block(menu, [c for c in registry.commands if c.menu == menu]))
             for menus in SHEET
@@ -112,10 +93,8 @@ class ShortcutSheet(QDialog):
         }
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
-        scroll.setWidget(body)
-        layout = QVBoxLayout(self)
-        layout.addWidget(scroll)
-        self._body = body
+        scroll.setWidget(self._body)
+        self.setLayout(widgets.column(scroll))
 
     def showEvent(self, event: QShowEvent) -> None:
         """Take the size of all keys, but not more than the window's."""

@@ -10,6 +10,7 @@ from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenu
 
 from boat_daq.gui.widgets.controls import as_words
+from boat_daq.viewmodels.common.notices import Notices, Severity
 
 MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Models", "Go", "Help")
 
@@ -43,11 +44,10 @@ class Command:
 class Registry:
     """The commands of a window, in the order of its menus."""
 
-    def __init__(self, window: QMainWindow) -> None:
-        self._window = window
+    def __init__(self, window: QMainWindow, notices: Notices) -> None:
+        self._window, self._notices = window, notices
         self.commands: list[Command] = []
         self._actions: list[tuple[Command, QAction]] = []
-        self.refused: Callable[[str, str], object] = lambda text, why: None
         self._menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
         for menu in self._menus.values():
             menu.aboutToShow.connect(self.refresh)
@@ -80,7 +80,7 @@ class Registry:
         if command.available():
             command.run()
         elif why := command.why():
-            self.refused(command.text, why)
+            self._notices.add(Severity.INFORMATION, f"\u201c{command.text}\u201d: not now", why)
 
     def refresh(self) -> None:
         """Disable what cannot run now, while a menu is open."""

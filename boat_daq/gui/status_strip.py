@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QPlainTextEdit, QProgressBar, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QPlainTextEdit, QProgressBar, QSizePolicy, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls as widgets
@@ -20,8 +20,6 @@ class Strip(QWidget):
         super().__init__()
         self.notices, self.jobs = notices, jobs
         self._shown: Notice | None = None
-        self.setObjectName("strip")
-        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.mark = widgets.label()
         self.text = widgets.label(name="What needs attention")
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are never cut
@@ -45,19 +43,13 @@ class Strip(QWidget):
 
     def _lay_out(self) -> None:
         line = widgets.row(
-            self.mark, self.text, self.behind, self.act, self.more, self.copy, self.close_, self.work, self.bar,
-            self.cancel,
+            self.mark, (self.text, 1), self.behind, self.act, self.more, self.copy, self.close_, self.work, self.bar,
+            self.cancel, margins=(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0),
         )  # fmt: skip
-        line.setStretchFactor(self.text, 1)
-        line.setContentsMargins(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         head = QWidget()
         head.setFixedHeight(style.STRIP_HEIGHT)
         head.setLayout(line)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(0, 0, 0, 0)
-        whole.setSpacing(0)
-        whole.addWidget(head)
-        whole.addWidget(self.details)
+        widgets.surface(self, "strip", widgets.column(head, self.details, spacing=0, margins=(0, 0, 0, 0)))
 
     def refresh(self) -> None:
         """Show the most severe notice and the newest job."""

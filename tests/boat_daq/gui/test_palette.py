@@ -19,7 +19,7 @@ from tests.boat_daq.gui.windows import NARROW, run_shortcut
 @pytest.mark.parametrize("keys", ["Esc", "Ctrl+2"])
 def test_shortcut_closes_the_palette_and_runs(live, keys):
     """Esc vented, and left the palette standing; so did the key of a page."""
-    live.show_palette()
+    live.palette_.open_fresh()
     assert live.palette_.isVisible()
     run_shortcut(live, keys)
     assert not live.palette_.isVisible()
@@ -57,7 +57,7 @@ def test_shortcut_sheet_does_not_scroll_sideways(live, width):
 
 def test_palette_finds_and_runs_a_command(live):
     """Typing a few letters finds a command, Enter does it."""
-    live.show_palette()
+    live.palette_.open_fresh()
     QTest.keyClicks(live.palette_.field, "repeat")
     QTest.keyClick(live.palette_.field, Qt.Key.Key_Return)
     assert live.page == "Repeat"

@@ -97,8 +97,7 @@ class AppModel:
         self.live.points_a_column = chosen.points_a_column
         self.optics.set_fidelity(chosen)
         self.shadow.set_fidelity(chosen.level)
-        self.calibration.set_fidelity(chosen)
-        self.repeatability.set_fidelity(chosen)
+        self.calibration.fidelity = self.repeatability.fidelity = chosen
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and the results of background work; return the snapshot."""
@@ -159,7 +158,7 @@ class AppModel:
         """Pack log, settings, versions and the recording's summary, without names and notes, in the background."""
         job = Job("Packing the bug report", write_bug_report, path)
         done = f"Saved {path.name}, without names and notes. Look at it before you send it"
-        self.jobs.start("bug report", job, lambda job: self.runs.finished(job, done))
+        self.runs.start("bug report", job, done)
 
     def close(self) -> None:
         """Vent, close the recording and the link, cancel background work."""

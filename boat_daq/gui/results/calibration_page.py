@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -10,9 +10,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QLayout, QScrollArea, QWidget
 
+from analysis.arrays import FloatArray
+from analysis.calibration.compare import Agreement
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import sensor_colour
+from boat_daq.gui.plotting.plot import ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.figure_table import FigureTable
@@ -21,9 +23,10 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Page, Panel, Services
-from boat_daq.viewmodels.results.acceptance import ACTIONS, NextStep
-from boat_daq.viewmodels.results.analysis_view import LoopSet, RunResult, SensorResult
-from boat_daq.viewmodels.results.calibration import ACCEPT, ANYWAY, CalibrationModel, CurveView
+from boat_daq.viewmodels.results import acceptance
+from boat_daq.viewmodels.results.acceptance import NextStep
+from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunResult, SensorResult
+from boat_daq.viewmodels.results.calibration import ACCEPT, ANYWAY, CalibrationModel
 from boat_daq.viewmodels.results.closed_run import ClosedRun
 
 SENSORS = 2
@@ -38,6 +41,8 @@ BANDS_SHOWN = (
 )
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
+NO_CYCLE = "A loop needs one complete cycle."
+NO_READINGS = "Elongation over pressure needs the readings of a complete cycle."
 COMPARED = ("", "now", "previous", "E\u2099")
 SIDE = style.PANE_WIDTH_WIDE - 4 * style.STEP
 
@@ -65,13 +70,14 @@ class CurveCard(PlotCard):
         self.residual_loading = self.bottom.points("Residual, loading", colour, size=6)
         self.residual_unloading = self.bottom.points("Residual, unloading", colour, filled=False, size=6)
 
-    def show_sensor(self, sensor: SensorResult, shown: CurveView) -> None:
-        """Draw a sensor's calibration, its bands and the unit's previous one."""
-        up, down = sensor.loading, ~sensor.loading
-        self.loading.set(sensor.x[up], sensor.y[up])
-        self.unloading.set(sensor.x[down], sensor.y[down])
-        self.residual_loading.set(sensor.x[up], shown.residuals[up])
-        self.residual_unloading.set(sensor.x[down], shown.residuals[down])
+    def show_sensor(self, sensor: SensorResult, shown: CurveBands, previous: Agreement | None) -> None:
+        """Draw a sensor's points, its curve with its bands, and the unit's previous one."""
+        for branch, points, residuals in (
+            (sensor.loading, self.loading, self.residual_loading),
+            (~sensor.loading, self.unloading, self.residual_unloading),
+        ):
+            points.set(sensor.x[branch], sensor.y[branch])
+            residuals.set(sensor.x[branch], shown.residuals[branch])
         self.curve.set(shown.grid, shown.curve)
         bands = zip(self.bands, self.residual_bands, (shown.band_95, shown.band_68), strict=True)
         for above, below, (low, high) in bands:
@@ -81,56 +87,44 @@ class CurveCard(PlotCard):
         if shown.new_reading_95 is not None:
             self.wide.fill(shown.grid, *shown.new_reading_95)
         for curve in (self.previous, self.difference):
-            curve.show(shown.previous is not None)
-        if shown.previous is not None:
-            grid, before, difference = shown.previous
-            self.previous.set(grid, before)
-            self.difference.set(grid, difference)
-        source = "emcee" if shown.sampled else "fit"
-        legend = f"68, 95 % ({source})" if shown.previous is None else f"\u2504 previous ({source})"
+            curve.show(previous is not None)
+        if previous is not None:
+            self.previous.set(previous.grid, previous.before_mv)
+            self.difference.set(previous.grid, -previous.difference_mv)
+        source = "fit" if shown.new_reading_95 is None else "emcee"
+        legend = f"68, 95 % ({source})" if previous is None else f"\u2504 previous ({source})"
         self.readout.setText(f"\u25cf loading \u25cb unloading  {legend}")
         self.top.fit()
         self.bottom.fit()
 
 
 class LoopCard(PlotCard):
-    """Signal over pressure of all cycles, for each sensor."""
+    """Quantities over pressure in all cycles, each in its plot.
 
-    def __init__(self) -> None:
-        super().__init__("Loops over pressure")
-        self.signals = []
-        for number in range(1, SENSORS + 1):
-            plot = self.add(f"Signal {number}", "mV", x_title="Pressure" if number == SENSORS else "", x_unit="kPa")
-            self.signals.append((plot, plot.curve(f"Sensor {number}", sensor_colour(number), gaps=True)))
+    Parameters
+    ----------
+    title : of the card.
+    missing : is shown where there is no cycle.
+    ordinates : axis, unit, name and colour of each quantity.
+    """
+
+    def __init__(self, title: str, missing: str, ordinates: Sequence[tuple[str, str, str, ThemeColour]]) -> None:
+        super().__init__(title)
+        self.missing, self.curves = missing, []
+        for i, (axis, unit, name, colour) in enumerate(ordinates, 1):
+            plot = self.add(axis, unit, x_title="Pressure" if i == len(ordinates) else "", x_unit="kPa")
+            self.curves.append(plot.curve(name, colour, gaps=True))
         self.link_x()
 
-    def show_loops(self, loops: LoopSet) -> None:
-        """Draw the loops, where there is a complete one."""
-        if not loops.numbers:
+    def show_loops(self, loops: LoopSet, ordinates: Iterable[FloatArray]) -> None:
+        """Draw all cycles of each quantity."""
+        drawn = list(zip(self.plots, self.curves, ordinates, strict=False)) if loops.numbers else []
+        if not drawn:
             self.clear()
-            self.show_empty("A loop needs one complete cycle.")
-            return
-        for (plot, curve), signal in zip(self.signals, loops.signal_mv, strict=False):
-            curve.set(*loops.broken(loops.pressure_kpa, signal, range(len(loops.numbers))))
+            self.show_empty(self.missing)
+        for plot, curve, ordinate in drawn:
+            curve.set(*loops.broken(loops.pressure_kpa, ordinate, range(len(loops.numbers))))
             plot.fit()
-
-
-class ActuatorCard(PlotCard):
-    """Elongation over pressure of all cycles."""
-
-    def __init__(self) -> None:
-        super().__init__("Actuator hysteresis")
-        self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
-        self.curve = self.plot.curve("Elongation", lambda t: t.elongation, gaps=True)
-
-    def show_loops(self, loops: LoopSet) -> None:
-        """Draw the loops, where the elongation was read."""
-        if loops.elongation_mm is None or not loops.numbers:
-            self.clear()
-            self.show_empty("Elongation over pressure needs the readings of a complete cycle.")
-            return
-        self.curve.set(*loops.broken(loops.pressure_kpa, loops.elongation_mm, range(len(loops.numbers))))
-        self.plot.fit()
 
 
 class TextArea(QScrollArea):
@@ -173,27 +167,26 @@ class CalibrationPage(QWidget):
         self.model, self.show_repeatability, self.services = model, show_repeatability, services
         self._revision = -1
         self.curves = [CurveCard(n) for n in range(1, SENSORS + 1)]
-        self.loops, self.actuator = LoopCard(), ActuatorCard()
+        signals = [(f"Signal {n}", "mV", f"Sensor {n}", sensor_colour(n)) for n in range(1, SENSORS + 1)]
+        self.loops = LoopCard("Loops over pressure", NO_CYCLE, signals)
+        actuator = ("Elongation", "mm", "Elongation", lambda t: t.elongation)
+        self.actuator = LoopCard("Actuator hysteresis", NO_READINGS, [actuator])
+        self.plots = (*self.curves, self.loops, self.actuator)
         self.table = FigureTable()
-        self.stack = Leaves()
-        self.stack.addWidget(
-            EmptyState(
-                "No run has been analysed yet",
-                "You will see each sensor's points and curve with its bands, the hysteresis loops and the figures with "
-                "their intervals. Run the calibration plan on the Live page, enter the readings, then analyse the run.",
-                "Analyse the last run",
-                partial(services.notices.attempt, model.analyse_current),
-            )
+        empty = EmptyState(
+            "No run has been analysed yet",
+            "You will see each sensor's points and curve with its bands, the hysteresis loops and the figures with "
+            "their intervals. Run the calibration plan on the Live page, enter the readings, then analyse the run.",
+            "Analyse the last run",
+            partial(services.notices.attempt, model.analyse_current),
         )
-        self.stack.addWidget(self._filled())
+        self.stack = Leaves(empty, self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
     def _filled(self) -> QWidget:
         self.missing = EmptyState("", "", "Enter readings \u2026", self._next_step)
-        self.upper = Leaves()
+        self.upper = Leaves(widgets.holder(widgets.row(*((card, 1) for card in self.curves))), self.missing)
         widgets.grow(self.upper)
-        self.upper.addWidget(widgets.holder(widgets.row(*((card, 1) for card in self.curves))))
-        self.upper.addWidget(self.missing)
         lower = widgets.row((self.loops, 1), (self.actuator, 1))
         left = widgets.holder(widgets.column((self.upper, 5), (lower, 4), spacing=style.GAP))
         sides = Divided("calibration", self.services.preferences, left, self._side(), SIDE, stacks=True)
@@ -230,16 +223,16 @@ class CalibrationPage(QWidget):
     def _edit_readings(self) -> None:
         """Show the readings of the run in a panel beside the window."""
 
-        def show() -> None:
-            assert self.model.last_path is not None
-            run = ClosedRun(self.model.last_path)
-            ClosedReadings(self.window(), run, self.model.analyse, self.services).show()
-
-        self.services.notices.attempt(show)
+        path = self.model.last_path
+        assert path is not None
+        self.services.notices.attempt(
+            lambda: ClosedReadings(self.window(), ClosedRun(path), self.model.analyse, self.services).show()
+        )
 
     def _next_step(self) -> None:
         """Take the next step towards a missing curve."""
-        lacking, result = self.model.missing(), self.model.result
+        result = self.model.result
+        lacking = acceptance.missing(result) if result is not None else None
         if lacking is None or result is None:
             return
         if lacking.step is NextStep.ENTER_READINGS:
@@ -297,20 +290,22 @@ class CalibrationPage(QWidget):
         if result is None:
             self._clear()
             return
-        for shown in (*self.curves, self.loops, self.actuator):
+        for shown in self.plots:
             shown.show_empty("")
         for i, (card, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
-            if sensor.x.size:
-                card.show_sensor(sensor, self.model.curve(i))
+            curve = self.model.curve(i)
+            if curve is not None:
+                card.show_sensor(sensor, curve, self.model.agreement(i))
             else:
                 card.clear()
                 card.show_empty(f"No curve: {sensor.void}.")
-        lacking = self.model.missing()
+        lacking = acceptance.missing(result)
         self.upper.setCurrentIndex(0 if lacking is None else 1)
         if lacking is not None:
-            self.missing.say(lacking.title, lacking.text, ACTIONS[lacking.step])
-        self.loops.show_loops(result.loops)
-        self.actuator.show_loops(result.loops)
+            self.missing.say(lacking.title, lacking.text, lacking.step.value)
+        self.loops.show_loops(result.loops, result.loops.signal_mv)
+        elongation = result.loops.elongation_mm
+        self.actuator.show_loops(result.loops, () if elongation is None else (elongation,))
         self.table.show_rows(result.figures, [sensor.label for sensor in result.sensors])
         self._show_texts(result)
 
@@ -328,7 +323,7 @@ class CalibrationPage(QWidget):
 
     def _clear(self) -> None:
         """Remove the curves and figures of the run before."""
-        for card in (*self.curves, self.loops, self.actuator):
+        for card in self.plots:
             card.clear()
             card.show_empty("Nothing to show yet." if self.model.working else "Nothing to show.")
         self.table.show_rows((), ())
@@ -339,14 +334,18 @@ class CalibrationPage(QWidget):
         self.texts.fit()
 
     def _show_texts(self, result: RunResult) -> None:
-        posterior = [f"{s.label}: {p.verdict}" for s, p in zip(result.sensors, self.model.posterior, strict=False)]
+        verdicts = {True: "converged", False: "NOT CONVERGED"}
+        posterior = [
+            f"{s.label}: {verdicts[p.content['converged']]}, {p.content['n_eff']:.0f} independent samples"
+            for s, p in zip(result.sensors, self.model.posterior, strict=False)
+        ]
         self.posterior.setText("\n".join(["Uncertainty bands (emcee)", *posterior] if posterior else []))
         self.posterior.setVisible(bool(posterior))
         self.comparison.setText(self.model.comparison())
         rows = self.model.coefficient_rows()
         self.coefficients.setVisible(bool(rows))
         self.coefficients.fill([cells for cells, _ in rows], [tip for _, tip in rows])
-        warnings = self.model.warnings()
+        warnings = acceptance.warnings(result)
         self.run_warnings.setText("\n".join(f"\u25b2 {warning}" for warning in warnings))
         self.run_warnings.setVisible(bool(warnings))
         self.texts.fit()

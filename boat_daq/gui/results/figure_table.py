@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QHeaderView
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.viewmodels.results.analysis_view import FigureRow
+from boat_daq.viewmodels.results.analysis_jobs import Cell
 
 
 class FigureTable(DataTable):
@@ -18,10 +18,10 @@ class FigureTable(DataTable):
     def __init__(self) -> None:
         super().__init__("Figures with their units; definitions and intervals as tooltips")
 
-    def show_rows(self, rows: Sequence[FigureRow], sensors: Sequence[str]) -> None:
+    def show_rows(self, rows: Sequence[Sequence[Cell]], sensors: Sequence[str]) -> None:
         """Show other figures, with a column for each sensor."""
         self.set_headings(["Figure", *sensors], stretched=0, right=range(1, 1 + len(sensors)))
-        self.fill([[(row.name, f"{row.name}\n{row.cells[0].tip}"), *row.cells] for row in rows])
+        self.fill(rows)
         self._share()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

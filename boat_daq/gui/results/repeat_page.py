@@ -19,7 +19,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.results.analysis_view import RunResult
+from boat_daq.viewmodels.results.analysis_jobs import RunResult
 from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
 
 SENSORS = 2
@@ -101,16 +101,15 @@ class RepeatPage(QWidget):
         self.hysteresis = CycleFigureCard("Hysteresis", "Per cycle", "% FSO")
         self.sensitivity = CycleFigureCard("Sensitivity", "Per cycle", "mV/mm")
         self.snr = CycleFigureCard("SNR", "Per cycle", "dB")
+        self.figures = (self.drift, self.hysteresis, self.sensitivity, self.snr)
         self.table = FigureTable()
         self.break_texts = widgets.label("", "small", wrap=True)
         self.tests = DataTable("Both sides of each interruption compared", BREAK_HEADINGS)
         self.tests.explain(BREAK_TIPS)
         self.breaks = widgets.inside(widgets.column(style.GAP, self.break_texts, (self.tests, 1), spacing=style.GAP))
         self.break_lines: list[tuple[CycleFigureCard, Any]] = []
-        self.stack = Leaves()
         self.missing = EmptyState(*model.missing(), "Choose the plan", choose_plan)
-        self.stack.addWidget(self.missing)
-        self.stack.addWidget(self._filled())
+        self.stack = Leaves(self.missing, self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
     def _filled(self) -> QWidget:
@@ -162,7 +161,7 @@ class RepeatPage(QWidget):
             ):
                 points.set(*known(numbers, values))
             self.sensitivity.plot.set_title("Per cycle", each.sensitivity_unit)
-        for shown in (self.drift, self.hysteresis, self.sensitivity, self.snr):
+        for shown in self.figures:
             shown.frame()
         self._show_breaks(result)
         self.table.show_rows(result.figures, [sensor.label for sensor in result.sensors])
@@ -174,7 +173,7 @@ class RepeatPage(QWidget):
         self.break_lines = [
             (card, card.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="interrupted"))
             for found in result.breaks
-            for card in (self.drift, self.hysteresis, self.sensitivity, self.snr)
+            for card in self.figures
         ]
         for card, _ in self.break_lines:
             card.plot.repaint()

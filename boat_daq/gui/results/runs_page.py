@@ -17,12 +17,11 @@ from PySide6.QtCore import (
     QSize,
     Qt,
 )
-from PySide6.QtGui import QPainter, QPen, QPolygonF, QResizeEvent
+from PySide6.QtGui import QPainter, QPen, QPolygonF, QResizeEvent, QTransform
 from PySide6.QtWidgets import (
     QBoxLayout,
     QHeaderView,
     QMenu,
-    QPushButton,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QWidget,
@@ -51,6 +50,7 @@ from boat_daq.viewmodels.results.runs import (
     selection_text,
 )
 
+Index = QModelIndex | QPersistentModelIndex
 SPEEDS = (1, 5, 20, 100)
 LEAST_LINES = 3  # of the list; a lower window scrolls the page
 LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
@@ -67,9 +67,7 @@ class Thumbnail(QStyledItemDelegate):
 
     theme: Theme = style.LIGHT
 
-    def paint(
-        self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
-    ) -> None:
+    def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
         """Draw the outline in its cell."""
         super().paint(painter, option, index)
         run = index.data(RUN_ROLE)
@@ -80,15 +78,13 @@ class Thumbnail(QStyledItemDelegate):
         painter.setPen(QPen(style.colour(self.theme.pressure), 1))
         painter.setBrush(style.colour(self.theme.pressure, style.BAND_ALPHA))
 
-        def at(x: float, y: float) -> QPointF:
-            return QPointF(area.left() + x * area.width(), area.bottom() - y * area.height())
-
-        upper = [at(x, high) for x, _, high in run.outline]
-        lower = [at(x, low) for x, low, _ in reversed(run.outline)]
-        painter.drawPolygon(QPolygonF(upper + lower))
+        upper = [QPointF(x, high) for x, _, high in run.outline]
+        lower = [QPointF(x, low) for x, low, _ in reversed(run.outline)]
+        transform = QTransform(area.width(), 0, 0, -area.height(), area.left(), area.bottom())
+        painter.drawPolygon(transform.map(QPolygonF(upper + lower)))
         painter.restore()
 
-    def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
+    def sizeHint(self, option: QStyleOptionViewItem, index: Index) -> QSize:
         """Return the thumbnail's size."""
         return QSize(*style.THUMBNAIL)
 
@@ -126,9 +122,9 @@ class RunsPage(QWidget):
         self.compare_card = PlotCard("Difference from run 1")
         self.compare_card.heading.explain("The curve of each run less the curve of the first one, over elongation.")
         self.differences = self._comparison_plots()
-        self.stack = Leaves()
-        self.stack.addWidget(self._empty())
-        self.stack.addWidget(self._filled())
+        text = "Runs are recorded and listed here with unit, date, length and cycles. Start one on the Live page."
+        empty = EmptyState("No recording yet", text, "Go to Live", partial(services.show, Page.LIVE))
+        self.stack = Leaves(empty, self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
     def _comparison_plots(self) -> list[list[Curve]]:
@@ -138,17 +134,13 @@ class RunsPage(QWidget):
             rows.append([plot.curve(f"Run {i + 1}", ramp_colour(i, MOST_COMPARED)) for i in range(MOST_COMPARED)])
         self.compare_card.link_x()
         self.numbers = [plot.labels((0.5, 0.5), ground=True) for plot in self.compare_card.plots]
-        back = widgets.button("Back to the units", self.model.clear_comparison)
+        back = widgets.button("Back to the units", self.model.show_comparison)
         self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
         return rows
 
-    def _empty(self) -> QWidget:
-        text = "Runs are recorded and listed here with unit, date, length and cycles. Start one on the Live page."
-        return EmptyState("No recording yet", text, "Go to Live", partial(self.services.show, Page.LIVE))
-
     def _filled(self) -> QWidget:
         frame, inside = widgets.card()
-        self.buttons: dict[str, QPushButton] = {
+        self.buttons = {
             "open": widgets.button("Calibrate", self.open, "primary", tip="Analyse it on the Calibrate page"),
             "repeat": widgets.button("Repeatability", self.repeat),
             "readings": widgets.button("Readings …", self.edit_readings, tip="Correct or add its readings"),
@@ -159,8 +151,14 @@ class RunsPage(QWidget):
             "compare": widgets.button("Compare", self.compare, tip="Two to four runs of one unit"),
             "recover": widgets.button("Recover", self.recover, tip="Close a recording left open by a killed session"),
         }
-        self._menu("replay", [(f"{speed} times real time", partial(self.replay, speed)) for speed in SPEEDS])
-        self._menu("export", [("CSV …", partial(self.export, "csv")), ("Parquet …", partial(self.export, "parquet"))])
+        for key, entries in (
+            ("replay", [(f"{speed} times real time", partial(self.replay, speed)) for speed in SPEEDS]),
+            ("export", [(f"{kind} …", partial(self.export, kind.lower())) for kind in ("CSV", "Parquet")]),
+        ):
+            menu = QMenu(self.buttons[key])
+            for text, action in entries:
+                menu.addAction(text, action)
+            self.buttons[key].setMenu(menu)
         self.heading = widgets.label("Recordings", "subtitle")
         repairs = [self.buttons[key] for key in REPAIRS]  # under the list, beside the details of the run
         inside.addLayout(widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in repairs)))
@@ -175,9 +173,7 @@ class RunsPage(QWidget):
         column.addWidget(self.no_units, 1)
         self.sides = widgets.row((side, 1), (self.history, 1))
         self.cards = (side, self.history, self.compare_card)
-        self.below = Leaves()  # the units, or in their place a comparison
-        self.below.addWidget(widgets.holder(self.sides))
-        self.below.addWidget(self.compare_card)
+        self.below = Leaves(widgets.holder(self.sides), self.compare_card)  # the latter in place of the units
         self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
         return widgets.holder(widgets.column((frame, 3), (self.below, 2), spacing=style.GAP))
 
@@ -213,12 +209,6 @@ class RunsPage(QWidget):
     def _file_width(self) -> int:
         """Return the width that a recording's usual name needs, in whichever font the system has."""
         return style.text_width(self.list.font(), USUAL_NAME) + 2 * style.STEP
-
-    def _menu(self, key: str, entries: list[tuple[str, Callable[[], object]]]) -> None:
-        menu = QMenu(self.buttons[key])
-        for text, action in entries:
-            menu.addAction(text, action)
-        self.buttons[key].setMenu(menu)
 
     def offers(self, key: str) -> bool:
         """Return whether a button can be pressed now."""

@@ -70,11 +70,13 @@ class Leaves(QWidget):
     Qt's own stack takes the height of wrapped labels of hidden widgets into account.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *leaves: QWidget) -> None:
         super().__init__()
         self._leaves: list[QWidget] = []
         self._inside = widgets.column(margins=NONE)
         self.setLayout(self._inside)
+        for leaf in leaves:
+            self.addWidget(leaf)
 
     def addWidget(self, leaf: QWidget) -> None:
         """Add a widget; the first one is shown."""

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum, auto
+from enum import Enum
 from pathlib import Path
 
 from analysis.warning import WarningCode
 from boat_daq.viewmodels.common.formatting import count, sensor_words
-from boat_daq.viewmodels.results.analysis_view import PosteriorResult, RunResult
+from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult
 
 LEAST_ELONGATIONS = 4  # of a cubic
 OF_A_READING = (WarningCode.OUTLIER, WarningCode.HIGH_LEVERAGE)
@@ -21,20 +21,12 @@ TWO_ELONGATIONS = "one signal would stand for two elongations"
 
 
 class NextStep(Enum):
-    """What the operator can do about a missing curve."""
+    """What the operator can do about a missing curve: the text of its button."""
 
-    NONE = auto()
-    SHOW_PLAN = auto()
-    SHOW_REPEATABILITY = auto()
-    ENTER_READINGS = auto()
-
-
-ACTIONS = {
-    NextStep.NONE: "",
-    NextStep.SHOW_PLAN: "Show the plan",
-    NextStep.SHOW_REPEATABILITY: "Show it on Repeat",
-    NextStep.ENTER_READINGS: "Enter readings \u2026",
-}
+    NONE = ""
+    SHOW_PLAN = "Show the plan"
+    SHOW_REPEATABILITY = "Show it on Repeat"
+    ENTER_READINGS = "Enter readings \u2026"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +56,9 @@ def obstacle(result: RunResult | None) -> Obstacle | None:
         return Obstacle("Nothing is analysed yet")
     lacking = missing(result)
     for sensor in result.sensors:
-        if sensor.content is None:
+        if sensor.fit is None:
             return Obstacle(lacking.title if lacking is not None else f"{sensor.label}: {sensor.void}")
-        if not sensor.content["fit"]["monotone"]:
+        if not sensor.fit.content["fit"]["monotone"]:
             return Obstacle(f"{sensor.label}: the curve turns inside its range", TWO_ELONGATIONS)
     return None if result.sensors else Obstacle("The run has no sensor")
 
@@ -77,7 +69,7 @@ def readings_text(result: RunResult) -> str:
     if not n:
         return ""
     text = f"{read or 'none'} of {count(n, 'plateau')} read"
-    used = sorted({sensor.x.size for sensor in result.sensors if sensor.content is not None})
+    used = sorted({sensor.x.size for sensor in result.sensors if sensor.fit is not None})
     if not used:
         return text
     return f"{text}, {'all' if used == [read] else ' or '.join(map(str, used))} in the curve"
@@ -85,7 +77,7 @@ def readings_text(result: RunResult) -> str:
 
 def missing(result: RunResult) -> Missing | None:
     """Return what is missing for a curve of any sensor, and the next step; None where there is one."""
-    if any(sensor.content is not None for sensor in result.sensors):
+    if any(sensor.fit is not None for sensor in result.sensors):
         return None
     if not result.cycles:
         return Missing(
@@ -111,7 +103,7 @@ def missing(result: RunResult) -> Missing | None:
     return Missing(title, text, NextStep.ENTER_READINGS)
 
 
-def out_of_tolerance(result: RunResult, posterior: Sequence[PosteriorResult] = ()) -> tuple[str, ...]:
+def out_of_tolerance(result: RunResult, posterior: Sequence[CurveBands] = ()) -> tuple[str, ...]:
     """Return which figures are out of tolerance, a sentence for each sensor that has one."""
     lines = []
     for i, sensor in enumerate(result.sensors):

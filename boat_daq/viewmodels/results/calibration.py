@@ -8,14 +8,12 @@ be accepted.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from analysis.arrays import FloatArray
 from analysis.calibration.compare import Agreement, Coefficient, compare_fits
 from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
@@ -30,31 +28,12 @@ from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.undo import Change
 from boat_daq.viewmodels.results import acceptance
-from boat_daq.viewmodels.results.acceptance import Missing, Obstacle
-from boat_daq.viewmodels.results.analysis_view import Band, PosteriorResult, RunResult, SensorResult
-from boat_daq.viewmodels.results.calibration_jobs import analyse_run, sample_run
+from boat_daq.viewmodels.results.acceptance import Obstacle
+from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, SensorResult, analyse_run, sample_run
 
 Cells = tuple[str, ...]
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
-
-
-@dataclass(frozen=True, slots=True)
-class CurveView:
-    """One sensor's curve with its bands, and the residuals about it, mV.
-
-    `sampled` says whether it is the mean curve of the posterior, not the least-squares fit. `previous` is the unit's
-    previous calibration over the shared range: grid, its curve, its curve less this fit; None where there is none.
-    """
-
-    sampled: bool
-    grid: FloatArray
-    curve: FloatArray
-    band_68: Band
-    band_95: Band
-    new_reading_95: Band | None
-    residuals: FloatArray
-    previous: tuple[FloatArray, FloatArray, FloatArray] | None
 
 
 class CalibrationModel:
@@ -79,11 +58,11 @@ class CalibrationModel:
     ) -> None:
         self.session, self.units, self.jobs = session, units, jobs
         self._services, self._newest = services, newest
-        self.fidelity: Fidelity = fidelity()
+        self.fidelity: Fidelity = fidelity()  # of the next analyses and samples
         self.result: RunResult | None = None
         self.before: StoredCalibration | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
-        self.posterior: tuple[PosteriorResult, ...] = ()
+        self.posterior: tuple[CurveBands, ...] = ()
         self.failure: Any = None
         self.last_path: Path | None = None
         self.accepted: StoredCalibration | None = None
@@ -137,10 +116,6 @@ class CalibrationModel:
         if result is not None and self.before is not None:
             self.agreements = tuple(map(_agreement, result.sensors, self.before.content.get("sensors", [])))
 
-    def set_fidelity(self, level: Fidelity) -> None:
-        """Set the fidelity of the next analyses and samples."""
-        self.fidelity = level
-
     def sample(self) -> None:
         """Sample the posterior in the background.
 
@@ -150,7 +125,7 @@ class CalibrationModel:
         """
         if self.result is None or not self.result.calibrated:
             raise OperatorError("there is no calibration yet", "Analyse a run with readings first.")
-        contents = [s.content or {} for s in self.result.sensors]
+        contents = [s.fit.content for s in self.result.sensors if s.fit is not None]
         points = [(c["elongation_mm"], c["signal_mv"], int(c["fit"]["degree"]), c.get("positions")) for c in contents]
         steps, label = self.fidelity.posterior_steps, "Computing uncertainty bands"
         job = Job(label, sample_run, points, self.result.reading_sd_mm, max_steps=steps)
@@ -188,19 +163,11 @@ class CalibrationModel:
 
     def acceptance_warnings(self) -> tuple[str, ...]:
         """Return what prevents acceptance of the curves, then the figures out of tolerance."""
-        if self.result is None or self.missing() is not None:
+        if self.result is None or acceptance.missing(self.result) is not None:
             return ()
         obstacle = self.obstacle()
         lines = acceptance.out_of_tolerance(self.result, self.posterior)
         return lines if obstacle is None else (str(obstacle), *lines)
-
-    def warnings(self) -> tuple[str, ...]:
-        """Return the warnings of the run."""
-        return () if self.result is None else acceptance.warnings(self.result)
-
-    def missing(self) -> Missing | None:
-        """Return what is missing for a curve; None where there is one, or nothing is analysed."""
-        return None if self.result is None else acceptance.missing(self.result)
 
     def obstacle(self) -> Obstacle | None:
         """Return why the calibration cannot be accepted; None when it can."""
@@ -221,21 +188,13 @@ class CalibrationModel:
             return "warning", f"\u25b2 Not a calibration: {obstacle.cause}"
         if missed:
             return "warning", "\u25b2 Out of tolerance: figures miss their bounds"
-        fits = (f"{s.label}: R\u00b2 = {number((s.content or {})['fit']['r2'], 5)}" for s in self.result.sensors)
-        return "ok", f"\u25cf {'   '.join(fits)}"
+        fits = [(s.label, s.fit.content["fit"]["r2"]) for s in self.result.sensors if s.fit is not None]
+        return "ok", "\u25cf " + "   ".join(f"{label}: R\u00b2 = {number(r2, 5)}" for label, r2 in fits)
 
-    def curve(self, index: int) -> CurveView:
+    def curve(self, index: int) -> CurveBands | None:
         """Return a sensor's curve with its bands: the mean of the posterior where it is sampled, else the fit."""
         assert self.result is not None
-        sensor, agreement = self.result.sensors[index], self.agreement(index)
-        previous = None if agreement is None else (agreement.grid, agreement.before_mv, -agreement.difference_mv)
-        if index >= len(self.posterior):
-            bands = (sensor.band_68, sensor.band_95, None)
-            return CurveView(False, sensor.grid, sensor.curve, *bands, sensor.residuals, previous)
-        found = self.posterior[index]
-        bands_of = (found.curve_68, found.curve_95, found.new_reading_95)
-        residuals = sensor.y - np.interp(sensor.x, found.grid, found.mean)
-        return CurveView(True, found.grid, found.mean, *bands_of, residuals, previous)
+        return self.posterior[index] if index < len(self.posterior) else self.result.sensors[index].fit
 
     def agreement(self, index: int) -> Agreement | None:
         """Return the comparison of a sensor with the unit's previous calibration; None where there is none."""
@@ -301,7 +260,7 @@ class CalibrationModel:
             remedy = "See the warnings, and read or record what is missing."
             raise OperatorError(f"this calibration cannot be accepted: {obstacle}".rstrip("."), remedy)
         content: dict[str, Any] = {
-            "sensors": [dict(s.content or {}) for s in self.result.sensors],
+            "sensors": [dict(s.fit.content) for s in self.result.sensors if s.fit is not None],
             "simulated": self.result.simulated,
             "cycles": self.result.cycles,
             "posterior": [dict(p.content) for p in self.posterior],
@@ -363,9 +322,9 @@ def measured(value: float, std_error: float) -> str:
 
 def _agreement(sensor: SensorResult, before: Mapping[str, Any]) -> Agreement | None:
     """Return the comparison of two fits of a sensor; None without a fit or a shared range."""
-    if sensor.content is None:
+    if sensor.fit is None:
         return None
     try:
-        return compare_fits(sensor.content["fit"], before["fit"])
+        return compare_fits(sensor.fit.content["fit"], before["fit"])
     except (AnalysisError, KeyError):
         return None

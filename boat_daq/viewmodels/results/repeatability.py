@@ -18,8 +18,7 @@ from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.formatting import count, duration
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.results.analysis_view import RunResult
-from boat_daq.viewmodels.results.calibration_jobs import analyse_run
+from boat_daq.viewmodels.results.analysis_jobs import RunResult, analyse_run
 
 LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the processor
 WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
@@ -41,7 +40,7 @@ class RepeatabilityModel:
 
     def __init__(self, jobs: JobRunner, clock: Callable[[], float] = monotonic) -> None:
         self.jobs, self._clock = jobs, clock
-        self.level = fidelity().level
+        self.fidelity: Fidelity = fidelity()  # of the next analyses
         self.result: RunResult | None = None
         self.failure = ""  # why the last run could not be read
         self.headline = ""
@@ -50,10 +49,6 @@ class RepeatabilityModel:
         self._started_cycles = 0
         self._followed: Path | None = None
         self._ended_at = np.inf
-
-    def set_fidelity(self, level: Fidelity) -> None:
-        """Set the fidelity of the next analyses."""
-        self.level = level.level
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Analyse the open recording again after each new cycle, and once more after the run."""
@@ -82,7 +77,7 @@ class RepeatabilityModel:
 
     def analyse(self, path: Path, *, label: str = "") -> None:
         """Analyse a recording in the background."""
-        job = Job(label or f"Repeatability of {path.name}", analyse_run, str(path), level=self.level)
+        job = Job(label or f"Repeatability of {path.name}", analyse_run, str(path), level=self.fidelity.level)
         self.jobs.start("repeatability", job, self._analysed)
 
     def _analysed(self, job: Job) -> None:

@@ -11,9 +11,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from time import monotonic
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
@@ -21,13 +22,12 @@ from analysis.arrays import FloatArray
 from boat_daq.engine.recording.recovery import find_interrupted, recover
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import Summary, summarise
-from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.results.analysis_view import RunResult
-from boat_daq.viewmodels.results.run_jobs import compare_runs, export_run, report_runs
+from boat_daq.viewmodels.results.analysis_jobs import RunResult, compare_runs, export_run, report_runs
 from protocol.errors import ProtocolError
 from protocol.recording import SUFFIX, RunEnd, open_recording
 
@@ -49,8 +49,8 @@ class RunEntry:
 
     path: Path
     summary: Summary | None
-    problem: str
-    outline: tuple[tuple[float, float, float], ...]
+    problem: str = ""
+    outline: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def interrupted(self) -> bool:
@@ -74,21 +74,14 @@ class RunEntry:
         s = self.summary
         if s is None:
             return self.problem
-        breaks = "\n".join(
+        breaks = [
             f"interrupted after {count(b.complete_cycles, 'cycle')}: {b.cause}"
             + (f", for {duration(b.break_s)}" if b.break_s is not None else "")
             for b in s.breaks
-        )
-        lines = (
-            self.path.name,
-            f"{duration(s.duration_s)} long, {count(s.readings, 'reading')}",
-            breaks,
-            s.note,
-            f"operator {s.operator}" if s.operator else "",
-            s.stop_reason,
-            f"{count(s.lost_samples, 'sample')} lost",
-        )
-        return "\n".join(line for line in lines if line)
+        ]
+        operator, lost = f"operator {s.operator}" if s.operator else "", f"{count(s.lost_samples, 'sample')} lost"
+        length = f"{duration(s.duration_s)} long, {count(s.readings, 'reading')}"
+        return "\n".join(filter(None, (self.path.name, length, *breaks, s.note, operator, s.stop_reason, lost)))
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -115,35 +108,34 @@ def _state(s: Summary) -> str:
 def read_run(path: Path) -> RunEntry:
     """Return one line of the list; a file that cannot be read is a line with its problem."""
     try:
-        return RunEntry(path, summarise(path), "", _outline(path))
+        return RunEntry(path, summarise(path), outline=_outline(path))
     except (ProtocolError, BoatDaqError) as error:
-        return RunEntry(path, None, error.cause, ())
+        return RunEntry(path, None, error.cause)
     except (OSError, sqlite3.Error, KeyError, ValueError) as error:
-        return RunEntry(path, None, f"cannot be read: {error}", ())
+        return RunEntry(path, None, f"cannot be read: {error}")
 
 
 def _outline(path: Path) -> tuple[tuple[float, float, float], ...]:
     with closing(open_recording(path)) as db:
         rows = db.execute(
-            "SELECT first_time_us, last_time_us, pressure_min_kpa, pressure_max_kpa FROM overview "
-            "WHERE pressure_min_kpa IS NOT NULL ORDER BY id"
+            "SELECT pressure_min_kpa, pressure_max_kpa FROM overview WHERE pressure_min_kpa IS NOT NULL ORDER BY id"
         ).fetchall()
-    step = max(1, len(rows) // POINTS)
-    groups = [rows[i : i + step] for i in range(0, len(rows), step)]
-    if len(groups) < 2:
+    starts = np.arange(0, len(rows), max(1, len(rows) // POINTS))
+    if len(starts) < 2:
         return ()
-    low, high = min(row[2] for row in rows), max(row[3] for row in rows)
-    span = (high - low) or 1.0
-    ends = len(groups) - 1
-    return tuple(
-        (i / ends, (min(r[2] for r in group) - low) / span, (max(r[3] for r in group) - low) / span)
-        for i, group in enumerate(groups)
-    )
+    low, high = np.array(rows, dtype=float).T
+    least, span = low.min(), np.ptp([low.min(), high.max()]) or 1.0
+    ends = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+    return tuple(zip(np.linspace(0, 1, len(starts)).tolist(), *((v - least) / span for v in ends), strict=True))
 
 
 def _sort_key(run: RunEntry) -> tuple[str, str]:
     """Return start and name: the place of a line in the list does not change while its file is written."""
     return (run.summary.started_utc if run.summary is not None else "", run.path.name)
+
+
+Listing = tuple[list[RunEntry], list[tuple[str, ...]]]
+"""The recordings and the lines of the units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +169,7 @@ class RunsModel:
         self._scanned_at = -SCAN_INTERVAL_S
         self._known: dict[tuple[Path, int, int], RunEntry] = {}
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="runs")
-        self._future: Future[tuple[list[RunEntry], list[tuple[str, ...]]]] | None = None
+        self._future: Future[Listing] | None = None
 
     def scan(self) -> None:
         """Read the folder again on the helper thread."""
@@ -190,7 +182,7 @@ class RunsModel:
             self._scanned_at = monotonic()
             self.scan()
 
-    def _read(self) -> tuple[list[RunEntry], list[tuple[str, ...]]]:
+    def _read(self) -> Listing:
         found: dict[tuple[Path, int, int], RunEntry] = {}
         for path in self.folder.glob(f"*{SUFFIX}"):
             stat = path.stat()
@@ -222,7 +214,7 @@ class RunsModel:
     def recover(self, path: Path) -> None:
         """Close a recording that a killed session left open, in the background."""
         job = Job(f"Recovering {path.name}", recover, path)
-        self.jobs.start("recover", job, lambda job: self.finished(job, f"{path.name} is recovered"))
+        self.start("recover", job, f"{path.name} is recovered")
 
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
         """Prepare the resumption of a run in the background; `then` is called with it.
@@ -232,15 +224,7 @@ class RunsModel:
         OperatorError, StorageError, RecordingError : the run cannot be resumed, or not now.
         """
         read_broken_run(path)
-
-        def ready(job: Job) -> None:
-            if job.state is JobState.DONE:
-                then(job.result)
-            else:
-                self._failed(job)
-
-        job = Job(f"Looking at {path.name}", prepare_resumption, path)
-        self.jobs.start("resume", job, ready)
+        self.start("resume", Job(f"Looking at {path.name}", prepare_resumption, path), then)
 
     def export(self, paths: list[Path], target: Path) -> None:
         """Write the samples of one recording as CSV or Parquet, by the suffix of `target`, in the background.
@@ -251,9 +235,8 @@ class RunsModel:
         """
         if len(paths) != 1:
             raise OperatorError("one recording is exported at a time", "Choose one line.")
-        kind: Literal["csv", "parquet"] = "parquet" if target.suffix == ".parquet" else "csv"
-        job = Job(f"Exporting {paths[0].name}", export_run, paths[0], target, kind)
-        self.jobs.start("export", job, lambda job: self.finished(job, f"Saved {target.name}"))
+        job = Job(f"Exporting {paths[0].name}", export_run, paths[0], target)
+        self.start("export", job, f"Saved {target.name}")
 
     def compare(self, paths: list[Path]) -> None:
         """Analyse two to four recordings in the background, to compare their curves.
@@ -264,18 +247,11 @@ class RunsModel:
         """
         if not 2 <= len(paths) <= MOST_COMPARED:
             raise OperatorError(f"{count(len(paths), 'recording')} chosen to compare", "Choose two to four lines.")
-        job = Job("Comparing", compare_runs, paths)
-        self.jobs.start("compare", job, self._compared)
+        self.start("compare", Job("Comparing", compare_runs, paths), self.show_comparison)
 
-    def clear_comparison(self) -> None:
-        """Show no comparison."""
-        self.comparison = ()
-
-    def _compared(self, job: Job) -> None:
-        if job.state is JobState.DONE:
-            self.comparison = job.result
-        else:
-            self._failed(job)
+    def show_comparison(self, comparison: tuple[RunResult, ...] = ()) -> None:
+        """Show a comparison, or none."""
+        self.comparison = comparison
 
     def comparison_lines(self) -> tuple[list[list[tuple[FloatArray, FloatArray]]], str]:
         """Return for each sensor every run's curve less the first run's, over its range, and a legend."""
@@ -283,10 +259,11 @@ class RunsModel:
         if len(runs) < 2:
             return [], "fewer than two of these runs have a calibration" if self.comparison else ""
         lines = []
-        for i, first in enumerate(runs[0].sensors):
-            coefficients = (first.content or {})["fit"]["coefficients"]
-            others = [run.sensors[i] for run in runs if i < len(run.sensors)]
-            lines.append([(s.grid, s.curve - np.polynomial.polynomial.polyval(s.grid, coefficients)) for s in others])
+        for i in range(len(runs[0].sensors)):
+            fits = [run.sensors[i].fit for run in runs if i < len(run.sensors)]
+            curves = [fit for fit in fits if fit is not None]
+            first = np.polynomial.Polynomial(curves[0].content["fit"]["coefficients"])
+            lines.append([(fit.grid, fit.curve - first(fit.grid)) for fit in curves])
         return lines, "   ".join(f"{n}: {Path(run.path).stem}" for n, run in enumerate(runs, 1))
 
     def report(self, paths: list[Path], target: Path) -> None:
@@ -298,20 +275,28 @@ class RunsModel:
         """
         if not paths:
             raise OperatorError("no recording is chosen", "Choose one line or several.")
-        job = Job("Making the report", report_runs, paths, target)
-        self.jobs.start("report", job, lambda job: self.finished(job, f"Saved {target.name}"))
+        self.start("report", Job("Making the report", report_runs, paths, target), f"Saved {target.name}")
 
-    def finished(self, job: Job, done: str) -> None:
-        """Report how a job has ended."""
-        if job.state is JobState.DONE:
-            self._notices.inform(done)
-        else:
-            self._failed(job)
-        self.scan()
+    def start(self, name: str, job: Job, done: str | Callable[[Any], None]) -> None:
+        """Run a job, and report a failure.
 
-    def _failed(self, job: Job) -> None:
-        if job.failure is not None:
-            self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+        Parameters
+        ----------
+        name : of the slot of the runner.
+        job : started already.
+        done : notice of its end, or is called with its result.
+        """
+
+        def ended(job: Job) -> None:
+            if job.failure is not None:
+                self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+            elif job.state is JobState.DONE and isinstance(done, str):
+                self._notices.inform(done)
+            elif job.state is JobState.DONE and not isinstance(done, str):
+                done(job.result)
+            self.scan()
+
+        self.jobs.start(name, job, ended)
 
     def _read_units(self) -> list[tuple[str, ...]]:
         """Return the units with each of their calibrations: unit, date, sensitivities, recording."""
@@ -323,27 +308,25 @@ class RunsModel:
                 lines.append((name, NOTHING, "\u25a0 cannot be read", error.cause))
                 continue
             for entry in reversed(history):
-                figures = [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in entry.content.get("sensors", [])]
                 simulated = "  SIMULATED" if entry.content.get("simulated") else ""
-                sensitivities = " / ".join(number(f, 1) for f in figures)
-                lines.append((name + simulated, entry.utc[:10], sensitivities, entry.recording))
+                figures = " / ".join(number(figure, 1) for figure in _sensitivities(entry))
+                lines.append((name + simulated, entry.utc[:10], figures, entry.recording))
         return lines
 
     def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
         """Return for each sensor (number of the accepted calibration, sensitivity in mV/mm), oldest first."""
-        history = [entry for entry in self.units.load(unit).history if entry.accepted]
-        rows = [
-            [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in e.content.get("sensors", [])] for e in history
-        ]
-        found = []
-        for i in range(max((len(row) for row in rows), default=0)):
-            values = np.array([row[i] for row in rows if i < len(row) and row[i] is not None], dtype=float)
-            found.append((np.arange(1.0, values.size + 1), values))
-        return found
+        rows = [_sensitivities(entry) for entry in self.units.load(unit).history if entry.accepted]
+        columns = (np.array([v for v in column if v is not None], dtype=float) for column in zip_longest(*rows))
+        return [(np.arange(1.0, column.size + 1), column) for column in columns]
 
     def close(self) -> None:
         """End the helper thread."""
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _sensitivities(entry: StoredCalibration) -> list[float | None]:
+    """Return each sensor's sensitivity, mV/mm; None where it was not stored."""
+    return [s.get("figures", {}).get("sensitivity_mv_per_mm") for s in entry.content.get("sensors", [])]
 
 
 def selection_text(chosen: Sequence[RunEntry]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.viewmodels.results import calibration_jobs
+from boat_daq.viewmodels.results import analysis_jobs
 from tests.boat_daq.viewmodels.helpers import SAMPLE
 
 
@@ -27,7 +27,7 @@ def recording(tmp_path_factory):
 @pytest.fixture(scope="session")
 def result(recording):
     """The analysis of that recording."""
-    return calibration_jobs.analyse_run(str(recording))
+    return analysis_jobs.analyse_run(str(recording))
 
 
 @pytest.fixture

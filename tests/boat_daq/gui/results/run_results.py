@@ -8,7 +8,7 @@ import numpy as np
 
 from analysis.calibration.fit import fit_calibration
 from analysis.warning import Warning, WarningCode
-from boat_daq.viewmodels.results.analysis_view import CycleSeries, LoopSet, RunResult, SensorResult
+from boat_daq.viewmodels.results.analysis_jobs import CurveBands, CycleSeries, LoopSet, RunResult, SensorResult
 
 CYCLES = 8
 X = np.linspace(-2.7, 3.8, 19)
@@ -22,10 +22,16 @@ def sensor(number: int, offset: float = 0.0) -> SensorResult:
     each = np.linspace(0.0, 1.0, CYCLES)
     cycles = CycleSeries(5 + each, 44 + each, 2.8 + 0.01 * each, "mV/kPa", 0)
     content = {"name": f"s{number}", "fit": fit.as_json(), "elongation_mm": X.tolist(), "signal_mv": y.tolist()}
-    return SensorResult(
-        f"Sensor {number}", "", cycles, X, y, fit.residuals, X > 0, GRID,
-        fit.predict(GRID), fit.band(GRID, 0.68), fit.band(GRID, 0.95), content | {"figures": {}},
-    )  # fmt: skip
+    bands = fit.band(GRID, 0.68), fit.band(GRID, 0.95)
+    curve = CurveBands(GRID, fit.predict(GRID), fit.residuals, *bands, content | {"figures": {}})
+    return SensorResult(f"Sensor {number}", "", cycles, X, y, X > 0, curve)
+
+
+def turning(sensor: SensorResult) -> SensorResult:
+    """The sensor with a curve that has no inverse."""
+    fit = sensor.fit.content["fit"] | {"monotone": False}
+    bent = dataclasses.replace(sensor.fit, content=sensor.fit.content | {"fit": fit})
+    return dataclasses.replace(sensor, fit=bent)
 
 
 def run_result(offset: float = 0.0, warnings: tuple[Warning, ...] = (), **more) -> RunResult:
@@ -52,5 +58,5 @@ def without_readings(read: int, **more) -> RunResult:
     """A run that has no curve."""
     nothing = np.zeros(0)
     whole = run_result()
-    sensors = tuple(dataclasses.replace(s, x=nothing, y=nothing, content=None, void="...") for s in whole.sensors)
+    sensors = tuple(dataclasses.replace(s, x=nothing, y=nothing, fit=None, void="...") for s in whole.sensors)
     return dataclasses.replace(whole, sensors=sensors, plateaus=37, read=read, **more)

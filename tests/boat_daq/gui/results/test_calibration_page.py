@@ -16,8 +16,15 @@ from analysis.warning import Warning, WarningCode
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
 from boat_daq.gui.results.closed_readings import ClosedReadings
-from boat_daq.viewmodels.results.analysis_view import FigureRow, FigureText, PosteriorResult
-from tests.boat_daq.gui.results.run_results import GRID, out_of_tolerance_result, run_result, without_readings
+from boat_daq.viewmodels.results.analysis_jobs import CurveBands
+from tests.boat_daq.gui.results.run_results import (
+    GRID,
+    X,
+    out_of_tolerance_result,
+    run_result,
+    turning,
+    without_readings,
+)
 from tests.boat_daq.gui.windows import SAMPLE, run_shortcut
 
 
@@ -66,8 +73,10 @@ def test_sampled_posterior_replaces_curve_and_bands(live):
     assert not card.wide.item.isVisible()
     fit = card.curve.y
     found = [
-        PosteriorResult(GRID, fit + 3, (fit + 2, fit + 4), (fit, fit + 6), (fit - 5, fit + 9),
-                        {"converged": True, "n_eff": 9000.0, "acceptance": 0.4})
+        CurveBands(
+            GRID, fit + 3, np.zeros(X.size), (fit + 2, fit + 4), (fit, fit + 6),
+            {"converged": True, "n_eff": 9000.0, "acceptance": 0.4}, (fit - 5, fit + 9),
+        )
     ] * 2  # fmt: skip
     live.model.calibration.posterior = tuple(found)
     live.model.calibration.revision += 1
@@ -119,8 +128,7 @@ def test_turning_curve_shows_its_reason_and_its_readings(live):
     at_night = Warning(WarningCode.IMPORT, "", "recorded at night")
     misread = Warning(WarningCode.OUTLIER, "s1", "the reading +4.20 mm at 0 kPa is off the curve")
     whole = run_result(warnings=(at_night, misread))
-    fit = whole.sensors[0].content["fit"] | {"monotone": False}
-    turned = dataclasses.replace(whole.sensors[0], content=whole.sensors[0].content | {"fit": fit})
+    turned = turning(whole.sensors[0])
     live.model.calibration.show(dataclasses.replace(whole, sensors=(turned, whole.sensors[1])))
     live.model.calibration.last_path = Path("run.boat")
     live.refresh()
@@ -260,8 +268,8 @@ def test_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
 @pytest.mark.parametrize("width", [853, 1280])
 def test_no_table_of_figures_scrolls_sideways(whole, width):
     """At 150 % on 1280 x 800 the figures were in a column of which only the names were visible."""
-    cells = (FigureText("256.3", "definition"), FigureText("190.6", "definition"))
-    rows = tuple(FigureRow(name, cells) for name in ("Sensitivity, mV/mm", "Repeatability, worst level, % FSO") * 7)
+    cells = (("256.3", "definition"), ("190.6", "definition"))
+    rows = tuple(((name, name), *cells) for name in ("Sensitivity, mV/mm", "Repeatability, worst level, % FSO") * 7)
     shown = dataclasses.replace(run_result(), figures=rows)
     whole.model.calibration.show(shown)
     whole.model.repeatability.show(shown)
@@ -284,7 +292,7 @@ def test_new_analysis_clears_the_page(live):
     card = page.curves[0]
     assert card.loading.x.size and page.curves[0].columns()
     whole, none = run_result(), np.zeros(0)
-    bare = dataclasses.replace(whole.sensors[0], x=none, y=none, content=None, void="none was read")
+    bare = dataclasses.replace(whole.sensors[0], x=none, y=none, fit=None, void="none was read")
     model.show(dataclasses.replace(whole, sensors=(bare, bare)))
     live.refresh()
     assert not any(layer.x.size for shown in page.curves for plot in shown.plots for layer in plot.layers)

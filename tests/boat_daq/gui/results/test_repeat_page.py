@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
-from boat_daq.viewmodels.results.analysis_view import BreakResult
+from boat_daq.viewmodels.results.analysis_jobs import BreakResult
 from tests.boat_daq.gui.results.run_results import CYCLES, run_result
 
 

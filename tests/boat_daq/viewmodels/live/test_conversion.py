@@ -9,7 +9,7 @@ from tests.boat_daq.viewmodels.helpers import until
 def test_conversion_is_prepared_on_a_helper_thread(tmp_path, result):
     """The inverse comes from the helper thread once, and not again."""
     preparation = Preparation()
-    preparation.start({"sensors": [dict(s.content) for s in result.sensors]})
+    preparation.start({"sensors": [dict(s.fit.content) for s in result.sensors]})
     found = []
     until(lambda: found.append(preparation.poll()) or found[-1] is not None)
     assert preparation.poll() is None

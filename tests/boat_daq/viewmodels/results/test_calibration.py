@@ -12,9 +12,10 @@ from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.live.conversion import prepare
-from boat_daq.viewmodels.results.analysis_view import PosteriorResult
+from boat_daq.viewmodels.results.analysis_jobs import CurveBands
 from boat_daq.viewmodels.results.calibration import CalibrationModel, measured
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, services_in
+from tests.boat_daq.gui.results.run_results import turning
 from tests.boat_daq.viewmodels.helpers import until
 
 
@@ -34,7 +35,7 @@ def test_accepted_calibration_is_stored_and_converts(tmp_path, result):
     assert stored.operator == "tester"
     assert stored.content["simulated"] is True
     conversion = prepare(stored.content)
-    signal = np.column_stack([np.interp(1.0, s.grid, s.curve)[None] for s in result.sensors])
+    signal = np.column_stack([np.interp(1.0, s.fit.grid, s.fit.curve)[None] for s in result.sensors])
     assert conversion(signal).mm[0] == pytest.approx(1.0, abs=0.02)
     assert conversion.each(signal)[0] == pytest.approx([1.0, 1.0], abs=0.02)
     assert np.isnan(conversion(np.array([[0.0, 0.0]])).mm[0])
@@ -48,9 +49,9 @@ def test_next_calibration_is_compared_with_the_previous(tmp_path, result):
     again = model_on(tmp_path, result)
     assert "Sensor 1: \u25cf agrees" in again.comparison()
     assert "0.0 mV" in again.comparison()
-    grid, curve, apart = again.curve(0).previous
-    assert curve == pytest.approx(np.interp(grid, result.sensors[0].grid, result.sensors[0].curve), abs=1e-3)
-    assert np.abs(apart).max() < 1e-9
+    found, fit = again.agreement(0), result.sensors[0].fit
+    assert found.before_mv == pytest.approx(np.interp(found.grid, fit.grid, fit.curve), abs=1e-3)
+    assert np.abs(found.difference_mv).max() < 1e-9
     rows = again.coefficient_rows()
     assert len(rows) == 8
     assert rows[0][0][1] == rows[0][0][2]
@@ -93,24 +94,21 @@ def test_value_with_its_standard_error(value, error, text):
 
 
 def test_curve_and_band_belong_together(tmp_path, result):
-    """Once the posterior is there, its mean is the curve, inside its own bands, and the residuals are about it."""
+    """Once the posterior is there, its mean is the curve, with its own bands."""
     model = model_on(tmp_path, result)
-    shown = model.curve(0)
-    assert (shown.sampled, shown.new_reading_95) == (False, None)
-    sensor = result.sensors[0]
-    mean = sensor.curve + 5.0
+    fit = result.sensors[0].fit
+    assert model.curve(0) is fit
+    mean = fit.curve + 5.0
     bands = [(mean - width, mean + width) for width in (1.0, 2.0, 4.0)]
-    model.posterior = (PosteriorResult(sensor.grid, mean, *bands, {}),)
-    shown = model.curve(0)
-    assert shown.curve is mean
-    assert np.all((shown.band_95[0] <= shown.band_68[0]) & (shown.band_68[0] <= shown.curve))
-    assert shown.residuals == pytest.approx(sensor.residuals - 5.0, abs=1e-2)
+    found = CurveBands(fit.grid, mean, fit.residuals - 5.0, *bands[:2], {}, bands[2])
+    model.posterior = (found,)
+    assert model.curve(0) is found
+    assert model.curve(1) is result.sensors[1].fit
 
 
 def test_curve_that_turns_is_not_accepted(tmp_path, result):
     """A calibration without an inverse is refused with the sensor's name, and nothing is stored."""
-    bent = dict(result.sensors[0].content) | {"fit": result.sensors[0].content["fit"] | {"monotone": False}}
-    sensors = (dataclasses.replace(result.sensors[0], content=bent), result.sensors[1])
+    sensors = (turning(result.sensors[0]), result.sensors[1])
     model = model_on(tmp_path, dataclasses.replace(result, sensors=sensors))
     assert "Sensor 1: the curve turns" in str(model.obstacle())
     with pytest.raises(OperatorError):

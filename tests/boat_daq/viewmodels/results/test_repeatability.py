@@ -43,9 +43,9 @@ def test_every_cycle_has_its_figures(result):
     each = result.sensors[0].cycles
     assert each.sensitivity_unit == "mV/mm"
     assert each.sensitivity == pytest.approx([39.3, 39.3], rel=0.02)
-    assert each.snr_db == pytest.approx([result.sensors[0].content["figures"]["snr_db"]] * 2, abs=1.0)
+    assert each.snr_db == pytest.approx([result.sensors[0].fit.content["figures"]["snr_db"]] * 2, abs=1.0)
     assert each.hysteresis_percent_fso == pytest.approx(
-        [result.sensors[0].content["figures"]["system_hysteresis_percent_fso"]] * 2, abs=0.5
+        [result.sensors[0].fit.content["figures"]["system_hysteresis_percent_fso"]] * 2, abs=0.5
     )
     long = dataclasses.replace(each, warm_up=3)
     sensors = tuple(dataclasses.replace(s, cycles=long) for s in result.sensors)
@@ -88,6 +88,6 @@ def test_analysis_uses_the_chosen_fidelity(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("boat_daq.viewmodels.results.repeatability.Job", begun)
     model = RepeatabilityModel(Mock())
     for level in ("draft", "reference"):
-        model.set_fidelity(fidelity(level))
+        model.fidelity = fidelity(level)
         model.analyse(tmp_path / "run.boat")
         assert begun.call_args.kwargs["level"] == level

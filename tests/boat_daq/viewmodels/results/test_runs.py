@@ -12,7 +12,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.common.notices import Notices
-from boat_daq.viewmodels.results import run_jobs
+from boat_daq.viewmodels.results import analysis_jobs
 from boat_daq.viewmodels.results.runs import NONE_CHOSEN, RunEntry, RunsModel, obstacle, read_run, selection_text
 from protocol.recording import RunEnd
 from tests.boat_daq.viewmodels.helpers import until
@@ -53,14 +53,14 @@ def test_list_arrives_by_polling(recording, tmp_path):
 def test_exports_read_back(recording, tmp_path):
     """The exported CSV has every sample."""
 
-    files = run_jobs.export_run(recording, tmp_path / "run.csv", "csv")
+    files = analysis_jobs.export_run(recording, tmp_path / "run.csv")
     assert load_recording(files[0]).n == load_recording(recording).n
 
 
 def test_run_compared_with_itself_has_no_difference(recording, tmp_path):
     """The difference of two equal runs is zero over the range."""
     model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices())
-    model.comparison = run_jobs.compare_runs([recording, recording])
+    model.comparison = analysis_jobs.compare_runs([recording, recording])
     lines, words = model.comparison_lines()
     assert len(lines) == 2
     assert np.abs(lines[0][1][1]).max() < 1e-6

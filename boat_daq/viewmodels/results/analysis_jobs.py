@@ -1,0 +1,357 @@
+"""An analysis as the pages show it, and what a helper process makes of recordings: analyses, exports, reports.
+
+Everything here is a call of `analysis`; only what a page draws is returned, plain arrays and texts, so that a long
+recording is not copied between processes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from analysis.arrays import BoolArray, FloatArray
+from analysis.fidelity import Level, fidelity
+from analysis.figures.figure import SENSOR_FIGURES, Figure
+from analysis.progress import Progress, part_of
+from analysis.warning import Warning
+from boat_daq.viewmodels.common.formatting import NOTHING, number, sensor_words
+
+if TYPE_CHECKING:
+    from analysis.figures.across_breaks import Break, Comparison
+    from analysis.figures.pipeline import Analysis
+
+Band = tuple[FloatArray, FloatArray]
+Cell = tuple[str, str]
+"""A text of a table with its tooltip."""
+GRID = 161
+
+
+def figure_text(figure: Figure | None, decimals: int) -> Cell:
+    """Return a figure as text, with definition, interval and count as its tooltip; an en dash without a figure."""
+    if figure is None:
+        return NOTHING, "not computed for this run"
+    lines = [figure.definition] if figure.definition else []
+    if math.isfinite(figure.low) and math.isfinite(figure.high):
+        lines.append(f"95 %: {number(figure.low, decimals)} to {number(figure.high, decimals)} {figure.unit}")
+    if figure.n:
+        lines.append(f"n = {figure.n}")
+    lines += [part for part in (figure.void, figure.note) if part]
+    return number(figure.value, decimals), "\n".join(lines)
+
+
+def figure_rows(sensors: Sequence[Mapping[str, Figure]]) -> tuple[tuple[Cell, ...], ...]:
+    """Return the table of figures: the name with its unit, then every sensor; without figures that no sensor has."""
+    rows = []
+    for d in SENSOR_FIGURES.values():
+        if any(d.key in figures for figures in sensors):
+            cells = [figure_text(figures.get(d.key), d.decimals) for figures in sensors]
+            rows.append(((d.label_with_unit, f"{d.label_with_unit}\n{cells[0][1]}"), *cells))
+    return tuple(rows)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSet:
+    """The loops of a run: [2 branches, cycles, levels], signals [sensors, 2, cycles, levels]."""
+
+    numbers: tuple[int, ...]
+    pressure_kpa: FloatArray
+    elongation_mm: FloatArray | None
+    signal_mv: FloatArray
+
+    def closed(self, abscissa: FloatArray, ordinate: FloatArray, cycle: int) -> tuple[FloatArray, FloatArray]:
+        """Return one cycle as a closed line: down the unloading branch, back up the loading one."""
+        x = np.concatenate([abscissa[0, cycle][::-1], abscissa[1, cycle]])
+        y = np.concatenate([ordinate[0, cycle][::-1], ordinate[1, cycle]])
+        keep = np.isfinite(x) & np.isfinite(y)
+        return x[keep], y[keep]
+
+    def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: range) -> tuple[FloatArray, FloatArray]:
+        """Return several cycles as one line with a NaN between them, so that one curve draws them all.
+
+        Parameters
+        ----------
+        abscissa, ordinate : [2 branches, cycles, levels].
+        cycles : numbers along the second axis.
+        """
+        parts = [np.pad(self.closed(abscissa, ordinate, k), ((0, 0), (0, 1)), constant_values=np.nan) for k in cycles]
+        x, y = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
+        return x, y
+
+
+@dataclass(frozen=True, slots=True)
+class CycleSeries:
+    """A sensor's figures cycle by cycle, [cycles]: hysteresis over pressure % FSO, SNR dB, end-to-end sensitivity.
+
+    The sensitivity is in mV/mm where the elongation was read in every cycle, else in mV/kPa.
+    """
+
+    hysteresis_percent_fso: FloatArray
+    snr_db: FloatArray
+    sensitivity: FloatArray
+    sensitivity_unit: str
+    warm_up: int
+
+
+@dataclass(frozen=True, slots=True)
+class CurveBands:
+    """A sensor's curve over a grid of elongations with its bands, the residuals of its points, mV, and its record.
+
+    It is the least-squares fit with what acceptance stores, or the mean of the posterior with the figures of the
+    sampler; only the latter has the band of a new reading.
+    """
+
+    grid: FloatArray
+    curve: FloatArray
+    residuals: FloatArray
+    band_68: Band
+    band_95: Band
+    content: Mapping[str, Any]
+    new_reading_95: Band | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorResult:
+    """One sensor: its points, its curve, or why there is none."""
+
+    label: str
+    void: str
+    cycles: CycleSeries
+    x: FloatArray
+    y: FloatArray
+    loading: BoolArray
+    fit: CurveBands | None
+    out_of_tolerance: tuple[Warning, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BreakResult:
+    """An interruption of a run that was resumed: between which cycles, as a sentence, and the tests across it.
+
+    A row has quantity, mean before, mean after, p of t, p of F, as text.
+    """
+
+    at_cycle: float
+    sentence: str
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """All that a page shows of one run; of its `plateaus`, `read` have an elongation."""
+
+    path: str
+    unit: str
+    simulated: bool
+    duration_s: float
+    cycles: int
+    partial: int
+    sensors: tuple[SensorResult, ...]
+    figures: tuple[tuple[Cell, ...], ...]
+    loops: LoopSet
+    warnings: tuple[Warning, ...]
+    reading_sd_mm: float
+    breaks: tuple[BreakResult, ...] = ()
+    plateaus: int = 0
+    read: int = 0
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether every sensor has a calibration."""
+        return bool(self.sensors) and all(sensor.fit is not None for sensor in self.sensors)
+
+
+def analyse_run(path: str, *, seed: int = 0, level: Level = "normal", progress: Progress | None = None) -> RunResult:
+    """Return all figures and curves of a recording, without the posterior.
+
+    Parameters
+    ----------
+    path : of the recording.
+    seed : of the bootstrap.
+    level : of fidelity.
+    progress : is called with the steps done and their number.
+
+    Raises
+    ------
+    AnalysisError : the recording cannot be read.
+    """
+    from analysis.data.load import load_recording
+    from analysis.figures.pipeline import analyse
+    from analysis.figures.sensor_analysis import Options
+
+    recording = load_recording(Path(path))
+    part_of(progress, 0, 1, 4)(1, 1)
+    options = Options(seed=seed, mcmc=False, fidelity=level)
+    found = analyse(recording, options=options, progress=part_of(progress, 1, 3, 4))
+    loops = found.loops
+    return RunResult(
+        path=path,
+        unit=str(recording.meta.get("unit") or ""),
+        simulated=recording.simulated,
+        duration_s=recording.duration_s,
+        cycles=loops.n_cycles,
+        partial=len(found.cycles.partial),
+        sensors=tuple(_sensor(found, i) for i in range(len(found.sensors))),
+        figures=figure_rows([sensor.figures for sensor in found.sensors]),
+        loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
+        warnings=found.warnings,
+        reading_sd_mm=found.reading_sd_mm,
+        breaks=tuple(map(_break, found.breaks)),
+        plateaus=_requested_plateaus(found),
+        read=int(found.elongations.known.sum()) if found.elongations is not None else 0,
+    )
+
+
+def _requested_plateaus(found: Analysis) -> int:
+    """Return how many plateaus are to be read: the steps of the run without the last, else those of its cycles."""
+    steps = found.recording.steps
+    if len(steps):
+        return int(((steps["branch"] != "end") & (steps["status"] != "aborted")).sum())
+    return sum(bool(p.branch) for p in found.plateaus)
+
+
+def _sensor(found: Analysis, index: int) -> SensorResult:
+    from analysis.figures.acceptance import out_of_tolerance
+
+    sensor, none = found.sensors[index], np.zeros(0)
+    label, fit, each = sensor_words(sensor.name), sensor.calibration, sensor.by_cycle
+    cycles = CycleSeries(
+        each.hysteresis_percent_fso, each.snr_db, each.sensitivity, each.sensitivity_unit, each.warm_up
+    )
+    if fit is None:
+        return SensorResult(label, sensor.calibration_void, cycles, none, none, none > 0, None)
+    loading = np.array([found.plateaus[int(i)].branch != "unloading" for i in sensor.point_plateau])
+    grid = np.linspace(*fit.x_range, GRID)
+    bands = fit.band(grid, 0.68), fit.band(grid, 0.95)
+    curve = CurveBands(grid, fit.predict(grid), fit.residuals, *bands, _content(found, index))
+    return SensorResult(label, "", cycles, fit.x, fit.y, loading, curve, out_of_tolerance(sensor, found.reading_sd_mm))
+
+
+def _break(found: Break) -> BreakResult:
+    comparisons = tuple(replace(c, sensor=sensor_words(c.sensor)) for c in found.comparisons)
+    at = 0.5 + float(max(found.before, default=0))
+    return BreakResult(at, replace(found, comparisons=comparisons).sentence, tuple(map(_tested, comparisons)))
+
+
+def _tested(c: Comparison) -> tuple[str, ...]:
+    """Return one comparison across an interruption as texts; a rejected test is marked."""
+    p = [
+        ("\u25b2 " if name in c.significant else "") + (f"{value:.2g}" if np.isfinite(value) else NOTHING)
+        for name, value in (("t", c.t_p), ("F", c.f_p))
+    ]
+    means = f"{c.mean_before:.4g} (n = {c.n_before})", f"{c.mean_after:.4g} (n = {c.n_after})"
+    return f"{c.sensor}: {c.quantity} ({c.unit})", *means, *p
+
+
+def _content(found: Analysis, index: int) -> dict[str, Any]:
+    """Return what acceptance stores: fit as `fit --json`, points, uncertainty of a live reading, figures."""
+    from analysis.figures.uncertainty import signal_parts
+
+    sensor, parts = found.sensors[index], signal_parts(found, index)
+    assert sensor.calibration is not None
+    reading = sensor.calibration.reading
+    finite = {key: figure.value for key, figure in sensor.figures.items() if np.isfinite(figure.value)}
+    return {
+        "name": sensor.name,
+        "fit": sensor.calibration.as_json(),
+        "elongation_mm": sensor.calibration.x.tolist(),
+        "signal_mv": sensor.calibration.y.tolist(),
+        "positions": None if reading is None else reading.of_point.tolist(),
+        "reading_sd_mm": found.reading_sd_mm,
+        "noise_mv": parts.independent,
+        "model_mv": parts.shared,
+        "figures": finite,
+    }
+
+
+def sample_run(
+    points: list[tuple[list[float], list[float], int, list[int] | None]],
+    reading_sd_mm: float,
+    *,
+    seed: int = 0,
+    max_steps: int = fidelity().posterior_steps,
+    progress: Progress | None = None,
+) -> tuple[CurveBands, ...]:
+    """Return the posterior of each sensor's calibration, as bands on a grid.
+
+    Parameters
+    ----------
+    points : for each sensor elongations (mm), signals (mV), the degree, and the position where each point was read.
+    reading_sd_mm : standard uncertainty of a reading, mm.
+    seed : of the first sensor's sampler.
+    max_steps : of the sampler.
+    progress : is called with what is done and the total.
+    """
+    from analysis.calibration.posterior import sample_posterior
+
+    results = []
+    for i, (x, y, degree, positions) in enumerate(points):
+        posterior = sample_posterior(
+            x, y, degree, reading_sd=reading_sd_mm, positions=positions, seed=seed + i, max_steps=max_steps,
+            progress=part_of(progress, i, 1, len(points)),
+        )  # fmt: skip
+        grid = np.linspace(min(x), max(x), GRID)
+        mean = posterior.curves(grid).mean(axis=0)
+        bands = posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95)
+        results.append(
+            CurveBands(
+                grid, mean, np.asarray(y) - np.interp(x, grid, mean), *bands, posterior.as_json(),
+                posterior.new_reading_band(grid, 0.95),
+            )
+        )  # fmt: skip
+    return tuple(results)
+
+
+def export_run(path: Path, target: Path, *, progress: Progress | None = None) -> list[Path]:
+    """Write the samples of a recording as CSV or Parquet, by the suffix of `target`; returns the files written.
+
+    Parameters
+    ----------
+    path : of the recording.
+    target : where the samples are written.
+    progress : is called with what is done and the total.
+
+    Raises
+    ------
+    AnalysisError : it cannot be read, or the target cannot be written.
+    """
+    from analysis.data.export import export
+    from analysis.data.load import load_recording
+
+    kind: Literal["csv", "parquet"] = "parquet" if target.suffix == ".parquet" else "csv"
+    return export(load_recording(path), target, kind, progress=progress)
+
+
+def report_runs(paths: list[Path], target: Path, *, progress: Progress | None = None) -> str:
+    """Write the report of one or several recordings; returns its verdict.
+
+    Parameters
+    ----------
+    paths : of the recordings.
+    target : .html or .pdf.
+    progress : is called with the recordings done and their number.
+
+    Raises
+    ------
+    AnalysisError : one of them cannot be read, or the target cannot be written.
+    """
+    from analysis import write_report
+    from analysis.figures.pipeline import analyse
+
+    parts = len(paths) + 1
+    analyses = [analyse(path, progress=part_of(progress, i, 1, parts)) for i, path in enumerate(paths)]
+    return write_report(analyses, target).verdict
+
+
+def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:
+    """Return the analyses of several recordings.
+
+    Raises
+    ------
+    AnalysisError : one of them cannot be read.
+    """
+    return tuple(analyse_run(str(path), progress=part_of(progress, i, 1, len(paths))) for i, path in enumerate(paths))

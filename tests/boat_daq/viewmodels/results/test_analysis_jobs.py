@@ -1,0 +1,46 @@
+"""The analysis of a run in a helper process."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from analysis.figures.figure import SENSOR_FIGURES, Figure, Reason
+from boat_daq.viewmodels.results.analysis_jobs import figure_text, sample_run
+
+
+def test_analysis_returns_what_the_page_draws(result):
+    """Points, curve and loops of both sensors, near the unit's own figures."""
+    assert (result.unit, result.cycles, result.simulated, result.calibrated) == ("SA1", 2, True, True)
+    for sensor, expected in zip(result.sensors, (39.3, 29.2), strict=True):
+        fit = sensor.fit
+        assert sensor.x.size == sensor.y.size == fit.residuals.size == sensor.loading.size
+        assert np.all(np.diff(fit.grid) > 0)
+        assert np.all(fit.band_95[0] <= fit.band_68[0])
+        assert np.all(fit.band_68[0] <= fit.curve)
+        assert fit.content["figures"]["sensitivity_mv_per_mm"] == pytest.approx(expected, rel=0.05)
+    labels = {name for (name, _), *_ in result.figures}
+    assert labels <= {definition.label_with_unit for definition in SENSOR_FIGURES.values()}
+    assert len(labels) > 9
+
+
+def test_sampled_curve_lies_inside_its_bands(result):
+    """The residuals are about the mean of the posterior, near those of the fit; the widest band is a new reading's."""
+    sensor = result.sensors[0]
+    points = [(sensor.x.tolist(), sensor.y.tolist(), 3, None)]
+    (found,) = sample_run(points, result.reading_sd_mm, max_steps=400)
+    assert found.residuals == pytest.approx(sensor.y - np.interp(sensor.x, found.grid, found.curve))
+    assert found.residuals == pytest.approx(sensor.fit.residuals, abs=5.0)
+    bands = (found.new_reading_95, found.band_95, found.band_68, (found.curve, found.curve))
+    for outer, inner in pairwise(bands):
+        assert np.all((outer[0] <= inner[0]) & (inner[1] <= outer[1]))
+
+
+def test_figure_text_has_definition_and_interval():
+    """A figure's cell is its value; definition, interval, count and reason are on hover."""
+    cell = figure_text(Figure(39.31, "mV/mm", 5, 39.0, 39.6, definition="end to end"), 1)
+    assert cell == ("39.3", "end to end\n95 %: 39.0 to 39.6 mV/mm\nn = 5")
+    assert figure_text(Figure.nothing("dB", Reason.NO_FULL_SCALE, "no span"), 1)[0] == "\u2013"
+    assert figure_text(None, 1)[0] == "\u2013"

@@ -150,7 +150,7 @@ class ReadingsTableModel(QAbstractTableModel):
             return row.cells[index.column()]
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return side(index.column())
-        if role == Qt.ItemDataRole.FontRole and (row.current or row.outlier):
+        if role == Qt.ItemDataRole.FontRole and (row.current or row.apart_mm is not None):
             font = QFont(style.base_font())
             font.setBold(True)
             return font
@@ -160,7 +160,7 @@ class ReadingsTableModel(QAbstractTableModel):
 
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
         """Enter an edited reading."""
-        step = self.rows[index.row()].step_id
+        step = self.rows[index.row()].step.number
         kept = self.notices.attempt(lambda: self.readings.enter(step, str(value)))
         self.corrected.emit()
         return kept
@@ -197,7 +197,7 @@ class ReadingsView(QTableView):
 
     def paste(self, text: str) -> None:
         """Enter a column from the selected plateau on, or from the first without a reading."""
-        steps = [row.step_id for row in self.rows.rows]
+        steps = [row.step.number for row in self.rows.rows]
 
         def enter() -> None:
             if not steps:
@@ -210,7 +210,7 @@ class ReadingsView(QTableView):
     def _withdraw(self) -> None:
         row = self.currentIndex().row()
         if row >= 0:
-            self.notices.attempt(lambda: self.readings.put(self.rows.rows[row].step_id, None, "typed"))
+            self.notices.attempt(lambda: self.readings.put(self.rows.rows[row].step.number, None, "typed"))
 
 
 class ReadingsTable(QWidget):

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -34,64 +36,53 @@ REMARKS = {  # status of a plateau -> remark, sentence
 class Row:
     """One plateau of the table."""
 
-    step_id: int
-    cycle: int
-    branch: str
-    target_kpa: float
-    status: str
-    elongation_mm: float | None
-    source: str
+    step: StepMark
+    reading: Reading | None  # None where it was not read, or withdrawn
     current: bool
-    apart_mm: float | None = None  # distance from the running fit, of an outlier
+    apart_mm: float | None  # distance from the running fit, of an outlier
 
     @property
-    def outlier(self) -> bool:
-        """Return whether the reading is an outlier from the running fit."""
-        return self.apart_mm is not None
+    def elongation_mm(self) -> float | None:
+        """Return the elongation that was read."""
+        return self.reading.elongation_mm if self.reading is not None else None
 
     @property
-    def remark(self) -> str:
-        """Return the remark of the row."""
-        if self.apart_mm is not None:
-            return f"{number(self.apart_mm, 1, sign=True)} mm?"
-        return REMARKS.get(self.status, ("now" if self.current else "", ""))[0]
+    def _remark(self) -> tuple[str, str]:
+        """Return remark and sentence on how the plateau ended."""
+        status = self.step.status if self.step.detail.get("steady", True) else UNSTEADY
+        return REMARKS.get(status, ("now" if self.current else "", ""))
 
     @property
     def tip(self) -> str:
         """Return the remark as a sentence with plateau, cycle and value, and the source of the reading."""
-        plateau = place(self.target_kpa, self.branch, self.cycle)
-        lines = [f"{REMARKS[self.status][1]}: {plateau}"] if self.status in REMARKS else []
+        plateau, ended = place(self.step), self._remark[1]
+        lines = [f"{ended}: {plateau}"] if ended else []
         if self.apart_mm is not None and self.elongation_mm is not None:
-            fit = number(self.elongation_mm - self.apart_mm, 2, sign=True)
-            lines.append(
-                f"{number(self.elongation_mm, 2, sign=True)} mm at {plateau}, the running fit gives {fit} mm: "
-                "check it; it is kept as it is"
-            )
-        return "\n".join([*lines, *([f"source: {self.source}"] if self.source else [])])
+            read, fit = (number(mm, 2, sign=True) for mm in (self.elongation_mm, self.elongation_mm - self.apart_mm))
+            lines.append(f"{read} mm at {plateau}, the running fit gives {fit} mm: check it; it is kept as it is")
+        return "\n".join(
+            [*lines, *([f"source: {self.reading.source}"] if self.reading and self.reading.source else [])]
+        )
 
     @property
     def cells(self) -> tuple[str, ...]:
         """Return the row as text: cycle, branch, pressure, elongation, remark."""
         return (
-            str(self.cycle) if self.cycle else NOTHING,
-            BRANCH_WORDS[self.branch],
-            target(self.target_kpa).removesuffix(" kPa"),
+            str(self.step.cycle) if self.step.cycle else NOTHING,
+            BRANCH_WORDS[self.step.branch],
+            target(self.step.target_kpa).removesuffix(" kPa"),
             "" if self.elongation_mm is None else number(self.elongation_mm, 2),
-            self.remark,
+            self._remark[0] if self.apart_mm is None else f"{number(self.apart_mm, 1, sign=True)} mm?",
         )
 
 
 HEADINGS = ("Cycle", "Branch", "kPa", "mm", "Remark")
 
 
-def place(target_kpa: float, branch: str, cycle: int) -> str:
+def place(at: StepMark | ReadingRequest | Progress) -> str:
     """Return a plateau as text, e.g. `+30 kPa, unloading, cycle 2`."""
-    where = f"{BRANCH_WORDS[branch]}, cycle {cycle}" if cycle else "opening plateau"
-    return f"{target(target_kpa)}, {where}"
-
-
-def _place(at: ReadingRequest | Progress) -> str:
-    return place(at.target_kpa, at.branch, at.cycle)
+    where = f"{BRANCH_WORDS[at.branch]}, cycle {at.cycle}" if at.cycle else "opening plateau"
+    return f"{target(at.target_kpa)}, {where}"
 
 
 def readable(steps: tuple[StepMark, ...]) -> tuple[StepMark, ...]:
@@ -138,9 +129,9 @@ class ReadingsModel:
         """Return the reading that is due, or the next one of this run; empty without a run."""
         waiting, progress = snapshot.waiting_for_reading, snapshot.progress
         if waiting is not None:
-            return f"Elongation at {_place(waiting)}"
+            return f"Elongation at {place(waiting)}"
         if snapshot.state is SessionState.RUNNING and progress is not None:
-            return f"Next: {_place(progress)}"
+            return f"Next: {place(progress)}"
         return "Next: elongation, once the run is resumed" if snapshot.state is SessionState.PAUSED else ""
 
     def latest(self) -> dict[int, Reading]:
@@ -159,23 +150,15 @@ class ReadingsModel:
         )
         apart = {step.number: mm for step, mm in zip(read, far.tolist(), strict=True) if mm == mm}
         waiting = snapshot.waiting_for_reading
-        return [
-            Row(
-                step.number, step.cycle, step.branch, step.target_kpa,
-                step.status if step.detail.get("steady", True) else UNSTEADY,
-                readings[step.number].elongation_mm if step.number in readings else None,
-                readings[step.number].source if step.number in readings else "",
-                waiting is not None and waiting.step_id == step.number, apart.get(step.number),
-            )
-            for step in steps
-        ]  # fmt: skip
+        due = waiting.step_id if waiting is not None else None
+        return [Row(step, readings.get(n := step.number), n == due, apart.get(n)) for step in steps]
 
     @staticmethod
     def summary(rows: list[Row]) -> str:
         """Return how many plateaus were read, and how many outliers there are; interrupted ones are not counted."""
-        rows = [row for row in rows if row.status != "aborted" or row.elongation_mm is not None]
-        read = sum(row.elongation_mm is not None for row in rows)
-        far = sum(row.outlier for row in rows)
+        rows = [row for row in rows if row.step.status != "aborted" or row.reading is not None]
+        read = sum(row.reading is not None for row in rows)
+        far = sum(row.apart_mm is not None for row in rows)
         text = f"{read} of {count(len(rows), 'plateau')} read" if rows else ""
         return text + (f", {count(far, 'outlier')}" if far else "")
 
@@ -199,24 +182,23 @@ class ReadingsModel:
         resolution_mm : of the reading; of the grid when None.
         """
         before = self.latest().get(step_id)
-        old = before.elongation_mm if before else None
-        old_source = before.source if before else "typed"
-        if old == elongation_mm:
-            return
-        text = number(elongation_mm, 2) + " mm" if elongation_mm is not None else "withdrawal"
-        self._undo.push(
-            Change(
-                f"reading {text}",
-                lambda: self._store(step_id, elongation_mm, source, resolution_mm),
-                lambda: self._store(step_id, old, old_source),
-            )
-        )
+        if (before.elongation_mm if before else None) != elongation_mm:
+            text = number(elongation_mm, 2) + " mm" if elongation_mm is not None else "withdrawal"
+            self._push(f"reading {text}", {step_id: elongation_mm}, source, resolution_mm)
 
-    def _store(
-        self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None
+    def _push(
+        self, text: str, values: dict[int, float | None], source: str, resolution_mm: float | None = None
     ) -> None:
-        resolution = resolution_mm or self.resolution_mm
-        self.session.add_reading(step_id, elongation_mm, source, resolution_mm=resolution)
+        """Store `values` by plateau; undo stores the readings before again, or withdraws."""
+        latest, withdrawn = self.latest(), (None, source if source == "pasted" else "typed", None)
+        old = {n: (r.elongation_mm, r.source, None) if (r := latest.get(n)) else withdrawn for n in values}
+
+        def store(entries: Mapping[int, tuple[float | None, str, float | None]]) -> None:
+            for n, (mm, origin, resolution) in entries.items():
+                self.session.add_reading(n, mm, origin, resolution_mm=resolution or self.resolution_mm)
+
+        new = {n: (mm, source, resolution_mm) for n, mm in values.items()}
+        self._undo.push(Change(text, partial(store, new), partial(store, old)))
 
     def paste(self, text: str, first_step_id: int | None = None) -> int:
         """Enter a column copied from a spreadsheet, from a plateau on; return how many were entered.
@@ -239,17 +221,8 @@ class ReadingsModel:
             )
         if not values:
             raise OperatorError("the clipboard holds no values", "Copy a column of elongations in mm first.")
-        old = {n: self.latest().get(n) for n in numbers[: len(values)]}
-
-        def redo() -> None:
-            for n, value in zip(numbers, values, strict=False):
-                self._store(n, value, "pasted")
-
-        def undo() -> None:
-            for n, reading in old.items():
-                self._store(n, reading.elongation_mm if reading else None, reading.source if reading else "pasted")
-
-        self._undo.push(Change(f"paste of {len(values)} readings", redo, undo))
+        entered: dict[int, float | None] = dict(zip(numbers, values, strict=False))
+        self._push(f"paste of {len(values)} readings", entered, "pasted")
         return len(values)
 
     def _first_for(self, values: int) -> float:

@@ -113,7 +113,7 @@ def test_prompt_names_the_plateau():
     session.marks = plateaus(1)
     model = ReadingsModel(session, UndoHistory())
     assert model.question(session.snapshot()) == "Elongation at +30 kPa, unloading, cycle 1"
-    assert [row.step_id for row in model.rows(session.snapshot()) if row.current] == [3]
+    assert [row.step.number for row in model.rows(session.snapshot()) if row.current] == [3]
 
 
 @pytest.mark.parametrize(("text", "value"), [("2.31", 2.31), (" 2,31 mm", 2.31), ("\u22120.5", -0.5), ("+3", 3.0)])

@@ -17,7 +17,7 @@ def test_reading_is_corrected_by_a_newer_row(closed):
     history, run = UndoHistory(), ClosedRun(closed)
     table = ReadingsModel(run, history)
     rows = table.rows(idle())
-    step, before, entered = rows[4].step_id, rows[4].elongation_mm, len(run.readings())
+    step, before, entered = rows[4].step.number, rows[4].elongation_mm, len(run.readings())
     table.enter(step, "1.11")
     assert table.rows(idle())[4].elongation_mm == 1.11
     history.undo()

@@ -91,7 +91,7 @@ def view(window: MainWindow) -> list[Command]:
             window.save_plot(chosen or visible[0], kind)
 
     return [
-        add("Freeze or follow the plot", "Space", live.toggle_freeze, also="hold pause picture"),
+        add("Freeze or follow the plot", "Space", live.model.toggle_freeze, also="hold pause picture"),
         add("Zoom in on time", "Ctrl+=", partial(live.zoom, 0.5)),
         add("Zoom out on time", "Ctrl+-", partial(live.zoom, 2.0)),
         add("Show the last 10 s", "Ctrl+0", partial(live.set_window, 10.0)),

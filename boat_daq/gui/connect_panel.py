@@ -100,8 +100,8 @@ class ConnectPanel(QDialog):
         typed = self.port.currentText() or self.connection.last_port
         ports = self.connection.ports()
         self.port.clear()
-        for found in ports:
-            self.port.addItem(found.text, found.port)
+        for text, port in ports:
+            self.port.addItem(text, port)
         self.none.setVisible(not ports)
         self.adjustSize()
         self.port.setEditText(typed)

@@ -23,11 +23,9 @@ from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.common.undo import UndoHistory
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.conversion import UnitInUse
-from boat_daq.viewmodels.live.live_model import LiveModel
-from boat_daq.viewmodels.live.overlay import OverlayModel
+from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.live.run_model import RunModel
-from boat_daq.viewmodels.live.run_offers import CalibrationOffer, ResumeRun
+from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.session_messages import SessionMessages
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
@@ -61,7 +59,7 @@ class AppModel:
         self.connection = ConnectionModel(session, self.preferences)
         self.live = LiveModel(lambda: session.ring)
         self.overlay = OverlayModel(lambda: session.ring, session.steps, self.live.time_of)
-        self.shadow = ShadowLive(lambda: session.ring, lambda: self.live.inverse, self.jobs)
+        self.shadow = ShadowLive(self.live, self.jobs)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay, lambda: session.ring)
         self.sequence = SequenceModel(session, self.undo, self.preferences)
         self.readings = ReadingsModel(session, self.undo)

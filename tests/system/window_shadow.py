@@ -48,7 +48,7 @@ def watch(scenario: Scenario, seed: str, cycles: int, fault: str | None) -> None
     scenario.keep("shadow-end")
     board.terminate()
     board.wait()
-    rows = [dataclasses.astuple(row) for row in model.monitor.rows()]
+    rows = model.monitor.rows()
     alarms = [(a.fault, a.since_cycle, a.cycle) for a in model.monitor.alarms]
     scenario.done(cycles=len(model.monitor.marks), alarms=alarms, rows=rows)
 

@@ -12,8 +12,7 @@ from PySide6.QtWidgets import QFrame, QLabel, QTabWidget, QWidget
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.live.first_steps import FirstSteps
-from boat_daq.gui.live.live_plots import LivePlots
-from boat_daq.gui.live.overlay_plots import OverlayPlots
+from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots
 from boat_daq.gui.live.photograph_panel import PhotographPanel
 from boat_daq.gui.live.plan_form import PlanForm
 from boat_daq.gui.live.readings_panel import ReadingBar, ReadingsTable
@@ -24,8 +23,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.layouts import Divided, Leaves
 from boat_daq.viewmodels.common import formatting
 from boat_daq.viewmodels.common.services import Page, Services
-from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, Span
-from boat_daq.viewmodels.live.overlay import OverlayModel
+from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 
@@ -127,7 +125,7 @@ class LivePage(QWidget):
         self.window_choice = widgets.choice("Time shown", windows)
         self.window_choice.setCurrentIndex(WINDOWS_S.index(self.model.window_s))
         self.window_choice.activated.connect(lambda _: self.set_window(self.window_choice.currentData()))
-        self.freeze = widgets.button("Freeze plot", self.toggle_freeze, tip="Recording continues (Space)")
+        self.freeze = widgets.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
         for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
@@ -200,10 +198,6 @@ class LivePage(QWidget):
     def _show_window(self) -> None:
         seconds = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(seconds) if seconds in WINDOWS_S else -1)
-
-    def toggle_freeze(self) -> None:
-        """Freeze the plots, or follow the data again."""
-        (self.model.freeze if self.model.following else self.model.follow)()
 
     def zoom(self, factor: float) -> None:
         """Show `factor` times the present length."""

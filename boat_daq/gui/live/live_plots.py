@@ -1,4 +1,4 @@
-"""The plots of the live page: signals, elongation, pressure over one time axis; cursors, markers, the mouse.
+"""The plots of the live page: signals, elongation, pressure over one time axis, or the last cycles overlaid.
 
 Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows how many samples there are.
 """
@@ -17,7 +17,7 @@ from analysis.arrays import FloatArray
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
-from boat_daq.viewmodels.live.live_model import LiveModel, PlotFrame, sensor_names
+from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
 
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
@@ -44,7 +44,7 @@ class LivePlots(PlotCard):
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
         self._curves()
         self.rows: list[Plot] = []
-        self._arrange()
+        self.arrange()
         self._cursors: dict[str, list[tuple[Plot, Any]]] = {"a": [], "b": []}
         self._markers: list[tuple[Plot, Any]] = []
         for plot in self.plots:
@@ -63,7 +63,7 @@ class LivePlots(PlotCard):
         self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, dashed=True)
         self.limits = [self.pressure.line(lambda t: t.fault, style_=Qt.PenStyle.DotLine) for _ in range(2)]
 
-    def _arrange(self) -> None:
+    def arrange(self) -> None:
         """Show the rows that have something to show."""
         both = self.model.together
         rows = [self.first, self.pressure]
@@ -95,10 +95,6 @@ class LivePlots(PlotCard):
         """Choose titles or short names for the new height."""
         super().resizeEvent(event)
         self.shorten()
-
-    def arrange(self) -> None:
-        """Look again at which rows are shown."""
-        self._arrange()
 
     def columns(self) -> Columns:
         """Return the columns of the CSV: what was recorded over the span that is drawn."""
@@ -163,7 +159,7 @@ class LivePlots(PlotCard):
 
     def _moved(self, *_: object) -> None:
         low, high = self.first.item.getViewBox().viewRange()[0]
-        self.model.look_at(low, high)
+        self.model.frozen_s = (low, high)
 
     def place_cursor(self, which: str) -> None:
         """Put cursor "a" or "b" at a third or two thirds of the picture, or take it away."""
@@ -171,39 +167,57 @@ class LivePlots(PlotCard):
             for plot, line in self._cursors[which]:
                 plot.remove_line(line)
             self._cursors[which] = []
-            self.model.put_cursor(which, None)
+            del self.model.cursors_s[which]
             return
-        at = self.model.place(which)
-        self.model.put_cursor(which, at)
+        at = self.model.cursors_s[which] = self.model.place(which)
         for plot in self.plots:
-            line = plot.line(
-                lambda t: t.text,
-                at=at,
-                vertical=True,
-                movable=True,
-                style_=Qt.PenStyle.SolidLine,
-                label=which.upper() if plot is self.first else "",
-            )
+            name, solid = which.upper() if plot is self.first else "", Qt.PenStyle.SolidLine
+            line = plot.line(lambda t: t.text, at=at, vertical=True, movable=True, style_=solid, label=name)
             line.setHoverPen(style.colour(self.theme.accent))
             line.sigDragged.connect(lambda moved, which=which: self._drag(which, moved.value()))
             self._cursors[which].append((plot, line))
         self.paint_theme(self.theme)
 
     def _drag(self, which: str, at: float) -> None:
-        self.model.put_cursor(which, at)
+        self.model.cursors_s[which] = at
         for _, line in self._cursors[which]:
             line.setValue(at)
 
     def show_markers(self) -> None:
         """Draw the markers that are new."""
         for marker in self.model.markers[len(self._markers) :]:
-            line = self.first.line(
-                lambda t: t.muted,
-                at=marker.time_s,
-                vertical=True,
-                style_=Qt.PenStyle.DotLine,
-                label=shortened(marker.note) or "\u25be",
-            )
+            note, dots = shortened(marker.note) or "\u25be", Qt.PenStyle.DotLine
+            line = self.first.line(lambda t: t.muted, at=marker.time_s, vertical=True, style_=dots, label=note)
             line.label.setToolTip(marker.note)
             self._markers.append((self.first, line))
             self.paint_theme(self.theme)
+
+
+class OverlayPlots(PlotCard):
+    """Two plots: sensor 1 and sensor 2 over the time in the cycle."""
+
+    def __init__(self, model: OverlayModel) -> None:
+        super().__init__("Last cycles overlaid")
+        self.model = model
+        self.curves: list[list[Curve]] = []
+        for number in (1, 2):
+            below = "Time in the cycle" if number == 2 else ""
+            plot = self.add(f"Signal {number}", "mV", x_title=below, x_unit="min:s", time=True)
+            faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(CYCLES_KEPT - 1, 0, -1)]
+            self.curves.append([*faint, plot.curve("This cycle", sensor_colour(number))])
+        self.link_x()
+        self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
+
+    def draw(self) -> None:
+        """Draw the cycles there are."""
+        cycles = self.model.cycles()
+        text = f"{len(cycles)} of the last {CYCLES_KEPT} cycles" if cycles else "shown once a cycle has begun"
+        self.readout.setText(text)
+        for sensor, curves in enumerate(self.curves):
+            for place, curve in enumerate(reversed(curves)):
+                if place < len(cycles):
+                    columns = cycles[-1 - place][1]
+                    curve.set(columns["time_s"], columns[sensor_names(columns)[sensor]])
+        if cycles:
+            for plot in self.plots:
+                plot.fit(x_margin=0.0)

@@ -144,7 +144,6 @@ class ShadowPage(ReflowingPage):
             self._revision = self.monitor.revision
             self.cycles.show_cycles()
             rows = self.monitor.rows()
-            texts = [(f"\u25b2 {row.what}", row.since, row.found, row.sure, row.why) for row in rows]
-            self.alarms.fill([[(text, text) for text in cells] for cells in texts])
+            self.alarms.fill([[(text, text) for text in (f"\u25b2 {what}", *cells)] for what, *cells in rows])
             self.alarms.setVisible(bool(rows))
             self.verdict.setText(self.monitor.verdict())

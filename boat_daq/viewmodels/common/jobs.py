@@ -12,14 +12,16 @@ import inspect
 import multiprocessing
 import traceback
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from multiprocessing.connection import Connection
 from time import monotonic
-from typing import Any, ParamSpec
+from typing import Any, Generic, ParamSpec, TypeVar
 
 P = ParamSpec("P")
+T = TypeVar("T")
 _SPAWN = multiprocessing.get_context("spawn")
 REPORT_EVERY_S = 0.05
 
@@ -173,3 +175,33 @@ class JobRunner:
         for name in self._running:
             self.cancel(name)
         self._running.clear()
+
+
+class Background(Generic[T]):
+    """Calls on a helper thread, one after the other; their results are taken in order.
+
+    Parameters
+    ----------
+    name : of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self.pending: list[Future[T]] = []
+
+    def call(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> None:
+        """Call `function` after those that were submitted before."""
+        self.pending.append(self._pool.submit(function, *args, **kwargs))
+
+    def take(self) -> T | None:
+        """Return the oldest result, once; None while it is computed, or without one.
+
+        Raises
+        ------
+        Exception : as raised by the function.
+        """
+        return self.pending.pop(0).result() if self.pending and self.pending[0].done() else None
+
+    def close(self) -> None:
+        """End the thread."""
+        self._pool.shutdown(wait=False, cancel_futures=True)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import threading
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,9 +19,11 @@ from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, number
+from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.live.profiles import check_profile, profile_text
+from boat_daq.viewmodels.live.profiles import profile_text
 from protocol.simulator.specimens import RISING_NAMES
+from protocol.text.profile import load_profile
 
 LONGEST_PORT = 28
 VIRTUAL_UNITS = RISING_NAMES
@@ -37,14 +38,6 @@ class LinkText:
     word: str
     who: str
     figures: tuple[tuple[str, str], ...]  # (text, state) of rate, lost, errors, lag
-
-
-@dataclass(frozen=True, slots=True)
-class PortChoice:
-    """One line of the list of ports."""
-
-    port: str
-    text: str
 
 
 _LINK_TEXT = {
@@ -143,8 +136,7 @@ class ConnectionModel:
         self.board: VirtualBoardProcess | None = None
         self.starting = False  # whether the virtual board is
         self.boards: dict[str, str] = {}  # port -> identity from the board's hello
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="ports")
-        self._query: Future[list[PortIdentity]] | None = None
+        self._query: Background[list[PortIdentity]] = Background("ports")
 
     @property
     def last_port(self) -> str:
@@ -161,27 +153,24 @@ class ConnectionModel:
         """Return the text profile that was used last; empty for a board that speaks the BOAT protocol."""
         return str(self._preferences.get("profile", ""))
 
-    def ports(self) -> list[PortChoice]:
-        """Return the ports, those of BOAT boards first, then the last one used."""
-        found = [PortChoice(p.port, self._port_text(p.port, p.description)) for p in list_ports()]
-        return sorted(found, key=lambda c: (c.port not in self.boards, c.port != self.last_port, c.port))
-
-    def _port_text(self, port: str, description: str) -> str:
-        board = f"\u25cf BOAT board {self.boards[port]}" if port in self.boards else description
-        return f"{port}   {board}".strip()
+    def ports(self) -> list[tuple[str, str]]:
+        """Return the ports as (text, port), those of BOAT boards first, then the last one used."""
+        found = {p.port: p.description for p in list_ports()}
+        found |= {port: f"\u25cf BOAT board {board}" for port, board in self.boards.items() if port in found}
+        order = sorted(found, key=lambda port: (port not in self.boards, port != self.last_port, port))
+        return [(f"{port}   {found[port]}".strip(), port) for port in order]
 
     def query_boards(self) -> None:
         """Query every port for a board on a helper thread; not while one is connected, whose port is in use."""
-        if self._query is None and self.session.snapshot().link is LinkState.CLOSED:
-            self._query = self._pool.submit(identify_all_ports)
+        if not self._query.pending and self.session.snapshot().link is LinkState.CLOSED:
+            self._query.call(identify_all_ports)
 
     def take_answers(self) -> bool:
         """Take the answers once they have arrived; return whether they have."""
-        if self._query is None or not self._query.done():
-            return False
-        query, self._query = self._query, None
-        self.boards = {answer.port: answer.hello.board_id for answer in query.result() if answer.hello is not None}
-        return True
+        answers = self._query.take()
+        if answers is not None:
+            self.boards = {answer.port: answer.hello.board_id for answer in answers if answer.hello is not None}
+        return answers is not None
 
     def set_unit(self, unit: str) -> None:
         """Set the unit on the bench.
@@ -206,7 +195,7 @@ class ConnectionModel:
             raise OperatorError("no port is selected", "Select a port, or start the virtual board.")
         text = profile_text(profile)
         if text:
-            check_profile(text)
+            load_profile(text)  # refused here, before a port is opened with it
         self.session.connect(port.strip(), text or None, unit=self.unit)
         if self.board is None or port != self.board.url:
             self._preferences.set("port", port.strip())
@@ -257,7 +246,7 @@ class ConnectionModel:
 
     def close(self) -> None:
         """End the helper thread and the virtual board."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._query.close()
         self._end_board()
 
     def _end_board(self) -> None:

@@ -7,7 +7,6 @@ a helper thread: the analysis and its compiler take a moment to load, which must
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from analysis.arrays import FloatArray
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.viewmodels.common.jobs import Background
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 
@@ -64,34 +64,6 @@ def _inverse(stored: Mapping[str, Any]) -> Inverse:
     return Inverse.of(fit, noise_sd=stored.get("noise_mv"), model_sd=float(stored.get("model_mv") or 0.0))
 
 
-class Preparation:
-    """Prepares conversions: `start` begins one, `poll` returns it once."""
-
-    def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="calibration")
-        self._future: Future[Conversion] | None = None
-
-    def start(self, content: Mapping[str, Any]) -> None:
-        """Prepare the conversion of a stored calibration; an earlier one in preparation is discarded."""
-        self._future = self._pool.submit(prepare, content)
-
-    def poll(self) -> Conversion | None:
-        """Return the conversion once it is ready, else None.
-
-        Raises
-        ------
-        AnalysisError : the curve has no inverse.
-        """
-        if self._future is None or not self._future.done():
-            return None
-        future, self._future = self._future, None
-        return future.result()
-
-    def close(self) -> None:
-        """End the helper thread."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-
 class UnitInUse:
     """Keeps the live conversion in step with the unit's calibration in force.
 
@@ -104,7 +76,7 @@ class UnitInUse:
 
     def __init__(self, units: UnitLibrary, connection: ConnectionModel, live: LiveModel) -> None:
         self._units, self._connection, self._live = units, connection, live
-        self.preparation = Preparation()
+        self.preparation: Background[Conversion] = Background("calibration")
         self.conversion: Conversion | None = None
         self._stored: StoredCalibration | None = None
         self._followed = ("", 0)  # name, revision of the library
@@ -137,7 +109,7 @@ class UnitInUse:
         if (name, revision) != self._followed:
             self._followed = (name, revision)
             self.use(self._units.load(name).calibration if name else None)
-        ready = self.preparation.poll()
+        ready = self.preparation.take()
         if ready is not None:
             self._live.inverse = self.conversion = ready
 
@@ -145,8 +117,9 @@ class UnitInUse:
         """Show elongation by this calibration from now on; show none without one."""
         self._stored = stored
         self._live.inverse = self.conversion = None
+        self.preparation.pending.clear()  # of another calibration
         if stored is not None:
-            self.preparation.start(stored.content)
+            self.preparation.call(prepare, stored.content)
 
     def close(self) -> None:
         """End the helper thread."""

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.arrays import FloatArray
+from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
@@ -27,26 +28,7 @@ HEADLINE_S = 0.2  # a value is the mean over this time, so that it is legible
 HOLE_S = 1.0  # without a sample: a disconnected board, not a lost frame
 PIXELS_A_FRAME = 0.6  # a smaller motion need not be drawn
 FASTEST_MS, CALM_MS, REST_MS = 16, 40, 250
-
-
-class Ring(Protocol):
-    """The part of the ring buffer that the live pages need."""
-
-    def time_of(self, time_us: int) -> float | None:
-        """Return the ring's time of an instant of board time; None where the ring does not hold it."""
-
-    def view(self, since_s: float | None = None, *, last: int | None = None) -> dict[str, FloatArray]:
-        """Return copies of the columns."""
-
-    def draw(
-        self,
-        from_s: float | None = None,
-        to_s: float | None = None,
-        *,
-        max_points: int = 4000,
-        column_s: float | None = None,
-    ) -> dict[str, FloatArray]:
-        """Return the columns of a span, thinned to extremes."""
+CYCLES_KEPT, CYCLE_POINTS = 5, 1200  # of the overlay
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,21 +157,20 @@ class LiveModel:
     ring : returns the current ring; None before the first connection.
     """
 
-    ring: Callable[[], Ring | None]
+    ring: Callable[[], RingBuffer | None]
     inverse: Inverse | None = None
     window_s: float = 60.0
     together: bool = False  # both signals on one axis
     points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the fidelity
-    cursor_a: float | None = None
-    cursor_b: float | None = None
+    cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"
     markers: list[Marker] = field(default_factory=list)
-    _frozen: tuple[float, float] | None = None
+    frozen_s: tuple[float, float] | None = None  # the span, where it does not follow the data
     _ranges: dict[str, SteadyRange] = field(default_factory=dict)
 
     @property
     def following(self) -> bool:
         """Return whether the plots follow the data."""
-        return self._frozen is None
+        return self.frozen_s is None
 
     def has_data(self) -> bool:
         """Return whether a sample has arrived."""
@@ -208,34 +189,25 @@ class LiveModel:
 
     def set_window(self, seconds: float) -> None:
         """Show the last `seconds` (inf: all), following the data."""
-        self.window_s = seconds
-        self._frozen = None
+        self.window_s, self.frozen_s = seconds, None
 
-    def look_at(self, low_s: float, high_s: float) -> None:
-        """Show a fixed span, e.g. after panning."""
-        self._frozen = (low_s, high_s)
-
-    def freeze(self) -> None:
-        """Keep the current span."""
-        self._frozen = self.span_s()
-
-    def follow(self) -> None:
-        """Follow the data again."""
-        self._frozen = None
+    def toggle_freeze(self) -> None:
+        """Keep the current span, or follow the data again."""
+        self.frozen_s = self.span_s() if self.following else None
 
     def zoom(self, factor: float) -> None:
         """Show `factor` times the current span, about the right edge while following, else about the middle."""
         low, high = self.span_s()
-        if self._frozen is None:
+        if self.following:
             self.window_s = max(1.0, (high - low) * factor)
         else:
             middle, half = (low + high) / 2, (high - low) * factor / 2
-            self._frozen = (middle - half, middle + half)
+            self.frozen_s = (middle - half, middle + half)
 
     def span_s(self) -> tuple[float, float]:
         """Return the horizontal range, s."""
-        if self._frozen is not None:
-            return self._frozen
+        if self.frozen_s is not None:
+            return self.frozen_s
         now = self.now_s()
         if math.isnan(now):
             return 0.0, min(self.window_s, 60.0)
@@ -248,15 +220,12 @@ class LiveModel:
     def frame(self, width: int) -> PlotFrame | None:
         """Return the frame for `width` pixels; None before the first sample."""
         ring = self.ring()
-        low, high = self._shown_s(width)
         if ring is None:
             return None
-        points = ring.draw(
-            low, high, max_points=max(200, self.points_a_column * width), column_s=(high - low) / max(width, 1)
-        )
-        if not points["time_s"].size:
-            return None
-        return self._picture(width, low, high, with_holes(points))
+        low, high = self._shown_s(width)
+        most, column_s = max(200, self.points_a_column * width), (high - low) / max(width, 1)
+        points = ring.draw(low, high, max_points=most, column_s=column_s)
+        return self._picture(width, low, high, with_holes(points)) if points["time_s"].size else None
 
     def newest(self, frame: PlotFrame, width: int) -> PlotFrame | None:
         """Return what was added after the end of `frame`; None where the plot has to move or to be drawn whole.
@@ -349,28 +318,23 @@ class LiveModel:
         low, high = self.span_s()
         return low + (high - low) * (1 / 3 if which == "a" else 2 / 3)
 
-    def put_cursor(self, which: str, time_s: float | None) -> None:
-        """Put cursor "a" or "b" at an instant; None removes it."""
-        if which == "a":
-            self.cursor_a = time_s
-        else:
-            self.cursor_b = time_s
+    def _b_after_a_s(self) -> float:
+        """Return the time from cursor A to cursor B, s; NaN without two."""
+        return self.cursors_s.get("b", math.nan) - self.cursors_s.get("a", math.nan)
 
     def difference(self) -> str:
         """Return the time between the cursors as text; empty without two."""
-        if self.cursor_a is None or self.cursor_b is None:
-            return ""
-        return f"B \u2212 A = {number(self.cursor_b - self.cursor_a, 3, sign=True)} s"
+        apart_s = self._b_after_a_s()
+        return "" if math.isnan(apart_s) else f"B \u2212 A = {number(apart_s, 3, sign=True)} s"
 
     def statistics(self) -> list[Span]:
         """Return the statistics of every column between the two cursors; empty without two."""
-        if self.cursor_a is None or self.cursor_b is None:
-            return []
-        columns = self._samples(*sorted((self.cursor_a, self.cursor_b)))
+        apart_s = self._b_after_a_s()
+        columns = self._samples(*sorted(self.cursors_s.values())) if not math.isnan(apart_s) else {}
         time_s = columns.get("time_s", np.zeros(0))
         if time_s.size < 2:
             return []
-        sign = 1.0 if self.cursor_b >= self.cursor_a else -1.0
+        sign = 1.0 if apart_s >= 0 else -1.0
         result = [_span(f"Sensor {name[1:-3]}", "mV", 1, time_s, columns[name], sign) for name in sensor_names(columns)]
         if self.inverse is not None:
             result.append(_span("Elongation", "mm", 3, time_s, self.inverse(signals(columns)).mm, sign))
@@ -380,11 +344,8 @@ class LiveModel:
     def _samples(self, low_s: float, high_s: float) -> dict[str, FloatArray]:
         """Return every sample of a span; empty before the first connection."""
         ring = self.ring()
-        if ring is None:
-            return {}
-        columns = ring.view(low_s)
-        inside = columns["time_s"] <= high_s
-        return {name: values[inside] for name, values in columns.items()}
+        columns = ring.view(low_s) if ring is not None else {}
+        return {name: values[columns["time_s"] <= high_s] for name, values in columns.items()}
 
     def table(self, frame: PlotFrame | None) -> dict[str, FloatArray]:
         """Return every sample of the span shown, for a CSV."""
@@ -412,3 +373,38 @@ def _span(name: str, unit: str, decimals: int, time_s: FloatArray, values: Float
     beside = min(HEADLINE_S, (x[-1] - x[0]) / 2)
     apart = sign * float(y[x >= x[-1] - beside].mean() - y[x <= x[0] + beside].mean())
     return Span(name, unit, decimals, mean, sd, float(y.min()), float(y.max()), slope, snr, apart)
+
+
+@dataclass(frozen=True, slots=True)
+class OverlayModel:
+    """The last `CYCLES_KEPT` cycles of the run, each from its own beginning, to be overlaid.
+
+    Parameters
+    ----------
+    ring : returns the current ring.
+    steps : returns the steps of the run.
+    time_of : converts board time (microseconds) to the ring's time; None where the ring does not hold it.
+    """
+
+    ring: Callable[[], RingBuffer | None]
+    steps: Callable[[], tuple[StepMark, ...]]
+    time_of: Callable[[int], float | None]
+
+    def cycles(self) -> list[tuple[int, Columns]]:
+        """Return number and columns of each cycle, over the time since it began, oldest first."""
+        ring, spans = self.ring(), self.spans()[-CYCLES_KEPT:]
+        if ring is None:
+            return []
+        drawn = ((n, begin, ring.draw(begin, end, max_points=CYCLE_POINTS)) for n, begin, end in spans)
+        return [(n, columns | {"time_s": columns["time_s"] - begin}) for n, begin, columns in drawn]
+
+    def spans(self) -> list[tuple[int, float, float | None]]:
+        """Return (cycle, begin, end) in the ring's time; the end of the current one is None."""
+        spans: dict[int, tuple[float, float | None]] = {}
+        for step in self.steps():
+            begin = self.time_of(step.started_us)
+            if step.cycle < 1 or begin is None:
+                continue
+            end = None if step.ended_us is None else self.time_of(step.ended_us)
+            spans[step.cycle] = (spans.get(step.cycle, (begin, None))[0], end)
+        return [(number, begin, end) for number, (begin, end) in sorted(spans.items())]

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 
 from boat_daq.errors import OperatorError
-from protocol.text.profile import load_profile
 from protocol.text.rx8 import parse_format
 
 _SENSOR = re.compile(r"(?:s|sensor|ch)_?([1-4])(?:_?(signal|lit|dark|on|off))?", re.IGNORECASE)
@@ -62,16 +61,6 @@ format = "{line}"
 [rx8.variables]
 {rows}
 """
-
-
-def check_profile(text: str) -> None:
-    """Read a profile, TOML or the path of one, before a port is opened with it.
-
-    Raises
-    ------
-    ProfileError : it cannot be read, or holds a value that is not allowed; names the key.
-    """
-    load_profile(text)
 
 
 def meaning(variable: str) -> str:

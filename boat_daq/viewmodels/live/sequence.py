@@ -6,7 +6,6 @@ are one table over the states.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -81,6 +80,7 @@ class Staircase:
         return self.time_s[::2]
 
 
+@lru_cache(maxsize=4)
 def staircase(plan: Plan) -> Staircase:
     """Return the staircase of a plan, with its own estimate of the duration of each step."""
     time_s, pressure = [0.0], [0.0]
@@ -152,7 +152,6 @@ class SequenceModel:
         self.refused: dict[str, str] = {}  # field -> why its last entry is invalid
         self._typed: dict[str, int | float] = {}  # invalid alone; tried again with the next entry
         self.revision = 0
-        self._picture: tuple[Plan, Staircase] | None = None
         self._needs_readings = False
 
     def _store(self) -> None:
@@ -170,10 +169,7 @@ class SequenceModel:
     def drawing(self, snapshot: SessionSnapshot) -> StaircaseDrawing:
         """Return the staircase with limits and the done part of the run."""
         limits = snapshot.limits
-        plan = snapshot.plan if snapshot.plan is not None else self.plan
-        if self._picture is None or self._picture[0] is not plan:
-            self._picture = (plan, staircase(plan))
-        picture = self._picture[1]
+        picture = staircase(snapshot.plan or self.plan)
         return drawing(picture, done_s(picture, snapshot), (limits.min_kpa, limits.max_kpa) if limits else None)
 
     def choose(self, name: str) -> None:
@@ -229,10 +225,9 @@ class SequenceModel:
         alone = {key: number_typed}
         for changed in (self._typed | alone, alone):
             try:
-                plan = dataclasses.replace(self.plan, **changed)  # type: ignore[arg-type]
+                plan = replace(self.plan, **changed)  # type: ignore[arg-type]
             except BadValue as error:
-                cause = f"'{error.key}' {error.why}"
-                why = f"{_in_terms_of_form(cause)}. {_in_terms_of_form(error.remedy)}".strip()
+                why = ". ".join(map(_in_terms_of_form, (f"'{error.key}' {error.why}", error.remedy))).strip()
             else:
                 left = {k: v for k, v in self._typed.items() if k not in changed}
                 reasons = {k: why for k, why in self.refused.items() if k not in changed}
@@ -248,8 +243,7 @@ class SequenceModel:
 
     def value(self, key: str) -> str:
         """Return a field as text."""
-        value = getattr(self.plan, key)
-        return f"{value:g}".replace("-", "\u2212")
+        return f"{getattr(self.plan, key):g}".replace("-", "\u2212")
 
     def _replace(self, plan: Plan, text: str) -> None:
         before = self.plan
@@ -290,10 +284,8 @@ class SequenceModel:
         BoatDaqError : it is not allowed now.
         """
         if self.refused:
-            raise OperatorError(
-                f"the plan is invalid: {next(iter(self.refused.values()))}",
-                "Correct the marked fields of the plan, then arm.",
-            )
+            cause = f"the plan is invalid: {next(iter(self.refused.values()))}"
+            raise OperatorError(cause, "Correct the marked fields of the plan, then arm.")
         waits = self.wait_for_reading and self.plan.kind == "staircase"
         self.session.arm(self.plan, wait_for_reading=waits, resume=resume)
         self._needs_readings = waits
@@ -323,8 +315,7 @@ def _in_terms_of_form(text: str) -> str:
 
 def state_text(snapshot: SessionSnapshot) -> str:
     """Return the run's state with its shape, e.g. `Running`."""
-    shape, word, _ = STATES[snapshot.state]
-    return f"{shape} {word}"
+    return " ".join(STATES[snapshot.state][:2])
 
 
 def progress_text(snapshot: SessionSnapshot) -> str:
@@ -340,11 +331,8 @@ def progress_text(snapshot: SessionSnapshot) -> str:
     step = f"step {progress.step} of {progress.steps}"
     if snapshot.state is SessionState.PAUSED:
         return f"{where}   {step}   {left}   will repeat this cycle"
-    return f"{where}   {step}   {left}   {_phase(progress.phase)} at {target(progress.target_kpa)}"
-
-
-def _phase(phase: Phase) -> str:
-    return PHASE_WORDS.get(phase, str(phase.value))
+    phase = PHASE_WORDS.get(progress.phase, progress.phase.value)
+    return f"{where}   {step}   {left}   {phase} at {target(progress.target_kpa)}"
 
 
 def done_s(picture: Staircase, snapshot: SessionSnapshot) -> float:
@@ -362,7 +350,5 @@ def limits_text(limits: Limits | None) -> str:
     if limits is None:
         return ""
     low, high = number(limits.min_kpa, 0, sign=True), number(limits.max_kpa, 0, sign=True)
-    whose = (
-        limits.min_source if limits.min_source == limits.max_source else f"{limits.min_source} and {limits.max_source}"
-    )
+    whose = " and ".join(dict.fromkeys((limits.min_source, limits.max_source)))
     return f"limits {low} to {high} kPa, of the {whose}"

@@ -8,8 +8,6 @@ the fixed base.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +16,8 @@ from numpy.typing import NDArray
 
 from analysis.arrays import FloatArray
 from boat_daq.viewmodels.common.formatting import NOTHING, number
-from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
-from boat_daq.viewmodels.live.live_model import Inverse, Ring, signals
+from boat_daq.viewmodels.common.jobs import Background, Job, JobRunner, JobState
+from boat_daq.viewmodels.live.live_model import LiveModel, signals
 from boat_daq.viewmodels.live.shadow_jobs import (
     HELD_BELOW_KPA,
     HELD_KPA,
@@ -95,15 +93,13 @@ class ShadowLive:
 
     Parameters
     ----------
-    ring : returns the current ring.
-    inverse : returns the current conversion, or None.
+    live : has the current ring and conversion.
     jobs : run the jobs that build the table and test stability.
     """
 
-    def __init__(self, ring: Callable[[], Ring | None], inverse: Callable[[], Inverse | None], jobs: JobRunner) -> None:
-        self._ring, self._inverse, self._jobs = ring, inverse, jobs
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="shadow")
-        self._loading: Future[Shadow] | None = None
+    def __init__(self, live: LiveModel, jobs: JobRunner) -> None:
+        self._live, self._jobs = live, jobs
+        self._loading: Background[Shadow] = Background("shadow")
         self._prepared, self._level = False, "normal"
         self.model: Shadow | None = None
         self.quantity = "displacement"
@@ -130,21 +126,21 @@ class ShadowLive:
 
     def _built(self, job: Job) -> None:
         if job.state is JobState.DONE:
-            self._loading = self._pool.submit(load_model, self._level)
+            self._loading.call(load_model, self._level)
         elif job.failure is not None:
             self.problem = job.failure.cause
 
     def poll(self) -> None:
         """Take the model once it is loaded."""
-        if self._loading is not None and self._loading.done():
-            future, self._loading = self._loading, None
-            self.model = future.result()
+        loaded = self._loading.take()
+        if loaded is not None:
+            self.model = loaded
             self._jobs.cancel("stability")  # of another model
             self._unstable, self._stability_job, self._no_stability = None, None, ""
 
     def close(self) -> None:
         """End the helper thread."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._loading.close()
 
     def nominal_curve(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
         """Return pressures (kPa), nominal elongation and its band, k = 2 (mm), over the table; None while it loads."""
@@ -157,25 +153,23 @@ class ShadowLive:
 
     def trace(self) -> tuple[FloatArray, FloatArray]:
         """Return pressure (kPa) and measured elongation (mm) of the last minute."""
-        ring, inverse = self._ring(), self._inverse()
-        recent = ring.view(last=1) if ring is not None else {"time_s": np.zeros(0)}
-        if ring is None or inverse is None or not recent["time_s"].size:
+        ring, inverse = self._live.ring(), self._live.inverse
+        if ring is None or inverse is None or not self._live.has_data():
             return np.zeros(0), np.zeros(0)
-        columns = ring.view(float(recent["time_s"][0]) - TRACE_S)
+        columns = ring.view(self._live.now_s() - TRACE_S)
         pressure, mm = columns["pressure_kpa"], inverse(signals(columns)).mm
         # block means: the extremes that time plots draw are not simultaneous
         size = max(1, mm.size // TRACE_POINTS)
         whole = mm.size // size * size
-        pressure, mm = (values[:whole].reshape(-1, size).mean(axis=1) for values in (pressure, mm))
-        return pressure, mm
+        return pressure[:whole].reshape(-1, size).mean(axis=1), mm[:whole].reshape(-1, size).mean(axis=1)
 
     # ---- the picture ---------------------------------------------------------------------------------------------
 
     def now(self) -> Moment:
         """Return the current measurement."""
-        ring, inverse = self._ring(), self._inverse()
-        recent = ring.view(last=RECENT) if ring is not None else {"time_s": np.zeros(0)}
-        if not recent["time_s"].size:
+        ring, inverse = self._live.ring(), self._live.inverse
+        recent = ring.view(last=RECENT) if ring is not None else {}
+        if not recent or not recent["time_s"].size:
             return Moment(calibrated=inverse is not None)
         pressure = float(recent["pressure_kpa"].mean())
         if inverse is None:
@@ -252,9 +246,8 @@ class ShadowLive:
         quads = self.model.topology.quads[:, :4]
         half = state.nodes_mm[quads]
         full, _, factor = SCALES[self.quantity]
-        values = (state.displacement_mm if self.quantity == "displacement" else state.strain)[quads].mean(
-            axis=1
-        ) * factor
+        nodal = state.displacement_mm if self.quantity == "displacement" else state.strain
+        values = nodal[quads].mean(axis=1) * factor
         levels = np.clip((values / full * LEVELS).astype(np.int64), 0, LEVELS - 1)
         return np.concatenate([half, half * [-1.0, 1.0]]), np.concatenate([levels, levels])
 

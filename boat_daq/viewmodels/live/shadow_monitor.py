@@ -7,17 +7,17 @@ longer holds, or that no calibration converts, is left out.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from analysis.arrays import FloatArray
+from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.viewmodels.common.formatting import MINUS, THIN, count, duration, number
-from boat_daq.viewmodels.live.live_model import Ring, signals
-from boat_daq.viewmodels.live.overlay import OverlayModel
+from boat_daq.viewmodels.common.jobs import Background
+from boat_daq.viewmodels.live.live_model import OverlayModel, signals
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow
@@ -62,17 +62,6 @@ SERIES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class AlarmRow:
-    """An alarm as text: what, since when, found when, how sure, by which figure."""
-
-    what: str
-    since: str
-    found: str
-    sure: str
-    why: str
-
-
 class ShadowMonitor:
     """Follows the cycles of a run.
 
@@ -84,11 +73,10 @@ class ShadowMonitor:
     """
 
     def __init__(
-        self, model: Callable[[], Shadow | None], overlay: OverlayModel, ring: Callable[[], Ring | None]
+        self, model: Callable[[], Shadow | None], overlay: OverlayModel, ring: Callable[[], RingBuffer | None]
     ) -> None:
         self._model, self._overlay, self._ring = model, overlay, ring
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="monitor")
-        self._futures: list[Future[tuple[CycleMark, list[Alarm], dict[str, float]]]] = []
+        self._reducing: Background[tuple[CycleMark, list[Alarm], dict[str, float]]] = Background("monitor")
         self._monitor: Any = None
         self._taken: set[int] = set()
         self._run: object = MISSING
@@ -122,7 +110,7 @@ class ShadowMonitor:
         inside = np.flatnonzero(columns["time_s"] <= end)
         inside = inside[:: max(1, inside.size // THINNED_TO)]
         cycle = {name: values[inside] for name, values in columns.items()}
-        self._futures.append(self._pool.submit(self._reduce, shadow, conversion, number, cycle))
+        self._reducing.call(self._reduce, shadow, conversion, number, cycle)
 
     def _reduce(
         self, shadow: Shadow, conversion: Conversion, number: int, cycle: dict[str, FloatArray]
@@ -148,8 +136,8 @@ class ShadowMonitor:
         AnalysisError : a cycle could not be reduced; it is left out, and the next call continues after it.
         """
         reported = self._reported
-        while self._futures and self._futures[0].done():
-            mark, alarms, self._sight = self._futures.pop(0).result()
+        while (reduced := self._reducing.take()) is not None:
+            mark, alarms, self._sight = reduced
             self.marks.append(mark)
             self.alarms += alarms
             self.revision += 1
@@ -180,27 +168,23 @@ class ShadowMonitor:
 
     def sight(self) -> str:
         """Return the least leak and softening that would be found now, as text."""
-        sizes = (
-            ("a leak", self._sight.get("loss", np.inf), "%/min", 1),
-            ("softening", 100.0 * self._sight.get("gain", np.inf), "%", 1),
-        )
-        known = [
-            f"{what} from {number(size, digits)} {unit}" for what, size, unit, digits in sizes if np.isfinite(size)
-        ]
-        blind = [what for what, size, _, _ in sizes if not np.isfinite(size)]
+        loss, gain = self._sight.get("loss", np.inf), 100.0 * self._sight.get("gain", np.inf)
+        sizes = (("a leak", loss, "%/min"), ("softening", gain, "%"))
+        known = [f"{what} from {number(size, 1)} {unit}" for what, size, unit in sizes if np.isfinite(size)]
+        blind = [what for what, size, _ in sizes if not np.isfinite(size)]
         parts = [f"would find {' and '.join(known)}"] * bool(known)
         return ", ".join(parts + [f"too few cycles yet to find {' or '.join(blind)}"] * bool(blind))
 
-    def rows(self) -> list[AlarmRow]:
-        """Return the alarms as text, the newest first."""
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return the alarms as text, the newest first: what, since when, found when, how sure, by which figure."""
         return [self._row(alarm) for alarm in reversed(self.alarms)]
 
-    def _row(self, alarm: Alarm) -> AlarmRow:
+    def _row(self, alarm: Alarm) -> tuple[str, ...]:
         since, found = self._mark(alarm.since_cycle), self._mark(alarm.cycle)
         may = f", may follow from {' and '.join(alarm.may_follow_from)}" if alarm.may_follow_from else ""
         size = f"{100 * alarm.shift:+.1f} %" if alarm.unit == "" else f"{alarm.shift:+.3g} {alarm.unit}"
         later = found.cycle - since.cycle
-        return AlarmRow(
+        return (
             alarm.fault.capitalize(),
             f"cycle {since.cycle}, {duration(since.begin_s)}",
             f"cycle {found.cycle}, {later} later" if later else f"cycle {found.cycle}, immediately",
@@ -214,4 +198,4 @@ class ShadowMonitor:
 
     def close(self) -> None:
         """End the helper thread."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._reducing.close()

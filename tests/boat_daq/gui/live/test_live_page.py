@@ -81,12 +81,12 @@ def test_first_sample_replaces_the_first_steps(live):
 
 def test_frozen_plot_keeps_recording(live):
     """A frozen display keeps its range while samples arrive."""
-    live.live.toggle_freeze()
+    live.live.model.toggle_freeze()
     before = live.model.live.span_s()
     ring = filled_ring(400.0)
     live.model.session.ring = ring
     assert live.model.live.span_s() == before
-    live.live.toggle_freeze()
+    live.live.model.toggle_freeze()
     assert live.model.live.span_s()[1] == pytest.approx(399.99)
 
 

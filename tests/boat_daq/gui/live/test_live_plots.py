@@ -78,7 +78,7 @@ def test_cursor_is_dragged_with_the_mouse(live):
     run_shortcut(live, "B")
     plots = live.live.plots
     plot, _ = plots._cursors["a"][0]
-    before = plots.model.cursor_a
+    before = plots.model.cursors_s["a"]
     view, box = plots.view, plot.item.getViewBox()
 
     def at(time_s: float) -> QPoint:
@@ -92,8 +92,8 @@ def test_cursor_is_dragged_with_the_mouse(live):
         QTest.mouseMove(view.viewport(), start + (end - start) * share)
         QTest.qWait(20)
     QTest.mouseRelease(view.viewport(), Qt.MouseButton.LeftButton, pos=end)
-    assert plots.model.cursor_a == pytest.approx(before + 5.0, abs=0.3)
-    assert {entry[1].value() for entry in plots._cursors["a"]} == {plots.model.cursor_a}
+    assert plots.model.cursors_s["a"] == pytest.approx(before + 5.0, abs=0.3)
+    assert {entry[1].value() for entry in plots._cursors["a"]} == {plots.model.cursors_s["a"]}
     live.refresh()
     assert live.live.spans.isVisible()
 

@@ -58,7 +58,7 @@ def test_absence_of_alarms_is_reported(page, app_model):  # noqa: F811 - the fix
     """A healthy run is reported as such, with the rate of false alarms that is allowed."""
     doubtful = Alarm("drift", "offset", "mm", -0.02, 10, 12, 2500.0, (), independent=False)
     page.monitor.alarms = [doubtful]
-    assert page.monitor.rows()[0].sure == "2\u2009500 cycles or fewer"
+    assert page.monitor.rows()[0][3] == "2\u2009500 cycles or fewer"
     page.monitor.alarms = []
     page.monitor.revision += 1
     page.refresh(app_model.snapshot)
@@ -85,7 +85,7 @@ def test_cycle_without_figures_is_reported_and_skipped(page, app_model):  # noqa
     alarm = Alarm("leak", "loss", "%/min", 2.0, 13, 13, 9000.0)
     bad = DataError("no elongation is known in this cycle", "check the calibration's range")
     page.monitor._reported = len(page.monitor.alarms)
-    page.monitor._futures = [Done((mark(13), [alarm], {})), Done(bad), Done((mark(15), [], {}))]
+    page.monitor._reducing.pending = [Done((mark(13), [alarm], {})), Done(bad), Done((mark(15), [], {}))]
     app_model.tick()
     assert app_model.notices.current().cause == "no elongation is known in this cycle"
     app_model.tick()

@@ -92,7 +92,7 @@ def test_sampled_posterior_replaces_curve_and_bands(live):
 def test_missed_bounds_are_shown_beside_the_accept_button(live, size):
     """Figures, bounds and their source are visible beside a button that is not primary; acceptance is marked."""
     model = live.model
-    model.unit.preparation.start = lambda content: None  # the live conversion is not looked at here
+    model.unit.preparation.call = lambda *_: None  # the live conversion is not looked at here
     live.resize(*size)
     live.go("Calibrate")
     page = live.pages["Calibrate"]
@@ -158,7 +158,7 @@ def test_readings_are_corrected_in_a_panel(live, tmp_path, qtbot):
 def test_key_does_not_accept_a_calibration_out_of_tolerance(live):
     """Ctrl+Return then prompts in the status strip, without a dialog; its action accepts."""
     model = live.model
-    model.unit.preparation.start = lambda content: None  # the live conversion is not looked at here
+    model.unit.preparation.call = lambda *_: None  # the live conversion is not looked at here
     live.go("Calibrate")
     model.calibration.show(out_of_tolerance_result())
     live.refresh()

@@ -45,10 +45,10 @@ def test_following_and_looking_back(ring):
     """Following ends at the newest sample; a view of the past stays where it is; zoom keeps its anchor."""
     model = LiveModel(lambda: ring, window_s=30.0)
     assert model.span_s() == pytest.approx((569.99, 599.99))
-    model.look_at(100.0, 120.0)
+    model.frozen_s = (100.0, 120.0)
     model.zoom(0.5)
     assert model.span_s() == (105.0, 115.0)
-    model.follow()
+    model.frozen_s = None
     model.zoom(2.0)
     assert model.span_s() == pytest.approx((539.99, 599.99))
 
@@ -102,7 +102,7 @@ def test_plot_that_must_change_is_drawn_whole(what):
     elif what == "a hole":
         append(ring, now_s + 1.2, s1_mv=1640.0)
     elif what == "held":
-        model.look_at(0.0, 30.0)
+        model.frozen_s = (0.0, 30.0)
     elif what == "a calibration":
         model.inverse = lambda mv: LiveElongation(mv[:, 0], mv[:, 1], np.zeros(len(mv), bool))
     assert model.newest(drawn, 640 if what == "another width" else 800) is None
@@ -120,8 +120,8 @@ def test_nothing_to_draw_before_the_first_sample():
 def test_statistics_between_the_cursors_agree_with_numpy(ring):
     """Mean, sd, extremes and slope are those of the samples between A and B, in either order."""
     model = LiveModel(lambda: ring)
-    model.put_cursor("a", 50.0)
-    model.put_cursor("b", 40.0)
+    model.cursors_s["a"] = 50.0
+    model.cursors_s["b"] = 40.0
     first = model.statistics()[0]
     columns = ring.view()
     inside = (columns["time_s"] >= 40.0) & (columns["time_s"] <= 50.0)
@@ -131,8 +131,8 @@ def test_statistics_between_the_cursors_agree_with_numpy(ring):
     assert first.slope_per_s == pytest.approx(np.polyfit(t, y, 1)[0], rel=1e-6)
     at_a, at_b = y[t >= t[-1] - 0.2].mean(), y[t <= t[0] + 0.2].mean()
     assert first.difference == pytest.approx(at_b - at_a, rel=0.02)
-    model.put_cursor("a", 30.0)
-    model.put_cursor("b", 40.0)
+    model.cursors_s["a"] = 30.0
+    model.cursors_s["b"] = 40.0
     t, y = columns["time_s"], columns["s1_mv"]
     from_a, to_b = y[(t >= 30.0) & (t <= 30.2)].mean(), y[(t >= 39.8) & (t <= 40.0)].mean()
     assert model.statistics()[0].difference == pytest.approx(to_b - from_a, rel=0.02)

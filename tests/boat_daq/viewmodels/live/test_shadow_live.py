@@ -8,7 +8,7 @@ import pytest
 from boat_daq.viewmodels.common.formatting import number
 from boat_daq.viewmodels.common.jobs import JobFailure, JobRunner, JobState
 from boat_daq.viewmodels.live import shadow_live
-from boat_daq.viewmodels.live.live_model import LiveElongation
+from boat_daq.viewmodels.live.live_model import LiveElongation, LiveModel
 from boat_daq.viewmodels.live.shadow_jobs import unstable_held_states, unstable_places
 from boat_daq.viewmodels.live.shadow_live import LEVELS, Moment, ShadowLive
 from tests.boat_daq.gui.recorded_session import filled_ring
@@ -22,7 +22,7 @@ def ring():
 
 
 def pane_on(ring, model, inverse):
-    pane = ShadowLive(lambda: ring, lambda: inverse, JobRunner())
+    pane = ShadowLive(LiveModel(lambda: ring, inverse), JobRunner())
     pane.model = model
     return pane
 

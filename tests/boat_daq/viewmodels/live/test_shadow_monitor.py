@@ -10,7 +10,7 @@ import pytest
 
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import Phase, Progress
-from boat_daq.viewmodels.live.overlay import OverlayModel
+from boat_daq.viewmodels.live.live_model import OverlayModel
 from boat_daq.viewmodels.live.shadow_monitor import ShadowMonitor
 from tests.boat_daq.gui.recorded_session import connected, filled_ring
 from tests.boat_daq.viewmodels.helpers import Straight

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from boat_daq.engine.plan import StepMark
-from boat_daq.viewmodels.live.overlay import OverlayModel
+from boat_daq.viewmodels.live.live_model import OverlayModel
 
 
 def test_cycles_begin_at_zero(ring):
@@ -15,7 +15,7 @@ def test_cycles_begin_at_zero(ring):
     )
     model = OverlayModel(lambda: ring, lambda: marks, lambda time_us: time_us / 1e6)
     cycles = model.cycles()
-    assert [c.number for c in cycles] == [1, 2, 3]
-    for cycle in cycles:
-        assert cycle.time_s[0] == pytest.approx(0.0, abs=0.3)  # a thinned point may lie just before
-        assert cycle.time_s[-1] == pytest.approx(36.0, abs=0.3)
+    assert [number for number, _ in cycles] == [1, 2, 3]
+    for _, columns in cycles:
+        assert columns["time_s"][0] == pytest.approx(0.0, abs=0.3)  # a thinned point may lie just before
+        assert columns["time_s"][-1] == pytest.approx(36.0, abs=0.3)

@@ -11,7 +11,7 @@ from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.snapshot import LinkState, RunEnding, SessionState
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.undo import UndoHistory
-from boat_daq.viewmodels.live.run_offers import ResumeRun
+from boat_daq.viewmodels.live.run_model import ResumeRun
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle, services_in

@@ -17,8 +17,7 @@ from PIL import Image
 from PySide6.QtWidgets import QWidget
 
 from boat_daq.errors import OperatorError
-from boat_daq.gui.live.photograph_panel import PhotographPanel
-from boat_daq.gui.live.picture_file import FILE_BYTES_MAX, read_picture
+from boat_daq.gui.live.photograph_panel import FILE_BYTES_MAX, PhotographPanel, read_picture
 from tests.faults.drill import ROOT
 
 
@@ -143,7 +142,7 @@ BOUNDED = """
 import os, resource, sys
 from pathlib import Path
 from PySide6.QtWidgets import QApplication
-from boat_daq.gui.live.picture_file import read_picture
+from boat_daq.gui.live.photograph_panel import read_picture
 application = QApplication([])
 pages = int(Path("/proc/self/statm").read_text().split()[0])
 limit = pages * resource.getpagesize() + int(sys.argv[2])

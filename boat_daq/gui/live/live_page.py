@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QFrame, QLabel, QTabWidget, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QScrollArea, QTabWidget, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.live.first_steps import FirstSteps
 from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots
 from boat_daq.gui.live.photograph_panel import PhotographPanel
 from boat_daq.gui.live.plan_form import PlanForm
@@ -22,12 +22,29 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.layouts import Divided, Leaves
 from boat_daq.viewmodels.common import formatting
-from boat_daq.viewmodels.common.services import Page, Services
+from boat_daq.viewmodels.common.services import Page, Panel, Services
+from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.live_model import HEADINGS, HEADINGS_SHORT, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 
 SPACING = 6  # between the parts of a value
+STEPS = (
+    (
+        "Connect",
+        "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for practice.",
+    ),
+    (
+        "Run the plan",
+        "Arm checks the limits, Start records and runs the cycles. At each plateau, type the elongation on the "
+        "millimetre grid and press Enter.",
+    ),
+    (
+        "Accept the calibration",
+        "The Calibrate page fits the run and shows its bands and figures. Once accepted, the elongation is shown live "
+        "in millimetres.",
+    ),
+)
 
 
 class ValueDisplay(QWidget):
@@ -48,9 +65,7 @@ class ValueDisplay(QWidget):
         line = widgets.row(self.value, self.unit, None, spacing=SPACING)
         for widget in (self.value, self.unit):
             line.setAlignment(widget, Qt.AlignmentFlag.AlignBaseline)
-        layout = widgets.column(head, line, spacing=0)
-        layout.setContentsMargins(0, 0, 0, 0)
-        self.setLayout(layout)
+        self.setLayout(widgets.column(head, line, spacing=0, margins=(0, 0, 0, 0)))
         self.resize_text(style.FONT_MEASURED)
 
     def resize_text(self, pixels: int) -> None:
@@ -78,6 +93,39 @@ def table(rows: Sequence[Sequence[str]], spacing: int) -> str:
     return f"<table cellspacing='0' cellpadding='0'>{''.join(lines)}</table>"
 
 
+class FirstSteps(QScrollArea):
+    """Three steps from a board to a calibration."""
+
+    def __init__(self, connection: ConnectionModel, services: Services) -> None:
+        super().__init__()
+        self.board = widgets.button("Connect a board …", partial(services.show, Panel.CONNECT))
+        start = partial(services.notices.attempt, connection.start_virtual_board)
+        self.virtual = widgets.button("Start the virtual board", start, "primary")
+        self.plan = widgets.button("Show the plan", partial(services.show, Panel.PLAN))
+        buttons = ((self.virtual, self.board), (self.plan,), ())
+        steps = [self._step(str(i), *STEPS[i - 1], *each) for i, each in enumerate(buttons, 1)]
+        frame, inside = widgets.card(widgets.label("From a board to a calibration", "title"), *steps)
+        frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
+        inside.setContentsMargins(*(6 * style.STEP,) * 4)
+        inside.setSpacing(style.CARD_PADDING)
+        across = widgets.row(None, (frame, 100), None)  # no alignment: an aligned frame does not wrap its text
+        self.setWidgetResizable(True)
+        self.setWidget(widgets.holder(widgets.column(None, across, None)))
+
+    def _step(self, number: str, title: str, text: str, *buttons: QWidget) -> QFrame:
+        grid = QGridLayout()
+        grid.setColumnStretch(1, 1)
+        grid.setHorizontalSpacing(style.CARD_PADDING)
+        digit = widgets.label(number, "title")
+        digit.setFixedWidth(6 * style.STEP)
+        grid.addWidget(digit, 0, 0)
+        grid.addWidget(widgets.label(title, "subtitle"), 0, 1)
+        grid.addWidget(widgets.label(text, "muted", wrap=True), 1, 1)
+        if buttons:
+            grid.addLayout(widgets.row(*buttons, None), 2, 1)
+        return widgets.card(grid)[0]
+
+
 class LivePage(QWidget):
     """The live page on a `RunModel`."""
 
@@ -87,11 +135,11 @@ class LivePage(QWidget):
         self.plots = LivePlots(self.model)
         self.figures = self._figures()
         self.spans = widgets.label("", "small")
-        self.spans.setTextFormat(Qt.TextFormat.RichText)
         self.spans.hide()
         self.between = widgets.label("", "small", name="Statistics between the cursors")
+        for statistics in (self.spans, self.between):
+            statistics.setTextFormat(Qt.TextFormat.RichText)
         self._before = 0  # the tab shown before the statistics
-        self.between.setTextFormat(Qt.TextFormat.RichText)
         self.between.setStyleSheet(f"font-size: {style.FONT_NARROW}px;")
         self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.sequence = SequencePanel(run, services.notices)
@@ -118,26 +166,21 @@ class LivePage(QWidget):
         }  # fmt: skip
 
     def _head(self) -> QFrame:
-        frame, layout = widgets.card()
         self.figure_line = widgets.row(*self.figures.values(), None)
-        layout.addLayout(self.figure_line)
         windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
-        self.window_choice = widgets.choice("Time shown", windows)
+        self.window_choice = widgets.choice("Time shown", windows, self.set_window)
         self.window_choice.setCurrentIndex(WINDOWS_S.index(self.model.window_s))
-        self.window_choice.activated.connect(lambda _: self.set_window(self.window_choice.currentData()))
         self.freeze = widgets.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
         for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
-        return frame
+        return widgets.card(self.figure_line)[0]
 
     def _marker(self) -> QFrame:
-        frame, layout = widgets.card()
-        self.note = widgets.field("Note of the marker", placeholder="What happened?")
-        self.note.returnPressed.connect(self._mark)
+        self.note = widgets.field("Note of the marker", on_enter=self._mark, placeholder="What happened?")
         add = widgets.button("Add", self._mark, name="Add marker")
         cancel = widgets.button("Cancel", self._close_marker, name="Cancel marker")
-        layout.addLayout(widgets.row(widgets.label("Marker", "subtitle"), self.note, add, cancel))
+        frame, _ = widgets.card(widgets.row(widgets.label("Marker", "subtitle"), self.note, add, cancel))
         frame.hide()
         return frame
 

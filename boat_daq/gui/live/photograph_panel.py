@@ -1,13 +1,20 @@
-"""A reading from a picture: two clicks for the scale, one for the tip at rest, one for the tip now."""
+"""A reading from a picture: two clicks for the scale, one for the tip at rest, one for the tip now.
+
+An untrusted picture file is read in bounded time and memory: its kind is found from the content, not the name, and only
+plain raster kinds are decoded: an SVG may name other files and repeat itself without end. The size is checked before
+decoding; a pipe or a device is not opened.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from PySide6.QtCore import QPoint, QPointF, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QGuiApplication,
+    QImageReader,
     QKeySequence,
     QMouseEvent,
     QPainter,
@@ -20,7 +27,6 @@ from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGra
 
 from boat_daq.errors import OperatorError
 from boat_daq.gui import style
-from boat_daq.gui.live.picture_file import KINDS, REMEDY, read_picture
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.formatting import NOTHING, number, plain_number
@@ -28,8 +34,33 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.photograph import Photograph
 from boat_daq.viewmodels.live.run_model import RunModel
 
+KINDS: Final = ("png", "jpg", "jpeg", "bmp", "tif", "tiff")
+FILE_BYTES_MAX: Final = 200_000_000
+REMEDY: Final = "Copy or choose a PNG or JPEG of the millimetre grid."
 NO_PLATEAU = "Measured. No plateau needs a reading now: take it when one does, or type it."
 MARKS = ("scale 1", "scale 2", "rest", "tip")
+
+
+def read_picture(path: Path) -> QPixmap:
+    """Return the picture in a file, rotated as its camera recorded.
+
+    Raises
+    ------
+    OperatorError : it is no picture of these kinds, is incomplete, or is too large (256 MB decoded).
+    """
+    if not path.is_file():
+        raise OperatorError(f"{path.name} is no picture file", REMEDY)
+    if path.stat().st_size > FILE_BYTES_MAX:
+        raise OperatorError(f"{path.name} is no picture of less than {FILE_BYTES_MAX // 1_000_000} MB", REMEDY)
+    reader = QImageReader(str(path))
+    reader.setDecideFormatFromContent(True)
+    reader.setAutoTransform(True)
+    if reader.format().toStdString() not in KINDS:
+        raise OperatorError(f"{path.name} is no picture of a kind that can be read", REMEDY)
+    image = reader.read()
+    if image.isNull():
+        raise OperatorError(f"{path.name} holds no picture that can be decoded: {reader.errorString()}", REMEDY)
+    return QPixmap.fromImage(image)
 
 
 class PictureView(QGraphicsView):
@@ -108,14 +139,11 @@ class PhotographPanel(QDialog):
         self.state = Photograph()
         self.setWindowTitle("Reading from a photograph")
         self.setModal(False)
-        self.resize(style.WINDOW_MINIMUM[0], style.WINDOW_MINIMUM[1])
+        self.resize(*style.WINDOW_MINIMUM)
         self.view = PictureView()
         self.view.clicked.connect(self.click)
-        self.instruction = widgets.label(
-            "Load or paste (Ctrl+V) a picture of the millimetre grid. Wheel: zoom; right button: move.",
-            "set",
-            name="What to do next",
-        )
+        first = "Load or paste (Ctrl+V) a picture of the millimetre grid. Wheel: zoom; right button: move."
+        self.instruction = widgets.label(first, "set", name="What to do next")
         self.distance = widgets.field("Distance between scale marks in mm", "10", width=2 * style.CONTROL_HEIGHT)
         self.distance.textChanged.connect(lambda _: self._scale())
         self.value = widgets.label(NOTHING, "title", name="Elongation read")
@@ -152,12 +180,14 @@ class PhotographPanel(QDialog):
 
     def click(self, x: float, y: float) -> None:
         """Take a click."""
-        self.state = self.state.click(x, y)
-        self._refresh()
+        self._take(self.state.click(x, y))
 
     def back(self) -> None:
         """Undo the last click."""
-        self.state = self.state.back()
+        self._take(self.state.back())
+
+    def _take(self, state: Photograph) -> None:
+        self.state = state
         self._refresh()
 
     def _scale(self) -> None:
@@ -165,9 +195,9 @@ class PhotographPanel(QDialog):
             self.state = self.state.with_distance(plain_number(self.distance.text()))
         except ValueError:
             widgets.set_state(self.distance, "true", "wrong")
-            return
-        widgets.set_state(self.distance, "", "wrong")
-        self._refresh()
+        else:
+            widgets.set_state(self.distance, "", "wrong")
+            self._refresh()
 
     def refresh(self) -> None:
         """Follow the run: a plateau may begin or cease to wait meanwhile."""
@@ -187,13 +217,9 @@ class PhotographPanel(QDialog):
     def accept_reading(self) -> None:
         """Enter the reading for the plateau that waits."""
         waiting, x = self.run.snapshot.waiting_for_reading, self.state.elongation_mm
-        if (
-            waiting is not None
-            and x is not None
-            and self.services.notices.attempt(
-                lambda: self.run.readings.put(waiting.step_id, round(x, 3), "photograph", self.state.resolution_mm)
-            )
-        ):
-            self.state = self.state.next_picture()
-            self._refresh()
+        if waiting is None or x is None:
+            return
+        reading = (waiting.step_id, round(x, 3), "photograph", self.state.resolution_mm)
+        if self.services.notices.attempt(lambda: self.run.readings.put(*reading)):
+            self._take(self.state.next_picture())
             self.hide()

@@ -25,8 +25,7 @@ class PlanForm(QScrollArea):
         self._revision = -1
         self.setWidgetResizable(True)
         self.setAccessibleName("Plan, and manual pressure")
-        self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans])
-        self.choice.activated.connect(lambda _: sequence.choose(str(self.choice.currentData())))
+        self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
         self.estimate = widgets.label("", "muted", wrap=True)
@@ -34,10 +33,9 @@ class PlanForm(QScrollArea):
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
-        self.target = widgets.field("Target pressure in kPa", "0", width=FIELD_WIDTH)
+        self.target = widgets.field("Target pressure in kPa", "0", self._set_pressure, width=FIELD_WIDTH)
         self.ramp = widgets.field("Ramp in kPa per second", "5", width=FIELD_WIDTH)
         self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
-        self.target.returnPressed.connect(self._set_pressure)
         plan, _ = widgets.card(
             widgets.row(widgets.label("Plan", "subtitle"), None, self.choice),
             widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in ENTRIES),
@@ -53,13 +51,11 @@ class PlanForm(QScrollArea):
             widgets.row(None, self.set_button),
         )
         layout = widgets.column(plan, manual, None, spacing=style.GAP)
-        body = widgets.holder(layout)
+        self.setWidget(widgets.holder(layout))
         layout.setContentsMargins(0, style.GAP, style.STEP, 0)
-        self.setWidget(body)
 
     def _field(self, key: str, name: str, tip: str) -> QLineEdit:
-        field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH)
-        field.setToolTip(tip)
+        field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH, tip=tip)
         field.editingFinished.connect(lambda: self._edit(key, field))
         return field
 

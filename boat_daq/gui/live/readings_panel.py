@@ -34,11 +34,9 @@ class ReadingBar(QFrame):
         super().__init__()
         self.run, self.notices = run, services.notices
         self.step_id: int | None = None
-        self.setObjectName("card")
         self.question = widgets.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
-        self.field = widgets.field("Elongation in mm", width=3 * style.CONTROL_HEIGHT)
-        self.field.setProperty("role", "reading")
-        self.field.returnPressed.connect(self.enter)
+        width = 3 * style.CONTROL_HEIGHT
+        self.field = widgets.field("Elongation in mm", on_enter=self.enter, role="reading", width=width)
         show = partial(services.show, Panel.PHOTOGRAPH)
         self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid (Ctrl+P)")
         self.simulated = widgets.button("Read the grid", self._simulated, tip="Read the grid of the simulated unit")
@@ -46,8 +44,7 @@ class ReadingBar(QFrame):
         unit = widgets.label("mm, Enter", "muted")
         answer = widgets.row(self.field, unit, None, self.simulated, self.photo, self.skip)
         self.lines = widgets.row(self.question, (answer, 1))
-        self.lines.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
-        self.setLayout(self.lines)
+        widgets.as_card(self, self.lines)
         self.hide()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -231,16 +228,14 @@ class ReadingsTable(QWidget):
         header.setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         header.setStretchLastSection(True)
         header.setHighlightSections(False)
-        self.empty = widgets.label(
-            "Each plateau of a staircase is listed here. Arm and start a plan to begin.", "muted", wrap=True
-        )
+        empty = "Each plateau of a staircase is listed here. Arm and start a plan to begin."
+        self.empty = widgets.label(empty, "muted", wrap=True)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.count = widgets.label("", "small")
         paste = widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected row on")
         buttons = widgets.row(paste, widgets.button("Import …", self.import_), None)
-        layout = widgets.column(self.empty, self.view, self.count, buttons, spacing=style.GAP)
-        layout.setContentsMargins(0, style.GAP, 0, 0)
-        self.setLayout(layout)
+        parts = (self.empty, self.view, self.count, buttons)
+        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the rows as they are now."""

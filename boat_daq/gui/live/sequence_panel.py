@@ -83,7 +83,6 @@ class SequencePanel(QFrame):
     def __init__(self, run: RunModel, notices: Notices) -> None:
         super().__init__()
         self.run, self.notices = run, notices
-        self.setObjectName("card")
         self.picture = StaircasePicture("The plan and its progress")
         self.state = widgets.label("", "subtitle")
         self.progress = widgets.label("", "muted", name="Progress of the run", elide=True)
@@ -95,9 +94,7 @@ class SequencePanel(QFrame):
         self.resume = widgets.button("", self._resume, "primary", tip=rest)
         self.calibrate = widgets.button("Calibrate", self._calibrate, "primary", tip=fit)
         head = widgets.row(self.state, self.progress, None, *self.buttons.values(), self.resume, self.calibrate)
-        layout = widgets.column(head, self.picture)
-        layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
-        self.setLayout(layout)
+        widgets.as_card(self, widgets.column(head, self.picture))
 
     def press(self, key: str) -> None:
         """Press a button and show its effect at once."""

@@ -17,6 +17,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.models.atlas import OUTCOMES, AtlasModel, MapView
 
+SIDES = ("bottom", "left")
 HATCHING = {
     "works": Qt.BrushStyle.NoBrush,
     "degraded": Qt.BrushStyle.BDiagPattern,
@@ -42,7 +43,8 @@ class MapCells(pg.GraphicsObject):  # type: ignore[misc]
 
     def boundingRect(self) -> QRectF:
         """Return the map's extent."""
-        return QRectF(0, 0, len(self.shown.x_ticks), len(self.shown.y_ticks))
+        x, y = self.shown.axes
+        return QRectF(0, 0, len(x.ticks), len(y.ticks))
 
     def paint(self, painter: QPainter, *_: object) -> None:
         """Draw every cell in pixels of the screen."""
@@ -79,8 +81,7 @@ class AtlasCard(PlotCard):
         )
         self.bar.insertWidget(1, self.sweep)
         self.words = widgets.label("", "small", name="The case under the mouse", wrap=True)
-        foot = widgets.row(*self.legend, None, spacing=style.PAGE_MARGIN)
-        self.inside.addLayout(foot)
+        self.inside.addLayout(widgets.row(*self.legend, None, spacing=style.PAGE_MARGIN))
         self.inside.addWidget(self.words)
         self.items: list[tuple[Any, MapCells]] = []
         self.view.scene().sigMouseMoved.connect(self._look)
@@ -88,8 +89,7 @@ class AtlasCard(PlotCard):
     def show_method(self, method: str) -> None:
         """Draw the maps of a method."""
         self.method = method
-        for item, _ in self.items:
-            self.view.removeItem(item)
+        self.view.clear()
         self.items = []
         maps = self.model.maps.get(method, [])
         most = LABELS[min(len(maps), len(LABELS)) - 1]
@@ -112,10 +112,10 @@ class AtlasCard(PlotCard):
         item, cells = fixed_plot(), MapCells(shown)
         item.addItem(cells)
         self.view.addItem(item, row=0, col=column)
-        item.setRange(xRange=(0, len(shown.x_ticks)), yRange=(0, len(shown.y_ticks)), padding=0)
-        for side, ticks, limit in (("bottom", shown.x_ticks, most), ("left", shown.y_ticks, LABELS[0])):
-            step = -(-len(ticks) // limit)
-            item.getAxis(side).setTicks([[(i + 0.5, t) for i, t in enumerate(ticks) if i % step == 0]])
+        item.setRange(cells.boundingRect(), padding=0)
+        for side, axis, limit in zip(SIDES, shown.axes, (most, LABELS[0]), strict=True):
+            step = -(-len(axis.ticks) // limit)
+            item.getAxis(side).setTicks([[(i + 0.5, t) for i, t in enumerate(axis.ticks) if i % step == 0]])
         self.items.append((item, cells))
 
     def _look(self, at: QPointF) -> None:
@@ -130,10 +130,11 @@ class AtlasCard(PlotCard):
     def columns(self) -> Columns:
         """Return every case of the maps with its outcome and error."""
         rows = [
-            (m.title, m.x_title, m.x_ticks[i], m.y_title, m.y_ticks[k], cell.outcome, cell.error, m.unit, cell.message)
+            (m.title, x.title, x_tick, y.title, y_tick, cell.outcome, cell.error, m.unit, cell.message)
             for m in self.model.maps.get(self.method, [])
-            for k, row in enumerate(m.cells)
-            for i, cell in enumerate(row)
+            for x, y in (m.axes,)
+            for y_tick, row in zip(y.ticks, m.cells, strict=True)
+            for x_tick, cell in zip(x.ticks, row, strict=True)
         ]
         names = ("map", "x is", "x", "y is", "y", "outcome", "error", "unit of the error", "message")
         return tables.by_column(names, rows)
@@ -146,6 +147,6 @@ class AtlasCard(PlotCard):
         for item, cells in self.items:
             cells.theme = theme
             cells.update()
-            for side, words in (("bottom", cells.shown.x_title), ("left", cells.shown.y_title)):
-                paint_axis(item, side, theme, words)
+            for side, axis in zip(SIDES, cells.shown.axes, strict=True):
+                paint_axis(item, side, theme, axis.title)
             item.setTitle(cells.shown.title, color=theme.muted, size=f"{style.FONT_SMALL}px")

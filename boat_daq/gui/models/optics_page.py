@@ -46,59 +46,52 @@ class OpticsPage(ReflowingPage):
         self.slider.setValue(self.model.state)
         self.slider.valueChanged.connect(self._slide)
         self.first = self.slider
-        layout = widgets.page_layout(self)
-        layout.addWidget(self._head())
+        head = self._head()
         states = widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
         left = widgets.column((self.scene, 5), states, (self.response, 4), spacing=style.GAP)
         right = widgets.column((self.maps, 5), (self.pareto, 4), spacing=style.GAP)
         across = widgets.row((left, 1), (right, 1))
+        layout = widgets.page_layout(self)
+        layout.addWidget(head)
         layout.addLayout(across, 1)
         self.rows = (across, self.choices)
         self.tall = (self.scene, self.response, self.maps, self.pareto)
 
     def _head(self) -> QWidget:
-        frame, inside = widgets.card()
         steps = [(f"{step:g}", step) for step in STEPS_MM]
-        self.fields = {
-            "cavities": widgets.choice("Number of cavities", [(str(n), n) for n in CAVITIES]),
-            **{name: widgets.choice(f"{name.capitalize()} in mm", steps) for name in ("width", "depth", "spacing")},
-        }
-        self.face = widgets.choice("Face with the cavities", [(f"{face} face", face) for face in FACES])
-        self.curves = widgets.choice("Deformation curves", [(words, name) for name, words in CURVES.items()])
-        self.curves.addItem("From a file \u2026", FROM_FILE)
-        self.rays = widgets.choice("Rays", [(f"{n} rays" if n else "Rays: automatic", n) for n in RAYS])
-        self.face.setToolTip("The wall of the light guide with the cavities")
-        self.curves.setToolTip("Shape of the actuator's wall in each state: computed, by a formula, or measured")
-        self.rays.setToolTip("Automatic: by the precision that is chosen in the Models menu")
-        for field in (*self.fields.values(), self.face):
-            field.activated.connect(lambda _: self._choose())
-        self.curves.activated.connect(lambda _: self._choose_curves())
-        self.rays.activated.connect(lambda _: self.model.set_rays(int(self.rays.currentData())))
+        counts = [(str(n), n) for n in CAVITIES]
+        self.fields = {"cavities": widgets.choice("Number of cavities", counts, self._choose)}
+        for name in ("width", "depth", "spacing"):
+            self.fields[name] = widgets.choice(f"{name.capitalize()} in mm", steps, self._choose)
+        faces, tip = [(f"{face} face", face) for face in FACES], "The wall of the light guide with the cavities"
+        self.face = widgets.choice("Face with the cavities", faces, self._choose, tip=tip)
+        curves = [*((words, name) for name, words in CURVES.items()), ("From a file \u2026", FROM_FILE)]
+        tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
+        self.curves = widgets.choice("Deformation curves", curves, self._choose_curves, tip=tip)
+        rays = [(f"{n} rays" if n else "Rays: automatic", n) for n in RAYS]
+        tip = "Automatic: by the precision that is chosen in the Models menu"
+        self.rays = widgets.choice("Rays", rays, self.model.set_rays, tip=tip)
         design = (widgets.label(text, "muted") for text in ("Cavities", "Width, depth, spacing, mm"))
         cavities, *lengths = self.fields.values()
-        self.choices = widgets.row()
-        self.choices.addLayout(widgets.row(next(design), cavities, next(design), *lengths, self.face, None), 1)
-        self.choices.addLayout(widgets.row(self.curves, self.rays, None))
-        inside.addLayout(self.choices)
-        inside.addLayout(self._actions())
-        return frame
+        left = widgets.row(next(design), cavities, next(design), *lengths, self.face, None)
+        self.choices = widgets.row((left, 1), widgets.row(self.curves, self.rays, None))
+        return widgets.card(self.choices, self._actions())[0]
 
     def _actions(self) -> QHBoxLayout:
         attempt = self.services.notices.attempt
         self.outcome = widgets.label("", "muted", wrap=True, name="Results of the sweep and the search")
         self.show_button = widgets.button("Show it", self.model.show_optimum, name="Show the optimised design")
-        self.search_button = widgets.button("Optimise", partial(attempt, self.model.toggle_search))
-        self.search_button.setToolTip("Search width, depth, spacing, count and face beyond the grid, under a minute")
+        tip = "Search width, depth, spacing, count and face beyond the grid, under a minute"
+        self.search_button = widgets.button("Optimise", partial(attempt, self.model.toggle_search), tip=tip)
         self.sweep_button = widgets.button("Sweep all designs", partial(attempt, self.model.toggle_sweep), "primary")
         return widgets.row((self.outcome, 1), self.show_button, self.search_button, self.sweep_button)
 
-    def _choose(self) -> None:
+    def _choose(self, _: object) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())
         self.model.choose((int(n), float(width), float(depth), float(spacing)), str(self.face.currentData()))
         self._show_model()
 
-    def _choose_curves(self) -> None:
-        name = str(self.curves.currentData())
+    def _choose_curves(self, name: str) -> None:
         if name == FROM_FILE:
             self._show_choices()  # the choice before, until a file is chosen
             ask_open(self, self.services, "Open deformation curves", "csv txt", self.take_file)
@@ -129,10 +122,10 @@ class OpticsPage(ReflowingPage):
     def _show_model(self) -> None:
         """Show what has changed; the first call traces the paper's design."""
         model = self.model
-        if model.result is None and not model.tracing and not model.problem:
+        if model.result is None and not model.running("optics") and not model.problem:
             model.choose(model.values)
-        widgets.set_text(self.sweep_button, "Stop the sweep" if model.sweeping else "Sweep all designs")
-        widgets.set_text(self.search_button, "Stop the search" if model.searching else "Optimise")
+        widgets.set_text(self.sweep_button, "Stop the sweep" if model.running("sweep") else "Sweep all designs")
+        widgets.set_text(self.search_button, "Stop the search" if model.running("optimise") else "Optimise")
         if model.revision == self._revision:
             return
         self._revision = model.revision
@@ -141,7 +134,7 @@ class OpticsPage(ReflowingPage):
         self.outcome.setText(found or WHAT_COMES)
         self.show_button.setVisible(model.optimum is not None)
         self.scene.show_state(model)
-        self.scene.frame()
+        self.scene.plot.fit()
         self.response.show_result(model)
         self.maps.follow_design()
         self.pareto.show_sweep()

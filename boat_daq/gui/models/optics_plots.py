@@ -49,7 +49,8 @@ def designs(sweep: SweepSummary) -> dict[str, Any]:
     """Return every design of a sweep with its figures, as columns named with their units."""
     names = ("cavities", "width (mm)", "depth (mm)", "spacing (mm)")
     columns = {name: sweep.values[:, i] for i, name in enumerate(names)}
-    figures = {"range Delta (rays)": sweep.delta, "rises n_sign": sweep.n_sign, "roughness RMSE (rays)": sweep.rmse}
+    found = sweep.merit
+    figures = {"range Delta (rays)": found.delta, "rises n_sign": found.n_sign, "roughness RMSE (rays)": found.rmse}
     return columns | figures
 
 
@@ -61,27 +62,20 @@ class SceneCard(PlotCard):
         self.heading.explain(SCENE)
         self.plot = self.add("Across", "mm", x_title="Along the actuator", x_unit="mm")
         self.plot.item.getViewBox().setAspectLocked(True)
-        self.outline = self.plot.curve("Guide", lambda t: t.muted, gaps=True)
-        self.released = self.plot.curve("Released", lambda t: style.faint(t.sensors[0], style.RAY_ALPHA), gaps=True)
-        self.secondary = self.plot.curve("Secondary", lambda t: style.faint(t.sensors[1], style.RAY_ALPHA), gaps=True)
-        self.receiver = self.plot.curve("Receiver", lambda t: t.pressure)
+        self.curves = (  # in the order of `StateScene`
+            self.plot.curve("Guide", lambda t: t.muted, gaps=True),
+            self.plot.curve("Released", lambda t: style.faint(t.sensors[0], style.RAY_ALPHA), gaps=True),
+            self.plot.curve("Secondary", lambda t: style.faint(t.sensors[1], style.RAY_ALPHA), gaps=True),
+            self.plot.curve("Receiver", lambda t: t.pressure),
+        )
 
     def show_state(self, model: OpticsModel) -> None:
         """Draw the state that the slider selects."""
         scene = model.scene()
         self.show_empty("" if scene is not None else f"{TRACE_FIRST}its light guide and rays are drawn next.")
         self.readout.setText(model.state_text())
-        if scene is None:
-            return
-        for curve, line in (
-            (self.outline, scene.outline), (self.released, scene.released), (self.secondary, scene.secondary),
-            (self.receiver, scene.receiver),
-        ):  # fmt: skip
-            curve.set(line[:, 0], line[:, 1])
-
-    def frame(self) -> None:
-        """Show the whole light guide."""
-        self.plot.fit()
+        for curve, line in zip(self.curves, scene or (), strict=False):
+            curve.set(*line.T)
 
 
 class ResponseCard(PlotCard):
@@ -104,7 +98,7 @@ class ResponseCard(PlotCard):
         if r is None:
             return
         self.ndr.set(r.elongation_mm, r.ndr)
-        self.andr.set(r.elongation_mm, r.andr)
+        self.andr.set(r.elongation_mm, r.merit.andr)
         self.band.fill(r.elongation_mm, r.ndr - r.ndr_sd, r.ndr + r.ndr_sd)
         self.now.setValue(r.elongation_mm[model.state])
         self.plot.fit()
@@ -173,9 +167,9 @@ class MapsCard(PlotCard):
         super().__init__("Merit of every design (P)")
         self.heading.explain(MERIT)
         self.model = model
-        self.cavities = widgets.choice("Cavities of the maps", [(f"{n} cavities", n) for n in CAVITIES])
+        counts = [(f"{n} cavities", n) for n in CAVITIES]
+        self.cavities = widgets.choice("Cavities of the maps", counts, lambda _: self.show_sweep())
         self.cavities.setCurrentIndex(1)
-        self.cavities.activated.connect(lambda _: self.show_sweep())
         self.bar.insertWidget(1, self.cavities)
         steps = [QColor(style.sequential(style.LIGHT, i, SHADES)) for i in range(SHADES)]
         self.table = np.array([[c.red(), c.green(), c.blue()] for c in steps], dtype=np.ubyte)
@@ -205,7 +199,7 @@ class MapsCard(PlotCard):
         sweep = self.model.sweep
         if sweep is None:
             return {}
-        return designs(sweep) | {"merit P, best = 1": sweep.p, "rank": sweep.ranks}
+        return designs(sweep) | {"merit P, best = 1": sweep.merit.p_normalised, "rank": sweep.ranks}
 
     def _clicked(self, event: Any) -> None:
         for shown in self.maps:
@@ -256,7 +250,7 @@ class ParetoCard(PlotCard):
         s = self.model.sweep
         if s is not None and len(spots):
             at = spots[0].pos()
-            nearest = int(np.argmin((s.rmse - at.x()) ** 2 + (s.delta - at.y()) ** 2))
+            nearest = int(np.argmin((s.merit.rmse - at.x()) ** 2 + (s.merit.delta - at.y()) ** 2))
             n, width, depth, spacing = (float(v) for v in s.values[nearest])
             self.model.choose((int(n), width, depth, spacing), FACES[0])
 
@@ -268,11 +262,11 @@ class ParetoCard(PlotCard):
             self.numbers.set([])
             self.clear()
             return
-        self.all.set(s.rmse, s.delta)
-        self.front.set(s.rmse[s.front], s.delta[s.front])
-        chosen = [s.paper] if s.paper >= 0 else []
-        self.paper.set(s.rmse[chosen], s.delta[chosen])
-        front = zip(self.front.x, self.front.y, s.n_sign[s.front], strict=True)
+        for layer, chosen in (
+            (self.all, slice(None)), (self.front, s.front), (self.paper, [s.paper] if s.paper >= 0 else [])
+        ):  # fmt: skip
+            layer.set(s.merit.rmse[chosen], s.merit.delta[chosen])
+        front = zip(self.front.x, self.front.y, s.merit.n_sign[s.front], strict=True)
         self.numbers.set([(float(x), float(y), str(int(n_sign))) for x, y, n_sign in front])
         self.readout.setText("\u25cf Pareto-optimal (label: number of rises)   \u25c6 paper's")
         self.plot.fit()

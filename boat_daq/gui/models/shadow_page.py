@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import (
-    QWidget,
-)
+from PySide6.QtWidgets import QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -69,8 +67,8 @@ class CyclesCard(PlotCard):
         super().__init__("Cycle by cycle")
         self.heading.explain("One figure of each cycle of the run; a drift shows a change of the actuator.")
         self.monitor = monitor
-        self.figure = widgets.choice("Figure of each cycle", [(s.title, name) for name, s in SERIES.items()])
-        self.figure.activated.connect(lambda _: self.show_cycles())
+        figures = [(s.title, name) for name, s in SERIES.items()]
+        self.figure = widgets.choice("Figure of each cycle", figures, lambda _: self.show_cycles())
         self.bar.insertWidget(1, self.figure)
         self.plot = self.add("Deviation", "mm", x_title="Cycle")
         self.points = self.plot.points("Each cycle", lambda t: t.elongation)

@@ -20,13 +20,14 @@ from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.formatting import duration_text
-from boat_daq.viewmodels.models.tradeoff_report import MethodChart, TradeoffPoint
+from boat_daq.viewmodels.models.tradeoff_report import FRONT, MethodChart, TradeoffPoint
 
 MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # so that timing noise looks small
 LABEL_MARGIN = 0.08  # of the height, over the highest point
 RING, SQUARE, MARK_WIDTH = 18, 26, 2
 AT_RIGHT = 0.99
+GAP = (math.nan, math.nan)  # between two strokes
 NOTHING = "Press Measure to plot each setting: time across, error up."
 
 
@@ -71,12 +72,8 @@ class TradeoffCard(PlotCard):
         y = np.log10([max(p.error, chart.floor) for p in points])
         at = {p.number: (float(a), float(b)) for p, a, b in zip(points, x, y, strict=True)}
         self.settings.set(x, y)
-        for layer, chosen in (
-            (self.front, [p for p in points if p.on_front]),
-            (self.default, [p for p in points if p.default]),
-            (self.chosen, [p for p in points if p.chosen]),
-        ):
-            layer.set(*_columns_of([at[p.number] for p in chosen]))
+        for layer, mark in ((self.front, FRONT), (self.default, "default"), (self.chosen, "chosen")):
+            layer.set(*_columns_of([at[p.number] for p in points if mark in p.marks]))
         self.spread.set(*spread_bars(points, chart.floor))
         self.notices.setValue(math.log10(chart.tolerance))
         self.sufficient.setValue(math.log10(chart.sufficient))
@@ -103,10 +100,8 @@ class TradeoffCard(PlotCard):
             return {}
         units = f"error ({chart.unit})", f"error spread ({chart.unit})"
         names = ("setting", "processor time (s)", "spread (s)", *units, "marks")
-        return tables.by_column(
-            names,
-            [(p.setting, p.seconds, p.spread_s, p.error, p.error_spread, ", ".join(p.marks)) for p in chart.points],
-        )
+        rows = [(p.setting, p.seconds, p.spread_s, p.error, p.error_spread, ", ".join(p.marks)) for p in chart.points]
+        return tables.by_column(names, rows)
 
 
 def spread_bars(points: Sequence[TradeoffPoint], floor: float) -> tuple[FloatArray, FloatArray]:
@@ -115,13 +110,12 @@ def spread_bars(points: Sequence[TradeoffPoint], floor: float) -> tuple[FloatArr
     The range is greatest less smallest; half of it is drawn to either side, no further down than a tenth of the value.
     """
     rows: list[tuple[float, float]] = []
-    gap = (math.nan, math.nan)
     for p in points:
         t, e = p.seconds, max(p.error, floor)
-        for (low, high), horizontal in ((_about(t, p.spread_s), True), (_about(e, p.error_spread), False)):
-            ends = [(low, e), (high, e)] if horizontal else [(t, low), (t, high)]
-            rows += [(math.log10(a), math.log10(b)) for a, b in ends] + [gap]
-    return _columns_of(rows)
+        (left, right), (low, high) = _about(t, p.spread_s), _about(e, p.error_spread)
+        rows += [(left, e), (right, e), GAP, (t, low), (t, high), GAP]
+    x, y = _columns_of(rows)
+    return np.log10(x), np.log10(y)
 
 
 def _about(value: float, spread: float) -> tuple[float, float]:

@@ -5,13 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import (
-    QListWidget,
-    QListWidgetItem,
-    QProgressBar,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QListWidget, QListWidgetItem, QProgressBar, QVBoxLayout, QWidget
 
 from analysis.fidelity import LEVELS
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -125,14 +119,12 @@ class TradeoffPage(ReflowingPage):
     def _side(self) -> QWidget:
         frame, inside = widgets.card()
         frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
-        self.kind = widgets.choice(
-            "Extent of the measurement", [("Quick, about half a minute", True), ("Full, about 3 minutes", False)]
-        )
+        extents = [("Quick, about half a minute", True), ("Full, about 3 minutes", False)]
+        self.kind = widgets.choice("Extent of the measurement", extents, self.model.set_quick)
         self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
-        self.kind.activated.connect(lambda _: self.model.set_quick(bool(self.kind.currentData())))
-        self.level = widgets.choice("Precision of the program", [(PRECISIONS[n], n) for n in LEVELS])
-        self.level.setToolTip("Precision of optics, shadow, uncertainty and live plots; also in the Models menu")
-        self.level.activated.connect(lambda _: self.precision.choose(self.level.currentData()))
+        levels = [(PRECISIONS[n], n) for n in LEVELS]
+        tip = "Precision of optics, shadow, uncertainty and live plots; also in the Models menu"
+        self.level = widgets.choice("Precision of the program", levels, self.precision.choose, tip=tip)
         attempt = self.services.notices.attempt
         self.start = widgets.button("Measure", partial(attempt, self.model.toggle), "primary")
         self.progress = QProgressBar()

@@ -144,8 +144,7 @@ class ShadowPane(QWidget):
         super().__init__()
         self.model, self.services = model, services
         self.view = ShadowView()
-        self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES])
-        self.quantity.activated.connect(lambda _: self._choose(str(self.quantity.currentData())))
+        self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES], self._choose)
         self.frame_time = QAction("Show frame time", self)
         self.frame_time.setCheckable(True)
         self.frame_time.toggled.connect(self._show_frame_time)

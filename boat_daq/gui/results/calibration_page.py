@@ -23,11 +23,9 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Page, Panel, Services
-from boat_daq.viewmodels.results import acceptance
-from boat_daq.viewmodels.results.acceptance import NextStep
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, LoopSet, RunResult, SensorResult
-from boat_daq.viewmodels.results.calibration import ACCEPT, ANYWAY, CalibrationModel
-from boat_daq.viewmodels.results.closed_run import ClosedRun
+from boat_daq.viewmodels.results.calibration import ACCEPT, ANYWAY, CalibrationModel, NextStep, missing, warnings
+from boat_daq.viewmodels.results.runs import ClosedRun
 
 SENSORS = 2
 BANDS = "Compute uncertainty bands"
@@ -232,7 +230,7 @@ class CalibrationPage(QWidget):
     def _next_step(self) -> None:
         """Take the next step towards a missing curve."""
         result = self.model.result
-        lacking = acceptance.missing(result) if result is not None else None
+        lacking = missing(result) if result is not None else None
         if lacking is None or result is None:
             return
         if lacking.step is NextStep.ENTER_READINGS:
@@ -299,7 +297,7 @@ class CalibrationPage(QWidget):
             else:
                 card.clear()
                 card.show_empty(f"No curve: {sensor.void}.")
-        lacking = acceptance.missing(result)
+        lacking = missing(result)
         self.upper.setCurrentIndex(0 if lacking is None else 1)
         if lacking is not None:
             self.missing.say(lacking.title, lacking.text, lacking.step.value)
@@ -345,7 +343,6 @@ class CalibrationPage(QWidget):
         rows = self.model.coefficient_rows()
         self.coefficients.setVisible(bool(rows))
         self.coefficients.fill([cells for cells, _ in rows], [tip for _, tip in rows])
-        warnings = acceptance.warnings(result)
-        self.run_warnings.setText("\n".join(f"\u25b2 {warning}" for warning in warnings))
-        self.run_warnings.setVisible(bool(warnings))
+        self.run_warnings.setText("\n".join(f"\u25b2 {warning}" for warning in warnings(result)))
+        self.run_warnings.setVisible(bool(result.warnings))
         self.texts.fit()

@@ -14,7 +14,7 @@ from boat_daq.gui.live.readings_panel import ReadingsTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Page, Services
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.results.closed_run import ClosedRun
+from boat_daq.viewmodels.results.runs import ClosedRun
 
 REFRESH_MS = 250
 IDLE = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)

@@ -39,10 +39,10 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Page, Services
-from boat_daq.viewmodels.results.closed_run import ClosedRun
 from boat_daq.viewmodels.results.runs import (
     HEADINGS,
     MOST_COMPARED,
+    ClosedRun,
     RunActions,
     RunEntry,
     RunsModel,

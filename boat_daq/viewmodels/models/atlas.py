@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.formatting import count, quantity
@@ -27,8 +27,7 @@ OUTCOMES = {  # code -> letter in a cell, text
 FILE = "atlas.json"
 
 
-@dataclass(frozen=True, slots=True)
-class MapCell:
+class MapCell(NamedTuple):
     """One case of a map: its outcome (a key of `OUTCOMES`), its error in the map's unit, the message to the user."""
 
     outcome: str
@@ -36,29 +35,32 @@ class MapCell:
     message: str
 
 
+class MapAxis(NamedTuple):
+    """One axis of a map: its quantity with the unit, and the value of each row or column of cells."""
+
+    title: str
+    ticks: tuple[str, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class MapView:
-    """One map; `cells` [y][x]."""
+    """One map; `axes` x and y, `cells` [y][x]."""
 
-    name: str
     title: str
-    truth: str
     unit: str
     tolerance: float
-    x_title: str
-    y_title: str
-    x_ticks: tuple[str, ...]
-    y_ticks: tuple[str, ...]
+    axes: tuple[MapAxis, MapAxis]
     cells: tuple[tuple[MapCell, ...], ...]
 
     def cell_text(self, column: int, row: int) -> str:
         """Return a case as text; empty outside the map."""
-        if not (0 <= column < len(self.x_ticks) and 0 <= row < len(self.y_ticks)):
+        x, y = self.axes
+        if not (0 <= column < len(x.ticks) and 0 <= row < len(y.ticks)):
             return ""
         cell = self.cells[row][column]
         error = f", error {error_text(cell.error)} {self.unit}" if cell.error == cell.error else ""
         message = f": {cell.message}" if cell.message else ""
-        at = f"{self.x_title} {self.x_ticks[column]}, {self.y_title} {self.y_ticks[row]}"
+        at = f"{x.title} {x.ticks[column]}, {y.title} {y.ticks[row]}"
         return f"{at} \u2013 {OUTCOMES[cell.outcome][1]}{error}{message}"
 
     @property
@@ -88,12 +90,8 @@ def read_maps(content: Any) -> dict[str, list[MapView]]:
 
 
 def _map(m: Mapping[str, Any]) -> MapView:
-    x, y = m["x"], m["y"]
     cells = tuple(tuple(_cell(cell) for cell in row) for row in m["cells"])
-    return MapView(
-        str(m["name"]), str(m["title"]), str(m["truth"]), str(m["unit"]), float(m["tolerance"]), _title(x), _title(y),
-        _ticks(x), _ticks(y), cells,
-    )  # fmt: skip
+    return MapView(str(m["title"]), str(m["unit"]), float(m["tolerance"]), (_axis(m["x"]), _axis(m["y"])), cells)
 
 
 def _cell(cell: Mapping[str, Any]) -> MapCell:
@@ -101,12 +99,9 @@ def _cell(cell: Mapping[str, Any]) -> MapCell:
     return MapCell(outcome, float("nan") if error is None else float(error), str(cell["said"]))
 
 
-def _title(axis: Mapping[str, Any]) -> str:
-    return f"{axis['name']} ({axis['unit']})" if axis["unit"] else str(axis["name"])
-
-
-def _ticks(axis: Mapping[str, Any]) -> tuple[str, ...]:
-    return tuple(str(t) for t in axis.get("labels") or ()) or tuple(f"{float(v):g}" for v in axis["values"])
+def _axis(axis: Mapping[str, Any]) -> MapAxis:
+    title = f"{axis['name']} ({axis['unit']})" if axis["unit"] else str(axis["name"])
+    return MapAxis(title, tuple(str(t) for t in axis.get("labels") or ()) or tuple(f"{v:g}" for v in axis["values"]))
 
 
 class AtlasModel(MeasuredResult):

@@ -18,12 +18,12 @@ from boat_daq.viewmodels.models.optics_jobs import (
     OptimumSummary,
     StateScene,
     SweepSummary,
+    Values,
     search,
     sweep,
     trace_design,
 )
 
-Values = tuple[int, float, float, float]
 STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 CAVITIES = (3, 5, 7)
 PAPER: Values = (5, 1.0, 0.5, 0.9)
@@ -59,20 +59,9 @@ class OpticsModel:
         self._sweeps: dict[str, SweepSummary] = {}
         self._optima: dict[str, OptimumSummary] = {}
 
-    @property
-    def tracing(self) -> bool:
-        """Whether rays are being traced."""
-        return self.jobs.get("optics") is not None
-
-    @property
-    def sweeping(self) -> bool:
-        """Whether a sweep is running."""
-        return self.jobs.get("sweep") is not None
-
-    @property
-    def searching(self) -> bool:
-        """Whether a search is running."""
-        return self.jobs.get("optimise") is not None
+    def running(self, name: str) -> bool:
+        """Return whether rays are traced: of one design ("optics"), of a "sweep", or to "optimise"."""
+        return self.jobs.get(name) is not None
 
     @property
     def sweep(self) -> SweepSummary | None:
@@ -158,24 +147,25 @@ class OpticsModel:
             return f"\u25b2 {self.problem}"
         r = self.result
         if r is None:
-            return "tracing \u2026" if self.tracing else ""
-        rises = count(r.n_sign, "rise")
-        return f"range {number(r.delta, 1)} rays   {rises}   roughness {number(r.rmse, 2)}   merit {number(r.p, 2)}"
+            return "tracing \u2026" if self.running("optics") else ""
+        m, rises = r.merit, count(int(r.merit.n_sign), "rise")
+        range_, roughness, merit = number(float(m.delta), 1), number(float(m.rmse), 2), number(float(m.p), 2)
+        return f"range {range_} rays   {rises}   roughness {roughness}   merit {merit}"
 
     # ---- the sweep and the search --------------------------------------------------------------------------------
 
     def toggle_sweep(self) -> None:
         """Start a sweep over all designs, or stop the running one."""
-        label, curves = "Sweeping 9 720 simulations", self.curves
-        self._toggle("sweep", lambda: Job(label, sweep, CAVITIES, self.swept_rays, curves), self._sweeps)
+        args = CAVITIES, self.swept_rays, self.curves
+        self._toggle("sweep", self._sweeps, lambda: Job("Sweeping 9 720 simulations", sweep, *args))
 
     def toggle_search(self) -> None:
         """Start the search beyond the grid, or stop the running one."""
-        label, curves = "Searching beyond the grid", self.curves
-        self._toggle("optimise", lambda: Job(label, search, curves, SEARCH_S), self._optima)
+        args = self.curves, SEARCH_S
+        self._toggle("optimise", self._optima, lambda: Job("Searching beyond the grid", search, *args))
 
-    def _toggle(self, name: str, make: Callable[[], Job], results: dict[str, Any]) -> None:
-        if self.jobs.get(name) is not None:
+    def _toggle(self, name: str, results: dict[str, Any], make: Callable[[], Job]) -> None:
+        if self.running(name):
             self.jobs.cancel(name)
             return
         curves = self.curves
@@ -189,7 +179,7 @@ class OpticsModel:
             return ""
         paper = ""
         if s.paper >= 0:
-            merit = number(100 * float(s.p[s.paper]), 0)
+            merit = number(100 * float(s.merit.p_normalised[s.paper]), 0)
             paper = f"   paper's optimum: rank {int(s.ranks[s.paper])}, {merit} % of the best merit"
         return (
             f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays in {number(s.seconds, 1)} s   best: "

@@ -6,26 +6,28 @@ path of a file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from analysis.arrays import BoolArray, FloatArray, IntArray
 from analysis.errors import DataError
+from analysis.progress import Progress
 
 if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame
     from analysis.optics.scene.parameters import Design, Light, Waveguide
+    from analysis.optics.sweep.figure_of_merit import Merit
 
-Progress = Callable[[float, float], None]
+Values = tuple[int, float, float, float]
+"""Cavities, width, depth, spacing (mm) of a design."""
 GAP = np.full((1, 2), np.nan)
 
 
-@dataclass(frozen=True, slots=True)
-class StateScene:
+class StateScene(NamedTuple):
     """One state, mm along and across the actuator: polylines [k, 2] with NaN between their parts."""
 
     outline: FloatArray
@@ -42,23 +44,16 @@ class DesignResult:
     elongation_mm: FloatArray
     ndr: FloatArray
     ndr_sd: FloatArray
-    andr: FloatArray
-    p: float
-    delta: float
-    n_sign: int
-    rmse: float
+    merit: Merit
 
 
 @dataclass(frozen=True, slots=True)
 class SweepSummary:
-    """A sweep: `values` [n, 4] cavities, width, depth, spacing; the rest [n], P normalised by its maximum."""
+    """A sweep: `values` [n, 4] cavities, width, depth, spacing; the rest [n]."""
 
     values: FloatArray
-    p: FloatArray
-    delta: FloatArray
-    rmse: FloatArray
-    n_sign: FloatArray
-    tied: BoolArray
+    merit: Merit
+    tied: FloatArray
     front: BoolArray
     best: int
     paper: int
@@ -68,7 +63,7 @@ class SweepSummary:
     rays: int
 
     def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> FloatArray:
-        """Return P over [spacing, depth] for one number of cavities and one width; NaN where nothing was simulated.
+        """Return P, best = 1, over [spacing, depth] for one number of cavities and one width; NaN where there is none.
 
         Parameters
         ----------
@@ -79,18 +74,16 @@ class SweepSummary:
         out = np.full((len(steps), len(steps)), np.nan)
         chosen = (self.values[:, 0] == cavities) & np.isclose(self.values[:, 1], width_mm)
         depth, spacing = (np.abs(self.values[chosen, k, None] - np.array(steps)).argmin(axis=1) for k in (2, 3))
-        out[spacing, depth] = self.p[chosen]
+        out[spacing, depth] = self.merit.p_normalised[chosen]
         return out
 
 
-@dataclass(frozen=True, slots=True)
-class OptimumSummary:
-    """Result of the search beyond the grid: P on detected power, with ten times the rays of the search."""
+class OptimumSummary(NamedTuple):
+    """The best design beyond the grid, its P and the P of the grid's best, on power with ten times the rays."""
 
-    values: tuple[int, float, float, float]
+    values: Values
     face: str
     p: float
-    start: tuple[int, float, float, float]
     start_p: float
     finished: bool
 
@@ -126,7 +119,7 @@ def elongations_of(name: str, curves: FloatArray) -> FloatArray:
 
 
 def trace_design(
-    values: tuple[int, float, float, float],
+    values: Values,
     rays: int,
     curves: str = "default",
     face: str = "outer",
@@ -156,18 +149,15 @@ def trace_design(
     guide, light = Waveguide(), Light().with_rays(rays)
     states = curves_of(curves)
     frames = frames_of(states, guide)
-    scenes, outcomes = [], []
-    for done, frame in enumerate(frames):
+    scenes, detected = [], []
+    for done, frame in enumerate(frames, 1):
         scenes.append(_scene(frame, design, guide, light))
-        outcomes.append(trace(frame, design, guide, light))
+        outcome = trace(frame, design, guide, light)
+        detected.append((outcome.ndr, outcome.ndr_sd))
         if progress is not None:
-            progress(done + 1, len(frames))
-    ndr = np.array([outcome.ndr for outcome in outcomes])
-    found = merit(ndr, float(resolution(rays)))
-    return DesignResult(
-        tuple(scenes), elongations_of(curves, states), ndr, np.array([o.ndr_sd for o in outcomes]),
-        np.asarray(found.andr), float(found.p), float(found.delta), int(found.n_sign), float(found.rmse),
-    )  # fmt: skip
+            progress(done, len(frames))
+    ndr, ndr_sd = np.array(detected).T
+    return DesignResult(tuple(scenes), elongations_of(curves, states), ndr, ndr_sd, merit(ndr, resolution(rays)))
 
 
 def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
@@ -177,13 +167,10 @@ def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) ->
 
     shape = outline(frame, design)
     rings = [laid(frame, contour.sampled()) for contour in shape.contours]
-    paths = ray_paths(frame, design, guide, light)
-    released = [laid(frame, p.points) for p in paths if not p.secondary]
-    secondary = [laid(frame, p.points) for p in paths if p.secondary]
+    paths = [(p.secondary, laid(frame, p.points)) for p in ray_paths(frame, design, guide, light)]
+    released, secondary = (_joined([line for second, line in paths if second is kind]) for kind in (False, True))
     receiver = laid(frame, shape.receiver) if np.isfinite(shape.receiver[0, 0]) else GAP
-    return StateScene(
-        _joined([np.concatenate([r, r[:1]]) for r in rings]), _joined(released), _joined(secondary), receiver
-    )
+    return StateScene(_joined([np.concatenate([r, r[:1]]) for r in rings]), released, secondary, receiver)
 
 
 def _joined(lines: Sequence[FloatArray]) -> FloatArray:
@@ -212,13 +199,10 @@ def sweep(
     found = result.merit()
     paper = result.find(PAPER_OPTIMUM)
     values = np.array([d.values[:4] for d in result.designs], dtype=float)
+    front = np.asarray(pareto(found.delta, found.rmse, found.n_sign), dtype=bool)
     return SweepSummary(
-        values, np.asarray(found.p_normalised), np.asarray(found.delta), np.asarray(found.rmse),
-        np.asarray(found.n_sign),
-        np.asarray(result.uncertainty().tied, dtype=bool),
-        np.asarray(pareto(found.delta, found.rmse, found.n_sign), dtype=bool),
-        int(np.argmax(found.p)), -1 if paper is None else paper, np.asarray(result.ranks()), result.seconds,
-        result.simulated, rays,
+        values, found, result.uncertainty().tied, front, int(np.argmax(found.p)), -1 if paper is None else paper,
+        result.ranks(), result.seconds, result.simulated, rays,
     )  # fmt: skip
 
 
@@ -239,11 +223,6 @@ def search(curves: str = "default", seconds: float = 50.0, *, progress: Progress
     from analysis.optics.sweep.optimise import optimise
 
     found = optimise(Waveguide(), curves_of(curves), seconds=seconds, progress=progress)
-    return OptimumSummary(
-        _values(found.best), found.best.face, found.best_p, _values(found.start), found.start_p,
-        found.finished,
-    )  # fmt: skip
-
-
-def _values(design: Design) -> tuple[int, float, float, float]:
-    return design.cavities, design.width_mm, design.depth_mm, design.spacing_mm
+    best = found.best
+    values = (best.cavities, best.width_mm, best.depth_mm, best.spacing_mm)
+    return OptimumSummary(values, best.face, found.best_p, found.start_p, found.finished)

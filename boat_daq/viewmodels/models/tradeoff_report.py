@@ -15,12 +15,16 @@ from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.formatting import power_text, quantity
 
+FRONT = "front"
+SYMBOLS = {"default": "\u25cb", "chosen": "\u25a1"}
+
 
 @dataclass(frozen=True, slots=True)
 class TradeoffPoint:
     """One setting: processor time (s) with the range of its repeats, error with its range, and its marks.
 
-    `levels` are the fidelities other than the default one at which the program uses this setting.
+    Marks are the program's uses of it ("default", "chosen" by the rule, the levels of fidelity other than the default
+    one), and "front" where it is on the Pareto front.
     """
 
     number: int
@@ -30,10 +34,7 @@ class TradeoffPoint:
     error: float
     error_spread: float
     repeats: int
-    on_front: bool
-    default: bool
-    chosen: bool
-    levels: tuple[str, ...] = ()
+    marks: tuple[str, ...]
 
     @property
     def drawn(self) -> bool:
@@ -42,20 +43,13 @@ class TradeoffPoint:
 
     @property
     def symbols(self) -> str:
-        """Its marks as in the chart."""
-        marks = (("\u25cb", self.default), ("\u25a1", self.chosen))
-        return " ".join([symbol for symbol, applies in marks if applies] + [level[0].upper() for level in self.levels])
+        """Its uses as in the chart."""
+        return " ".join(SYMBOLS.get(use, use[0].upper()) for use in self.uses)
 
     @property
     def uses(self) -> tuple[str, ...]:
         """The program's uses of this setting."""
-        marks = (("default", self.default), ("chosen", self.chosen))
-        return (*(name for name, applies in marks if applies), *self.levels)
-
-    @property
-    def marks(self) -> tuple[str, ...]:
-        """Its uses, and whether it is on the Pareto front."""
-        return (*self.uses, *(("front",) if self.on_front else ()))
+        return tuple(mark for mark in self.marks if mark != FRONT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +109,7 @@ def read_report(content: Any) -> dict[str, MethodChart]:
 
 
 def _method(m: Mapping[str, Any], margin: float, machine: Mapping[str, Any], quick: bool) -> MethodChart:
-    default, chosen = m["default"], m.get("chosen")
+    chosen = m.get("chosen")
     rows = sorted(m["points"], key=lambda p: float(p.get("cpu_seconds", p["seconds"])))
     tolerance = float(m["tolerance"])
     when = str(m.get("measured_utc", machine.get("date_utc", "")))[:10]
@@ -123,19 +117,20 @@ def _method(m: Mapping[str, Any], margin: float, machine: Mapping[str, Any], qui
     return MethodChart(
         str(m["name"]), str(m.get("title", m["name"])), str(m["reference"]), str(m["consumer"]), tolerance,
         tolerance / margin, str(m["unit"]), str(m.get("per", "a call")), str(m.get("verdict", "")),
-        chosen is not None and chosen == default, f"{how}, {when}, {machine.get('processor', 'unknown machine')}",
+        chosen is not None and chosen == m["default"], f"{how}, {when}, {machine.get('processor', 'unknown machine')}",
         tuple(_point(i, p, m) for i, p in enumerate(rows, 1)),
     )  # fmt: skip
 
 
 def _point(place: int, p: Mapping[str, Any], m: Mapping[str, Any]) -> TradeoffPoint:
-    name, default = str(p["setting"]), m["default"]
-    spread = p.get("cpu_spread", p.get("spread"))
-    levels = tuple(level for level, at in m.get("fidelity", {}).items() if at["in_code"] == name and level != "normal")
+    name, spread = str(p["setting"]), p.get("cpu_spread", p.get("spread"))
+    levels = {level: at["in_code"] for level, at in m.get("fidelity", {}).items() if level != "normal"}
+    uses = {"default": m["default"], "chosen": m.get("chosen"), **levels}
+    marks = [use for use, setting in uses.items() if setting == name] + [FRONT] * (name in m["front"])
     return TradeoffPoint(
         place, name, float(p.get("cpu_seconds", p["seconds"])), float(spread or 0.0),
         math.inf if p["error"] is None else float(p["error"]), float(p.get("error_spread") or 0.0),
-        int(p.get("repeats", 1)), name in m["front"], name == default, name == m.get("chosen"), levels,
+        int(p.get("repeats", 1)), tuple(marks),
     )  # fmt: skip
 
 
@@ -155,21 +150,19 @@ def report_columns(charts: Mapping[str, MethodChart]) -> dict[str, list[Any]]:
     """Return every point of every method as columns, for a CSV."""
     names = (
         "method", "setting", "cpu_seconds", "spread_seconds", "error", "error_spread", "unit", "tolerance", "repeats",
-        "on_front", "default", "chosen",
     )  # fmt: skip
+    marks = {"on_front": FRONT, "default": "default", "chosen": "chosen"}
     rows = [
         (
             c.name, p.setting, p.seconds, p.spread_s, p.error, p.error_spread, c.unit, c.tolerance, p.repeats,
-            int(p.on_front), int(p.default), int(p.chosen),
+            *(int(mark in p.marks) for mark in marks.values()),
         )
         for c in charts.values()
         for p in c.points
     ]  # fmt: skip
-    return tables.by_column(names, rows)
+    return tables.by_column((*names, *marks), rows)
 
 
 def error_text(error: float) -> str:
     """Return an error at two digits; `failed` where the setting has none."""
-    if not math.isfinite(error):
-        return "failed"
-    return power_text(error, digits=2)
+    return power_text(error, digits=2) if math.isfinite(error) else "failed"

@@ -63,24 +63,21 @@ class LoopSet:
     elongation_mm: FloatArray | None
     signal_mv: FloatArray
 
-    def closed(self, abscissa: FloatArray, ordinate: FloatArray, cycle: int) -> tuple[FloatArray, FloatArray]:
-        """Return one cycle as a closed line: down the unloading branch, back up the loading one."""
-        x = np.concatenate([abscissa[0, cycle][::-1], abscissa[1, cycle]])
-        y = np.concatenate([ordinate[0, cycle][::-1], ordinate[1, cycle]])
-        keep = np.isfinite(x) & np.isfinite(y)
-        return x[keep], y[keep]
-
     def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: range) -> tuple[FloatArray, FloatArray]:
-        """Return several cycles as one line with a NaN between them, so that one curve draws them all.
+        """Return cycles as one line: each closed, down the unloading branch and up the loading one, then a NaN.
 
         Parameters
         ----------
         abscissa, ordinate : [2 branches, cycles, levels].
         cycles : numbers along the second axis.
         """
-        parts = [np.pad(self.closed(abscissa, ordinate, k), ((0, 0), (0, 1)), constant_values=np.nan) for k in cycles]
-        x, y = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
-        return x, y
+        (down_x, up_x), (down_y, up_y) = abscissa[:, cycles], ordinate[:, cycles]
+        gap = np.full((len(cycles), 1), np.nan)
+        x = np.concatenate([down_x[:, ::-1], up_x, gap], axis=1)
+        y = np.concatenate([down_y[:, ::-1], up_y, gap], axis=1)
+        keep = np.isfinite(x) & np.isfinite(y)
+        keep[:, -1] = True
+        return x[keep], y[keep]
 
 
 @dataclass(frozen=True, slots=True)

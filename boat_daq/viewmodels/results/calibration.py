@@ -2,15 +2,17 @@
 
 Rules: nothing is computed on the window's threads. An accepted calibration is stored with the unit as a new entry that
 is never changed, with the points that it rests on, and is used live at once. A curve that turns inside its range cannot
-be accepted.
+be accepted. Plateaus are counted once for the whole window, those of the plan: the ones to be read, of which some were
+read, of which some are in the curve.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,22 +20,52 @@ from analysis.calibration.compare import Agreement, Coefficient, compare_fits
 from analysis.errors import AnalysisError
 from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import decimals_for, finite
+from analysis.warning import WarningCode
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.errors import OperatorError
-from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number
+from boat_daq.viewmodels.common.formatting import NOTHING, SUBSCRIPT, SUPERSCRIPT, count, duration, number, sensor_words
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.undo import Change
-from boat_daq.viewmodels.results import acceptance
-from boat_daq.viewmodels.results.acceptance import Obstacle
 from boat_daq.viewmodels.results.analysis_jobs import CurveBands, RunResult, SensorResult, analyse_run, sample_run
 
 Cells = tuple[str, ...]
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
+LEAST_ELONGATIONS = 4  # of a cubic
+OF_A_READING = (WarningCode.OUTLIER, WarningCode.HIGH_LEVERAGE)
+TWO_ELONGATIONS = "one signal would stand for two elongations"
 BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
+
+
+class NextStep(Enum):
+    """What the operator can do about a missing curve: the text of its button."""
+
+    NONE = ""
+    SHOW_PLAN = "Show the plan"
+    SHOW_REPEATABILITY = "Show it on Repeat"
+    ENTER_READINGS = "Enter readings \u2026"
+
+
+class Missing(NamedTuple):
+    """What is shown in place of a curve: title, text and the next step."""
+
+    title: str
+    text: str
+    step: NextStep = NextStep.NONE
+
+
+class Obstacle(NamedTuple):
+    """Why a calibration cannot be accepted, with its consequence where it needs one."""
+
+    cause: str
+    consequence: str = ""
+
+    def __str__(self) -> str:
+        """Return both as a sentence."""
+        return f"{self.cause}{f': {self.consequence}' if self.consequence else ''}."
 
 
 class CalibrationModel:
@@ -150,7 +182,7 @@ class CalibrationModel:
         parts = [
             result.unit or "no unit",
             count(result.cycles, "complete cycle") + (f", {result.partial} partial left out" if result.partial else ""),
-            acceptance.readings_text(result),
+            readings_text(result),
             duration(result.duration_s),
         ]
         return "   ".join(filter(None, parts))
@@ -159,19 +191,19 @@ class CalibrationModel:
         """Return the figures out of tolerance of a calibration that could be accepted, a sentence a sensor."""
         if self.result is None or self.obstacle() is not None:
             return ()
-        return acceptance.out_of_tolerance(self.result, self.posterior)
+        return missed_bounds(self.result, self.posterior)
 
     def acceptance_warnings(self) -> tuple[str, ...]:
         """Return what prevents acceptance of the curves, then the figures out of tolerance."""
-        if self.result is None or acceptance.missing(self.result) is not None:
+        if self.result is None or missing(self.result) is not None:
             return ()
         obstacle = self.obstacle()
-        lines = acceptance.out_of_tolerance(self.result, self.posterior)
+        lines = missed_bounds(self.result, self.posterior)
         return lines if obstacle is None else (str(obstacle), *lines)
 
     def obstacle(self) -> Obstacle | None:
         """Return why the calibration cannot be accepted; None when it can."""
-        return acceptance.obstacle(self.result)
+        return obstacle_to(self.result)
 
     def verdict(self) -> tuple[str, str]:
         """Return (state, text) for the top of the page."""
@@ -295,6 +327,77 @@ class CalibrationModel:
             self.accepted = accepted
         self.units_revision += 1
         self.revision += 1
+
+
+def obstacle_to(result: RunResult | None) -> Obstacle | None:
+    """Return why the calibration of a run cannot be accepted; None when it can."""
+    if result is None:
+        return Obstacle("Nothing is analysed yet")
+    lacking = missing(result)
+    for sensor in result.sensors:
+        if sensor.fit is None:
+            return Obstacle(lacking.title if lacking is not None else f"{sensor.label}: {sensor.void}")
+        if not sensor.fit.content["fit"]["monotone"]:
+            return Obstacle(f"{sensor.label}: the curve turns inside its range", TWO_ELONGATIONS)
+    return None if result.sensors else Obstacle("The run has no sensor")
+
+
+def readings_text(result: RunResult) -> str:
+    """Return how many plateaus were read and are in the curve; empty without plateaus."""
+    n, read = result.plateaus, result.read
+    if not n:
+        return ""
+    text = f"{read or 'none'} of {count(n, 'plateau')} read"
+    used = sorted({sensor.x.size for sensor in result.sensors if sensor.fit is not None})
+    if not used:
+        return text
+    return f"{text}, {'all' if used == [read] else ' or '.join(map(str, used))} in the curve"
+
+
+def missing(result: RunResult) -> Missing | None:
+    """Return what is missing for a curve of any sensor, and the next step; None where there is one."""
+    if any(sensor.fit is not None for sensor in result.sensors):
+        return None
+    if not result.cycles:
+        return Missing(
+            "This run has no complete cycle",
+            "A curve needs at least one complete cycle, from the highest pressure to the lowest and back. Run the plan "
+            "to its end for a calibration; this recording is kept.",
+            NextStep.SHOW_PLAN,
+        )
+    if not result.plateaus:
+        return Missing(
+            "This run has no plateaus",
+            "Its pressure is never constant, so that no elongation can be read in it. Its loops and the figures over "
+            "pressure are shown here; the changes from cycle to cycle are on the Repeat page.",
+            NextStep.SHOW_REPEATABILITY,
+        )
+    read = f"Only {result.read}" if result.read else "None"
+    title = f"{read} of {count(result.plateaus, 'plateau')} {'has' if result.read <= 1 else 'have'} a reading"
+    least = f"A curve needs readings at {LEAST_ELONGATIONS} or more different elongations."
+    if Path(result.path).suffix != ".boat":
+        text = f"{least} For a CSV file they are given in a second file: boat-daq analyze RUN --elongation FILE."
+        return Missing(title, text)
+    text = f"{least} Type them from your notes or paste a column of a spreadsheet; the curve is then fitted again."
+    return Missing(title, text, NextStep.ENTER_READINGS)
+
+
+def missed_bounds(result: RunResult, posterior: Sequence[CurveBands] = ()) -> tuple[str, ...]:
+    """Return which figures are out of tolerance, a sentence for each sensor that has one."""
+    lines = []
+    for i, sensor in enumerate(result.sensors):
+        parts = [warning.text for warning in sensor.out_of_tolerance]
+        if i < len(posterior) and not posterior[i].content.get("converged", True):
+            parts.append("uncertainty bands not converged")
+        if parts:
+            lines.append(f"{sensor.label}: {', '.join(parts)}")
+    return tuple(lines)
+
+
+def warnings(result: RunResult) -> tuple[str, ...]:
+    """Return the warnings of a run as texts, first those of a reading, which can be corrected."""
+    ordered = sorted(result.warnings, key=lambda warning: warning.code not in OF_A_READING)
+    return tuple(f"{sensor_words(w.subject)}: {w.text}" if w.subject else w.text for w in ordered)
 
 
 def _coefficient_row(label: str, c: Coefficient) -> tuple[Cells, str]:

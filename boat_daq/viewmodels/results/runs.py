@@ -1,7 +1,8 @@
 """The recordings of a folder, the units with their calibrations, and what can be done with them.
 
 Rules: the list is read on a helper thread, from heads and overviews, never from samples. A damaged file is listed with
-its reason. Exports and reports are made by a helper process.
+its reason. Exports and reports are made by a helper process. The readings of a closed recording obey the rules of the
+live page: what is entered is added to the file as a newer row, so that undo is a newer row, too.
 """
 
 from __future__ import annotations
@@ -19,10 +20,14 @@ from typing import Any
 import numpy as np
 
 from analysis.arrays import FloatArray
+from boat_daq.engine.plan import StepMark
+from boat_daq.engine.recording.append import append_reading
+from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.recovery import find_interrupted, recover
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import Summary, summarise
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.engine.snapshot import Reading
 from boat_daq.errors import BoatDaqError, OperatorError
 from boat_daq.viewmodels.common.formatting import NOTHING, count, duration, number
 from boat_daq.viewmodels.common.jobs import Job, JobRunner, JobState
@@ -147,6 +152,64 @@ class RunActions:
     resume: Callable[[Path], None]
     replay: Callable[[Path, float], None]
     unit: Callable[[], str]
+
+
+class ClosedRun:
+    """Steps and readings of a recording, for a `ReadingsModel`.
+
+    Parameters
+    ----------
+    path : a closed recording.
+
+    Raises
+    ------
+    RecordingError : it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._steps: tuple[StepMark, ...] = ()
+        self._readings: tuple[Reading, ...] = ()
+        self.read()
+
+    def read(self) -> None:
+        """Read steps and readings from the file."""
+        with closing(open_recording(self.path)) as db:
+            steps = db.execute("SELECT id, cycle, branch, target_kpa, started_us, status FROM step ORDER BY id")
+            self._steps = tuple(
+                StepMark(number, cycle, branch, target, 0.0, started, status=status)
+                for number, cycle, branch, target, started, status in steps
+            )
+            readings = db.execute(
+                "SELECT step, elongation_mm, resolution_mm, source, utc, reader, note FROM reading ORDER BY id"
+            )
+            self._readings = tuple(Reading(*row) for row in readings)
+
+    def steps(self) -> tuple[StepMark, ...]:
+        """Return the plateaus of the run."""
+        return self._steps
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Return all readings, corrections included, in order of entry."""
+        return self._readings
+
+    def add_reading(
+        self,
+        step_id: int,
+        elongation_mm: float | None,
+        source: str,
+        *,
+        resolution_mm: float | None = None,
+        reader: str = "",
+    ) -> None:
+        """Add a reading to the file.
+
+        Raises
+        ------
+        OperatorError, StorageError : as `boat_daq.engine.recording.append.append_reading`.
+        """
+        append_reading(self.path, Reading(step_id, elongation_mm, resolution_mm, source, now_utc(), reader))
+        self.read()
 
 
 class RunsModel:

@@ -9,6 +9,7 @@ import pytest
 from PySide6.QtCore import QPointF
 
 from analysis.fidelity import fidelity
+from analysis.optics.sweep.figure_of_merit import Merit, merit
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.common.jobs import JobFailure, JobState
@@ -50,17 +51,15 @@ def traced(values=PAPER, face="outer"):
     """A design with fifteen straight rays."""
     scene, x = StateScene(LINE, LINE, LINE, LINE), np.linspace(-2.7, 3.8, 15)
     flat = np.full(15, 100.0)
-    return DesignResult((scene,) * 15, x, flat, flat, flat, 1.0, 2.0, 3, 4.0)
+    return DesignResult((scene,) * 15, x, flat, flat, merit(flat, 1.0))
 
 
 def swept(rays=250):
     """A sweep of two designs, the second the paper's."""
     values = np.array([[5, 0.7, 0.6, 0.8], [*PAPER]])
     p, flags = np.array([1.0, 0.25]), np.array([True, False])
-    return SweepSummary(
-        values, p, np.array([40.0, 10.0]), np.array([3.0, 6.0]), np.array([2, 7]), flags, flags, 0, 1,
-        np.array([1, 2]), 1.0, 30, rays,
-    )  # fmt: skip
+    found = Merit(p, np.array([40.0, 10.0]), np.array([2, 7]), np.array([3.0, 6.0]), p, p, ~flags, ~flags)
+    return SweepSummary(values, found, flags, flags, 0, 1, np.array([1, 2]), 1.0, 30, rays)
 
 
 @pytest.fixture
@@ -94,7 +93,7 @@ def test_search_starts_stops_and_reports_its_gain(page):
     update(page)
     assert (page.search_button.text(), page.model.optimum) == ("Optimise", None)
     page.search_button.click()
-    found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, PAPER, 2.5, True)
+    found = OptimumSummary((7, 1.234, 0.61, 0.55), "inner", 3.0, 2.5, True)
     FakeJob.made[-1].bring(found)
     update(page)
     assert "1.20 times the merit of the grid's best (P on power: 3.00 against 2.50)" in page.outcome.text()

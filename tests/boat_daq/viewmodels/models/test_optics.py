@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from analysis.optics.sweep.figure_of_merit import Merit
 from boat_daq.viewmodels.common.jobs import JobRunner
 from boat_daq.viewmodels.models.optics import OpticsModel
 from boat_daq.viewmodels.models.optics_jobs import SweepSummary
@@ -23,8 +24,8 @@ def test_map_holds_each_design_in_its_cell():
     """P is at [spacing, depth]; what was not simulated is NaN."""
     values = np.array([[5, 1.0, 0.5, 0.9], [5, 1.0, 1.0, 0.5], [3, 1.0, 0.5, 0.9]])
     flags = np.zeros(3, bool)
-    p = np.array([0.3, 0.7, 0.9])
-    sweep = SweepSummary(values, p, p, p, p, flags, flags, 2, 0, np.array([3, 2, 1]), 1.0, 45, 250)
+    p = np.array([0.3, 0.7, 1.0])
+    sweep = SweepSummary(values, Merit(*[p] * 8), flags, flags, 2, 0, np.array([3, 2, 1]), 1.0, 45, 250)
     grid = sweep.grid(5, 1.0, (0.5, 0.6, 0.7, 0.8, 0.9, 1.0))
     assert grid[4, 0] == 0.3
     assert grid[0, 5] == 0.7

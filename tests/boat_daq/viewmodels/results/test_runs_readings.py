@@ -8,7 +8,7 @@ from analysis import load_recording
 from boat_daq.errors import OperatorError
 from boat_daq.viewmodels.common.undo import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.results.closed_run import ClosedRun
+from boat_daq.viewmodels.results.runs import ClosedRun
 from tests.boat_daq.gui.recorded_session import idle
 
 

@@ -151,13 +151,8 @@ def select(field: QComboBox, value: object, text: str) -> None:
     """
     offered = int(field.property("offered") or field.count())
     field.setProperty("offered", offered)
-    at = field.findData(value)
-    if at >= offered and field.itemText(at) == text:
-        field.setCurrentIndex(at)
-        return
     while field.count() > offered:
         field.removeItem(offered)
-    if not 0 <= at < offered:
+    if field.findData(value) < 0:
         field.addItem(text, value)
-        at = offered
-    field.setCurrentIndex(at)
+    field.setCurrentIndex(field.findData(value))

@@ -58,8 +58,7 @@ class SceneCard(PlotCard):
     """The light guide, the rays and the receiver of one state."""
 
     def __init__(self) -> None:
-        super().__init__("Rays")
-        self.heading.explain(SCENE)
+        super().__init__("Rays", SCENE)
         self.plot = self.add("Across", "mm", x_title="Along the actuator", x_unit="mm")
         self.plot.item.getViewBox().setAspectLocked(True)
         self.curves = (  # in the order of `StateScene`
@@ -82,8 +81,7 @@ class ResponseCard(PlotCard):
     """NDR with its standard deviation, the cubic through it, and the state of the slider."""
 
     def __init__(self) -> None:
-        super().__init__("Detected rays")
-        self.heading.explain(RESPONSE)
+        super().__init__("Detected rays", RESPONSE)
         self.plot = self.add("Detected", "of 250", x_title="Elongation", x_unit="mm")
         self.band = self.plot.band("Detected rays (NDR), one standard deviation about", sensor_colour(1))
         self.andr = self.plot.curve("Smooth curve (aNDR)", lambda t: t.accent)
@@ -164,8 +162,7 @@ class MapsCard(PlotCard):
     """The maps of P for all widths, as in the paper's figure 3D."""
 
     def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Merit of every design (P)")
-        self.heading.explain(MERIT)
+        super().__init__("Merit of every design (P)", MERIT)
         self.model = model
         counts = [(f"{n} cavities", n) for n in CAVITIES]
         self.cavities = widgets.choice("Cavities of the maps", counts, lambda _: self.show_sweep())
@@ -234,8 +231,7 @@ class ParetoCard(PlotCard):
     """Delta against RMSE of all designs; the front is filled and labelled with n_sign, a click shows a design."""
 
     def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Range against roughness")
-        self.heading.explain(FRONT)
+        super().__init__("Range against roughness", FRONT)
         self.model = model
         self.plot = self.add("Range, \u0394", "rays", x_title="Roughness, RMSE", x_unit="rays")
         self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)

@@ -24,6 +24,7 @@ MARGIN = 0.1  # of the span of a figure, for the marks at its ends
 ALARM_HEADINGS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 
 NO_CYCLES = "Start a plan: each cycle is shown here as a point. The unit needs an accepted calibration."
+CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
 NOMINAL = (
     "Nominal: a healthy actuator of this design, computed by the shadow (a finite-element model); its band includes "
     "about 95 % of them (k = 2). Measured: this unit in the last minute, by its calibration."
@@ -34,8 +35,7 @@ class NominalCard(PlotCard):
     """Measured elongation over pressure, over the nominal curve with its band."""
 
     def __init__(self) -> None:
-        super().__init__("Elongation over pressure")
-        self.heading.explain(NOMINAL)
+        super().__init__("Elongation over pressure", NOMINAL)
         self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
         self.band = self.plot.band("Nominal, k = 2", lambda t: t.target)
         self.nominal = self.plot.curve("Nominal", lambda t: t.target, dashed=True)
@@ -64,8 +64,7 @@ class CyclesCard(PlotCard):
     """One figure of every cycle, with the alarms marked."""
 
     def __init__(self, monitor: ShadowMonitor) -> None:
-        super().__init__("Cycle by cycle")
-        self.heading.explain("One figure of each cycle of the run; a drift shows a change of the actuator.")
+        super().__init__("Cycle by cycle", CYCLES)
         self.monitor = monitor
         figures = [(s.title, name) for name, s in SERIES.items()]
         self.figure = widgets.choice("Figure of each cycle", figures, lambda _: self.show_cycles())
@@ -120,13 +119,10 @@ class ShadowPage(ReflowingPage):
         self.timer.start(FRAME_MS)
 
     def _alarms(self) -> QWidget:
-        frame, inside = widgets.card()
         self.verdict = widgets.label("", "muted", name="State of the monitor", wrap=True)
         self.alarms = DataTable("Alarms of the monitor, the newest on top", ALARM_HEADINGS)
         self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
-        inside.addLayout(widgets.row(widgets.label("Alarms", "subtitle"), (self.verdict, 1)))
-        inside.addWidget(self.alarms)
-        return frame
+        return widgets.card(widgets.row(widgets.label("Alarms", "subtitle"), (self.verdict, 1)), self.alarms)[0]
 
     def draw(self) -> None:
         """Draw one frame while the page is visible."""

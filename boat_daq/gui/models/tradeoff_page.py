@@ -117,8 +117,6 @@ class TradeoffPage(ReflowingPage):
         widgets.page_layout(self).addLayout(widgets.row(self._side(), (self._right(), 1)))
 
     def _side(self) -> QWidget:
-        frame, inside = widgets.card()
-        frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
         extents = [("Quick, about half a minute", True), ("Full, about 3 minutes", False)]
         self.kind = widgets.choice("Extent of the measurement", extents, self.model.set_quick)
         self.kind.setCurrentIndex(self.kind.findData(self.model.quick))
@@ -130,17 +128,19 @@ class TradeoffPage(ReflowingPage):
         self.progress = QProgressBar()
         self.progress.setAccessibleName("Progress of the measurement")
         self.status = widgets.label("", "small", wrap=True)
-        self.open = widgets.button("Open \u2026", self._ask_open, name="Open a measured trade-off")
-        self.save = widgets.button("Save \u2026", self._ask_save, name="Save the trade-off as JSON or CSV")
+        ask = partial(ask_open, self, self.services, "Open a measured trade-off", "json", self.model.load)
+        self.open = widgets.button("Open \u2026", ask, name="Open a measured trade-off")
+        ask = partial(ask_save, self, self.services, "tradeoff", "json csv", self.model.save)
+        self.save = widgets.button("Save \u2026", ask, name="Save the trade-off as JSON or CSV")
         files, precision = widgets.row(self.open, self.save), widgets.label("Precision", "subtitle")
         run = (self.kind, self.start, self.progress, self.status, files)
-        column = (widgets.label("Methods", "subtitle"), (self.methods, 1), *run, style.GAP, precision, self.level)
-        inside.addLayout(widgets.column(*column))
+        methods = widgets.label("Methods", "subtitle"), (self.methods, 1)
+        frame, _ = widgets.card(*methods, *run, style.GAP, precision, self.level)
+        frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
         return frame
 
     def _right(self) -> QVBoxLayout:
-        self.table_card, inside = widgets.card()
-        inside.addLayout(widgets.column((self.table, 1), self.explanation, self.measured))
+        self.table_card, _ = widgets.card((self.table, 1), self.explanation, self.measured)
         upper = widgets.row((self.chart, 1), self.table_card)
         self.upper = widgets.holder(upper)
         self.rows, self.tall = (upper,), (self.chart, self.table_card)
@@ -156,12 +156,6 @@ class TradeoffPage(ReflowingPage):
         self.table_card.setMinimumWidth(low)
         self.table_card.setMaximumWidth(high)
         self.upper.setMinimumHeight(2 * style.STACKED_HEIGHT + style.GAP if self.narrow else 0)
-
-    def _ask_open(self) -> None:
-        ask_open(self, self.services, "Open a measured trade-off", "json", self.model.load)
-
-    def _ask_save(self) -> None:
-        ask_save(self, self.services, "tradeoff", "json csv", self.model.save)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the progress of the measurement; the rest where it has changed."""

@@ -35,7 +35,6 @@ class AxisStyle:
     """Pens, font and laid-out labels, valid until the theme changes."""
 
     line: QPen
-    tick: QPen
     text: QPen
     font: QFont
     labels: dict[str, QStaticText] = field(default_factory=dict)
@@ -68,8 +67,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
 
     def set_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
-        grid = pg.mkPen(theme.grid, width=1)
-        self._look = AxisStyle(grid, grid, pg.mkPen(theme.muted), style.small_font())
+        self._look = AxisStyle(pg.mkPen(theme.grid, width=1), pg.mkPen(theme.muted), style.small_font())
         self.background = style.colour(theme.surface)
         self.setStyle(tickFont=self._look.font)
         self.update()
@@ -156,7 +154,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def _draw_grid(self, painter: QPainter, lines: list[QLineF], length: float) -> None:
         """Draw lines of the grid; a dense one is faint."""
         share = min(1.0, 0.05 * length / (len(lines) + 1))
-        tick, ground = self._look.tick.color(), self.background
+        tick, ground = self._look.line.color(), self.background
         pairs = ((tick.red(), ground.red()), (tick.green(), ground.green()), (tick.blue(), ground.blue()))
         mixed = (round(there + (here - there) * share) for here, there in pairs)
         painter.setPen(QPen(QColor(*mixed), 0))

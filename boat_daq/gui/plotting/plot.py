@@ -14,18 +14,19 @@ from typing import Any, TypeVar
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QGraphicsItem
+from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
 from analysis.arrays import FloatArray
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import TickAxis, label_style
-from boat_daq.gui.plotting.path_item import PathItem
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import axis
 
 ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 EMPTY: FloatArray = np.zeros(0)
+COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 CLOCK = "min:s"  # the unit of an axis with clock labels
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
@@ -41,14 +42,58 @@ def ramp_colour(place: int, of: int) -> ThemeColour:
     return lambda theme: style.sequential(theme, place, of)
 
 
+class PathItem(QGraphicsPathItem):
+    """A line or a filled surface: one path in the plot's units, painted by Qt alone.
+
+    No Python runs while it is painted: pyqtgraph paints a curve through Python and joins its fills point by point,
+    thousands of objects a frame. The shape under the mouse is the bounding rectangle: a stroked outline of a thousand
+    points would be made for each move of the mouse.
+    """
+
+    _end: PathItem | None = None  # what was added to the line since it was drawn
+
+    def draw_line(self, x: FloatArray, y: FloatArray, *, gaps: bool) -> None:
+        """Draw `y` over `x` (same length); with `gaps`, a value that is not finite breaks the line."""
+        self.setPath(pg.functions.arrayToQPath(x, y, "finite" if gaps else "all", gaps))
+        if self._end is not None:
+            self._end.setPath(QPainterPath())
+
+    def extend_line(self, x: FloatArray, y: FloatArray, *, gaps: bool) -> None:
+        """Continue the line behind its end; only the new part is repainted."""
+        if self._end is None:
+            self._end = PathItem(self)
+            self._end.setPen(self.pen())
+        self._end.draw_line(x, y, gaps=gaps)
+
+    def fill_between(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
+        """Fill between `low` and `high` over `x`, which never falls (same length, finite)."""
+        path = pg.functions.arrayToQPath(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))
+        path.setFillRule(Qt.FillRule.WindingFill)
+        self.setPath(path)
+
+    def set_line_colour(self, colour: str, pen_style: Qt.PenStyle) -> None:
+        """Set colour and style of a line."""
+        for line in (self, self._end):
+            if line is not None:
+                line.setPen(QPen(QColor(colour), COSMETIC, pen_style))
+
+    def set_fill_colour(self, colour: QColor) -> None:
+        """Set the colour of a surface, without an outline."""
+        self.setPen(QPen(Qt.PenStyle.NoPen))
+        self.setBrush(QBrush(colour))
+
+    def shape(self) -> QPainterPath:
+        """Return the bounding rectangle."""
+        bounds = QPainterPath()
+        bounds.addRect(self.path().controlPointRect())
+        return bounds
+
+
 class Layer:
     """One curve, band or set of points: its pyqtgraph item, its colour role, its data for the CSV."""
 
     def __init__(self, name: str, item: Any, colour: ThemeColour, paint: Callable[[Any, str], None]) -> None:
-        self.name = name
-        self.item = item
-        self.colour = colour
-        self._paint = paint
+        self.name, self.item, self.colour, self._paint = name, item, colour, paint
         self.x: FloatArray = EMPTY
         self.y: FloatArray = EMPTY
 
@@ -170,12 +215,12 @@ class Plot:
         item.hideButtons()
         item.setMenuEnabled(False)
         item.getViewBox().disableAutoRange()
-        item.getAxis("left").setWidth(style.AXIS_WIDTH)
-        left, bottom = item.getAxis("left"), item.getAxis("bottom")
-        bottom.draw_grid_of(left)
-        for side in ("left", "bottom"):
-            item.getAxis(side).setZValue(-1000)  # the grid is behind the data
-        item.getAxis("left").setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # changes rarely
+        self.left, self.bottom = item.getAxis("left"), item.getAxis("bottom")
+        self.left.setWidth(style.AXIS_WIDTH)
+        self.left.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # changes rarely
+        self.bottom.draw_grid_of(self.left)
+        for ruler in (self.left, self.bottom):
+            ruler.setZValue(-1000)  # the grid is behind the data
         for side in ("right", "top"):
             item.getAxis(side).unlinkFromView()  # hidden, they would still be updated in every frame
 
@@ -287,27 +332,25 @@ class Plot:
         for layer in self.layers:
             if layer.x.size and layer.item.isVisible():
                 result[f"{layer.name}: {self.x_name or x_name}"] = layer.x
-                if isinstance(layer, Band):
-                    result[f"{layer.name}: {named(f'{self.title}, low', self.unit)}"] = layer.low
-                    result[f"{layer.name}: {named(f'{self.title}, high', self.unit)}"] = layer.y
-                else:
-                    result[f"{layer.name}: {named(self.title, self.unit)}"] = layer.y
+                ends = {", low": layer.low, ", high": layer.y} if isinstance(layer, Band) else {"": layer.y}
+                for end, y in ends.items():
+                    result[f"{layer.name}: {named(self.title + end, self.unit)}"] = y
         return result
 
     def paint(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
         self._theme = theme
-        for side in ("left", "bottom"):
-            self.item.getAxis(side).set_theme(theme)
+        for ruler in (self.left, self.bottom):
+            ruler.set_theme(theme)
         self._titles(theme)
         for layer in self.layers:
             layer.paint(theme)
+        for labels in self._labels:
+            labels.paint(theme)
         for item, colour, pen_style in self._lines:
             item.setPen(pg.mkPen(colour(theme), width=1, style=pen_style))
             if hasattr(item, "label"):
                 item.label.setColor(colour(theme))
-        for labels in self._labels:
-            labels.paint(theme)
 
     def repaint(self) -> None:
         """Apply the theme to what was added since."""
@@ -316,10 +359,10 @@ class Plot:
 
     def _titles(self, theme: Theme) -> None:
         title = self.short_title or named(self.title, self.unit)
-        self.item.getAxis("left").setLabel(title, **label_style(theme))
-        self.item.getAxis("left").resizeEvent()  # else it is centred with the width of the label before it
+        self.left.setLabel(title, **label_style(theme))
+        self.left.resizeEvent()  # else it is centred with the width of the label before it
         if self.x_title:
-            self.item.getAxis("bottom").setLabel(named(self.x_title, self.x_unit), **label_style(theme))
+            self.bottom.setLabel(named(self.x_title, self.x_unit), **label_style(theme))
 
 
 def named(title: str, unit: str) -> str:

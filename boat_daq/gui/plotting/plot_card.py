@@ -33,15 +33,15 @@ class PlotCard(QFrame):
     Parameters
     ----------
     title : what the card shows; also its accessible name and the stem of saved files.
+    explanation : of the card, on hover over the title.
     show_title : whether the title is also written over the plots.
-    parent : as in Qt.
     """
 
     copy_wanted = Signal(object)  # the card; the window copies and confirms
     save_wanted = Signal(object, str)  # the card and a suffix; the window asks for the file
 
-    def __init__(self, title: str, *, show_title: bool = True, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, title: str, explanation: str = "", *, show_title: bool = True) -> None:
+        super().__init__()
         self.setObjectName("card")
         self.setAccessibleName(f"Plot: {title}")
         self.title = title
@@ -58,6 +58,7 @@ class PlotCard(QFrame):
         self.heading.setTextFormat(Qt.TextFormat.PlainText)
         self.heading.setProperty("role", "subtitle")
         self.heading.least = style.HEADING_LEAST
+        self.heading.explain(explanation)
         self.readout = widgets.label("", "small", elide=True)
         self.menu_button = export_button(
             title,
@@ -65,17 +66,13 @@ class PlotCard(QFrame):
             partial(self.copy_wanted.emit, self),
             partial(self.save_wanted.emit, self),
         )
-        layout = widgets.column(spacing=0)
-        layout.setContentsMargins(style.GAP, style.STEP, style.STEP, style.STEP)
         self.bar = widgets.row(self.heading, None, self.readout, self.menu_button)
-        layout.addLayout(self.bar)
-        layout.addWidget(self.view, 1)
         self.empty_text = widgets.label("", "muted", wrap=True)
         self.empty_text.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.empty_text.hide()
-        layout.addWidget(self.empty_text, 1)
-        self.setLayout(layout)
-        self.inside = layout
+        margins = (style.GAP, style.STEP, style.STEP, style.STEP)
+        self.inside = widgets.column(self.bar, (self.view, 1), (self.empty_text, 1), spacing=0, margins=margins)
+        self.setLayout(self.inside)
 
     def add(
         self,

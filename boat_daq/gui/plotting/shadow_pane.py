@@ -11,7 +11,7 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QAction, QColor, QGuiApplication, QPainter, QPaintEvent, QPen, QPolygonF, QTransform
-from PySide6.QtWidgets import QGridLayout, QToolButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QToolButton, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.errors import OperatorError
@@ -147,23 +147,19 @@ class ShadowPane(QWidget):
         self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES], self._choose)
         self.frame_time = QAction("Show frame time", self)
         self.frame_time.setCheckable(True)
-        self.frame_time.toggled.connect(self._show_frame_time)
-        frame, inside = widgets.card()
-        inside.addLayout(widgets.row(widgets.label("Colour", "muted"), self.quantity, None, self._menu_button()))
-        inside.addWidget(self.view, 1)
-        grid = QGridLayout()
-        grid.setVerticalSpacing(2)
+        self.frame_time.toggled.connect(partial(setattr, model, "show_cost"))
         self.names = [widgets.label("", "muted") for _ in range(LINES)]
         self.values = [widgets.label("") for _ in range(LINES)]
-        for i in range(LINES):
-            grid.addWidget(self.names[i], i, 0)
-            grid.addWidget(self.values[i], i, 1)
-            self.values[i].setAlignment(Qt.AlignmentFlag.AlignRight)
+        grid = QGridLayout()
+        grid.setVerticalSpacing(2)
         grid.setColumnStretch(1, 1)
-        inside.addLayout(grid)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, style.GAP, 0, 0)
-        layout.addWidget(frame)
+        for i, (name, value) in enumerate(zip(self.names, self.values, strict=True)):
+            grid.addWidget(name, i, 0)
+            grid.addWidget(value, i, 1)
+            value.setAlignment(Qt.AlignmentFlag.AlignRight)
+        head = widgets.row(widgets.label("Colour", "muted"), self.quantity, None, self._menu_button())
+        frame, _ = widgets.card(head, (self.view, 1), grid)
+        self.setLayout(widgets.column(frame, margins=(0, style.GAP, 0, 0)))
         self._choose(model.quantity)
 
     def _choose(self, quantity: str) -> None:
@@ -180,9 +176,6 @@ class ShadowPane(QWidget):
             self.view.update()
         self.quantity.setCurrentIndex(self.quantity.findData(quantity))
         self.frame_time.setChecked(self.model.show_cost)
-
-    def _show_frame_time(self, on: bool) -> None:
-        self.model.show_cost = on
 
     def _menu_button(self) -> QToolButton:
         copy = partial(self.services.notices.attempt, self.copy, done=f"Copied: {self.title}")
@@ -239,9 +232,8 @@ class ShadowPane(QWidget):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the figures under the picture."""
         self._follow()
-        lines = self.model.picture().lines
-        for i in range(LINES):
-            name, value, state = lines[i] if i < len(lines) else ("", "", "")
-            widgets.set_text(self.names[i], name)
-            widgets.set_text(self.values[i], value)
-            widgets.set_state(self.values[i], state)
+        lines = [*self.model.picture().lines, *[("", "", "")] * LINES]
+        for name, value, (name_text, value_text, state) in zip(self.names, self.values, lines, strict=False):
+            widgets.set_text(name, name_text)
+            widgets.set_text(value, value_text)
+            widgets.set_state(value, state)

@@ -49,9 +49,8 @@ class CurveCard(PlotCard):
     """One sensor: points by branch, curve with bands, the unit's previous curve, residuals."""
 
     def __init__(self, number: int) -> None:
-        super().__init__(f"Sensor {number}")
+        super().__init__(f"Sensor {number}", BANDS_SHOWN)
         self.heading.least = style.PANE_WIDTH
-        self.heading.explain(BANDS_SHOWN)
         colour = sensor_colour(number)
         self.top = self.add("Signal", "mV", stretch=3)
         self.bottom = self.add("Residual", "mV", x_title="Elongation", x_unit="mm", stretch=1)
@@ -191,7 +190,6 @@ class CalibrationPage(QWidget):
         return widgets.holder(widgets.column(self._head(), (sides, 1), spacing=style.GAP))
 
     def _head(self) -> QWidget:
-        frame, inside = widgets.card()
         self.verdict = widgets.label("", "subtitle", elide=True)
         self.headline = widgets.label("", "muted", elide=True)
         self.again = widgets.button("Analyse again", self._again)
@@ -201,9 +199,7 @@ class CalibrationPage(QWidget):
         opens = widgets.button("Open \u2026", self._open)
         buttons = widgets.row(self.again, opens, self.sample, self.report, self.accept)
         self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), buttons)
-        inside.addLayout(self.head)
-        inside.addWidget(self._warnings())
-        return frame
+        return widgets.card(self.head, self._warnings())[0]
 
     def _warnings(self) -> QWidget:
         """Return the lines under the verdict: what is out of tolerance, and the button to the readings."""
@@ -220,7 +216,6 @@ class CalibrationPage(QWidget):
 
     def _edit_readings(self) -> None:
         """Show the readings of the run in a panel beside the window."""
-
         path = self.model.last_path
         assert path is not None
         self.services.notices.attempt(
@@ -242,19 +237,16 @@ class CalibrationPage(QWidget):
             self.services.show(Panel.PLAN)
 
     def _side(self) -> QWidget:
-        frame, inside = widgets.card()
         self.coefficients = DataTable("Coefficients of this calibration and the previous one", COMPARED)
         self.comparison = widgets.label("", "small", wrap=True)
         self.comparison.setAlignment(Qt.AlignmentFlag.AlignTop)
         compared = widgets.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
         pages = (self.table, "Figures"), (widgets.inside(compared), "Compare with previous")
         self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
-        inside.addWidget(self.tabs, 1)
         self.posterior = widgets.label("", "small", wrap=True)
         self.run_warnings = widgets.label("", "small", wrap=True)
         self.texts = TextArea(widgets.column(self.posterior, self.run_warnings))
-        inside.addWidget(self.texts)
-        return frame
+        return widgets.card((self.tabs, 1), self.texts)[0]
 
     def _again(self) -> None:
         path = self.model.last_path

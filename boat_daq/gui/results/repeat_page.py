@@ -113,9 +113,8 @@ class RepeatPage(QWidget):
         widgets.page_layout(self).addWidget(self.stack)
 
     def _filled(self) -> QWidget:
-        head, inside = widgets.card()
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
-        inside.addLayout(widgets.row(self.headline, self.warm_up, None, report))
+        head, _ = widgets.card(widgets.row(self.headline, self.warm_up, None, report))
         grid = QGridLayout()
         grid.setSpacing(style.GAP)
         rows = ((self.loops[0], self.drift, self.hysteresis), (self.loops[1], self.sensitivity, self.snr))
@@ -125,10 +124,9 @@ class RepeatPage(QWidget):
             grid.setRowStretch(i, 1)
         for k, share in enumerate((4, 3, 3)):
             grid.setColumnStretch(k, share)
-        side, column = widgets.card()
         self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.table, "Figures"))
         self.tabs.setTabBarAutoHide(True)
-        column.addWidget(self.tabs)
+        side, _ = widgets.card(self.tabs)
         sides = Divided("repeat", self.services.preferences, widgets.holder(grid), side, SIDE, stacks=True)
         return widgets.holder(widgets.column(head, (sides, 1), spacing=style.GAP))
 

@@ -59,6 +59,8 @@ OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order wher
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
 REPAIRS = ("resume", "recover")
 NO_UNITS = "Calibrations accepted on the Calibrate page are listed here with their unit."
+HISTORY = "The sensitivity of the unit in use at each of its accepted calibrations."
+DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
 
@@ -115,12 +117,10 @@ class RunsPage(QWidget):
         self.list.itemSelectionChanged.connect(self._enable)
         self.list.itemDoubleClicked.connect(lambda _: self.open())
         self.units = DataTable("Units and their calibrations", UNIT_HEADINGS)
-        self.history = PlotCard("Sensitivity history")
-        self.history.heading.explain("The sensitivity of the unit in use at each of its accepted calibrations.")
+        self.history = PlotCard("Sensitivity history", HISTORY)
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
         self.sensitivities = [plot.points(f"Sensor {n}", sensor_colour(n), symbol=s) for n, s in ((1, "o"), (2, "s"))]
-        self.compare_card = PlotCard("Difference from run 1")
-        self.compare_card.heading.explain("The curve of each run less the curve of the first one, over elongation.")
+        self.compare_card = PlotCard("Difference from run 1", DIFFERENCE)
         self.differences = self._comparison_plots()
         text = "Runs are recorded and listed here with unit, date, length and cycles. Start one on the Live page."
         empty = EmptyState("No recording yet", text, "Go to Live", partial(services.show, Page.LIVE))
@@ -139,7 +139,6 @@ class RunsPage(QWidget):
         return rows
 
     def _filled(self) -> QWidget:
-        frame, inside = widgets.card()
         self.buttons = {
             "open": widgets.button("Calibrate", self.open, "primary", tip="Analyse it on the Calibrate page"),
             "repeat": widgets.button("Repeatability", self.repeat),
@@ -161,16 +160,12 @@ class RunsPage(QWidget):
             self.buttons[key].setMenu(menu)
         self.heading = widgets.label("Recordings", "subtitle")
         repairs = [self.buttons[key] for key in REPAIRS]  # under the list, beside the details of the run
-        inside.addLayout(widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in repairs)))
-        inside.addWidget(self.list, 1)
+        head = widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in repairs))
         self.details = widgets.label("", "small", name="Details of the chosen recordings", elide=True)
-        inside.addLayout(widgets.row((self.details, 1), *repairs))
-        side, column = widgets.card()
-        column.addWidget(widgets.label("Units", "subtitle"))
-        column.addWidget(self.units, 1)
+        frame, _ = widgets.card(head, (self.list, 1), widgets.row((self.details, 1), *repairs))
         self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        column.addWidget(self.no_units, 1)
+        side, _ = widgets.card(widgets.label("Units", "subtitle"), (self.units, 1), (self.no_units, 1))
         self.sides = widgets.row((side, 1), (self.history, 1))
         self.cards = (side, self.history, self.compare_card)
         self.below = Leaves(widgets.holder(self.sides), self.compare_card)  # the latter in place of the units

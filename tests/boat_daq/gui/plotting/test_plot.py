@@ -11,8 +11,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 
 from boat_daq.gui import style
-from boat_daq.gui.plotting.path_item import PathItem
-from boat_daq.gui.plotting.plot import Plot, make_item, sensor_colour
+from boat_daq.gui.plotting.plot import PathItem, Plot, make_item, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
+from typing import cast
 
 from PySide6.QtWidgets import QApplication
 
@@ -171,28 +172,21 @@ def calibration(window: MainWindow) -> list[Command]:
 def recordings(window: MainWindow) -> list[Command]:
     """Return the commands for the recordings that are selected on the Runs page."""
 
-    def page() -> RunsPage | None:
-        return window.pages.get(Page.RUNS) if window.page is Page.RUNS else None
+    def page() -> RunsPage:
+        return cast(RunsPage, window.pages[Page.RUNS])
 
     def command(
         text: str, keys: str, key: str, run: Callable[[RunsPage], object], *, apart: bool = False, also: str = ""
     ) -> Command:
-        def run_on_page() -> None:
-            shown = page()
-            if shown is not None:
-                run(shown)
-
         def available() -> bool:
-            shown = page()
-            return shown is not None and shown.offers(key)
+            return window.page is Page.RUNS and bool(page().offers(key))
 
         def why() -> str:
-            shown = page()
-            if shown is None:
+            if window.page is not Page.RUNS:
                 return "Go to the Runs page (Ctrl+4) and select a recording."
-            return shown.buttons[key].accessibleDescription() or "The selected recording does not need it."
+            return page().buttons[key].accessibleDescription() or "The selected recording does not need it."
 
-        return Command("Runs", text, keys, run_on_page, available, apart, why, also)
+        return Command("Runs", text, keys, lambda: run(page()), available, apart, why, also)
 
     return [
         command("Calibrate with the selected recording", "Ctrl+Alt+C", "open", RunsPage.open, apart=True),

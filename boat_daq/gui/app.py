@@ -1,23 +1,70 @@
-"""Start of the window: one application, one session, one application model, one window with its commands."""
+"""Start of the window: one application, one session, one application model, one window with its commands.
+
+Python's garbage collection is moved to the window's thread meanwhile.
+"""
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import QLocale
+from PySide6.QtCore import QLocale, QObject, QTimer, SignalInstance
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import home, load_settings
 from boat_daq.gui import actions, style
-from boat_daq.gui.collector import Collector
 from boat_daq.gui.main_window import MainWindow
 from boat_daq.viewmodels.app_model import AppModel
 
+EVERY_MS = 1000
+SETTLED_MS = 3000  # after which a new page has loaded what it needs
 INTERRUPTED = 130  # a shell's code for Ctrl-C
+
+
+class Collector(QObject):
+    """Python's garbage collection while the window is open: on the thread of `parent` only, in short steps.
+
+    By default it runs on whichever thread allocates next, mostly the reading thread; a widget or a timer that is
+    garbage is then deleted on a foreign thread, and Qt may still call it. A full collection also visits the million
+    objects that live as long as the window, which froze the plots for 130 ms: what window and libraries have loaded,
+    page by page, is left out.
+
+    Parameters
+    ----------
+    parent : is destroyed with the window; collection is then automatic again.
+    page_made : is emitted when a new page has loaded its libraries.
+    """
+
+    def __init__(self, parent: QObject, page_made: SignalInstance) -> None:
+        super().__init__(parent)
+        gc.disable()
+        self.destroyed.connect(_restore)
+        self.due, self.settled = QTimer(self), QTimer(self, singleShot=True, interval=SETTLED_MS)
+        self.due.timeout.connect(self.collect)
+        self.settled.timeout.connect(self.settle)
+        self.due.start(EVERY_MS)
+        page_made.connect(self.settled.start)
+        self.settled.start()
+
+    def collect(self) -> None:
+        """Collect the oldest generation that is due by Python's own thresholds."""
+        for generation in (2, 1, 0):
+            if gc.get_count()[generation] > gc.get_threshold()[generation]:
+                gc.collect(generation)
+                return
+
+    def settle(self) -> None:
+        """Collect all, and exempt what is left from later collections."""
+        gc.collect()
+        gc.freeze()
+
+
+def _restore() -> None:
+    gc.enable()
 
 
 def make_application() -> QApplication:

@@ -36,12 +36,9 @@ class ConnectPanel(QDialog):
         hint = "a port, socket://HOST:PORT or replay:FILE"
         self.port.setLineEdit(widgets.field("Port", on_enter=self.connect_board, placeholder=hint))
         self.unit = widgets.field("Unit on the bench", connection.unit, width=3 * style.CONTROL_HEIGHT)
-        self.profile = QPlainTextEdit()
+        self.profile = QPlainTextEdit(connection.profile, tabChangesFocus=True, placeholderText=PROFILE_HINT)
         self.profile.setAccessibleName("Profile of another firmware")
-        self.profile.setPlaceholderText(PROFILE_HINT)
-        self.profile.setTabChangesFocus(True)
         self.profile.setProperty("role", "paste")  # its height is set in the style sheet
-        self.profile.setPlainText(connection.profile)
         self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
         self.speed = widgets.choice("Speed of the virtual board", SPEEDS)
         self.setLayout(widgets.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))

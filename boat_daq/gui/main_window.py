@@ -16,7 +16,6 @@ from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QResizeEvent
 from PySide6.QtWidgets import QApplication, QDialog, QMainWindow, QStackedWidget, QWidget
 
-from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
 from boat_daq.gui.header import Header, Navigation
@@ -40,11 +39,11 @@ from boat_daq.gui.window_keys import WindowKeys
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel
+from boat_daq.viewmodels.live.run_model import UNDER_WAY
 
 CALM_MS = 150
 LEAVE_S = 10.0  # two requests to close within it stop a run
 FRAME = 48  # of the system around a window, at most
-UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
 

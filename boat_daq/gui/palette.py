@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent, QKeySequence, QShowEvent
 from PySide6.QtWidgets import QDialog, QGridLayout, QHeaderView, QScrollArea, QTreeWidget, QTreeWidgetItem, QWidget
@@ -9,8 +12,8 @@ from PySide6.QtWidgets import QDialog, QGridLayout, QHeaderView, QScrollArea, QT
 from boat_daq.gui import style
 from boat_daq.gui.registry import Command, Registry
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.common.matching import ranked
 
+T = TypeVar("T")
 SHEET = (("Session", "Edit", "Go", "Help"), ("View", "Models"), ("Sequence", "Runs"))  # the menus in columns
 ARROWS = (Qt.Key.Key_Down, Qt.Key.Key_Up)
 NARROW_SHEET = (("Session", "Edit", "Sequence", "Go", "Help"), ("View", "Runs", "Models"))
@@ -132,3 +135,35 @@ class ShortcutSheet(QDialog):
 def shown(command: Command) -> str:
     """Return a command's keys as the system writes them."""
     return QKeySequence(command.shortcut).toString(QKeySequence.SequenceFormat.NativeText)
+
+
+def ranked(typed: str, items: Iterable[T], text: Callable[[T], str]) -> list[T]:
+    """Return the items that match `typed`, best first: whole words' beginnings before letters in order.
+
+    An empty `typed` returns all, in their order.
+    """
+    words = typed.lower().split()
+    scored = [(value, item) for item in items if (value := score(words, text(item).lower())) is not None]
+    return [item for _, item in sorted(scored, key=lambda s: s[0])]
+
+
+def score(words: list[str], text: str) -> int | None:
+    """Return how far `text` is from the `words` typed (0 is best); None where it does not match."""
+    total = 0
+    parts = text.split()
+    for word in words:
+        if any(part.startswith(word) for part in parts):
+            continue
+        if word in text:
+            total += 1
+        elif in_order(word, text):
+            total += 3
+        else:
+            return None
+    return total
+
+
+def in_order(letters: str, text: str) -> bool:
+    """Return whether all `letters` occur in `text` in their order."""
+    left = iter(text)
+    return all(letter in left for letter in letters)

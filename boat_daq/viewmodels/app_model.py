@@ -16,9 +16,8 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.jobs import Job, JobRunner
-from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.common.precision import Precision
-from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
+from boat_daq.viewmodels.common.preferences import Precision, Preferences
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.common.undo import UndoHistory
 from boat_daq.viewmodels.live.connection import ConnectionModel
@@ -27,7 +26,6 @@ from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
-from boat_daq.viewmodels.live.session_messages import SessionMessages
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
 from boat_daq.viewmodels.live.shadow_monitor import ShadowMonitor
 from boat_daq.viewmodels.models.atlas import AtlasModel

@@ -124,8 +124,7 @@ def window_on_a_board(qtbot, tmp_path, monkeypatch, rate_hz=100):
     """The window as `run` opens it, on a virtual board in another process; the shadow is not prepared."""
     monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    from boat_daq.gui.app import make_application, make_window
-    from boat_daq.gui.collector import Collector
+    from boat_daq.gui.app import Collector, make_application, make_window
 
     make_application()
     window = make_window(rate_hz)

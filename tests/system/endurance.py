@@ -116,8 +116,7 @@ def print_criteria(result: dict[str, Any]) -> bool:
 
 def run(hours: float, speed: float, block_s: float, window_s: float) -> dict[str, Any]:
     """Run the window and return the measurements."""
-    from boat_daq.gui.app import make_application, make_window
-    from boat_daq.gui.collector import Collector
+    from boat_daq.gui.app import Collector, make_application, make_window
 
     app = make_application()
     window = make_window()

@@ -14,9 +14,8 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots
 from boat_daq.gui.live.photograph_panel import PhotographPanel
-from boat_daq.gui.live.plan_form import PlanForm
 from boat_daq.gui.live.readings_panel import ReadingBar, ReadingsTable
-from boat_daq.gui.live.sequence_panel import SequencePanel
+from boat_daq.gui.live.sequence_panel import PlanForm, SequencePanel
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets

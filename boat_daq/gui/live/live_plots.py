@@ -138,12 +138,10 @@ class LivePlots(PlotCard):
     def _ranges(self, frame: PlotFrame) -> None:
         ranges = self.model.ranges(frame, monotonic())
         names = sensor_names(frame.columns)
-        self.first.y_range(*ranges[names[0]])
-        if len(names) > 1:
-            self.second.y_range(*ranges[names[1]])
-        self.pressure.y_range(*ranges["pressure_kpa"])
-        if "elongation_mm" in ranges:
-            self.length.y_range(*ranges["elongation_mm"])
+        plots = dict(zip(names, (self.first, self.second), strict=False))
+        for name, plot in (plots | {"pressure_kpa": self.pressure, "elongation_mm": self.length}).items():
+            if name in ranges:
+                plot.y_range(*ranges[name])
 
     def show_limits(self, low_kpa: float | None, high_kpa: float | None) -> None:
         """Draw the pressure limits in force."""

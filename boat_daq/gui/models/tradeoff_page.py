@@ -18,7 +18,7 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import ReflowingPage
 from boat_daq.viewmodels.common.formatting import duration_text
-from boat_daq.viewmodels.common.precision import Precision
+from boat_daq.viewmodels.common.preferences import Precision
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.models.atlas import AtlasModel
 from boat_daq.viewmodels.models.tradeoff import ENTRIES, METHODS, TradeoffModel

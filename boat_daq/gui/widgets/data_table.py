@@ -44,7 +44,6 @@ class DataTable(QTableWidget):
 
     def set_headings(self, headings: Sequence[str], *, stretched: int = -1, right: Sequence[int] = ()) -> None:
         """Replace the columns; parameters as of the class."""
-        self._right = frozenset(right)
         self.setColumnCount(len(headings))
         self.setHorizontalHeaderLabels(list(headings))
         self._right = frozenset(right)

@@ -51,14 +51,11 @@ def ask_save(
     then : writes the file.
     done : notice after `then` has returned; "Saved" and the name when None, no notice when empty.
     """
-    dialog = _dialog(parent, services, f"Save {suffix.upper().replace(' ', ' or ')}", suffix)
+    dialog = _dialog(parent, services, f"Save {suffix.upper().replace(' ', ' or ')}", suffix, then, done)
     first = suffix.split()[0]
     dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
     dialog.setDefaultSuffix(first)
     dialog.selectFile(f"{re.sub(r'[^A-Za-z0-9_-]+', '-', stem).strip('-')}.{first}")
-    dialog.fileSelected.connect(
-        lambda name: _finish(services, Path(name), then, f"Saved {Path(name).name}" if done is None else done)
-    )
     return dialog
 
 
@@ -73,13 +70,19 @@ def ask_open(parent: QWidget, services: Services, title: str, suffixes: str, the
     suffixes : the endings allowed, separated by spaces.
     then : reads the file.
     """
-    dialog = _dialog(parent, services, title, suffixes)
+    dialog = _dialog(parent, services, title, suffixes, then, "")
     dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
-    dialog.fileSelected.connect(lambda name: _finish(services, Path(name), then, ""))
     return dialog
 
 
-def _dialog(parent: QWidget, services: Services, title: str, suffixes: str) -> QFileDialog:
+def _dialog(
+    parent: QWidget, services: Services, title: str, suffixes: str, then: Then, done: str | None
+) -> QFileDialog:
+    def finish(name: str) -> None:
+        path = Path(name)
+        services.preferences.set("folder", str(path.parent))
+        services.notices.attempt(lambda: then(path), done=f"Saved {path.name}" if done is None else done)
+
     kinds = suffixes.upper().replace(" ", ", ")
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
     usual = services.recordings if services.recordings.is_dir() else Path.home()
@@ -87,10 +90,6 @@ def _dialog(parent: QWidget, services: Services, title: str, suffixes: str) -> Q
     dialog = FileDialog(parent.window(), title, folder, f"{kinds} ({patterns})")
     dialog.setWindowModality(Qt.WindowModality.NonModal)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    dialog.fileSelected.connect(finish)
     dialog.show()
     return dialog
-
-
-def _finish(services: Services, path: Path, then: Then, done: str) -> None:
-    services.preferences.set("folder", str(path.parent))
-    services.notices.attempt(lambda: then(path), done=done)

@@ -49,11 +49,8 @@ def duration(seconds: float | None) -> str:
 
 def span(seconds: float) -> str:
     """Return a window's length in words, e.g. `10 s`, `2 min`, `1 h`."""
-    if seconds < 60:
-        return f"{seconds:g} s"
-    if seconds < 3600:
-        return f"{seconds / 60:g} min"
-    return f"{seconds / 3600:g} h"
+    size, unit = (1, "s") if seconds < 60 else (60, "min") if seconds < 3600 else (3600, "h")
+    return f"{seconds / size:g} {unit}"
 
 
 def duration_text(seconds: float, digits: int = 3) -> str:

@@ -1,7 +1,8 @@
 """Notices for the status strip, by severity, then by time.
 
 Rules: a notice has a cause and, where there is one, a remedy and an action; details are shown on request. Faults and
-warnings stay until dismissed or replaced by more severe ones; information without an action expires.
+warnings stay until dismissed or replaced by more severe ones; information without an action expires. The session's
+messages about a broken link are dismissed once it is up again.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from enum import IntEnum
 from time import monotonic
 
 from boat_daq.engine.log import note_failure
+from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
 
 INFORMATION_S = 6.0
 KEPT = 200
@@ -26,6 +28,8 @@ class Severity(IntEnum):
     FAULT = 2
 
 
+DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
+LEVELS = {"info": Severity.INFORMATION, "warning": Severity.WARNING, "error": Severity.FAULT}
 TITLES = {
     Severity.INFORMATION: "\u25cf  Note",
     Severity.WARNING: "\u25b2  Attention",
@@ -139,6 +143,38 @@ class Notices:
     def dismiss_all(self, severity: Severity) -> None:
         """Close all notices of one severity; they stay in the history."""
         self._open = [other for other in self._open if other.severity is not severity]
+
+
+class SessionMessages:
+    """Adds each new message of the session to the notices.
+
+    Parameters
+    ----------
+    notices : of the window.
+    snapshot : its messages are old.
+    """
+
+    def __init__(self, notices: Notices, snapshot: SessionSnapshot) -> None:
+        self._notices = notices
+        self._last = max((m.number for m in snapshot.messages), default=0)
+        self._of_link: list[Notice] = []
+
+    def follow(self, snapshot: SessionSnapshot) -> None:
+        """Add what is new; dismiss what a restored link has settled."""
+        connected = snapshot.link is LinkState.UP
+        for message in snapshot.messages:
+            if message.number <= self._last:
+                continue
+            self._last = message.number
+            over = message.kind is MessageKind.SILENT and connected  # data arrive again
+            level = Severity.INFORMATION if over else LEVELS.get(message.level, Severity.WARNING)
+            notice = self._notices.add(level, message.cause, "" if over else message.remedy)
+            if snapshot.link in DOWN:
+                self._of_link.append(notice)
+        if connected:
+            for notice in self._of_link:
+                self._notices.dismiss(notice)
+            self._of_link.clear()
 
 
 def sentence(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Values kept between starts in a small JSON file; a broken file is ignored.
+"""Values kept between starts in a small JSON file, which is ignored if broken; one of them is the fidelity.
 
 If it cannot be written, that is reported once, and the values last as long as the window.
 """
@@ -10,10 +10,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from analysis.fidelity import LEVELS, Fidelity, Level, fidelity
 from boat_daq.engine.toml_values import read_json
 from boat_daq.errors import OperatorError
 
 NAME = "window.json"
+DEFAULT: Level = "normal"
 
 
 class Preferences:
@@ -59,3 +61,28 @@ class Preferences:
                 report, self._report = self._report, None
                 cause = f"window settings cannot be saved in {self.path.parent}: {error.strerror}"
                 report(cause, "This session is not affected. Check the folder and the disk before the next start.")
+
+
+class Precision:
+    """The chosen level.
+
+    Parameters
+    ----------
+    preferences : keep the level.
+    apply : is called with the fidelity now and after each choice.
+    """
+
+    def __init__(self, preferences: Preferences, apply: Callable[[Fidelity], None]) -> None:
+        self._preferences, self._apply = preferences, apply
+        apply(fidelity(self.level))
+
+    @property
+    def level(self) -> Level:
+        """Return the level in use."""
+        kept = self._preferences.get("fidelity", DEFAULT)
+        return next((level for level in LEVELS if level == kept), DEFAULT)
+
+    def choose(self, level: Level) -> None:
+        """Compute at `level` from now on; results shown stay until they are computed again."""
+        self._preferences.set("fidelity", level)
+        self._apply(fidelity(level))

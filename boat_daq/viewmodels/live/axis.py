@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from boat_daq.viewmodels.common.formatting import MINUS, duration
+
 LADDER = (1.0, 2.0, 5.0)
 TICK_PX = 15.0  # of one label
 DIVISIONS = 7  # at most so many labelled ticks over a range
@@ -109,8 +111,5 @@ def time_step(span_s: float) -> float:
 def clock(time_s: float, step_s: float) -> str:
     """Return a tick's label: `2.4`, `0:05`, `1:03:00` as the step between ticks needs."""
     if step_s < 1:
-        return f"{time_s:.{max(1, -math.floor(math.log10(step_s)))}f}".replace("-", "\u2212")
-    sign, whole = ("\u2212" if time_s < -0.5 else ""), abs(round(time_s))
-    hours, rest = divmod(whole, 3600)
-    minutes, seconds = divmod(rest, 60)
-    return f"{sign}{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{sign}{minutes}:{seconds:02d}"
+        return f"{time_s:.{max(1, -math.floor(math.log10(step_s)))}f}".replace("-", MINUS)
+    return (MINUS if time_s < -0.5 else "") + duration(abs(time_s))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -162,6 +163,7 @@ class ResumeRun:
         self._services.show(Page.LIVE)
 
 
+@dataclass(slots=True)
 class RunModel:
     """State of the run and what the operator can do with it.
 
@@ -174,21 +176,14 @@ class RunModel:
     services : of the window.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        connection: ConnectionModel,
-        live: LiveModel,
-        sequence: SequenceModel,
-        readings: ReadingsModel,
-        resumption: ResumeRun,
-        calibration: CalibrationOffer,
-        services: Services,
-    ) -> None:
-        self.session, self.connection, self.live = session, connection, live
-        self.sequence, self.readings = sequence, readings
-        self.resumption, self.calibration = resumption, calibration
-        self._services = services
+    session: Session
+    connection: ConnectionModel
+    live: LiveModel
+    sequence: SequenceModel
+    readings: ReadingsModel
+    resumption: ResumeRun
+    calibration: CalibrationOffer
+    services: Services
 
     @property
     def snapshot(self) -> SessionSnapshot:
@@ -204,7 +199,7 @@ class RunModel:
 
         Each run has its own recording: one that holds a run already is closed before the plan is armed again.
         """
-        self._services.notices.attempt(lambda: self._press(button))
+        self.services.notices.attempt(lambda: self._press(button))
 
     def _press(self, button: str) -> None:
         recording = self.snapshot.recording
@@ -214,7 +209,7 @@ class RunModel:
             self.session.stop_recording()
         self.sequence.press(button)
         if button == "start":
-            self._services.show(Page.LIVE)  # which asks for the readings
+            self.services.show(Page.LIVE)  # which asks for the readings
 
     def record(self) -> Path:
         """Start a recording named after unit and time; return its path.
@@ -223,7 +218,7 @@ class RunModel:
         ------
         BoatDaqError : the folder cannot be written, or nothing is connected.
         """
-        folder, unit = self._services.recordings, self.connection.unit
+        folder, unit = self.services.recordings, self.connection.unit
         folder.mkdir(parents=True, exist_ok=True)
         stamp = datetime.now(UTC).astimezone().strftime("%Y-%m-%d_%H%M%S")
         path = path_in(folder, f"{unit}_{stamp}.boat")
@@ -232,7 +227,7 @@ class RunModel:
 
     def toggle_recording(self) -> None:
         """Start a recording, or close the current one."""
-        notices, snapshot = self._services.notices, self.snapshot
+        notices, snapshot = self.services.notices, self.snapshot
         if snapshot.recording is None:
             notices.attempt(self.record, done="Recording")
         elif snapshot.state in UNDER_WAY:
@@ -243,7 +238,7 @@ class RunModel:
     def mark(self, note: str) -> None:
         """Add a marker with a note at the newest sample."""
         now_s = self.live.now_s()
-        if self._services.notices.attempt(lambda: self.session.mark(note)) and not math.isnan(now_s):
+        if self.services.notices.attempt(lambda: self.session.mark(note)) and not math.isnan(now_s):
             self.live.markers.append(Marker(now_s, note))
 
     def can_read_simulated(self) -> bool:
@@ -254,11 +249,11 @@ class RunModel:
         """Enter what the simulated unit's grid shows, to the nearest half millimetre."""
         x = self.connection.simulated_mm()
         if x is not None:
-            self._services.notices.attempt(lambda: self.readings.put(step_id, x, "simulated"))
+            self.services.notices.attempt(lambda: self.readings.put(step_id, x, "simulated"))
 
     def skip_reading(self) -> None:
         """Continue the plateau that waits without a reading."""
-        self._services.notices.attempt(self.session.skip_reading)
+        self.services.notices.attempt(self.session.skip_reading)
 
     def reading_points(self) -> tuple[list[float], list[float]]:
         """Return the ring's time (s) and the elongation (mm) of each plateau that was read and is in the ring."""

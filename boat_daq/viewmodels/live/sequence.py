@@ -74,11 +74,6 @@ class Staircase:
     time_s: FloatArray
     pressure_kpa: FloatArray
 
-    @property
-    def step_edges_s(self) -> FloatArray:
-        """Return the begin of each step, and the end of the last."""
-        return self.time_s[::2]
-
 
 @lru_cache(maxsize=4)
 def staircase(plan: Plan) -> Staircase:
@@ -340,7 +335,7 @@ def done_s(picture: Staircase, snapshot: SessionSnapshot) -> float:
     progress = snapshot.progress
     if progress is None or not progress.step:
         return 0.0
-    edges = picture.step_edges_s
+    edges = picture.time_s[::2]  # begin of each step, and end of the last
     i = min(progress.step, edges.size - 1) - 1
     return float(min(edges[i] + progress.step_time_s, edges[i + 1]))
 

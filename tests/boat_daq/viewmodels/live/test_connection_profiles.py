@@ -9,7 +9,7 @@ from boat_daq.errors import OperatorError
 
 def test_rx8_line_becomes_a_profile():
     """The line of the shipped profile, pasted bare, describes the same columns; other variables are skipped."""
-    from boat_daq.viewmodels.live.profiles import profile_text
+    from boat_daq.viewmodels.live.connection import profile_text
     from protocol.text.profile import load_profile
 
     line = "RX8 [h=43] @1T @0T @1P @0P @1S1 @0S1 @1S2 @0S2 @0Aux [t=00]"

@@ -10,8 +10,7 @@ import pytest
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 
-from boat_daq.gui.app import make_window
-from boat_daq.gui.collector import Collector
+from boat_daq.gui.app import Collector, make_window
 from boat_daq.viewmodels.common.services import Page
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, window_on
 

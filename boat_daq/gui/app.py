@@ -75,7 +75,7 @@ def make_application() -> QApplication:
     app.setApplicationName("boat-daq")
     app.setDesktopFileName("boat-daq")
     app.setStyle("Fusion")
-    app.setFont(style.base_font())
+    app.setFont(style.font())
     QLocale.setDefault(QLocale.c())
     return app
 

@@ -89,10 +89,8 @@ class Header(QWidget):
         """Show the link, its figures, the unit."""
         text = link_text(snapshot)
         words = text.word if not text.who else f"{text.who}  {text.word}"
-        widgets.set_text(
-            self.link,
-            f"{text.shape}  {words}" if not self.connection.starting else "\u25d4  starting the virtual board \u2026",
-        )
+        starting = "\u25d4  starting the virtual board \u2026"
+        widgets.set_text(self.link, starting if self.connection.starting else f"{text.shape}  {words}")
         widgets.set_state(self.link, text.state)
         self.simulated.setVisible(snapshot.simulated)
         for i, label in enumerate(self.figures):

@@ -26,7 +26,7 @@ from boat_daq.gui.models.tradeoff_page import TradeoffPage
 from boat_daq.gui.palette import Palette, ShortcutSheet
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
-from boat_daq.gui.registry import Registry
+from boat_daq.gui.registry import Registry, WindowKeys
 from boat_daq.gui.results.calibration_page import CalibrationPage
 from boat_daq.gui.results.repeat_page import RepeatPage
 from boat_daq.gui.results.runs_page import RunsPage
@@ -35,7 +35,6 @@ from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
-from boat_daq.gui.window_keys import WindowKeys
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Page, Panel

@@ -195,38 +195,23 @@ def colour(value: str, alpha: int = 255) -> QColor:
     return result
 
 
-def base_font() -> QFont:
-    """Return the program's font: the system's first of `FAMILIES`, with figures of one width."""
+def font(pixels: int = FONT_CHROME, weight: QFont.Weight = QFont.Weight.Normal) -> QFont:
+    """Return the program's font: the system's first of `FAMILIES`; figures have one width, so that none moves."""
     known = set(QFontDatabase.families())
-    font = QFont(next((name for name in FAMILIES if name in known), QFont().defaultFamily()))
-    font.setPixelSize(FONT_CHROME)
-    return tabular(font)
-
-
-def tabular(font: QFont) -> QFont:
-    """Return `font` with figures of one width, so that a changing number does not move."""
-    font.setFeature(QFont.Tag("tnum"), 1)
-    return font
+    result = QFont(next((name for name in FAMILIES if name in known), QFont().defaultFamily()), weight=weight)
+    result.setPixelSize(pixels)
+    result.setFeature(QFont.Tag("tnum"), 1)
+    return result
 
 
 def small_font() -> QFont:
     """Return the font of axis labels and captions."""
-    font = base_font()
-    font.setPixelSize(FONT_SMALL)
-    return font
+    return font(FONT_SMALL)
 
 
-def measured_font(pixels: int) -> QFont:
-    """Return the font of a measured value."""
-    font = tabular(QFont(base_font()))
-    font.setPixelSize(pixels)
-    font.setWeight(QFont.Weight.DemiBold)
-    return font
-
-
-def text_width(font: QFont, text: str) -> int:
-    """Return the width of `text` in `font`, pixels."""
-    return QFontMetrics(font).horizontalAdvance(text)
+def text_width(of: QFont, text: str) -> int:
+    """Return the width of `text` in a font, pixels."""
+    return QFontMetrics(of).horizontalAdvance(text)
 
 
 def system_theme() -> Theme:

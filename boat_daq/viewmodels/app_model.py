@@ -146,8 +146,7 @@ class AppModel:
                 Severity.WARNING,
                 f"{path.name} was not closed: its session was killed",
                 "Nothing that was recorded is lost; recovering closes the file properly.",
-                action_text="Recover",
-                action=partial(self.runs.recover, path),
+                action=("Recover", partial(self.runs.recover, path)),
             )
 
     def save_bug_report(self, path: Path) -> None:

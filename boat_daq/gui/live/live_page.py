@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtGui import QFont, QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QScrollArea, QTabWidget, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -69,7 +69,7 @@ class ValueDisplay(QWidget):
 
     def resize_text(self, pixels: int) -> None:
         """Set the size of the value, and a width for the longest one so that nothing moves."""
-        font = style.measured_font(pixels)
+        font = style.font(pixels, QFont.Weight.DemiBold)
         self.value.setFont(font)
         self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
         self.value.setFixedWidth(style.text_width(font, self.example) + 2 * style.STEP)
@@ -342,7 +342,10 @@ class LivePage(QWidget):
     def _show_between(self, spans: list[Span]) -> None:
         at = self.pane.indexOf(self.between)
         if spans:
-            columns = [("", *HEADINGS_SHORT), *((span.short, *span.cells[1:-1], span.snr) for span in spans)]
+            columns = [
+                ("", *HEADINGS_SHORT),
+                *((span.short, *span.cells[1:-1], span.cells[-1].removesuffix(" dB")) for span in spans),
+            ]
             upright = table(list(zip(*columns, strict=True)), style.STEP)
             self.between.setText(f"<p>{self.model.difference()}</p>{upright}")
             if at < 0:

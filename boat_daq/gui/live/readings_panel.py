@@ -35,8 +35,8 @@ class ReadingBar(QFrame):
         self.run, self.notices = run, services.notices
         self.step_id: int | None = None
         self.question = widgets.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
-        width = 3 * style.CONTROL_HEIGHT
-        self.field = widgets.field("Elongation in mm", on_enter=self.enter, role="reading", width=width)
+        self.field = widgets.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
+        self.field.setProperty("role", "reading")
         show = partial(services.show, Panel.PHOTOGRAPH)
         self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid (Ctrl+P)")
         self.simulated = widgets.button("Read the grid", self._simulated, tip="Read the grid of the simulated unit")
@@ -148,9 +148,7 @@ class ReadingsTableModel(QAbstractTableModel):
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return side(index.column())
         if role == Qt.ItemDataRole.FontRole and (row.current or row.apart_mm is not None):
-            font = QFont(style.base_font())
-            font.setBold(True)
-            return font
+            return style.font(weight=QFont.Weight.Bold)
         if role == Qt.ItemDataRole.ToolTipRole:
             return row.tip or None
         return None

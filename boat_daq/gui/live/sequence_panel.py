@@ -183,7 +183,8 @@ class PlanForm(QScrollArea):
         layout.setContentsMargins(0, style.GAP, style.STEP, 0)
 
     def _field(self, key: str, name: str, tip: str) -> QLineEdit:
-        field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH, tip=tip)
+        field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH)
+        field.setToolTip(tip)
         field.editingFinished.connect(lambda: self._edit(key, field))
         return field
 

@@ -90,14 +90,7 @@ def button(text: str, on_click: Callable[[], Any], role: str = "", *, name: str 
 
 
 def field(
-    name: str,
-    text: str = "",
-    on_enter: Callable[[], object] | None = None,
-    *,
-    role: str = "",
-    placeholder: str = "",
-    width: int = 0,
-    tip: str = "",
+    name: str, text: str = "", on_enter: Callable[[], object] | None = None, *, placeholder: str = "", width: int = 0
 ) -> QLineEdit:
     """Return a text field named for a screen reader."""
     widget = QLineEdit(text)
@@ -106,7 +99,7 @@ def field(
         widget.setFixedWidth(width)
     if on_enter:
         widget.returnPressed.connect(on_enter)
-    return _dressed(widget, role, name, tip)
+    return _dressed(widget, "", name)
 
 
 def choice(

@@ -16,6 +16,8 @@ from time import monotonic
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
 
+Offer = tuple[str, Callable[[], None]]
+"""Label and function of a button."""
 INFORMATION_S = 6.0
 KEPT = 200
 
@@ -79,14 +81,7 @@ class Notices:
         self._open: list[Notice] = []
 
     def add(
-        self,
-        severity: Severity,
-        cause: str,
-        remedy: str = "",
-        *,
-        details: str = "",
-        action_text: str = "",
-        action: Callable[[], None] | None = None,
+        self, severity: Severity, cause: str, remedy: str = "", *, details: str = "", action: Offer | None = None
     ) -> Notice:
         """Add a notice; one with the same cause is replaced.
 
@@ -95,9 +90,10 @@ class Notices:
         severity : information expires, the others stay.
         cause, remedy : what has happened, and what to do.
         details : shown on request, e.g. a traceback.
-        action_text, action : label and function of the button.
+        action : label and function of the button.
         """
-        notice = Notice(severity, cause, remedy, details, action_text, action, self._clock())
+        action_text, run = action or ("", None)
+        notice = Notice(severity, cause, remedy, details, action_text, run, self._clock())
         self._open = [*(other for other in self._open if other.cause != cause), notice]
         self.history = [*self.history[-KEPT + 1 :], notice]
         return notice

@@ -117,17 +117,8 @@ def profile_text(pasted: str) -> str:
     rows = "\n".join(f"{name} = {entry}" for name, entry in entries.items())
     return f"""name = "Pasted RX8 line"
 kind = "rx8"
-
-[device]
-n_sensors = {len(sensors)}
-rate_hz = 100
-vref_mv = 3300
-adc_bits = 12
-polarity = -1
-
-[rx8]
-format = "{line}"
-
+device = {{ n_sensors = {len(sensors)}, rate_hz = 100, vref_mv = 3300, adc_bits = 12, polarity = -1 }}
+rx8.format = "{line}"
 [rx8.variables]
 {rows}
 """

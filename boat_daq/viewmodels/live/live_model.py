@@ -97,18 +97,13 @@ class Span:
         return f"{self.name.removeprefix('Sensor ')}, {self.unit}" if self.name.startswith("Sensor") else self.unit
 
     @property
-    def snr(self) -> str:
-        """Return the SNR as text, dB."""
-        return number(self.snr_db, 1)
-
-    @property
     def cells(self) -> tuple[str, ...]:
         """Return the row as text, in the order of `HEADINGS`."""
         d = self.decimals
         return (
             f"{self.name} ({self.unit})", number(self.mean, d), number(self.sd, d + 1), number(self.low, d),
             number(self.high, d), number(self.difference, d, sign=True), number(self.slope_per_s, d + 1, sign=True),
-            f"{self.snr} dB",
+            f"{number(self.snr_db, 1)} dB",
         )  # fmt: skip
 
 

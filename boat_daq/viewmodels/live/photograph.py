@@ -15,6 +15,7 @@ STEPS = (
     "Click a second line further along, towards the tip.",
     "Click the tip where it was at rest (0 kPa).",
     "Click the tip now.",
+    "Press Enter to take the reading, or click again to correct the tip.",
 )
 
 
@@ -59,11 +60,7 @@ class Photograph:
     @property
     def instruction(self) -> str:
         """Return what to click next."""
-        return (
-            STEPS[len(self.clicks)]
-            if len(self.clicks) < len(STEPS)
-            else "Press Enter to take the reading, or click again to correct the tip."
-        )
+        return STEPS[len(self.clicks)]
 
     @property
     def mm_per_pixel(self) -> float | None:

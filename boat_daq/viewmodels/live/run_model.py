@@ -75,8 +75,7 @@ class CalibrationOffer:
                 Severity.INFORMATION,
                 f"the run {'was stopped' if stopped else 'is finished'}, {count(read, 'plateau')} read",
                 "Next: fit and look at it.",
-                action_text="Calibrate",
-                action=self.take,
+                action=("Calibrate", self.take),
             )
 
 
@@ -142,8 +141,7 @@ class ResumeRun:
                 Severity.INFORMATION,
                 f"the run was interrupted after {count(complete, 'whole cycle')}",
                 f"Resume at cycle {first} in its recording, the break stays visible; or start over in another.",
-                action_text="Resume",
-                action=lambda: self._arm(plan),
+                action=("Resume", lambda: self._arm(plan)),
             )
             self.first_cycle = first
 

@@ -25,6 +25,16 @@ HELD_OFF_MM = 1.0  # and only a tip held off its nominal place, can be unstable
 NICE = 10  # below the board and the window
 
 
+def place_of(pressure_kpa: float, elongation_mm: float) -> Place:
+    """Return the place of the table that a state is at."""
+    return round(pressure_kpa / HELD_KPA), round(elongation_mm / HELD_MM)
+
+
+def can_be_unstable(pressure_kpa: float, deviation_mm: float) -> bool:
+    """Return whether a state with its tip so far off its nominal place can be unstable."""
+    return pressure_kpa <= HELD_BELOW_KPA and abs(deviation_mm) >= HELD_OFF_MM
+
+
 def shadow_of(level: str = "normal", *, progress: Callable[[float, float], None] | None = None) -> Shadow:
     """Return the shadow at a level of fidelity; its table is loaded from the cache, or built.
 

@@ -18,15 +18,7 @@ from analysis.arrays import FloatArray
 from boat_daq.viewmodels.common.formatting import NOTHING, number
 from boat_daq.viewmodels.common.jobs import Background, Job, JobRunner, JobState
 from boat_daq.viewmodels.live.live_model import LiveModel, signals
-from boat_daq.viewmodels.live.shadow_jobs import (
-    HELD_BELOW_KPA,
-    HELD_KPA,
-    HELD_MM,
-    HELD_OFF_MM,
-    shadow_of,
-    unstable_held_states,
-    warm,
-)
+from boat_daq.viewmodels.live.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow, ShadowState
@@ -221,15 +213,14 @@ class ShadowLive:
 
         One test takes 30 ms of the interpreter, which a thread would take from the frames and the reader.
         """
-        pressure, mm = state.pressure_kpa, state.elongation_mm
-        if pressure > HELD_BELOW_KPA or abs(state.deviation_mm) < HELD_OFF_MM:
+        if not can_be_unstable(state.pressure_kpa, state.deviation_mm):
             return ""
         if self._unstable is None:
             if self._stability_job is None:
                 self._stability_job = Job("Testing stability", unstable_held_states, self._level)
                 self._jobs.start("stability", self._stability_job, self._take_stability)
             return self._no_stability
-        unstable = (_step(pressure, HELD_KPA), _step(mm, HELD_MM)) in self._unstable
+        unstable = place_of(state.pressure_kpa, state.elongation_mm) in self._unstable
         return "\u25b2 in equilibrium, but not stable" if unstable else ""
 
     def _take_stability(self, job: Job) -> None:

@@ -270,8 +270,7 @@ class CalibrationModel:
                 Severity.WARNING,
                 f"this calibration is out of tolerance. {'. '.join(missed)}",
                 "Check its readings, or accept it as it is.",
-                action_text=ANYWAY,
-                action=partial(self.request_acceptance, anyway=True),
+                action=(ANYWAY, partial(self.request_acceptance, anyway=True)),
             )
             return
         suffix = " out of tolerance" if missed else ""

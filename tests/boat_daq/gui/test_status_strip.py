@@ -17,7 +17,7 @@ from tests.boat_daq.gui.windows import pause, run_shortcut
 
 def test_offer_can_be_dismissed(live):
     """The offer "The run is finished: Calibrate" stays until it is taken, or sent away with the mouse."""
-    live.model.notices.add(Severity.INFORMATION, "an offer", action_text="Do it", action=lambda: None)
+    live.model.notices.add(Severity.INFORMATION, "an offer", action=("Do it", lambda: None))
     live.refresh()
     assert live.strip.close_.isVisible()
     live.strip.close_.click()
@@ -47,7 +47,7 @@ def test_error_has_cause_remedy_details_and_copy(live):
 def test_suggested_action_is_applied_by_a_key(live):
     """What the strip offers is done by Ctrl+J, once."""
     done = []
-    live.model.notices.add(Severity.WARNING, "x", "y", action_text="Do", action=lambda: done.append(1))
+    live.model.notices.add(Severity.WARNING, "x", "y", action=("Do", lambda: done.append(1)))
     live.refresh()
     run_shortcut(live, "Ctrl+J")
     live.refresh()

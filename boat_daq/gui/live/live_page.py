@@ -342,11 +342,8 @@ class LivePage(QWidget):
     def _show_between(self, spans: list[Span]) -> None:
         at = self.pane.indexOf(self.between)
         if spans:
-            columns = [
-                ("", *HEADINGS_SHORT),
-                *((span.short, *span.cells[1:-1], span.cells[-1].removesuffix(" dB")) for span in spans),
-            ]
-            upright = table(list(zip(*columns, strict=True)), style.STEP)
+            cells = [(span.short, *span.cells[1:-1], span.cells[-1].removesuffix(" dB")) for span in spans]
+            upright = table(list(zip(("", *HEADINGS_SHORT), *cells, strict=True)), style.STEP)
             self.between.setText(f"<p>{self.model.difference()}</p>{upright}")
             if at < 0:
                 self._before = self.pane.currentIndex()

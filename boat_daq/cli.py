@@ -6,37 +6,15 @@ A command imports its libraries (numba, Qt, scipy) when it runs, so that `--help
 from __future__ import annotations
 
 import signal
+from importlib import import_module
+from itertools import chain
 from types import FrameType
 from typing import Annotated
 
 import typer
 
 import boat_daq
-from boat_daq.commands import (
-    analyze,
-    atlas,
-    batch,
-    board,
-    bugreport,
-    demo,
-    export,
-    fit,
-    gui,
-    history,
-    importing,
-    info,
-    optics,
-    ports,
-    qualify,
-    record,
-    recover,
-    report,
-    shadow,
-    strokes,
-    tradeoff,
-    upgrade,
-    verify,
-)
+from boat_daq.commands import gui, optics, shadow
 from boat_daq.commands.console import emit_error, show
 
 app = typer.Typer(
@@ -71,31 +49,13 @@ def start(
         gui.gui()
 
 
-COMMANDS = (
-    gui.gui,
-    demo.demo,
-    ports.ports,
-    board.board,
-    record.record,
-    importing.import_csv,
-    recover.recover,
-    upgrade.upgrade,
-    verify.verify,
-    info.info,
-    analyze.analyze,
-    report.report,
-    batch.batch,
-    history.history,
-    strokes.strokes,
-    tradeoff.tradeoff,
-    atlas.atlas,
-    export.export,
-    fit.fit,
-    qualify.qualify,
-    bugreport.bugreport,
+COMMANDS = (  # in the order of --help; each is the function in the module of its name
+    ("gui", "demo", "ports", "board", "record", "importing", "recover", "upgrade", "verify", "info"),
+    ("analyze", "report", "batch", "history", "strokes", "tradeoff", "atlas", "export", "fit", "qualify", "bugreport"),
 )
-for command in COMMANDS:
-    app.command("import" if command is importing.import_csv else None)(command)
+for command in chain.from_iterable(COMMANDS):
+    name = "import" if command == "importing" else command
+    app.command(name)(getattr(import_module(f"boat_daq.commands.{command}"), command))
 for name, group in (("optics", optics.app), ("shadow", shadow.app)):
     app.add_typer(group, name=name)
 

@@ -11,7 +11,7 @@ from boat_daq.commands.console import JsonOption, emit_json, notify, show, show_
 from boat_daq.commands.options import MapOption, RateOption
 
 
-def import_csv(
+def importing(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="File to import.")],
     to: Annotated[Path | None, typer.Option("--out", metavar="FILE.boat", help="Recording to write.")] = None,
     mapping: MapOption = None,

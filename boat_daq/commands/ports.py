@@ -23,7 +23,7 @@ def ports(
 
     Example: boat-daq ports --port /dev/pts/3
     """
-    from boat_daq.engine.link.discovery import identify_all_ports, identify_port
+    from boat_daq.engine.link.opening import identify_all_ports, identify_port
 
     if port:
         answers = [identify_port(name) for name in port]

@@ -2,28 +2,84 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, notify, present, progress_bar
-from boat_daq.commands.options import FidelityOption, PlotOption, one_of
-from boat_daq.commands.shadow_chain import chain
-from boat_daq.commands.shadow_measured import modulus, replay
-from boat_daq.commands.shadow_options import (
-    MeshOption,
-    ParametersOption,
-    chosen_model,
-    chosen_parameters,
-    chosen_shadow,
-    save_figure,
-)
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, writing
+from boat_daq.commands.optics import cavity_counts
+from boat_daq.commands.options import FidelityOption, PlotOption, RunArgument, one_of
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from analysis.fidelity import Level
+    from analysis.optics.sweep.sweep import SweepResult
+    from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.fem.solver import Solution
+    from analysis.shadow.model.frames import Shadow
     from analysis.shadow.model.full import FullModel
+    from analysis.shadow.model.reduced import ReducedModel
+
+
+ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
+MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
+
+
+def chosen_parameters(path: Path | None, level: Level = "normal") -> ActuatorParameters:
+    """Return the parameters of a file, or the defaults, on the mesh of a fidelity; normal keeps a file's own mesh."""
+    from analysis.fidelity import fidelity
+    from analysis.shadow.model.fidelity import actuator
+    from analysis.shadow.model.parameter_files import read_parameters
+
+    if path is None:
+        return actuator(fidelity(level))
+    read = read_parameters(path)
+    return read if level == "normal" else actuator(fidelity(level), read)
+
+
+def chosen_model(parameters: Path | None, mesh: Path | None, level: Level = "normal") -> FullModel:
+    """Return the full model.
+
+    Parameters
+    ----------
+    parameters : TOML file; None for the defaults.
+    mesh : mesh file; None for the parametric mesh.
+    level : fidelity of the parametric mesh.
+    """
+    from analysis.shadow.fem.mesh_files import read_mesh
+    from analysis.shadow.model.full import FullModel
+
+    return FullModel(chosen_parameters(parameters, level), mesh=None if mesh is None else read_mesh(mesh))
+
+
+def chosen_table(actuator: ActuatorParameters, level: Level | None = None) -> ReducedModel:
+    """Return the reduced model of an actuator, of the fidelity's size where one is given."""
+    from analysis.fidelity import fidelity
+    from analysis.shadow.model.fidelity import table_settings
+    from analysis.shadow.model.table import load_table
+
+    settings = None if level is None else table_settings(fidelity(level))
+    with progress_bar("building the table") as progress:
+        return load_table(actuator, settings, progress=progress)
+
+
+def chosen_shadow(parameters: Path | None, level: Level = "normal") -> Shadow:
+    """Return the shadow of the chosen parameters, its table of the fidelity's size."""
+    from analysis.shadow.model.frames import Shadow
+
+    actuator = chosen_parameters(parameters, level)
+    return Shadow(actuator, chosen_table(actuator, level))
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of its suffix."""
+    with writing(path):
+        figure.savefig(path, dpi=144)
+    notify(f"wrote {path}")
+
 
 app = typer.Typer(
     help="The digital shadow: solve, table, modulus, states, replay, export, chain.",
@@ -222,5 +278,167 @@ def states(
     )
 
 
-for command in (modulus, replay, chain):
-    app.command()(command)
+BAND_PRESSURES_KPA = (-40.0, -20.0, 20.0, 50.0)
+
+
+@app.command()
+def modulus(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE.csv...", help="One compression test a specimen.")],
+    height_mm: Annotated[float, typer.Option(help="Height of the specimens at rest, mm.")],
+    area_mm2: Annotated[float, typer.Option(help="Cross-section of the specimens at rest, mm².")],
+    window: Annotated[tuple[float, float], typer.Option(help="Range of strain for the slope.")] = (0.02, 0.1),
+    force_column: Annotated[str | None, typer.Option(help="Name or number of the force column.")] = None,
+    displacement_column: Annotated[str | None, typer.Option(help="Name or number of the displacement column.")] = None,
+    parameters: ParametersOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the effective modulus of the lattice from uniaxial compression, and its effect on nominal elongation.
+
+    Example: boat-daq shadow modulus s1.csv s2.csv s3.csv --height-mm 50 --area-mm2 2500
+    """
+    import math
+    from dataclasses import asdict, replace
+
+    import numpy as np
+
+    from analysis.shadow.model.modulus import effective_modulus, read_compression_test
+
+    if len({path.resolve() for path in files}) < len(files):
+        raise typer.BadParameter("one file is given for two specimens, which leaves no spread", param_hint="FILE.csv")
+    tests = [read_compression_test(path, height_mm, area_mm2, force_column, displacement_column) for path in files]
+    found = effective_modulus(tests, window)
+    spread = found.sd_kpa if math.isfinite(found.sd_kpa) else found.standard_error_kpa
+    table = chosen_table(
+        replace(chosen_parameters(parameters), lattice_modulus_kpa=found.mean_kpa, lattice_modulus_sd_kpa=spread)
+    )
+    low, high = table.pressure_range_kpa
+    pressures = np.array([p for p in BAND_PRESSURES_KPA if low <= p <= high])
+    band = list(zip(pressures, *table.nominal_elongation(pressures), strict=True))
+    keys = ("pressure_kpa", "nominal_elongation_mm", "standard_uncertainty_mm")
+    present(
+        asdict(found) | {"n": len(tests), "band": [dict(zip(keys, row, strict=True)) for row in band]},
+        *(f"{one.name}: {one.modulus_kpa:.2f} kPa (R² {one.r2:.4f}, {one.points} points)" for one in found.specimens),
+        f"E = {found.mean_kpa:.2f} ± {spread:.2f} kPa, N = {len(tests)}",
+        *(f"{p:+.0f} kPa: {x:+.3f} ± {u:.3f} mm (k = 1)" for p, x, u in band),
+        as_json=as_json,
+    )
+
+
+@app.command()
+def replay(
+    run: RunArgument,
+    calibration: Annotated[Path | None, typer.Option(help="Run to calibrate from; default RUN itself.")] = None,
+    elongation: Annotated[Path | None, typer.Option(help="CSV of the calibration's elongation readings.")] = None,
+    parameters: ParametersOption = None,
+    plot: PlotOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare a run with the shadow: deviation, drift over cycles, and the alarms of the monitor.
+
+    Example: boat-daq shadow replay repeatability.boat --calibration calibration.boat --plot deviation.png
+    """
+    import math
+
+    from analysis import analyse, find_cycles, load_recording
+    from analysis.figures.against_shadow import measured_elongation
+    from analysis.shadow.monitoring.replay import replay as compare
+    from analysis.shadow.monitoring.replay import replay_figure
+
+    recording = load_recording(run)
+    with progress_bar("calibrating") as progress:
+        sensors = analyse(calibration or run, elongation, mcmc=False, progress=progress).sensors
+    result = compare(
+        chosen_table(chosen_parameters(parameters)),
+        recording.time_s,
+        recording.pressure_kpa,
+        measured_elongation(recording, sensors),
+        [cycle.rows for cycle in find_cycles(recording).complete],
+    )
+    summary = result.summary() | {"simulated": recording.simulated}
+    if plot is not None:
+        save_figure(replay_figure(result), plot)
+    if as_json:
+        emit_json(summary)
+        return
+    if recording.simulated:
+        show("SIMULATED")
+    show(
+        f"{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
+        f"{summary['deviation_rms_mm']:.3f} mm rms, {summary['inside_band_percent']:.0f} % inside the band (k = 2)"
+    )
+    for alarm in result.alarms:
+        show(f"ALARM in cycle {alarm.cycle}: {alarm.sentence}")
+    for cause in result.left_out:
+        notify(f"omitted: {cause}")
+    detectable = ", ".join(f"{name} {size:.2g}" for name, size in result.smallest_shift.items() if math.isfinite(size))
+    show(
+        f"smallest shifts that further cycles would show: {detectable}"
+        if detectable
+        else "too few cycles for the alarms to detect a shift"
+    )
+
+
+@app.command()
+def chain(
+    rays: Annotated[int, typer.Option(help="Rays of each simulation.", min=1)] = 250,
+    cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
+    parameters: ParametersOption = None,
+    out: Annotated[Path | None, typer.Option(help="Write the shadow's curves into this CSV.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compute pressure, guides, detected light and the best pattern, and compare with the parametric curves.
+
+    Example: boat-daq shadow chain --rays 1000 --out curves.csv
+    """
+    from analysis.optics.scene.curves import parametric_curves
+    from analysis.optics.scene.parameters import Light
+    from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
+    from analysis.shadow.model.full import FullModel
+    from analysis.shadow.model.parameter_files import read_parameters
+    from analysis.shadow.model.states import guide_states, write_states
+
+    designs = tuple(paper_grid(cavity_counts(cavities)))
+    states = guide_states(FullModel(None if parameters is None else read_parameters(parameters)))
+    if out is not None:
+        write_states(states, out)
+        notify(f"wrote {out}")
+    found: dict[str, Any] = {}
+    for name, curves in (("shadow", states.curves_mm), ("parametric", parametric_curves())):
+        with progress_bar(f"sweep over the {name} curves") as progress:
+            result = run_sweep(SweepRequest(designs, light=Light(rays=rays), curves=curves), progress=progress)
+        found[name] = _outcome(result)
+    found["bow_mm"], found["curvature_per_mm"] = states.bow_mm(), states.curvature_per_mm()
+    found["elongation_mm"] = states.elongation_mm
+    found["same_best"] = found["shadow"]["best"] == found["parametric"]["best"]
+    if as_json:
+        emit_json(found)
+        return
+    for name in ("shadow", "parametric"):
+        one = found[name]
+        design = "{cavities} cavities {width_mm:.1f} wide, {depth_mm:.1f} deep, {spacing_mm:.1f} apart"
+        show(
+            f"{name}: best {design.format(**one['best'])}, P {one['p']:.3g}, tied with {one['tied']}; "
+            f"NDR {one['ndr'][0]:.0f} compressed, {one['ndr'][7]:.0f} at rest, {one['ndr'][-1]:.0f} elongated; "
+            f"the paper's optimum has rank {one['paper_optimum_rank']}"
+        )
+    straighter = found["curvature_per_mm"][-1] < found["curvature_per_mm"][0]
+    show(f"the shadow's guides get {'straighter' if straighter else 'more bent'} as the actuator lengthens")
+
+
+def _outcome(result: SweepResult) -> dict[str, Any]:
+    """Return a sweep's best design, the number tied with it, and the rank of the paper's optimum."""
+    import numpy as np
+
+    p = result.merit().p
+    best, paper = int(np.argmax(p)), result.find()
+    design = asdict(result.designs[best])
+    del design["face"]  # the same of all designs
+    return {
+        "best": design,
+        "p": float(p[best]),
+        "tied": int(np.sum(result.uncertainty().tied)),
+        "ndr": result.ndr[best],
+        "paper_optimum_rank": None if paper is None else int(result.ranks()[paper]),
+        "seconds": result.seconds,
+        "simulations": result.simulated,
+    }

@@ -34,9 +34,8 @@ from protocol.link.messages import (
 )
 from protocol.link.sample_stream import NO_WRAP, WRAP, Rows, SampleStream, implausible
 from protocol.recording import SampleFlag, SampleKind, sample_dtype
-from protocol.text.command_templates import COMMANDS
 from protocol.text.delimited_lines import LineReader
-from protocol.text.profile import ProfileColumn, TextProfile
+from protocol.text.profile import COMMANDS, ProfileColumn, TextProfile
 from protocol.text.rx8 import PacketFormat, PacketReader
 
 IDENTIFY_NS = 2_500_000_000  # a device without a good line for so long does not match the profile

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from analysis.pressure_units import KPA_PER_UNIT
-from protocol.text.command_templates import PA_PER_UNIT
+from protocol.text.profile import PA_PER_UNIT
 
 
 @pytest.mark.parametrize("unit", sorted(PA_PER_UNIT))

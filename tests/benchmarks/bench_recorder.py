@@ -11,11 +11,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from boat_daq.engine.blocks import Block
 from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.link.link_health import LinkHealth
-from boat_daq.engine.link.reader import PortReader
+from boat_daq.engine.link.reader import Block, PortReader
 from boat_daq.engine.link.transports import open_transport
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.recording.recorder import Recorder

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from boat_daq import __version__
 from boat_daq.cli import app
-from boat_daq.engine.qualification import drills, installation
+from boat_daq.engine.qualification import drills, result
 from boat_daq.engine.qualification.drills import available, run_drill
 from boat_daq.engine.qualification.result import qualification
 from boat_daq.engine.qualification.test_rig import Criterion, DrillResult, DrillRig
@@ -162,12 +162,12 @@ def test_program_hash_depends_on_every_file(tmp_path: Path, monkeypatch: pytest.
     for package in ("boat_daq", "protocol", "analysis"):
         (tmp_path / package).mkdir()
         (tmp_path / package / "a.py").write_text("x = 1\n")
-    monkeypatch.setattr(installation, "_ROOT", tmp_path)
-    before = installation.program()
+    monkeypatch.setattr(result, "_ROOT", tmp_path)
+    before = result.program()
     assert before["files"] == 3
-    assert installation.program()["sha256"] == before["sha256"]
+    assert result.program()["sha256"] == before["sha256"]
     (tmp_path / "protocol" / "a.py").write_text("x = 2\n")
-    assert installation.program()["sha256"] != before["sha256"]
+    assert result.program()["sha256"] != before["sha256"]
 
 
 @pytest.mark.nightly

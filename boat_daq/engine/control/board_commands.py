@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from boat_daq.engine.control.actions import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.control.interlock import Trip
+from boat_daq.engine.control.sequencer import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, Feeder, SpeedMeter
 from boat_daq.engine.snapshot import MessageKind, RunEnding
 from protocol.link.messages import (

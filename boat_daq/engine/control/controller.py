@@ -13,11 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from boat_daq.engine.control.actions import GoTo, VentNow
 from boat_daq.engine.control.board_commands import BoardCommands, Effect
 from boat_daq.engine.control.interlock import FlatLine, Interlock, Trip
 from boat_daq.engine.control.preflight import Check, Preflight, require
-from boat_daq.engine.control.sequencer import VENTED_KPA, Sequencer
+from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
 from boat_daq.engine.control.silence import StreamWatch
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.sample_columns import Columns, columns, last_sample

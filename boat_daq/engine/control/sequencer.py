@@ -9,8 +9,7 @@
 Rules. It runs on board time. It requests pressures with `GoTo` and never commands one: the interlock does. Every exit
 from running requests a vent, and a run has exactly one `RunEnding`. A pause vents, so that no unit is touched under
 pressure: the present cycle is left out, and the run resumes with the next number from the opening plateau, until it has
-as many complete cycles as the plan. Numbers of steps and cycles are never used twice.
-"""
+as many complete cycles as the plan. Numbers of steps and cycles are never used twice."""
 
 from __future__ import annotations
 
@@ -18,16 +17,61 @@ import dataclasses
 import itertools
 import statistics
 from collections import deque
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from boat_daq.engine.control.actions import Action, ControlEvent, GoTo, SegmentBreak, StepChanged, VentNow
 from boat_daq.engine.control.plateau_dwell import StepWatch
 from boat_daq.engine.plan import Plan, PlannedStep, StepMark
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import MessageKind, Phase, Progress, ReadingRequest, RunEnding, SessionState
 from boat_daq.errors import OperatorError
 from protocol.recording import RunEnd
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo:
+    """Request a pressure."""
+
+    target_kpa: float
+    ramp_kpa_per_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class VentNow:
+    """Request a vent."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepChanged:
+    """A step began (`new`), or more is known of it."""
+
+    mark: StepMark
+    new: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentBreak:
+    """The recording's next segment begins here."""
+
+    reason: str
+    paused: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ControlEvent:
+    """An event for the recording; with a level, a message for the operator too."""
+
+    kind: MessageKind
+    text: str
+    level: str = ""
+    remedy: str = ""
+    value: float | None = None
+
+
+Action: TypeAlias = GoTo | VentNow | StepChanged | SegmentBreak | ControlEvent | RunEnding  # which comes once a run
+
 
 VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5

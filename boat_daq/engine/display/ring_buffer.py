@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.blocks import Block
 from boat_daq.engine.display.min_max_pyramid import MinMaxPyramid, fold_columns
+from boat_daq.engine.link.reader import Block
 from boat_daq.engine.sample_columns import columns
 from protocol.link.events import Samples
 from protocol.recording import SampleFlag

@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from boat_daq.engine.blocks import Block
+from boat_daq.engine.link.reader import Block
 from boat_daq.engine.snapshot import HealthSnapshot, LinkWarning, LinkWarningCode
 from protocol.link.events import LinkStatistics, Samples
 

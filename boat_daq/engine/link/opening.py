@@ -1,8 +1,15 @@
-"""Open a port together with its decoder: for a board, for firmware that prints text, or for a recording."""
+"""Open a port together with its decoder: for a board, for firmware that prints text, or for a recording.
+
+Identify the board on a port, with IDENTIFY and no other command; the port is closed afterwards.
+
+A board is recognised by the identity in its HELLO, never by the name of its port, which changes with every plug.
+"""
 
 from __future__ import annotations
 
 import json
+import time
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +17,13 @@ from typing import Any
 
 from boat_daq.engine.link.replay import ReplayTransport
 from boat_daq.engine.link.transport import Transport
-from boat_daq.engine.link.transports import open_transport
+from boat_daq.engine.link.transports import list_ports, open_transport
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.toml_values import read_text
+from boat_daq.errors import DeviceError
 from protocol.link.connection import Connection
-from protocol.link.events import Link
+from protocol.link.events import Link, LinkEvent, WrongProtocol
+from protocol.link.messages import Hello, Identify
 from protocol.recording import open_recording, read_session
 from protocol.text.connection import TextConnection
 from protocol.text.profile import load_profile
@@ -78,3 +87,88 @@ def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Lin
     if decoder_state is not None:
         return Connection(decoder_state=decoder_state)
     return Connection(n_sensors=meta["n_sensors"], adc_bits=meta["adc_bits"] or 16)
+
+
+ANSWER_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class PortIdentity:
+    """What was found on a port.
+
+    `hello` is None where no BOAT board answered, and `problem` is why.
+    """
+
+    port: str
+    description: str
+    hello: Hello | None
+    problem: str
+
+
+def identify_port(url: str, description: str = "", *, timeout_s: float = ANSWER_S) -> PortIdentity:
+    """Open a port, identify the board there, and close it.
+
+    Never raises for what the port does.
+
+    Parameters
+    ----------
+    url : as `open_transport` takes it.
+    description : of the port, kept in the result.
+    timeout_s : for the HELLO.
+    """
+    try:
+        with closing(open_transport(url)) as transport:
+            return _identify(transport, url, description, timeout_s)
+    except DeviceError as error:
+        return PortIdentity(url, description, None, error.cause)
+
+
+def identify_all_ports(*, progress: Callable[[float, float], None] | None = None) -> list[PortIdentity]:
+    """Identify the boards on all serial ports of this machine.
+
+    `progress` takes (ports done, ports).
+    """
+    ports = list_ports()
+    answers = []
+    for done, port in enumerate(ports):
+        if progress is not None:
+            progress(done, len(ports))
+        answers.append(identify_port(port.port, port.description))
+    return answers
+
+
+def find_board(board_id: str) -> str | None:
+    """Return the port on which the board with this identity answers; None if on none."""
+    for port in list_ports():
+        hello = identify_port(port.port).hello
+        if hello is not None and hello.board_id == board_id:
+            return port.port
+    return None
+
+
+def _identify(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:
+    """Send IDENTIFY until a HELLO comes or the time is over.
+
+    A board that boots as its port opens sends it first.
+    """
+    link = Connection()
+    end_s = time.monotonic() + timeout_s
+    received = 0
+    transport.write(link.send(Identify(), time.monotonic_ns()))
+    while time.monotonic() < end_s:
+        data = transport.read()
+        received += len(data)
+        events = link.receive(data, time.monotonic_ns())
+        if link.hello is not None:
+            return PortIdentity(url, description, link.hello, "")
+        if version := _other_version(events):
+            return PortIdentity(url, description, None, f"a BOAT board of protocol version {version}")
+        _, again = link.poll(time.monotonic_ns())
+        if again:
+            transport.write(again)
+    problem = "no answer" if not received else "not a BOAT board (or another baud rate)"
+    return PortIdentity(url, description, None, problem)
+
+
+def _other_version(events: list[LinkEvent]) -> int | None:
+    return next((event.board_version for event in events if isinstance(event, WrongProtocol)), None)

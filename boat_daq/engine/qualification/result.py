@@ -1,15 +1,103 @@
-"""The result of a qualification as one JSON object."""
+"""The result of a qualification as one JSON object.
+
+Identity of this installation: program, computer and disk, for the qualification report.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import platform
+import shutil
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from boat_daq.engine.qualification.installation import disk, machine, program, versions
+from boat_daq import __version__
+from boat_daq.engine.log import library_versions
 from boat_daq.engine.qualification.test_rig import DrillResult
+
+_ROOT = Path(__file__).resolve().parents[3]
+_PACKAGES = ("boat_daq", "protocol", "analysis")
+_CODE = (".py", ".toml", ".j2")
+_LIBRARIES = ("numpy", "pyserial", "cobs", "scipy", "pandas", "PySide6-Essentials", "pyqtgraph")
+
+
+def program() -> dict[str, str | int]:
+    """Return version, folder, and one SHA-256 over all files of the program."""
+    found = [path for package in _PACKAGES for path in (_ROOT / package).rglob("*") if path.suffix in _CODE]
+    digest = hashlib.sha256()
+    for path in sorted(found):
+        digest.update(path.relative_to(_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return {"version": __version__, "sha256": digest.hexdigest(), "files": len(found), "folder": str(_ROOT)}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of program, Python and the installed libraries."""
+    return {"boat-daq": __version__, "Python": platform.python_version(), **library_versions(_LIBRARIES)}
+
+
+def machine() -> dict[str, str]:
+    """Return name, operating system, processor and memory of this computer."""
+    return {
+        "name": platform.node(),
+        "system": f"{_system_name()}, {platform.system()} {platform.release()}",
+        "processor": f"{_processor()}, {os.cpu_count()} cores",
+        "memory": _memory(),
+    }
+
+
+def disk(folder: Path) -> dict[str, str | float]:
+    """Return file system, device, size and free space of the disk of a folder, GB."""
+    path = folder.resolve()
+    device, kind = _mount(path)
+    usage = shutil.disk_usage(path)
+    sizes = {"size_gb": round(usage.total / 1e9, 1), "free_gb": round(usage.free / 1e9, 1)}
+    return {"folder": str(path), "file_system": kind, "device": device, **sizes}
+
+
+def _system_name() -> str:
+    try:
+        return platform.freedesktop_os_release().get("PRETTY_NAME", platform.platform())
+    except OSError:  # not Linux
+        return platform.platform()
+
+
+def _processor() -> str:
+    """Return the processor's name; Linux keeps it in a file of its own."""
+    for line in _lines(Path("/proc/cpuinfo")):
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _memory() -> str:
+    for line in _lines(Path("/proc/meminfo")):
+        if line.startswith("MemTotal"):
+            return f"{int(line.split()[1]) * 1024 / 1e9:.1f} GB"
+    return "not known"
+
+
+def _mount(path: Path) -> tuple[str, str]:
+    """Return (device, type) of the file system a path is on.
+
+    The mount point nearest to it.
+    """
+    best, found = 0, ("not known", "not known")
+    for line in _lines(Path("/proc/self/mounts")):
+        device, point, kind = line.split()[:3]
+        point = point.replace("\\040", " ")
+        inside = path == Path(point) or Path(point) in path.parents
+        if inside and len(point) >= best:
+            best, found = len(point), (device, kind)
+    return found
+
+
+def _lines(path: Path) -> list[str]:
+    """Return the lines of a file of the system's; none where it has no such file."""
+    return path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
 
 
 def qualification(results: Sequence[DrillResult], begun: datetime, *, whole: bool, folder: Path) -> dict[str, Any]:

@@ -2,17 +2,26 @@
 
 Rules: tables and metadata are written before the file goes into WAL mode, so that even the bare file names itself. A
 commit is a transaction with synchronous=FULL; inserts carry their keys and are OR IGNORE, so that a commit whose
-outcome is unknown can be tried again. No other program writes (`file_lock`) or checkpoints: SQLite up to 3.51.2 can
+outcome is unknown can be tried again. No other program writes (`WriterLock`) or checkpoints: SQLite up to 3.51.2 can
 damage a file where two do. A clean close leaves one plain file without -wal beside it.
-"""
+
+A lock beside a recording, held for as long as its writer lives.
+
+SQLite's own locks last only as long as a transaction, so they do not show that a recording is in progress. This one
+does: an empty file NAME.boat-lock, locked by the operating system, which lets go of it when the process ends in any
+way. The lock is advisory: it keeps cooperating programs from writing to one recording, and distinguishes a killed
+session from a living one. (It is not on the recording itself, because closing a second descriptor of that file would
+drop SQLite's own locks on it.)"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import json
+import os
 import shutil
 import sqlite3
+import sys
 import time
 import uuid
 from collections.abc import Iterable, Mapping
@@ -23,10 +32,85 @@ from typing import Any, TypeAlias
 
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
-from boat_daq.engine.recording.file_lock import WriterLock
 from boat_daq.errors import OperatorError, StorageError
-from protocol.recording import open_recording, refuse_newer, schema
+from protocol.recording import open_recording, refuse_newer, sample_dtype, schema
 from protocol.recording.checks import harden
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _try_lock(descriptor: int) -> bool:
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        return True
+
+else:
+    import fcntl
+
+    def _try_lock(descriptor: int) -> bool:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+
+def lock_path(recording: Path) -> Path:
+    """Return the name of a recording's lock."""
+    return recording.with_name(recording.name + "-lock")
+
+
+class WriterLock:
+    """The exclusive right to write a recording, until `release` or the process ends.
+
+    Raises
+    ------
+    StorageError : another program writes it, or the folder cannot be written.
+    """
+
+    def __init__(self, recording: Path) -> None:
+        self._path = lock_path(recording)
+        try:
+            self._descriptor: int | None = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+            locked = _try_lock(self._descriptor)
+        except OSError as error:
+            raise StorageError(
+                f"cannot write in {recording.parent}: {error.strerror}", "Choose a local folder with write permission."
+            ) from error
+        if not locked:
+            os.close(self._descriptor)
+            raise StorageError(
+                f"{recording} is being written by another program",
+                "Wait until that program has closed it.",
+            )
+
+    def release(self) -> None:
+        """Release the lock; may be called twice."""
+        if self._descriptor is None:
+            return
+        if sys.platform != "win32":  # Windows cannot remove an open file, and removing a closed one would race
+            with contextlib.suppress(OSError):
+                self._path.unlink()
+        os.close(self._descriptor)
+        self._descriptor = None
+        if sys.platform == "win32":
+            with contextlib.suppress(OSError):
+                self._path.unlink()
+
+
+def is_being_written(recording: Path) -> bool:
+    """Return whether a living program (this one included) writes `recording`."""
+    try:
+        descriptor = os.open(lock_path(recording), os.O_RDWR)
+    except OSError:
+        return False
+    try:
+        return not _try_lock(descriptor)
+    finally:
+        os.close(descriptor)
+
 
 Statement: TypeAlias = tuple[str, tuple[Any, ...]]
 
@@ -252,3 +336,38 @@ def _identity(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_dev, status.st_ino
+
+
+_WIRE_BYTES = 26  # of a SAMPLE frame beside its sensors: COBS, head, CRC, delimiter
+_ROW_BYTES = 40  # SQLite's share of a chunk row, when every sample comes in its own
+_MARGIN = 1.25  # events, health, the write-ahead log
+
+
+def bytes_per_second(rate_hz: float, n_sensors: int) -> float:
+    """Return what a recording grows by: raw bytes, samples, and the rows around them."""
+    return rate_hz * (_WIRE_BYTES + 4 * n_sensors + sample_dtype(n_sensors).itemsize + _ROW_BYTES) * _MARGIN
+
+
+def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: int) -> None:
+    """Refuse a recording that does not fit into a folder.
+
+    Parameters
+    ----------
+    folder : of the recording.
+    rate_hz, duration_s, n_sensors : of the plan's run.
+
+    Raises
+    ------
+    StorageError : there is no such folder, it cannot be written, or the recording does not fit.
+    """
+    if not folder.is_dir():
+        raise StorageError(f"there is no folder {folder}", "Create it, or choose another.")
+    if not os.access(folder, os.W_OK):
+        raise StorageError(f"the folder {folder} cannot be written", "Choose one with write permission.")
+    needed = int(bytes_per_second(rate_hz, n_sensors) * duration_s) + SPACE_FLOOR_BYTES
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise StorageError(
+            f"the recording needs about {needed / 1e6:.0f} MB and {folder} has {free / 1e6:.0f} MB free",
+            "Free disk space, choose another disk, or record less.",
+        )

@@ -3,26 +3,26 @@
 Rules: the reading thread only puts a block into a queue. The writing thread commits what is there every 100 ms, bytes
 and the samples decoded from them in one transaction. When the disk fails, the session is notified once, and what is not
 yet written is kept in bounded memory and tried again: nothing is lost if disk space is freed in time. When that memory
-is full, no later byte is taken, so that a file is always an unbroken beginning of the session.
-"""
+is full, no later byte is taken, so that a file is always an unbroken beginning of the session."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from boat_daq.engine.blocks import Block
+from boat_daq.engine.link.reader import Block
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, set_meta
 from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
 from boat_daq.engine.recording.rows import Counters, RowMaker, health_row, reading_row, step_row
 from boat_daq.engine.snapshot import HealthSnapshot, Reading, RunEnding
-from boat_daq.errors import StorageError
-from protocol.recording import RunEnd, describe_dtype, sample_dtype
+from boat_daq.errors import OperatorError, StorageError
+from protocol.recording import RunEnd, describe_dtype, open_recording, sample_dtype
 
 COMMIT_S = 0.1
 RETRY_S = 1.0
@@ -316,3 +316,25 @@ class Recorder:
             return
         self._reported.add(error.cause)
         self._on_error(error)
+
+
+def append_reading(path: Path, reading: Reading) -> None:
+    """Add a reading to a closed recording.
+
+    It corrects an earlier one for the same step, which stays.
+
+    Raises
+    ------
+    OperatorError : the recording has no such step, or it is not an elongation.
+    StorageError : the recording is in progress, or cannot be written. RecordingError : not a recording.
+    """
+    statement = reading_row(reading)
+    with closing(open_recording(path)) as db:
+        known = db.execute("SELECT count(*) FROM step WHERE id = ?", (reading.step_id,)).fetchone()[0]
+    if not known:
+        raise OperatorError(f"{path} has no step {reading.step_id}", "boat-daq info lists the steps of a recording.")
+    file = RecordingFile.reopen(path)
+    try:
+        file.commit([statement])
+    finally:
+        file.abandon()

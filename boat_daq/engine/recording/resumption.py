@@ -20,8 +20,7 @@ from typing import Any
 
 from boat_daq import __version__
 from boat_daq.engine.plan import Plan, StepMark, resume_point
-from boat_daq.engine.recording.file import RecordingFile, now_utc, set_meta
-from boat_daq.engine.recording.file_lock import is_being_written
+from boat_daq.engine.recording.file import RecordingFile, is_being_written, now_utc, set_meta
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.rows import INSERT_EVENT, Counters
 from boat_daq.engine.recording.upgrade import upgrade

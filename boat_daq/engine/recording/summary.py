@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from boat_daq.engine.recording.file_lock import is_being_written
+from boat_daq.engine.recording.file import is_being_written
 from protocol.errors import DamagedRecordingError
 from protocol.recording import (
     RunEnd,

@@ -17,8 +17,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from boat_daq.engine.recording.file import storage_error
-from boat_daq.engine.recording.file_lock import WriterLock
+from boat_daq.engine.recording.file import WriterLock, storage_error
 from boat_daq.errors import OperatorError, StorageError
 from protocol.recording import ADDED, SCHEMA_VERSION, layout_version, open_recording, read_session, refuse_newer
 from protocol.recording.checks import DAMAGE, columns_of, harden

@@ -23,18 +23,17 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from boat_daq.engine.blocks import Block
 from boat_daq.engine.control.board_commands import Send
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.display.ring_buffer import RingBuffer
+from boat_daq.engine.link.reader import Block
 from boat_daq.engine.log import note
 from boat_daq.engine.plan import Plan, StepMark, resume_point
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.active_recording import ActiveRecording
-from boat_daq.engine.session.health_log import HealthLog, health_line
-from boat_daq.engine.session.journal import Journal
+from boat_daq.engine.session.journal import HealthLog, Journal, health_line
 from boat_daq.engine.session.link_supervisor import LinkSupervisor
 from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, take_warnings
 from boat_daq.engine.snapshot import LinkState, MessageKind, Reading, SessionSnapshot, SessionState

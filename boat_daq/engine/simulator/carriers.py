@@ -15,40 +15,12 @@ import socket
 import sys
 import time
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 from boat_daq.errors import DeviceError, OperatorError
 
 _READ_BYTES = 65_536
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
-
-
-class Carrier(Protocol):
-    """Bytes to and from the host that has the port open."""
-
-    url: str
-
-    def plug(self) -> None:
-        """Open the port; `url` may differ from before."""
-
-    def unplug(self) -> None:
-        """Take the port away."""
-
-    def wait(self, timeout_s: float, *, to_write: bool) -> None:
-        """Sleep until something can be read (or written), or the time is over."""
-
-    def read(self) -> bytes:
-        """Return what the host has sent."""
-
-    def write(self, data: bytes | bytearray) -> int:
-        """Send what can be sent now and return how many bytes that were."""
-
-    def closed_by_host(self) -> None:
-        """Discard what the host that has left did not read."""
-
-    @property
-    def connected(self) -> bool:
-        """True while a host has the port open."""
 
 
 class PtyCarrier:
@@ -68,6 +40,7 @@ class PtyCarrier:
         self._poll = select.poll()
 
     def plug(self) -> None:
+        """Open the port; `url` may differ from before."""
         master, slave = os.openpty()
         self._tty = os.ttyname(slave)
         os.close(slave)
@@ -85,6 +58,7 @@ class PtyCarrier:
             self.url = str(self._link)
 
     def closed_by_host(self) -> None:
+        """Discard what the host that has left did not read."""
         import termios
         import tty
 
@@ -96,6 +70,7 @@ class PtyCarrier:
             os.close(slave)
 
     def unplug(self) -> None:
+        """Take the port away."""
         if self._master >= 0:
             os.close(self._master)
         self._master = -1
@@ -104,9 +79,11 @@ class PtyCarrier:
 
     @property
     def connected(self) -> bool:
+        """Whether a host has the port open."""
         return self._master >= 0 and not any(event & select.POLLHUP for _, event in self._poll.poll(0))
 
     def wait(self, timeout_s: float, *, to_write: bool) -> None:
+        """Sleep until something can be read (or written), or the time is over."""
         if not self.connected:  # a hang-up would wake every wait at once
             time.sleep(timeout_s)
             return
@@ -114,19 +91,21 @@ class PtyCarrier:
         self._poll.poll(timeout_s * 1000)
 
     def read(self) -> bytes:
+        """Return what the host has sent."""
         # EIO: no host has it open. What was written before closing, a VENT perhaps, is still read first.
         with contextlib.suppress(OSError):
             return os.read(self._master, _READ_BYTES)
         return b""
 
     def write(self, data: bytes | bytearray) -> int:
+        """Send what can be sent now and return how many bytes that were."""
         with contextlib.suppress(OSError):
             return os.write(self._master, data)
         return 0
 
 
 class TcpCarrier:
-    """A TCP port; loopback only, unless remote hosts are allowed by name."""
+    """A TCP port; loopback only, unless remote hosts are allowed by name. Its methods are those of `PtyCarrier`."""
 
     def __init__(self, address: str, *, allow_remote: bool = False) -> None:
         host, colon, port = address.rpartition(":")
@@ -222,3 +201,6 @@ class TcpCarrier:
         assert self._client is not None
         self._client.close()
         self._client = None
+
+
+Carrier: TypeAlias = PtyCarrier | TcpCarrier

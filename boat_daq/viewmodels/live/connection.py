@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from boat_daq.engine.link.discovery import PortIdentity, identify_all_ports
+from boat_daq.engine.link.opening import PortIdentity, identify_all_ports
 from boat_daq.engine.link.transports import list_ports
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve

@@ -6,8 +6,7 @@ import threading
 import time
 from pathlib import Path
 
-from boat_daq.engine.blocks import Block
-from boat_daq.engine.link.reader import PortReader
+from boat_daq.engine.link.reader import Block, PortReader
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.errors import DeviceError
 from protocol import CommandDone, Connection, Identify, SetPressure, Start

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from boat_daq.engine.control.actions import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.control.board_commands import Send
 from boat_daq.engine.control.controller import Controller
+from boat_daq.engine.control.sequencer import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import RunEnding, SessionState
 from protocol.link.connection import Connection

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boat_daq.engine.control.actions import GoTo, SegmentBreak, StepChanged, VentNow
 from boat_daq.engine.control.plateau_dwell import StepWatch
-from boat_daq.engine.control.sequencer import READING_S, Sequencer
+from boat_daq.engine.control.sequencer import READING_S, GoTo, SegmentBreak, Sequencer, StepChanged, VentNow
 from boat_daq.engine.plan import Plan, PlannedStep, StepMark, resume_point
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import Phase, RunEnding, SessionState

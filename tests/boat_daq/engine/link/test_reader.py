@@ -7,8 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from boat_daq.engine.blocks import Block, PortLost, PortSilent, SinkFailed
-from boat_daq.engine.link.reader import PortReader
+from boat_daq.engine.link.reader import Block, PortLost, PortReader, PortSilent, SinkFailed
 from boat_daq.errors import DeviceError
 from protocol import CommandDone, CommandLost, Connection, Heartbeat, Identify, Samples, Start, Vent
 from protocol.simulator.board import VirtualBoard

@@ -9,10 +9,9 @@ import time
 import numpy as np
 import pytest
 
-from boat_daq.engine.blocks import Block
+from boat_daq.engine.link.reader import Block
 from boat_daq.engine.plan import StepMark
-from boat_daq.engine.recording.append import append_reading
-from boat_daq.engine.recording.recorder import Recorder
+from boat_daq.engine.recording.recorder import Recorder, append_reading
 from boat_daq.engine.recording.rows import step_row
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.errors import OperatorError, StorageError

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from boat_daq.engine.recording import recorder as recorder_module
-from boat_daq.engine.recording.file_lock import is_being_written
+from boat_daq.engine.recording.file import is_being_written
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from boat_daq.engine.recording.file_lock import is_being_written, lock_path
+from boat_daq.engine.recording.file import is_being_written, lock_path
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from boat_daq.commands.ports import ports
 from boat_daq.engine.link import discovery
-from boat_daq.engine.link.discovery import find_board, identify_port
+from boat_daq.engine.link.opening import find_board, identify_port
 from boat_daq.engine.link.transports import PortInfo, open_transport
 from protocol.link.messages import MessageType
 from protocol.simulator.board import VirtualBoard

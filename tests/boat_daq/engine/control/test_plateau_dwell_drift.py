@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from boat_daq.engine.control.plateau_drift import drift
+from boat_daq.engine.control.plateau_dwell import drift
 
 T = np.arange(200) / 100.0
 

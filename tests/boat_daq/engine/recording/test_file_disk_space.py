@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from boat_daq.engine.recording import disk_space
-from boat_daq.engine.recording.disk_space import bytes_per_second, check_space
+from boat_daq.engine.recording.file import bytes_per_second, check_space
 from boat_daq.errors import StorageError
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import record_run
